@@ -1,0 +1,78 @@
+"""palpate recovers what touches an elastic pad from what is measured inside or under it.
+
+Pressure and shear on the surface, net force and slip margin, from stress, strain or displacement at depth.
+SI units throughout; compression positive; z grows into the pad.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+#: Public name -> module that holds it. Loaded on first use, so that importing palpate stays light.
+_PUBLIC = {
+    "AREA_CHANNELS": "elastic",
+    "AreaArray": "sensing",
+    "AreaGrid": "sensing",
+    "HalfSpace": "elastic",
+    "InvalidInput": "errors",
+    "LINE_CHANNELS": "elastic",
+    "LineArray": "sensing",
+    "LineGrid": "sensing",
+    "METHODS": "skin",
+    "NotObservable": "errors",
+    "PalpateError": "errors",
+    "Recording": "recordings",
+    "ScatteredArray": "sensing",
+    "Skin": "skin",
+    "Touch": "touch",
+    "Unsupported": "errors",
+    "stress_from_strains": "elastic",
+}
+
+if TYPE_CHECKING:
+    from palpate import solutions
+    from palpate.elastic import AREA_CHANNELS, LINE_CHANNELS, HalfSpace, stress_from_strains
+    from palpate.errors import InvalidInput, NotObservable, PalpateError, Unsupported
+    from palpate.recordings import Recording
+    from palpate.sensing import AreaArray, AreaGrid, LineArray, LineGrid, ScatteredArray
+    from palpate.skin import METHODS, Skin
+    from palpate.touch import Touch
+
+__all__ = [
+    "AREA_CHANNELS",
+    "LINE_CHANNELS",
+    "METHODS",
+    "AreaArray",
+    "AreaGrid",
+    "HalfSpace",
+    "InvalidInput",
+    "LineArray",
+    "LineGrid",
+    "NotObservable",
+    "PalpateError",
+    "Recording",
+    "ScatteredArray",
+    "Skin",
+    "Touch",
+    "Unsupported",
+    "__version__",
+    "solutions",
+    "stress_from_strains",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PUBLIC:
+        value = getattr(importlib.import_module(f"palpate.{_PUBLIC[name]}"), name)
+        globals()[name] = value
+        return value
+    if name == "solutions":
+        return importlib.import_module("palpate.solutions")
+    raise AttributeError(f"module 'palpate' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

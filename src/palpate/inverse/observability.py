@@ -1,0 +1,145 @@
+"""What is and what is not observable: the condition of each wavevector's matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats, HalfSpace, Pad
+from palpate.elastic.quantities import COMPONENTS, transfer
+from palpate.errors import InvalidInput, NotObservable
+from palpate.sensing.arrays import Array
+
+__all__ = ["Observability", "check_observable", "observability", "observable_components"]
+
+#: Below this ratio of singular values at every wavelength a combination of components leaves no trace.
+BLIND = 1e-9
+
+
+@dataclass(frozen=True)
+class Observability:
+    """How well each wavelength is seen.
+
+    Attributes
+    ----------
+    wavelength : array (n,) [m]
+    singular_values : array (n, component)
+        Of the matrix channel x component of that wavelength, channels divided by their noise (or balanced where no
+        noise is given); in area contact for the worst of eight directions.
+    condition : array (n,)
+        Ratio of the largest to the smallest; infinite where a combination is invisible.
+    components : tuple of str
+    """
+
+    wavelength: Floats
+    singular_values: Floats
+    condition: Floats
+    components: tuple[str, ...]
+
+
+def _whitened(pad: Pad, planes: Sequence[Array], k: Floats, angle: float) -> npt.NDArray[np.complex128]:
+    d = planes[0].dimensions
+    modulus = 2 * pad.material(0.0)[0]
+    rows = []
+    for array in planes:
+        matrix = transfer(pad, k * np.cos(angle), k * np.sin(angle), array.depth, array.channels, line=d == 1)
+        if d == 1:
+            matrix = matrix[..., [0, 2]]
+        if array.noise_std is not None:
+            scale: Floats = np.broadcast_to(np.asarray(array.noise_std), (len(k), len(array.channels)))
+        else:  # in units of stress: strain times 2 mu, displacement times 2 mu k
+            scale = np.stack(
+                [
+                    {"stress": np.ones_like(k), "strain": np.full_like(k, 1 / modulus), "displacement": 1 / (modulus * k)}[
+                        c.split("_")[0]
+                    ]
+                    for c in array.channels
+                ],
+                axis=-1,
+            )
+        rows.append(matrix / scale[..., None])
+    return np.concatenate(rows, axis=-2)
+
+
+def observability(
+    pad: Pad, planes: Sequence[Array], wavelength: npt.ArrayLike, components: Sequence[str]
+) -> Observability:
+    """Singular values and condition of each wavelength's matrix for the components sought."""
+    names = COMPONENTS[planes[0].dimensions]
+    columns = [names.index(c) for c in components]
+    lengths = np.atleast_1d(np.asarray(wavelength, dtype=np.float64))
+    if not (np.isfinite(lengths).all() and (lengths > 0).all()):
+        raise InvalidInput("wavelength must be positive and finite [m].")
+    k = 2 * np.pi / lengths
+    angles = [0.0] if planes[0].dimensions == 1 else list(np.arange(8) * np.pi / 8 + 0.05)
+    worst: Floats | None = None
+    for angle in angles:
+        matrix = _whitened(pad, planes, k, angle)[..., columns]
+        s = np.linalg.svd(matrix, compute_uv=False)
+        s = np.concatenate([s, np.zeros((len(k), len(columns) - s.shape[-1]))], axis=-1)
+        worst = s if worst is None else np.where((s[:, -1:] < worst[:, -1:]), s, worst)
+    found = np.asarray(worst)
+    with np.errstate(divide="ignore"):
+        condition = np.where(
+            found[:, -1] > BLIND * found[:, 0], found[:, 0] / found[:, -1], np.inf
+        )
+    return Observability(lengths, found, condition, tuple(components))
+
+
+def _probe(planes: Sequence[Array]) -> Floats:
+    depth = max(max(p.depth for p in planes), 1e-30)
+    if max(p.depth for p in planes) == 0:
+        depth = float(np.ptp(planes[0].points[:, 0])) / 20 + 1e-30
+    return np.asarray(depth * 2 * np.pi / np.geomspace(0.05, 3.0, 7))
+
+
+def is_observable(pad: Pad, planes: Sequence[Array], components: Sequence[str]) -> bool:
+    """Whether these components, and no combination of them, escape the sensors at every wavelength."""
+    return bool(np.isfinite(observability(pad, planes, _probe(planes), components).condition).any())
+
+
+def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:
+    """The default: the largest of (all; shear alone where two shears are seen; pressure; shear) that can be told apart."""
+    candidates = [("x", "z"), ("z",), ("x",)] if planes[0].dimensions == 1 else [("x", "y", "z"), ("x", "y"), ("z",)]
+    for candidate in candidates:
+        if is_observable(pad, planes, candidate):
+            return candidate
+    raise NotObservable(
+        f"the channels {', '.join(c for p in planes for c in p.channels)} do not fix any set of traction components. "
+        "Measure stress_zz, or two components of displacement."
+    )
+
+
+def check_observable(pad: Pad, planes: Sequence[Array], components: Sequence[str]) -> None:
+    """Raise `NotObservable`, naming a remedy, unless the components can be told apart."""
+    if is_observable(pad, planes, components):
+        return
+    channels = ", ".join(f"{c} at depth {p.depth:g} m" for p in planes for c in p.channels)
+    remedy = (
+        "Add stress_xz to the channels, or a second plane of the same channel at another depth"
+        if planes[0].dimensions == 1
+        else "Measure three independent channels (stress_xz, stress_yz, stress_zz, or three displacements)"
+    )
+    raise NotObservable(
+        f"the components {', '.join(components)} cannot be told apart from {channels}: at every wavelength some "
+        f"combination of them leaves no trace. {remedy}, or seek fewer components (components=[\"z\"])."
+    )
+
+
+def blind_to_force(pad: Pad, planes: Sequence[Array], components: Sequence[str]) -> tuple[str, ...]:
+    """Components whose mean (net force) leaves no trace in any channel as the wavelength grows."""
+    names = COMPONENTS[planes[0].dimensions]
+    size = float(np.ptp(planes[0].points, axis=0).max())
+    lost = []
+    for component in components:
+        worst = 0.0
+        for angle in (0.3,) if planes[0].dimensions == 2 else (0.0,):
+            k = np.array([1e-5, 1.0]) * 2 * np.pi / size
+            response = np.abs(_whitened(pad, planes, k, angle)[..., names.index(component)]).max(axis=-1)
+            worst = max(worst, float(response[0] / max(response.max(), 1e-300)))
+        if worst < 1e-3:
+            lost.append(component)
+    return tuple(lost) if isinstance(pad, HalfSpace) else ()

@@ -1,0 +1,145 @@
+"""How much to regularise: rules in closed form over the spectrum of the problem.
+
+The readings are expanded in the singular vectors of the whitened operator: coefficients c_i, singular values s_i,
+filter factors phi_i(lambda). Every rule is a sum over i, evaluated for all frames and parameters at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput, Unsupported
+
+__all__ = ["RULES", "Filter", "choose_parameter", "truncate", "tikhonov"]  # noqa: RUF022
+
+Rule = Literal["evidence", "gcv", "lcurve", "discrepancy"]
+RULES: tuple[str, ...] = ("evidence", "gcv", "lcurve", "discrepancy")
+Filter = Callable[[Floats, Floats], Floats]
+
+#: Candidates span this many decades below the largest eigenvalue, at this many to a decade.
+DECADES, PER_DECADE = 16, 12
+
+
+def tikhonov(eigenvalues: Floats, parameter: Floats) -> Floats:
+    """phi = s^2/(s^2 + lambda)."""
+    return eigenvalues / (eigenvalues + parameter)
+
+
+def truncate(eigenvalues: Floats, parameter: Floats) -> Floats:
+    """phi = 1 where s^2 > lambda."""
+    return np.where(eigenvalues > parameter, 1.0, 0.0)
+
+
+def choose_parameter(
+    rule: str,
+    filter_factors: Filter,
+    eigenvalues: Floats,
+    multiplicity: Floats,
+    power: Floats,
+    *,
+    noise_known: bool,
+) -> tuple[Floats, Floats]:
+    """The regularisation parameter of each frame by a rule.
+
+    Parameters
+    ----------
+    rule : str
+        "gcv": generalised cross-validation, min m sum r^2/(sum (1 - phi))^2 (Golub, Heath, Wahba 1979).
+        "lcurve": the corner (largest curvature) of log residual against log penalty (Hansen 1992).
+        "discrepancy": residual equal to the noise, sum r^2 = m; needs the noise (Morozov 1966).
+        "evidence": largest marginal likelihood of a Gaussian prior of unknown scale and, where the noise is not
+        known, noise of unknown size (MacKay 1992). For Tikhonov filters only.
+    eigenvalues : array (n,)
+        s^2 of the noise-whitened operator.
+    multiplicity : array (n,)
+        How many real data each coefficient stands for.
+    power : array (frame, n)
+        |c|^2 per datum.
+    noise_known : bool
+        Whether whitening used the true noise, so that residuals have unit variance.
+
+    Returns
+    -------
+    parameter, noise_variance : arrays (frame,)
+        The noise variance is relative to the whitening (1 where it is known).
+    """
+    if rule not in RULES:
+        raise InvalidInput(f"parameter must be a positive number or one of {', '.join(RULES)}; got {rule!r}.")
+    if rule == "discrepancy" and not noise_known:
+        raise Unsupported(
+            'the discrepancy principle needs the noise: give the array noise=..., or use parameter="evidence" or "gcv".'
+        )
+    if rule == "evidence" and filter_factors is not tikhonov:
+        raise Unsupported('parameter="evidence" is not defined for truncation; use "gcv", "lcurve" or "discrepancy".')
+    top = float(eigenvalues.max())
+    if filter_factors is truncate:
+        levels = np.unique(eigenvalues[eigenvalues > 1e-15 * top])
+        grid = np.concatenate([[0.0], levels])[:-1]  # at least one is kept
+        if len(grid) > 600:
+            grid = grid[np.unique(np.linspace(0, len(grid) - 1, 600).astype(int))]
+    else:
+        grid = top * 10.0 ** np.linspace(2.0, -DECADES, (DECADES + 2) * PER_DECADE + 1)
+    datum = multiplicity * power  # (frame, n)
+    count = float(multiplicity.sum())
+    phi = filter_factors(eigenvalues[None, :], grid[:, None])  # (candidate, n)
+    residual = datum @ ((1.0 - phi) ** 2).T  # (frame, candidate)
+
+    if rule == "gcv":
+        free = (1.0 - phi) @ multiplicity
+        free[free < 1e-9 * count] = np.nan
+        score = count * residual / free**2
+    elif rule == "discrepancy":
+        score = np.abs(np.log(np.maximum(residual, 1e-300) / count))
+    elif rule == "lcurve":
+        safe = np.where(eigenvalues > 0, eigenvalues, 1.0)
+        penalty = datum @ np.where(eigenvalues > 0, phi**2 / safe, 0.0).T
+        score = -_curvature(np.log(np.maximum(residual, 1e-300)), np.log(np.maximum(penalty, 1e-300)))
+    else:
+        explained = datum @ (1.0 - phi).T  # sum c^2/(1 + s^2/lambda)
+        logdet = -np.log(np.maximum(1.0 - phi, 1e-300)) @ multiplicity
+        if noise_known:
+            score = explained + logdet
+        else:
+            score = count * np.log(np.maximum(explained / count, 1e-300)) + logdet
+    score = np.where(np.isfinite(score), score, np.inf)
+    best = np.argmin(score, axis=1)
+    parameter = grid[best].copy()
+    if filter_factors is tikhonov:
+        parameter = _refine(grid, score, best)
+    if noise_known:
+        return parameter, np.ones(len(parameter))
+    phi = filter_factors(eigenvalues[None, :], parameter[:, None])
+    if filter_factors is tikhonov:
+        variance = (datum * (1.0 - phi)).sum(axis=1) / count
+    else:
+        variance = (datum * (1.0 - phi) ** 2).sum(axis=1) / np.maximum((1.0 - phi) @ multiplicity, 1.0)
+    return parameter, variance
+
+
+def _curvature(a: Floats, b: Floats) -> Floats:
+    """Curvature of the curves (a, b) along axis 1; the flat ends are left out."""
+    da, db = np.gradient(a, axis=1), np.gradient(b, axis=1)
+    dda, ddb = np.gradient(da, axis=1), np.gradient(db, axis=1)
+    speed = (da**2 + db**2) ** 1.5
+    with np.errstate(divide="ignore", invalid="ignore"):
+        curvature = (da * ddb - db * dda) / speed
+    moving = (np.abs(da) > 1e-6) | (np.abs(db) > 1e-6)
+    # candidates run from strong to weak: a falls, b rises, and the corner turns counter-clockwise-negative
+    return np.where(moving, -curvature, -np.inf)
+
+
+def _refine(grid: Floats, score: Floats, best: npt.NDArray[np.intp]) -> Floats:
+    """Vertex of the parabola through the best candidate and its neighbours, in log lambda."""
+    inner = np.clip(best, 1, len(grid) - 2)
+    rows = np.arange(len(best))
+    low, mid, high = (score[rows, inner + d] for d in (-1, 0, 1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shift = 0.5 * (low - high) / (low - 2 * mid + high)
+    shift = np.where((inner == best) & np.isfinite(shift), np.clip(shift, -0.5, 0.5), 0.0)
+    step = np.log(grid[1] / grid[0])
+    return np.asarray(grid[best] * np.exp(step * shift))

@@ -1,0 +1,142 @@
+"""What a regulariser says about a traction before it is measured: a covariance, applied fast."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import from_numpy, irfftn, namespace, rfftn
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput
+from palpate.sensing.grids import Grid
+
+__all__ = ["DifferencePrior", "Prior", "SpectralPrior", "hilgers_prior", "wavenumbers"]
+
+
+class Prior(Protocol):
+    """A covariance W of one traction component on a surface grid."""
+
+    def covariance(self, x: Any) -> Any:
+        """W x over the last axes."""
+        ...
+
+    def root(self, x: Floats) -> Floats:
+        """A root C with C C^T = W, applied from the right to rows: x C over the last axes."""
+        ...
+
+    def spectrum(self, k: Floats) -> Floats:
+        """W per wavenumber [rad/m] of a periodic surface, for the orthonormal Fourier transform."""
+        ...
+
+
+class DifferencePrior:
+    """Tikhonov's penalty: int |D^m t|^2 over the surface, of order m = 0, 1 or 2, and t = 0 beyond its edge.
+
+    With the second difference and zero beyond the edge the penalty is diagonal in the sine transform (DST-I), with
+    eigenvalues (sum over axes of (2/dx sin(pi j/(2(n+1))))^2)^m per cell.
+    """
+
+    def __init__(self, grid: Grid, order: int) -> None:
+        if order not in (0, 1, 2):
+            raise InvalidInput(f"order must be 0, 1 or 2; got {order!r}.")
+        self.grid, self.order = grid, order
+        self._sines, total = [], np.zeros(grid.shape)
+        for axis, (n, dx) in enumerate(zip(grid.shape, grid.spacings)):
+            j = np.arange(1, n + 1)
+            self._sines.append(math.sqrt(2 / (n + 1)) * np.sin(np.pi * np.outer(j, j) / (n + 1)))
+            shape = [1] * grid.dimensions
+            shape[axis] = n
+            total = total + ((2 / dx * np.sin(np.pi * j / (2 * (n + 1)))) ** 2).reshape(shape)
+        self._variance = 1.0 / (grid.cell * total**order)
+        self._copies: dict[tuple[Any, ...], tuple[list[Any], Any]] = {}
+
+    def covariance(self, x: Any) -> Any:
+        """W x over the last axes, in the array kind of ``x``."""
+        xp = namespace(x)
+        key = (xp.__name__, str(x.dtype), str(getattr(x, "device", "")))
+        if key not in self._copies:
+            self._copies[key] = [from_numpy(s, x) for s in self._sines], from_numpy(self._variance, x)
+        sines, variance = self._copies[key]
+        return self._transform(xp, sines, variance * self._transform(xp, sines, x))
+
+    def root(self, x: Floats) -> Floats:
+        """x C, with C = DST diag(sqrt W)."""
+        return np.asarray(np.sqrt(self._variance) * self._transform(np, self._sines, x))
+
+    def _transform(self, xp: Any, sines: list[Any], x: Any) -> Any:
+        if self.order == 0:
+            return x  # W is a multiple of the identity in any basis
+        if self.grid.dimensions == 1:
+            return xp.matmul(x[..., None, :], sines[0])[..., 0, :]
+        return xp.matmul(sines[0], xp.matmul(x, sines[1]))
+
+    def spectrum(self, k: Floats) -> Floats:
+        """1/(cell k^{2m}); the mean (k = 0), which no derivative sees, is left practically free."""
+        smallest = k[k > 0].min()
+        return np.asarray(1.0 / (self.grid.cell * np.where(k > 0, k, 1e-4 * smallest) ** (2 * self.order)))
+
+
+class SpectralPrior:
+    """A stationary, isotropic traction with power spectral density S(|k|) [Pa^2 m per axis]."""
+
+    def __init__(self, grid: Grid, density: Callable[[Floats], npt.ArrayLike], scale: float = 1.0) -> None:
+        self.grid, self._density = grid, density
+        self.scale = scale
+        self._size = tuple(2 * n for n in grid.shape)
+        k = wavenumbers(self._size, grid.spacings)
+        self._table = self._evaluate(k) / grid.cell
+        self._copies: dict[tuple[Any, ...], Any] = {}
+
+    def _evaluate(self, k: Floats) -> Floats:
+        value = np.asarray(self._density(k), dtype=np.float64) * self.scale
+        if value.shape != k.shape or not np.isfinite(value).all() or (value < 0).any():
+            raise InvalidInput(
+                "spectrum must be a function of wavenumber [rad/m] (an array) that returns finite densities >= 0 of the "
+                "same shape, at k = 0 too."
+            )
+        return value
+
+    def covariance(self, x: Any) -> Any:
+        """W x: convolution with the correlation function on a grid twice as wide."""
+        key = (namespace(x).__name__, str(x.dtype), str(getattr(x, "device", "")))
+        if key not in self._copies:
+            self._copies[key] = from_numpy(self._table, x)
+        out = irfftn(self._copies[key] * rfftn(x, self._size), self._size)
+        return out[(..., *(slice(0, n) for n in self.grid.shape))]
+
+    def root(self, x: Floats) -> Floats:
+        """x C with C = (restriction to the surface) times a Fourier root on the wider grid, as real columns."""
+        out = irfftn(np.sqrt(self._table) * rfftn(x, self._size), self._size)
+        return np.asarray(out)
+
+    def spectrum(self, k: Floats) -> Floats:
+        """S(k)/cell."""
+        return self._evaluate(k) / self.grid.cell
+
+
+def wavenumbers(size: tuple[int, ...], spacings: tuple[float, ...]) -> Floats:
+    """|k| [rad/m] on the half-spectrum of a real FFT."""
+    total: Floats = np.zeros(1)
+    d = len(size)
+    for axis, (n, dx) in enumerate(zip(size, spacings)):
+        k = 2 * np.pi * (np.fft.rfftfreq(n, dx) if axis == d - 1 else np.fft.fftfreq(n, dx))
+        shape = [1] * d
+        shape[axis] = -1
+        total = total + (k**2).reshape(shape)
+    return np.sqrt(total)
+
+
+def hilgers_prior(grid: Grid, length: float) -> SpectralPrior:
+    """The reproducing kernel of a Sobolev space with correlation ``length`` [m].
+
+    J. W. Hilgers (SIAM J. Numer. Anal. 13, 1976, 172-184) showed that regularising a first-kind equation K f = g in
+    the norm of a reproducing-kernel Hilbert space with kernel Q gives f = Q K* (K Q K* + alpha)^{-1} g. Here Q is the
+    kernel of the Sobolev norm int t^2 + l^2 |t'|^2 on a line, exp(-|x|/l), and of its square on an area (the first
+    power has no bounded kernel in two dimensions): spectrum (1 + l^2 k^2)^{-d} in d dimensions.
+    """
+    d = grid.dimensions
+    return SpectralPrior(grid, lambda k: length**d * (1.0 + (length * k) ** 2) ** (-d))

@@ -1,0 +1,460 @@
+"""Linear regularised inversion through the spectrum of the problem.
+
+Whiten the readings by their noise and the traction by a prior covariance W = C C^T: H = N^{-1/2} A C. With the
+eigenvectors U and eigenvalues s^2 of H H^T, every linear method is
+
+    traction = W A^T N^{-1/2} U diag(phi(s)/s^2) U^T N^{-1/2} readings,
+
+prepared once; a frame costs two changes of basis and one adjoint. On a periodic surface U is the Fourier transform and
+a small matrix per wavevector; otherwise U is dense, split by mirror symmetry into independent blocks where the layout
+has it (16 times less work in area contact).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import from_numpy, irfftn, namespace, rfftn, to_numpy
+from palpate.elastic.half_space import Floats
+from palpate.elastic.quantities import mirror_parity
+from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.parameter import Filter, choose_parameter
+from palpate.inverse.priors import Prior, wavenumbers
+from palpate.sensing.arrays import ScatteredArray
+from palpate.sensing.operator import Operator, periodic_transfer
+
+__all__ = ["Estimate", "Regularised", "noise_scales"]
+
+#: Largest dense eigenproblem that is tried (readings in one symmetry block).
+LARGEST_BLOCK = 4096
+#: Up to this many readings the decomposition is an SVD of H, beyond it an eigendecomposition of H H^T.
+LARGEST_SVD = 700
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What an inversion returns: the traction and how it was chosen.
+
+    ``parameter`` and ``noise_std`` have the batch shape; noise_std is one number per channel kind where it was estimated.
+    """
+
+    traction: Any
+    parameter: Floats | None
+    noise_scale: Floats | None
+    residual: Floats | None
+
+
+def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Floats], bool]:
+    """Standard deviation of each channel of each plane, and whether they are the true noise.
+
+    Where noise was not given, channels of one kind (stress, strain, displacement) count equally, and kinds are
+    balanced by the root mean square of their response to unit traction.
+    """
+    given = [a.noise_std for a in operator.planes_of]
+    if all(g is not None for g in given):
+        return [np.asarray(g) for g in given], True
+    kinds: dict[str, list[float]] = {}
+    responses = []
+    for array, plane in zip(operator.planes_of, operator.planes):
+        unit = np.zeros((len(columns), len(operator.surface.components), *operator.surface.shape))
+        centre = tuple(n // 2 for n in operator.surface.shape)
+        for row, column in enumerate(columns):
+            unit[(row, column, *centre)] = 1.0
+        response = plane.forward(unit)
+        size = np.sqrt((response**2).sum(axis=(0, *range(2, response.ndim))))
+        responses.append(size)
+        for channel, value in zip(array.channels, size):
+            kinds.setdefault(channel.split("_")[0], []).append(float(value))
+    mean = {kind: math.sqrt(float(np.mean(np.square(v)))) for kind, v in kinds.items()}
+    single = len(mean) == 1
+    return [
+        np.array([1.0 if single else mean[c.split("_")[0]] for c in a.channels]) for a in operator.planes_of
+    ], False
+
+
+class _Fold:
+    """Change of basis of a regular grid into mirror-symmetric and antisymmetric halves."""
+
+    def __init__(self, shape: Sequence[int]) -> None:
+        self.halves = [{s: _half_basis(n, s) for s in (1, -1)} for n in shape]
+
+    def matrix(self, parities: Sequence[int]) -> list[Floats]:
+        return [halves[p] for halves, p in zip(self.halves, parities)]
+
+
+def _half_basis(n: int, sign: int) -> Floats:
+    """Rows: an orthonormal basis of the even (+1) or odd (-1) vectors of length n."""
+    pairs = n // 2
+    basis = np.zeros((pairs + (n % 2 if sign > 0 else 0), n))
+    for i in range(pairs):
+        basis[i, i], basis[i, n - 1 - i] = math.sqrt(0.5), sign * math.sqrt(0.5)
+    if n % 2 and sign > 0:
+        basis[pairs, pairs] = 1.0
+    return basis
+
+
+@dataclass
+class _Block:
+    """One symmetry block: for each plane and channel, the bases of its axes (None: all working taxels)."""
+
+    bases: list[list[list[Floats]]] | None
+    vectors: Floats
+    eigenvalues: Floats
+
+
+class _DataSpectrum:
+    """Spectrum of H H^T for any layout, in blocks."""
+
+    def __init__(
+        self, operator: Operator, priors: Sequence[Prior], columns: Sequence[int], scales: Sequence[Floats]
+    ) -> None:
+        self.operator, self.priors, self.columns, self.scales = operator, list(priors), list(columns), scales
+        size = sum(math.prod(a.shape) * len(a.channels) for a in operator.planes_of)
+        symmetric = size > LARGEST_SVD and _is_symmetric(operator)
+        self.blocks = self._symmetric_blocks() if symmetric else [self._whole()]
+        self.eigenvalues = np.concatenate([b.eigenvalues for b in self.blocks])
+        self.multiplicity = np.ones(len(self.eigenvalues))
+        self._copies: dict[tuple[Any, ...], Any] = {}
+
+    def _check(self, size: int) -> None:
+        if size > LARGEST_BLOCK:
+            raise Unsupported(
+                f"{size} readings in one block are too many for the dense eigenproblem (limit {LARGEST_BLOCK}). Use "
+                'boundary="periodic", or fewer readings (Recording.gridded, palpate convert --grid).'
+            )
+
+    def _whole(self) -> _Block:
+        self._check(sum(int(a.valid.sum()) * len(a.channels) for a in self.operator.planes_of))
+        surface = self.operator.surface
+        matrix = self.operator.dense().reshape(-1, len(surface.components), *surface.shape)[:, self.columns]
+        row = 0
+        for array, scale in zip(self.operator.planes_of, self.scales):
+            working = int(array.valid.sum())
+            for value in scale:
+                matrix[row : row + working] /= value
+                row += working
+        rooted = [prior.root(matrix[:, i]).reshape(len(matrix), -1) for i, prior in enumerate(self.priors)]
+        values, vectors = _svd(np.concatenate(rooted, axis=1))
+        return _Block(None, vectors, values)
+
+    def _symmetric_blocks(self) -> list[_Block]:
+        surface, names = self.operator.surface, self.operator.surface.components
+        d = surface.dimensions
+        axes = "x" if d == 1 else "yx"
+        cell_fold = _Fold(surface.shape)
+        plane_folds = [_Fold(a.shape) for a in self.operator.planes_of]
+        dense = [p.dense() for p in self.operator.planes]
+        blocks = []
+        for signs in itertools.product((1, -1), repeat=d):
+            bases: list[list[list[Floats]]] = []
+            rows: list[Floats] = []
+            for array, fold, matrix, scale in zip(self.operator.planes_of, plane_folds, dense, self.scales):
+                bases.append([])
+                for c, channel in enumerate(array.channels):
+                    basis = fold.matrix([s * mirror_parity(channel, ax) for s, ax in zip(signs, axes)])
+                    bases[-1].append(basis)
+                    parts = []
+                    for column in self.columns:
+                        entry = matrix[(c, *(slice(None),) * d, column)]
+                        for axis in range(d):
+                            entry = np.moveaxis(np.tensordot(basis[axis], entry, axes=(1, axis)), 0, axis)
+                        parts.append(entry.reshape(-1, *surface.shape) / scale[c])
+                    rows.append(np.stack(parts, axis=1))
+            stacked = np.concatenate(rows)
+            self._check(len(stacked))
+            gram = np.zeros((len(stacked), len(stacked)))
+            for i, column in enumerate(self.columns):
+                # both images are mirror images of themselves: half of each axis carries all
+                halves = cell_fold.matrix([s * mirror_parity(names[column], ax) for s, ax in zip(signs, axes)])
+                weighted = self.priors[i].covariance(stacked[:, i])
+                gram += _folded(stacked[:, i], halves) @ _folded(weighted, halves).T
+            values, vectors = _eigh(gram)
+            blocks.append(_Block(bases, vectors, values))
+        return blocks
+
+    def project(self, readings: Sequence[Any]) -> Any:
+        """U^T N^{-1/2} readings: (..., n)."""
+        xp = namespace(readings[0])
+        bases, vectors, scales, picks = self._prepared(readings[0])
+        scaled = [r / s for r, s in zip(readings, scales)]
+        out = []
+        for block, basis, vector in zip(self.blocks, bases, vectors):
+            parts = []
+            for plane, part in enumerate(scaled):
+                d = len(self.operator.planes_of[plane].shape)
+                batch = part.shape[: -1 - d]
+                if block.bases is None:
+                    flat = xp.reshape(part, (*batch, part.shape[-1 - d], -1))
+                    if picks[plane] is not None:
+                        flat = xp.take(flat, picks[plane], axis=-1)
+                    parts.append(xp.reshape(flat, (*batch, -1)))
+                    continue
+                for c, mats in enumerate(basis[plane]):
+                    image = part[(..., c, *(slice(None),) * d)]
+                    image = xp.matmul(image[..., None, :], mats[-1].T)[..., 0, :] if d == 1 else xp.matmul(
+                        mats[0], xp.matmul(image, mats[1].T)
+                    )
+                    parts.append(xp.reshape(image, (*batch, -1)))
+            out.append(xp.matmul(xp.concat(parts, axis=-1), vector))
+        return xp.concat(out, axis=-1)
+
+    def solve(self, weights: Any) -> Any:
+        """W A^T N^{-1/2} U weights: traction (..., component, *surface), zero in components not sought."""
+        xp = namespace(weights)
+        bases, vectors, scales, picks = self._prepared(weights)
+        planes = self.operator.planes_of
+        batch = weights.shape[:-1]
+        totals: list[Any] = [None] * len(planes)
+        start = 0
+        for block, basis, vector in zip(self.blocks, bases, vectors):
+            n = block.vectors.shape[1]
+            flat = xp.matmul(weights[..., start : start + n], vector.T)
+            start += n
+            row = 0
+            for plane, array in enumerate(planes):
+                d = len(array.shape)
+                if block.bases is None:
+                    working = int(array.valid.sum())
+                    size = working * len(array.channels)
+                    part = xp.reshape(flat[..., row : row + size], (*batch, len(array.channels), working))
+                    row += size
+                    if picks[plane] is not None:
+                        part = _scatter(xp, part, array.valid)
+                    image = xp.reshape(part, (*batch, len(array.channels), *array.shape))
+                else:
+                    images = []
+                    for mats in basis[plane]:
+                        shape = tuple(m.shape[0] for m in mats)
+                        size = math.prod(shape)
+                        part = xp.reshape(flat[..., row : row + size], (*batch, *shape))
+                        row += size
+                        images.append(
+                            xp.matmul(part[..., None, :], mats[-1])[..., 0, :]
+                            if d == 1
+                            else xp.matmul(mats[0].T, xp.matmul(part, mats[1]))
+                        )
+                    image = xp.stack(images, axis=-1 - d)
+                totals[plane] = image if totals[plane] is None else totals[plane] + image
+        adjoint = self.operator.adjoint([t / s for t, s in zip(totals, scales)])
+        return self._select(xp, adjoint)
+
+    def _select(self, xp: Any, adjoint: Any) -> Any:
+        d = self.operator.surface.dimensions
+        tail = (slice(None),) * d
+        out = []
+        for column in range(len(self.operator.surface.components)):
+            part = adjoint[(..., column, *tail)]
+            sought = column in self.columns
+            out.append(self.priors[self.columns.index(column)].covariance(part) if sought else xp.zeros_like(part))
+        return xp.stack(out, axis=-1 - d)
+
+    def _prepared(self, like: Any) -> Any:
+        xp = namespace(like)
+        key = (xp.__name__, str(like.dtype), str(getattr(like, "device", "")))
+        if key not in self._copies:
+            bases = [
+                None
+                if b.bases is None
+                else [[[from_numpy(m, like) for m in mats] for mats in plane] for plane in b.bases]
+                for b in self.blocks
+            ]
+            vectors = [from_numpy(b.vectors, like) for b in self.blocks]
+            scales = [
+                from_numpy(s.reshape(-1, *(1,) * len(a.shape)), like)
+                for s, a in zip(self.scales, self.operator.planes_of)
+            ]
+            picks = [
+                None
+                if a.mask is None
+                else xp.asarray(np.flatnonzero(a.valid.ravel()), device=getattr(like, "device", None))
+                for a in self.operator.planes_of
+            ]
+            self._copies[key] = bases, vectors, scales, picks
+        return self._copies[key]
+
+
+def _folded(rows: Floats, halves: Sequence[Floats]) -> Floats:
+    for axis, basis in enumerate(halves):
+        rows = np.moveaxis(np.tensordot(rows, basis, axes=(1 + axis, 1)), -1, 1 + axis)
+    return rows.reshape(len(rows), -1)
+
+
+def _scatter(xp: Any, part: Any, valid: npt.NDArray[np.bool_]) -> Any:
+    """Put working taxels back into full rows, zero where masked."""
+    place = np.zeros((int(valid.sum()), valid.size))
+    place[np.arange(len(place)), np.flatnonzero(valid.ravel())] = 1.0
+    return xp.matmul(part, from_numpy(place, part))
+
+
+def _svd(h: Floats) -> tuple[Floats, Floats]:
+    """Eigenvalues and vectors of H H^T from H, which keeps small singular values."""
+    import scipy.linalg
+
+    if len(h) > LARGEST_SVD:
+        return _eigh(h @ h.T)
+    u, s, _ = scipy.linalg.svd(h, full_matrices=False)
+    if u.shape[1] < len(h):  # more readings than unknowns: the rest of the data space has eigenvalue 0
+        u = np.linalg.qr(u, mode="complete")[0]
+        s = np.concatenate([s, np.zeros(len(h) - len(s))])
+    return np.asarray(s**2), np.asarray(u)
+
+
+def _eigh(gram: Floats) -> tuple[Floats, Floats]:
+    import scipy.linalg
+
+    values, vectors = scipy.linalg.eigh(0.5 * (gram + gram.T), overwrite_a=True, check_finite=False)
+    floor = np.finfo(np.float64).eps * len(values) * values[-1]
+    return np.where(values > floor, values, 0.0), np.asarray(vectors)
+
+
+def _is_symmetric(operator: Operator) -> bool:
+    """Whether pad, arrays and surface are mirror images of themselves about one centre."""
+    for array in operator.planes_of:
+        if isinstance(array, ScatteredArray) or array.mask is not None:
+            return False
+        for a, b, dx in zip(array.grid.axes, operator.surface.axes, operator.surface.spacings):
+            if abs((a[0] + a[-1]) - (b[0] + b[-1])) > 1e-9 * dx:
+                return False
+    return True
+
+
+class _FourierSpectrum:
+    """Spectrum of a periodic surface: a small SVD per wavevector."""
+
+    def __init__(
+        self, operator: Operator, priors: Sequence[Prior], columns: Sequence[int], scales: Sequence[Floats]
+    ) -> None:
+        self.operator, self.columns = operator, list(columns)
+        grid = operator.surface
+        if any(a.mask is not None for a in operator.planes_of):
+            raise Unsupported('boundary="periodic" cannot leave out taxels; use boundary="free", or fill them first.')
+        matrices = [
+            periodic_transfer(operator.pad, grid, a) / s.reshape(-1, *(1,) * (1 + grid.dimensions))
+            for a, s in zip(operator.planes_of, scales)
+        ]
+        stacked = np.moveaxis(np.concatenate(matrices)[:, self.columns], (0, 1), (-2, -1))
+        k = wavenumbers(grid.shape, grid.spacings)
+        root = np.sqrt(np.stack([prior.spectrum(k) for prior in priors], axis=-1))  # (*k, component)
+        u, s, vh = np.linalg.svd(stacked * root[..., None, :], full_matrices=True)
+        rank = s.shape[-1]
+        values = np.zeros(u.shape[:-1])
+        values[..., :rank] = s**2
+        half = np.full(values.shape, 2.0)
+        half[..., 0, :] = 1.0
+        if grid.shape[-1] % 2 == 0:
+            half[..., -1, :] = 1.0
+        self._shape = values.shape
+        self.eigenvalues, self.multiplicity = values.ravel(), half.ravel()
+        self._forward = np.conj(np.swapaxes(u, -1, -2))  # (*k, n, channel)
+        # phi/s^2 weights come from outside, so the way back carries s
+        self._back = np.zeros((*values.shape[:-1], len(self.columns), values.shape[-1]), dtype=np.complex128)
+        self._back[..., :rank] = (
+            root[..., :, None] * np.conj(np.swapaxes(vh, -1, -2))[..., :rank] * s[..., None, :]
+        )
+        self._scales = scales
+        self._norm = math.sqrt(math.prod(grid.shape))
+        self._copies: dict[tuple[Any, ...], Any] = {}
+
+    def _prepared(self, like: Any) -> Any:
+        # single-precision readings and coefficients share one key through the real dtype of the readings
+        xp = namespace(like)
+        key = (xp.__name__, str(like.dtype), str(getattr(like, "device", "")))
+        if key not in self._copies:
+            scales = [
+                from_numpy(s.reshape(-1, *(1,) * self.operator.surface.dimensions), like) for s in self._scales
+            ]
+            self._copies[key] = from_numpy(self._forward, like), from_numpy(self._back, like), scales
+        return self._copies[key]
+
+    def project(self, readings: Sequence[Any]) -> Any:
+        xp, grid = namespace(readings[0]), self.operator.surface
+        forward, _, scales = self._prepared(readings[0])
+        d = grid.dimensions
+        spectra = [rfftn(r / s, grid.shape) / self._norm for r, s in zip(readings, scales)]
+        data = xp.moveaxis(xp.concat(spectra, axis=-1 - d), -1 - d, -1)
+        out = xp.matmul(forward, data[..., None])[..., 0]
+        return xp.reshape(out, (*out.shape[: -1 - d], -1))
+
+    def solve(self, weights: Any) -> Any:
+        xp, grid = namespace(weights), self.operator.surface
+        _, back, _ = self._prepared(xp.real(weights))
+        d = grid.dimensions
+        batch = weights.shape[:-1]
+        spectrum = xp.matmul(back, xp.reshape(weights, (*batch, *self._shape))[..., None])[..., 0]
+        images = irfftn(xp.moveaxis(spectrum, -1, -1 - d) * self._norm, grid.shape)
+        out = []
+        for column in range(len(grid.components)):
+            if column in self.columns:
+                out.append(images[(..., self.columns.index(column), *(slice(None),) * d)])
+            else:
+                out.append(xp.zeros_like(images[(..., 0, *(slice(None),) * d)]))
+        return xp.stack(out, axis=-1 - d)
+
+
+class Regularised:
+    """A regularised inversion, prepared once for an operator, priors and the components sought.
+
+    Parameters
+    ----------
+    operator : Operator
+    priors : sequence of Prior
+        One per component sought.
+    columns : sequence of int
+        Indices of the traction components sought.
+    filter_factors : Filter
+        phi(s^2, lambda).
+    parameter : float or str
+        lambda, or the rule that chooses it for each frame.
+    """
+
+    def __init__(
+        self,
+        operator: Operator,
+        priors: Sequence[Prior],
+        columns: Sequence[int],
+        filter_factors: Filter,
+        parameter: float | str,
+    ) -> None:
+        self.operator, self.filter, self.parameter = operator, filter_factors, parameter
+        scales, self.noise_known = noise_scales(operator, columns)
+        self.scales = scales
+        spectrum = _FourierSpectrum if operator.boundary == "periodic" else _DataSpectrum
+        self.spectrum = spectrum(operator, priors, columns, scales)
+        if not isinstance(parameter, str) and not (math.isfinite(parameter) and parameter > 0):
+            raise InvalidInput(f"parameter must be a positive number or the name of a rule; got {parameter!r}.")
+
+    def solve(self, readings: Sequence[Any]) -> Estimate:
+        """Traction from one readings array per plane."""
+        xp = namespace(readings[0])
+        coefficients = self.spectrum.project(readings)
+        batch = coefficients.shape[:-1]
+        values, counts = self.spectrum.eigenvalues, self.spectrum.multiplicity
+        power = np.abs(to_numpy(coefficients).astype(np.complex128)) ** 2
+        power = np.real(power).reshape(-1, len(values))
+        if isinstance(self.parameter, str):
+            chosen, variance = choose_parameter(
+                self.parameter, self.filter, values, counts, power, noise_known=self.noise_known
+            )
+        else:
+            chosen = np.full(len(power), float(self.parameter))
+            phi = self.filter(values[None, :], chosen[:1, None])[0]
+            free = max(float(counts @ (1.0 - phi)), 1.0)
+            variance = (
+                np.ones(len(power)) if self.noise_known else (power * counts * (1.0 - phi) ** 2).sum(axis=1) / free
+            )
+        phi = self.filter(values[None, :], chosen[:, None])
+        safe = np.where(values > 0, values, 1.0)
+        gain = np.where(values > 0, phi / safe, 0.0).reshape(*batch, -1)
+        residual = np.sqrt((power * counts * (1.0 - phi) ** 2).sum(axis=1) / counts.sum())
+        real = xp.real(coefficients) if xp.isdtype(coefficients.dtype, "complex floating") else coefficients
+        traction = self.spectrum.solve(coefficients * from_numpy(gain, real))
+        return Estimate(
+            traction, chosen.reshape(batch), np.sqrt(variance).reshape(batch), residual.reshape(batch)
+        )

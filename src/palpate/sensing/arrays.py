@@ -1,0 +1,287 @@
+"""What is measured, where, and how well: arrays of sensing elements (taxels, markers, beads)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats
+from palpate.elastic.quantities import check_channels
+from palpate.errors import InvalidInput
+from palpate.sensing.grids import AreaGrid, LineGrid, check_count, check_length, pair
+
+__all__ = ["AreaArray", "Array", "LineArray", "ScatteredArray"]
+
+Mask = npt.NDArray[np.bool_]
+Noise = float | Sequence[float] | None
+
+
+def _check_noise(noise: Noise, channels: tuple[str, ...]) -> tuple[float, ...] | None:
+    if noise is None:
+        return None
+    values = [float(noise)] * len(channels) if isinstance(noise, int | float) else [float(v) for v in noise]
+    if len(values) != len(channels):
+        raise InvalidInput(
+            f"noise must be one standard deviation or one per channel ({len(channels)}: {', '.join(channels)}); "
+            f"got {len(values)}."
+        )
+    if not all(np.isfinite(v) and v > 0 for v in values):
+        raise InvalidInput(
+            f"noise must be a positive standard deviation in the unit of the channel; got {noise!r}. "
+            "Leave it out where it is not known."
+        )
+    return tuple(values)
+
+
+def _check_mask(mask: Any, shape: tuple[int, ...]) -> Mask | None:
+    if mask is None:
+        return None
+    found = np.array(mask)
+    if found.dtype != np.bool_ or found.shape != shape:
+        raise InvalidInput(
+            f"mask must be a boolean array of shape {shape}, True where a taxel works; got {found.dtype} {found.shape}."
+        )
+    if not found.any():
+        raise InvalidInput("mask leaves no working taxel.")
+    found.setflags(write=False)
+    return found
+
+
+class _Common:
+    """What every array has; the concrete classes add where the taxels lie."""
+
+    channels: Sequence[str]
+    depth: float
+    noise: Noise
+    mask: Any
+    aperture: Any
+    if TYPE_CHECKING:
+
+        @property
+        def shape(self) -> tuple[int, ...]:
+            """Shape of one channel of readings."""
+            ...
+
+    @property
+    def noise_std(self) -> tuple[float, ...] | None:
+        """Standard deviation of the noise of each channel, or None where it was not given."""
+        return _check_noise(self.noise, tuple(self.channels))
+
+    @property
+    def valid(self) -> Mask:
+        """True where a taxel works."""
+        return np.ones(self.shape, dtype=np.bool_) if self.mask is None else np.asarray(self.mask)
+
+    def masked(self: Self, mask: Any) -> Self:
+        """The same array with only the taxels where ``mask`` is True."""
+        both = np.asarray(mask) & self.valid if np.shape(mask) == self.shape else mask
+        return replace(self, mask=both)  # type: ignore[type-var]
+
+
+Self = TypeVar("Self", bound=_Common)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LineArray(_Common):
+    """A line of taxels at one depth (line contact, plane strain).
+
+    Parameters
+    ----------
+    count : int
+        Number of taxels.
+    pitch : float
+        Distance between them [m].
+    depth : float
+        Depth below the surface [m]; 0 is the surface itself.
+    channels : sequence of str
+        What each taxel measures, from `palpate.elastic.LINE_CHANNELS`.
+    aperture : float
+        Width over which a taxel averages [m]; 0 samples a point.
+    noise : float or sequence of float, optional
+        Standard deviation of the noise in the unit of the channel, one for all channels or one each.
+    center : float
+        Position of the middle of the array [m].
+    mask : boolean array (count,), optional
+        True where a taxel works.
+    """
+
+    count: int
+    pitch: float
+    depth: float
+    channels: Sequence[str]
+    aperture: float = 0.0
+    noise: Noise = None
+    center: float = 0.0
+    mask: Any = None
+
+    def __post_init__(self) -> None:
+        check_count("count", self.count)
+        check_length("pitch", self.pitch)
+        check_length("depth", self.depth, zero=True)
+        check_length("aperture", self.aperture, zero=True)
+        check_length("center", self.center, sign=True)
+        object.__setattr__(self, "channels", check_channels(self.channels, 1))
+        _check_noise(self.noise, tuple(self.channels))
+        object.__setattr__(self, "mask", _check_mask(self.mask, (self.count,)))
+
+    @property
+    def dimensions(self) -> int:
+        """1."""
+        return 1
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(count,)."""
+        return (self.count,)
+
+    @property
+    def grid(self) -> LineGrid:
+        """The taxel positions as a grid."""
+        return LineGrid(count=self.count, spacing=self.pitch, center=self.center)
+
+    @property
+    def points(self) -> Floats:
+        """Positions (taxel, 1) [m]."""
+        return self.grid.x[:, None]
+
+    @property
+    def apertures(self) -> tuple[float, ...]:
+        """Aperture of each axis [m]."""
+        return (self.aperture,)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AreaArray(_Common):
+    """A regular grid of taxels at one depth (area contact).
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns (ny, nx).
+    pitch : float or (float, float)
+        Distance between taxels [m], one or (dy, dx).
+    depth : float
+        Depth below the surface [m].
+    channels : sequence of str
+        From `palpate.elastic.AREA_CHANNELS`.
+    aperture : float or (float, float)
+        Side of the square, or (y, x) sides of the rectangle, over which a taxel averages [m]. For a round taxel take
+        0.886 of its diameter (equal area).
+    noise, mask
+        As for `LineArray`; ``mask`` has shape (ny, nx).
+    center : (float, float)
+        Position (x, y) of the middle of the array [m].
+    """
+
+    shape: tuple[int, int]  # type: ignore[assignment]
+    pitch: float | tuple[float, float]
+    depth: float
+    channels: Sequence[str]
+    aperture: float | tuple[float, float] = 0.0
+    noise: Noise = None
+    center: tuple[float, float] = (0.0, 0.0)
+    mask: Any = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.shape, tuple | list) or len(self.shape) != 2:
+            raise InvalidInput(f"shape must be (rows, columns); got {self.shape!r}.")
+        object.__setattr__(self, "shape", tuple(check_count("shape", n) for n in self.shape))
+        pair("pitch", self.pitch)
+        check_length("depth", self.depth, zero=True)
+        pair("aperture", self.aperture, zero=True)
+        pair("center", self.center, sign=True)
+        object.__setattr__(self, "channels", check_channels(self.channels, 2))
+        _check_noise(self.noise, tuple(self.channels))
+        object.__setattr__(self, "mask", _check_mask(self.mask, self.shape))
+
+    @property
+    def dimensions(self) -> int:
+        """2."""
+        return 2
+
+    @property
+    def grid(self) -> AreaGrid:
+        """The taxel positions as a grid."""
+        return AreaGrid(shape=self.shape, spacing=self.pitch, center=self.center)
+
+    @property
+    def points(self) -> Floats:
+        """Positions (taxel, 2) as (y, x) [m], row by row."""
+        y, x = np.meshgrid(*self.grid.axes, indexing="ij")
+        return np.stack([y.ravel(), x.ravel()], axis=1)
+
+    @property
+    def apertures(self) -> tuple[float, ...]:
+        """Aperture of each axis (y, x) [m]."""
+        return pair("aperture", self.aperture, zero=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScatteredArray(_Common):
+    """Taxels, markers or beads anywhere, at one depth.
+
+    Parameters
+    ----------
+    positions : array (n, 2) or (n,)
+        Positions (x, y) [m] for area contact, or x [m] for line contact.
+    depth, channels, aperture, noise
+        As for `AreaArray`.
+    mask : boolean array (n,), optional
+        True where a marker is good.
+    """
+
+    positions: Any = field(repr=False)
+    depth: float
+    channels: Sequence[str]
+    aperture: float | tuple[float, float] = 0.0
+    noise: Noise = None
+    mask: Any = None
+
+    def __post_init__(self) -> None:
+        found = np.array(self.positions, dtype=np.float64)
+        if found.ndim == 1:
+            found = found[:, None]
+        if found.ndim != 2 or found.shape[1] not in (1, 2) or found.shape[0] < 2:
+            raise InvalidInput(
+                f"positions must have shape (n, 2) for area contact or (n,) for line contact, n >= 2; got {found.shape}."
+            )
+        if not np.isfinite(found).all():
+            raise InvalidInput(f"positions contain {np.count_nonzero(~np.isfinite(found))} values that are not finite.")
+        if len(np.unique(found, axis=0)) != len(found):
+            raise InvalidInput("positions name one place twice: average such markers before you pass them.")
+        if np.any(np.ptp(found, axis=0) == 0):
+            raise InvalidInput("positions lie on one line along an axis: use positions (n,) for line contact.")
+        found.setflags(write=False)
+        object.__setattr__(self, "positions", found)
+        check_length("depth", self.depth, zero=True)
+        object.__setattr__(self, "channels", check_channels(self.channels, found.shape[1]))
+        pair("aperture", self.aperture, zero=True)
+        _check_noise(self.noise, tuple(self.channels))
+        object.__setattr__(self, "mask", _check_mask(self.mask, (len(found),)))
+
+    @property
+    def dimensions(self) -> int:
+        """1 for line contact, 2 for area contact."""
+        return int(self.positions.shape[1])
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(n,)."""
+        return (len(self.positions),)
+
+    @property
+    def points(self) -> Floats:
+        """Positions (taxel, axis) [m], axes in the order (y, x)."""
+        return np.asarray(self.positions[:, ::-1])
+
+    @property
+    def apertures(self) -> tuple[float, ...]:
+        """Aperture of each axis [m]."""
+        return pair("aperture", self.aperture, zero=True)[: self.dimensions]
+
+
+Array = LineArray | AreaArray | ScatteredArray

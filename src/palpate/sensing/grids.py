@@ -1,0 +1,156 @@
+"""Where traction is sought: uniform, cell-centred grids on the surface."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.elastic.half_space import Floats
+from palpate.elastic.quantities import COMPONENTS
+from palpate.errors import InvalidInput
+
+__all__ = ["AreaGrid", "Grid", "LineGrid", "check_count", "check_length"]
+
+
+def check_count(name: str, value: object, minimum: int = 2) -> int:
+    """``value`` as an int, or `InvalidInput` unless it is a whole number >= ``minimum``."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < minimum:
+        raise InvalidInput(f"{name} must be a whole number, at least {minimum}; got {value!r}.")
+    return int(value)
+
+
+def check_length(name: str, value: object, *, zero: bool = False, sign: bool = False) -> float:
+    """``value`` as a float length [m], or `InvalidInput`."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
+        raise InvalidInput(f"{name} must be one number of metres; got {value!r}.")
+    number = float(value)
+    ok = math.isfinite(number) and (sign or number > 0 or (zero and number == 0))
+    if not ok:
+        kind = "finite" if sign else "finite and not negative" if zero else "finite and positive"
+        raise InvalidInput(f"{name} must be {kind} [m]; got {value!r}.")
+    return number
+
+
+def pair(name: str, value: object, *, zero: bool = False, sign: bool = False) -> tuple[float, float]:
+    """One length for both axes, or a pair (y, x) [m]."""
+    if isinstance(value, tuple | list | np.ndarray):
+        if len(value) != 2:
+            raise InvalidInput(f"{name} must be one length or a pair; got {len(value)} numbers.")
+        a, b = (check_length(name, v, zero=zero, sign=sign) for v in value)
+        return a, b
+    one = check_length(name, value, zero=zero, sign=sign)
+    return one, one
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineGrid:
+    """A line of ``count`` surface cells of width ``spacing`` [m], centred at ``center`` [m]."""
+
+    count: int
+    spacing: float
+    center: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_count("count", self.count)
+        check_length("spacing", self.spacing)
+        check_length("center", self.center, sign=True)
+
+    @property
+    def dimensions(self) -> int:
+        """1."""
+        return 1
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(count,)."""
+        return (self.count,)
+
+    @property
+    def spacings(self) -> tuple[float, ...]:
+        """Spacing of each axis [m]."""
+        return (self.spacing,)
+
+    @property
+    def x(self) -> Floats:
+        """Cell centres [m]."""
+        return self.center + (np.arange(self.count) - (self.count - 1) / 2) * self.spacing
+
+    @property
+    def axes(self) -> tuple[Floats, ...]:
+        """Cell centres of each axis, in the order of the array axes."""
+        return (self.x,)
+
+    @property
+    def edges(self) -> Floats:
+        """Cell edges [m], ``count + 1`` of them."""
+        return np.append(self.x - self.spacing / 2, self.x[-1] + self.spacing / 2)
+
+    @property
+    def cell(self) -> float:
+        """Length of a cell [m]: sums times this approximate integrals."""
+        return self.spacing
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the traction components, ("x", "z")."""
+        return COMPONENTS[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AreaGrid:
+    """A grid of ``shape`` (ny, nx) surface cells.
+
+    ``spacing`` [m] is one number or (dy, dx); ``center`` is (x, y) [m].
+    """
+
+    shape: tuple[int, int]
+    spacing: float | tuple[float, float]
+    center: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if len(self.shape) != 2:
+            raise InvalidInput(f"shape must be (ny, nx); got {self.shape!r}.")
+        for n in self.shape:
+            check_count("shape", n)
+        pair("spacing", self.spacing)
+        pair("center", self.center, sign=True)
+
+    @property
+    def dimensions(self) -> int:
+        """2."""
+        return 2
+
+    @property
+    def spacings(self) -> tuple[float, ...]:
+        """(dy, dx) [m]."""
+        return pair("spacing", self.spacing)
+
+    @property
+    def x(self) -> Floats:
+        """Cell centres along x [m]."""
+        return self.center[0] + (np.arange(self.shape[1]) - (self.shape[1] - 1) / 2) * self.spacings[1]
+
+    @property
+    def y(self) -> Floats:
+        """Cell centres along y [m]."""
+        return self.center[1] + (np.arange(self.shape[0]) - (self.shape[0] - 1) / 2) * self.spacings[0]
+
+    @property
+    def axes(self) -> tuple[Floats, ...]:
+        """(y, x): cell centres of each axis, in the order of the array axes."""
+        return (self.y, self.x)
+
+    @property
+    def cell(self) -> float:
+        """Area of a cell [m^2]: sums times this approximate integrals."""
+        return self.spacings[0] * self.spacings[1]
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the traction components, ("x", "y", "z")."""
+        return COMPONENTS[2]
+
+
+Grid = LineGrid | AreaGrid

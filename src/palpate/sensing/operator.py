@@ -1,0 +1,387 @@
+"""The linear operator from surface traction to readings, and its adjoint.
+
+Three ways to apply it, chosen by the geometry, never by accuracy:
+
+* a regular array whose pitch is a whole number of surface cells: convolution with the exact influence of one cell, by
+  zero-padded FFT (linear, no wrap-around);
+* any other layout: the same influences as a dense matrix;
+* ``boundary="periodic"``: the surface repeats for ever; each wavevector by its own matrix (`palpate.elastic.transfer`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import from_numpy, irfftn, namespace, rfftn
+from palpate.elastic.half_space import Floats, HalfSpace, Pad
+from palpate.elastic.quantities import transfer
+from palpate.errors import InvalidInput, Unsupported
+from palpate.sensing.arrays import Array, ScatteredArray
+from palpate.sensing.grids import Grid
+from palpate.sensing.kernels import aperture_rule, influence
+
+__all__ = ["Boundary", "Operator", "periodic_transfer", "sampled_kernel"]
+
+Boundary = Literal["free", "periodic"]
+
+#: Dense maps larger than this are refused [bytes].
+LARGEST_DENSE = 3_000_000_000
+
+
+class _Plane(Protocol):
+    def forward(self, traction: Any) -> Any: ...
+    def adjoint(self, readings: Any) -> Any: ...
+    def dense(self) -> Floats: ...
+
+
+class _Cached:
+    """Prepared NumPy arrays, handed over once per array kind, precision and device."""
+
+    def __init__(self, value: npt.NDArray[Any]) -> None:
+        self.value = value
+        self._copies: dict[tuple[Any, ...], Any] = {}
+
+    def like(self, x: Any) -> Any:
+        key = (namespace(x).__name__, str(x.dtype), str(getattr(x, "device", "")))
+        if key not in self._copies:
+            self._copies[key] = from_numpy(self.value, x)
+        return self._copies[key]
+
+
+def _multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: int, d: int, *, adjoint: bool) -> Any:
+    """Apply (rows, columns, *k) to (..., columns, *k), or its conjugate transpose to (..., rows, *k)."""
+    tail = (slice(None),) * d
+    if adjoint:
+        matrix = xp.conj(matrix)
+    outer, inner = (columns, rows) if adjoint else (rows, columns)
+    out = []
+    for i in range(outer):
+        total = None
+        for j in range(inner):
+            entry = matrix[j, i, ...] if adjoint else matrix[i, j, ...]
+            term = entry * spectrum[(..., j, *tail)]
+            total = term if total is None else total + term
+        out.append(total)
+    return xp.stack(out, axis=-1 - d)
+
+
+def _commensurate(array: Array, grid: Grid) -> tuple[tuple[int, ...], tuple[float, ...]] | None:
+    """Cells per pitch and first taxel minus first cell centre per axis, where the layout allows an FFT."""
+    if isinstance(array, ScatteredArray):
+        return None
+    ratios, shifts = [], []
+    for axis, spacing in enumerate(grid.spacings):
+        ratio = array.grid.spacings[axis] / spacing
+        if abs(ratio - round(ratio)) > 1e-9 * ratio or round(ratio) < 1:
+            return None
+        ratios.append(round(ratio))
+        shifts.append(float(array.grid.axes[axis][0] - grid.axes[axis][0]))
+    return tuple(ratios), tuple(shifts)
+
+
+def _rules(array: Array, grid: Grid, shifts: Sequence[float] | None) -> list[tuple[Floats, Floats]]:
+    return [
+        aperture_rule(width, array.depth, spacing, None if shifts is None else shifts[axis])
+        for axis, (width, spacing) in enumerate(zip(array.apertures, grid.spacings))
+    ]
+
+
+class _Convolution:
+    """Zero-padded FFT convolution with the influence of one cell."""
+
+    def __init__(self, pad: Pad, array: Array, grid: Grid, *, concentrated: bool = False) -> None:
+        from scipy.fft import next_fast_len
+
+        layout = _commensurate(array, grid)
+        if layout is None:
+            raise Unsupported("the array is not commensurate with the surface grid.")
+        self.ratios, shifts = layout
+        self.taxels, self.cells = array.shape, grid.shape
+        self.rows, self.columns = len(array.channels), len(grid.components)
+        lags = [
+            np.arange(-(n - 1), (m - 1) * r + 1) for n, m, r in zip(self.cells, self.taxels, self.ratios)
+        ]
+        offsets = [s + lag * dx for s, lag, dx in zip(shifts, lags, grid.spacings)]
+        self.kernel = influence(
+            pad,
+            offsets,
+            grid.spacings,
+            array.depth,
+            array.channels,
+            _rules(array, grid, shifts),
+            concentrated=concentrated,
+        )
+        self.size = tuple(
+            next_fast_len(max(len(lag), m * r), real=True)
+            for lag, m, r in zip(lags, self.taxels, self.ratios)
+        )
+        padded = np.zeros((*self.kernel.shape[:2], *self.size))
+        padded[(slice(None), slice(None), *(slice(0, len(lag)) for lag in lags))] = self.kernel
+        padded = np.roll(padded, [-(n - 1) for n in self.cells], axis=tuple(range(2, 2 + len(lags))))
+        self.spectrum = _Cached(rfftn(padded, self.size))
+
+    def forward(self, traction: Any) -> Any:
+        xp, d = namespace(traction), len(self.size)
+        product = _multiply(
+            xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, self.columns, d, adjoint=False
+        )
+        full = irfftn(product, self.size)
+        return full[(..., *(slice(0, (m - 1) * r + 1, r) for m, r in zip(self.taxels, self.ratios)))]
+
+    def adjoint(self, readings: Any) -> Any:
+        xp, d = namespace(readings), len(self.size)
+        spread = readings
+        for axis, ratio in enumerate(self.ratios):
+            spread = _spread(xp, spread, axis - d, ratio)
+        product = _multiply(
+            xp, self.spectrum.like(readings), rfftn(spread, self.size), self.rows, self.columns, d, adjoint=True
+        )
+        return irfftn(product, self.size)[(..., *(slice(0, n) for n in self.cells))]
+
+    def dense(self) -> Floats:
+        """(channel, *taxels, component, *cells)."""
+        out = self.kernel
+        # kernel index of (taxel i, cell j) is i r - j + (n - 1), axis by axis
+        for axis, (m, r, n) in enumerate(zip(self.taxels, self.ratios, self.cells)):
+            index = np.arange(m)[:, None] * r - np.arange(n)[None, :] + (n - 1)
+            out = np.take(out, index, axis=2 + 2 * axis)
+        d = len(self.cells)
+        order = [0, *(2 + 2 * a for a in range(d)), 1, *(3 + 2 * a for a in range(d))]
+        return np.ascontiguousarray(out.transpose(order))
+
+
+def _spread(xp: Any, x: Any, axis: int, ratio: int) -> Any:
+    """Put ``ratio - 1`` zeros after each entry along a negative ``axis``."""
+    if ratio == 1:
+        return x
+    shape = list(x.shape)
+    position = len(shape) + axis
+    x = xp.expand_dims(x, axis=position + 1)
+    zeros = xp.zeros((*shape[: position + 1], ratio - 1, *shape[position + 1 :]), dtype=x.dtype, device=x.device)
+    shape[position] *= ratio
+    return xp.reshape(xp.concat([x, zeros], axis=position + 1), tuple(shape))
+
+
+class _Dense:
+    """A matrix of influences, for scattered positions and pitches that do not fit the cells."""
+
+    def __init__(self, pad: Pad, array: Array, grid: Grid) -> None:
+        self.taxels, self.cells = array.shape, grid.shape
+        points = array.points
+        rows, columns = len(array.channels), len(grid.components)
+        total = 8 * len(points) * math.prod(grid.shape) * rows * columns
+        if total > LARGEST_DENSE:
+            raise Unsupported(
+                f"{len(points)} scattered positions and {math.prod(grid.shape)} surface cells make a map of "
+                f"{total / 1e9:.1f} GB (limit {LARGEST_DENSE / 1e9:.0f} GB). Give a coarser surface, or grid the recording "
+                "(Recording.gridded, palpate convert --grid) and use an AreaArray."
+            )
+        rules = _rules(array, grid, None)
+        matrix = np.empty((rows, len(points), columns, *grid.shape))
+        chunk = max(1, 2_000_000 // math.prod(grid.shape))
+        for start in range(0, len(points), chunk):
+            part = points[start : start + chunk]
+            offsets = [part[:, a : a + 1] - grid.axes[a][None, :] for a in range(grid.dimensions)]
+            block = influence(pad, offsets, grid.spacings, array.depth, array.channels, rules)
+            matrix[:, start : start + chunk] = np.moveaxis(block, 1, 2)
+        self._matrix = matrix
+        self.matrix = _Cached(matrix.reshape(rows * len(points), -1))
+        self.rows, self.columns = rows, columns
+
+    def forward(self, traction: Any) -> Any:
+        xp, d = namespace(traction), len(self.cells)
+        batch = traction.shape[: -1 - d]
+        flat = xp.reshape(traction, (*batch, -1))
+        out = xp.matmul(flat, xp.permute_dims(self.matrix.like(traction), (1, 0)))
+        return xp.reshape(out, (*batch, self.rows, *self.taxels))
+
+    def adjoint(self, readings: Any) -> Any:
+        xp = namespace(readings)
+        batch = readings.shape[: -1 - len(self.taxels)]
+        flat = xp.reshape(readings, (*batch, -1))
+        return xp.reshape(xp.matmul(flat, self.matrix.like(readings)), (*batch, self.columns, *self.cells))
+
+    def dense(self) -> Floats:
+        """(channel, *taxels, component, *cells)."""
+        return self._matrix.reshape(self.rows, *self.taxels, self.columns, *self.cells)
+
+
+def periodic_transfer(pad: Pad, grid: Grid, array: Array) -> npt.NDArray[np.complex128]:
+    """Matrix (channel, component, *k) of each wavevector of a periodic surface, for an array at the cell centres.
+
+    Policies: at k = 0 a half-space's displacement has no finite value and is taken as 0 (the mean traction then leaves
+    no trace); stress and strain take the mean over directions of their limit. A Nyquist row is its own mirror image
+    and takes the mean of both signs. The taxel's aperture multiplies by its transform.
+    """
+    waves = [
+        2 * np.pi * (np.fft.rfftfreq(n, dx) if axis == grid.dimensions - 1 else np.fft.fftfreq(n, dx))
+        for axis, (n, dx) in enumerate(zip(grid.shape, grid.spacings))
+    ]
+    signs = [(1.0, -1.0) if n % 2 == 0 else (1.0,) for n in grid.shape]
+    total: Any = 0.0
+    count = 0
+    for flips in np.ndindex(*(len(s) for s in signs)):
+        axes = []
+        for wave, n, dx, flip in zip(waves, grid.shape, grid.spacings, flips):
+            flipped = wave.copy()
+            if flip:
+                flipped[np.isclose(np.abs(wave), np.pi / dx) & (n % 2 == 0)] *= -1.0
+            axes.append(flipped)
+        if grid.dimensions == 1:
+            kx, ky = axes[0], np.zeros(1)
+        else:
+            ky, kx = axes[0][:, None], axes[1][None, :]
+        total = total + transfer(pad, kx, ky, array.depth, array.channels, line=grid.dimensions == 1)
+        count += 1
+    matrix = np.nan_to_num(total / count, nan=0.0)
+    if grid.dimensions == 1:
+        matrix = matrix[..., [0, 2]]
+    matrix = np.moveaxis(matrix, (-2, -1), (0, 1))
+    for axis, (wave, width) in enumerate(zip(waves, array.apertures)):
+        shape = [1] * grid.dimensions
+        shape[axis] = -1
+        matrix = matrix * np.sinc(wave * width / (2 * np.pi)).reshape(shape)
+    return np.asarray(matrix)
+
+
+class _Periodic:
+    """One matrix per wavevector; the surface repeats for ever."""
+
+    def __init__(self, pad: Pad, array: Array, grid: Grid) -> None:
+        self.rows, self.columns, self.size = len(array.channels), len(grid.components), grid.shape
+        self.transfer = periodic_transfer(pad, grid, array)
+        self.spectrum = _Cached(self.transfer)
+
+    def forward(self, traction: Any) -> Any:
+        xp, d = namespace(traction), len(self.size)
+        product = _multiply(
+            xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, self.columns, d, adjoint=False
+        )
+        return irfftn(product, self.size)
+
+    def adjoint(self, readings: Any) -> Any:
+        xp, d = namespace(readings), len(self.size)
+        product = _multiply(
+            xp, self.spectrum.like(readings), rfftn(readings, self.size), self.rows, self.columns, d, adjoint=True
+        )
+        return irfftn(product, self.size)
+
+    def dense(self) -> Floats:
+        """(channel, *taxels, component, *cells)."""
+        cells = math.prod(self.size)
+        unit = np.eye(self.columns * cells).reshape(self.columns * cells, self.columns, *self.size)
+        out = np.moveaxis(self.forward(unit), 0, -1)
+        return np.asarray(out.reshape(self.rows, *self.size, self.columns, *self.size))
+
+
+class Operator:
+    """Traction (..., component, *surface) to one readings array (..., channel, *array) per plane, and back.
+
+    Parameters
+    ----------
+    pad : Pad
+    planes : sequence of arrays
+    surface : grid
+    boundary : "free" or "periodic"
+
+    Notes
+    -----
+    Missing taxels (``mask``) read 0 and are not heard. In line contact the displacement of a half-plane is defined up to
+    a constant: such channels are relative to their mean over the array.
+    """
+
+    def __init__(self, pad: Pad, planes: Sequence[Array], surface: Grid, boundary: Boundary = "free") -> None:
+        self.pad, self.planes_of, self.surface, self.boundary = pad, tuple(planes), surface, boundary
+        self.planes: list[_Plane] = []
+        for array in planes:
+            if array.dimensions != surface.dimensions:
+                raise InvalidInput(
+                    f"the surface is a {type(surface).__name__} but the array is a {type(array).__name__} in "
+                    f"{'line' if array.dimensions == 1 else 'area'} contact; use "
+                    f"{'LineGrid' if array.dimensions == 1 else 'AreaGrid'}."
+                )
+            if boundary == "periodic":
+                _check_periodic(array, surface)
+                self.planes.append(_Periodic(pad, array, surface))
+            elif _commensurate(array, surface) is None:
+                self.planes.append(_Dense(pad, array, surface))
+            else:
+                self.planes.append(_Convolution(pad, array, surface))
+        self._weights = [_Cached(a.valid.astype(np.float64)) if a.mask is not None else None for a in planes]
+        self._floating = [_floating_channels(pad, a, boundary) for a in planes]
+
+    def forward(self, traction: Any) -> list[Any]:
+        """Readings of each plane for traction (..., component, *surface)."""
+        return [self._project(i, plane.forward(traction)) for i, plane in enumerate(self.planes)]
+
+    def adjoint(self, readings: Sequence[Any]) -> Any:
+        """Transpose of `forward`: traction-shaped from one readings array per plane."""
+        total = None
+        for i, (plane, part) in enumerate(zip(self.planes, readings)):
+            term = plane.adjoint(self._project(i, part))
+            total = term if total is None else total + term
+        return total
+
+    def dense(self) -> Floats:
+        """The whole operator as a matrix (reading, traction): planes, then channels, then working taxels only."""
+        blocks = []
+        for array, plane, floating in zip(self.planes_of, self.planes, self._floating):
+            block = plane.dense().reshape(len(array.channels), math.prod(array.shape), -1)[:, array.valid.ravel()]
+            for channel in floating:
+                block[channel] -= block[channel].mean(axis=0)
+            blocks.append(block.reshape(-1, block.shape[-1]))
+        return np.concatenate(blocks)
+
+    def _project(self, i: int, readings: Any) -> Any:
+        """Silence missing taxels and take the mean out of channels that have no zero. An orthogonal projection."""
+        weights, floating = self._weights[i], self._floating[i]
+        if weights is not None:
+            readings = readings * weights.like(readings)
+        if not floating:
+            return readings
+        xp = namespace(readings)
+        working = int(np.count_nonzero(self.planes_of[i].valid))
+        mean = xp.sum(readings, axis=-1, keepdims=True) / working
+        if weights is not None:
+            mean = mean * weights.like(readings)
+        keep = np.ones((len(self.planes_of[i].channels), 1))
+        keep[list(floating)] = 0.0
+        return readings - from_numpy(1.0 - keep, readings) * mean
+
+
+def _floating_channels(pad: Pad, array: Array, boundary: Boundary) -> tuple[int, ...]:
+    if array.dimensions == 2 or boundary == "periodic" or not isinstance(pad, HalfSpace):
+        return ()
+    return tuple(i for i, c in enumerate(array.channels) if c.startswith("displacement"))
+
+
+def _check_periodic(array: Array, surface: Grid) -> None:
+    same = not isinstance(array, ScatteredArray) and array.shape == surface.shape
+    if same:
+        for a, b in zip(array.grid.axes, surface.axes):  # type: ignore[union-attr]
+            same = same and bool(np.allclose(a, b, rtol=0, atol=1e-9 * abs(b[1] - b[0])))
+    if not same:
+        raise Unsupported(
+            'boundary="periodic" needs a LineArray or AreaArray and the surface to be the array\'s own grid. Leave surface '
+            'out, grid the recording first (Recording.gridded), or use boundary="free".'
+        )
+
+
+def sampled_kernel(pad: Pad, array: Array) -> Operator:
+    """The founding paper's model: concentrated loads on the array's own grid, free boundary."""
+    if isinstance(array, ScatteredArray):
+        raise Unsupported(
+            'methods "dft" and "linear" need a regular array (LineArray or AreaArray); use method="tikhonov" for '
+            "scattered positions."
+        )
+    operator = Operator.__new__(Operator)
+    operator.pad, operator.planes_of, operator.surface, operator.boundary = pad, (array,), array.grid, "free"
+    operator.planes = [_Convolution(pad, array, array.grid, concentrated=True)]
+    operator._weights = [_Cached(array.valid.astype(np.float64)) if array.mask is not None else None]
+    operator._floating = [_floating_channels(pad, array, "free")]
+    return operator

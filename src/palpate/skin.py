@@ -1,0 +1,464 @@
+"""The front door: a pad and its array."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import as_real, from_numpy, namespace, to_numpy
+from palpate.elastic.half_space import Floats, Pad
+from palpate.elastic.quantities import channel_unit
+from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.constant_friction import ConstantFriction
+from palpate.inverse.direct import Division, LinearSolve
+from palpate.inverse.observability import (
+    Observability,
+    blind_to_force,
+    check_observable,
+    observability,
+    observable_components,
+)
+from palpate.inverse.parameter import tikhonov, truncate
+from palpate.inverse.priors import DifferencePrior, Prior, SpectralPrior, hilgers_prior
+from palpate.inverse.regularised import Estimate, Regularised
+from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
+from palpate.sensing.grids import Grid, LineGrid
+from palpate.sensing.operator import Boundary, Operator
+from palpate.sensing.surface import default_surface
+from palpate.solutions import AreaContact, LineContact
+from palpate.touch import Touch
+
+__all__ = ["METHODS", "Skin"]
+
+Method = Literal["tikhonov", "hilgers", "truncated", "wiener", "dft", "linear", "constant_friction"]
+Spectrum = Callable[[Floats], npt.ArrayLike]
+
+#: Every method of `Skin.reconstruct` with the options that it takes besides ``components``.
+METHODS: dict[str, tuple[str, ...]] = {
+    "tikhonov": ("order", "parameter"),
+    "hilgers": ("parameter", "length"),
+    "truncated": ("parameter",),
+    "wiener": ("spectrum",),
+    "dft": (),
+    "linear": (),
+    "constant_friction": ("order", "parameter", "friction"),
+}
+
+_SPOKEN = {"x": "shear along x", "y": "shear along y", "z": "pressure"}
+
+
+class Skin:
+    """An elastic pad with sensing elements in or under it.
+
+    Parameters
+    ----------
+    pad : Pad
+        The elastic body, for example `HalfSpace`.
+    array : LineArray, AreaArray, ScatteredArray, or a sequence of them
+        What is measured; several planes at different depths as a list.
+    surface : LineGrid or AreaGrid, optional
+        Where traction is sought. By default it covers the array, reaches past its edge and is no finer than the depth
+        allows (see `palpate.sensing.default_surface`).
+    boundary : "free" or "periodic"
+        "free" (default): the pad goes on beyond the surface grid, where nothing touches it. "periodic": the surface is
+        the array's own grid, repeated for ever, as in Fourier-transform traction cytometry; fast, but a contact near an edge
+        touches its copy, and from displacements of a half-space the net force cannot be known.
+
+    Notes
+    -----
+    A skin does not change once made. What is expensive is prepared on first use and kept, for each method and each kind,
+    precision and device of arrays.
+    """
+
+    def __init__(
+        self,
+        pad: Pad,
+        array: Array | Sequence[Array],
+        *,
+        surface: Grid | None = None,
+        boundary: Boundary = "free",
+    ) -> None:
+        if not isinstance(pad, Pad):
+            raise InvalidInput(f"pad must be an elastic body such as HalfSpace(...); got {type(pad).__name__}.")
+        planes = (array,) if isinstance(array, LineArray | AreaArray | ScatteredArray) else tuple(array)
+        if not planes or not all(isinstance(p, LineArray | AreaArray | ScatteredArray) for p in planes):
+            raise InvalidInput(
+                "array must be a LineArray, AreaArray or ScatteredArray, or a list of them; got "
+                f"{type(array).__name__}."
+            )
+        if len({p.dimensions for p in planes}) != 1:
+            raise InvalidInput("the planes mix line and area contact; use one kind.")
+        if boundary not in ("free", "periodic"):
+            raise InvalidInput(f'boundary must be "free" or "periodic"; got {boundary!r}.')
+        if surface is None:
+            if boundary == "periodic" and not isinstance(planes[0], ScatteredArray):
+                surface = planes[0].grid
+            else:
+                surface = default_surface(planes)
+        self._pad, self._planes, self._boundary, self._surface = pad, planes, boundary, surface
+        self._operator: Operator | None = None
+        self._solvers: dict[tuple[Any, ...], Any] = {}
+        self._default: tuple[str, ...] | None = None
+
+    # -- what it is ----------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> Skin:
+        """Read a skin.toml (see the file format in the documentation)."""
+        from palpate.recordings.skinfile import read_skin
+
+        pad, planes, surface, boundary = read_skin(path)
+        return cls(pad, planes, surface=surface, boundary=boundary)
+
+    @property
+    def pad(self) -> Pad:
+        """The elastic body."""
+        return self._pad
+
+    @property
+    def planes(self) -> tuple[Array, ...]:
+        """The arrays, one per plane."""
+        return self._planes
+
+    @property
+    def surface(self) -> Grid:
+        """Where traction is sought."""
+        return self._surface
+
+    @property
+    def boundary(self) -> str:
+        """ "free" or "periodic"."""
+        return self._boundary
+
+    @property
+    def operator(self) -> Operator:
+        """The linear operator from traction to readings, with its adjoint."""
+        if self._operator is None:
+            self._operator = Operator(self._pad, self._planes, self._surface, self._boundary)
+        return self._operator
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """The traction components that these channels can tell apart: what `reconstruct` seeks by default."""
+        if self._default is None:
+            self._default = observable_components(self._pad, self._planes)
+        return self._default
+
+    def observability(self, wavelength: npt.ArrayLike, *, components: Sequence[str] | None = None) -> Observability:
+        """How well each ``wavelength`` [m] of the traction is seen: the condition of its matrix."""
+        return observability(self._pad, self._planes, wavelength, self._names(components))
+
+    # -- forward -------------------------------------------------------------------------------------------------------
+
+    def sample(self, contact: LineContact | AreaContact) -> Floats:
+        """Mean traction (component, *surface) [Pa] of a closed-form contact in each surface cell."""
+        if isinstance(contact, LineContact) != isinstance(self._surface, LineGrid):
+            raise InvalidInput("a line contact needs a skin in line contact, and an area contact one in area contact.")
+        if isinstance(contact, LineContact):
+            return contact.averages(self._surface.edges)  # type: ignore[union-attr]
+        return contact.averages(self._surface.x, self._surface.axes[0])
+
+    def sense(self, traction: Any, *, rng: np.random.Generator | None = None) -> Any:
+        """Readings for a traction.
+
+        Parameters
+        ----------
+        traction : array (*batch, component, *surface) [Pa], or a contact of `palpate.solutions`
+        rng : numpy Generator, optional
+            Adds the arrays' own noise.
+
+        Returns
+        -------
+        array (*batch, channel, *array)
+            In the unit of each channel. Planes of one shape are joined along the channel axis; planes of different shapes
+            come as a list. Missing taxels read NaN.
+        """
+        if isinstance(traction, LineContact | AreaContact):
+            traction = self.sample(traction)
+        values = as_real(traction, "traction")
+        expected = (len(self._surface.components), *self._surface.shape)
+        if tuple(values.shape[-len(expected) :]) != expected or values.ndim < len(expected):
+            raise InvalidInput(
+                f"traction must have shape (*batch, component, *surface) = (..., {', '.join(map(str, expected))}) with "
+                f"components {', '.join(self._surface.components)}; got {tuple(values.shape)}."
+            )
+        xp = namespace(values)
+        if not bool(xp.all(xp.isfinite(values))):
+            raise InvalidInput("traction contains values that are not finite (a flat punch is infinite at its edge: use sample()).")
+        out = self.operator.forward(values)
+        noisy = []
+        for array, part in zip(self._planes, out):
+            if rng is not None:
+                if array.noise_std is None:
+                    raise InvalidInput("rng was given but the array has no noise; give the array noise=....")
+                std = np.asarray(array.noise_std).reshape(-1, *(1,) * len(array.shape))
+                part = part + from_numpy(std * rng.standard_normal(tuple(part.shape)), part)
+            if array.mask is not None:
+                gaps = np.where(array.valid, 0.0, np.nan)
+                part = part + from_numpy(gaps, part)
+            noisy.append(part)
+        return self._join(noisy)
+
+    def _join(self, parts: list[Any]) -> Any:
+        if len(parts) == 1:
+            return parts[0]
+        if len({p.shape for p in self._planes}) == 1:
+            return namespace(parts[0]).concat(parts, axis=-1 - len(self._planes[0].shape))
+        return parts
+
+    def _split(self, readings: Any) -> list[Any]:
+        """One checked array per plane."""
+        planes = self._planes
+        if isinstance(readings, list | tuple) and len(planes) > 1 and len(readings) == len(planes) and not np.isscalar(readings[0]):
+            try:
+                separate = all(np.ndim(r) >= 1 + len(p.shape) and r.shape[-1 - len(p.shape)] == len(p.channels) for r, p in zip(readings, planes))
+            except AttributeError:
+                separate = False
+            if separate:
+                return [self._checked(as_real(r, "readings"), p) for r, p in zip(readings, planes)]
+        values = as_real(readings, "readings")
+        if len(planes) == 1:
+            return [self._checked(values, planes[0])]
+        if len({p.shape for p in planes}) != 1:
+            raise InvalidInput(f"the {len(planes)} planes differ in shape: pass a list with one array per plane.")
+        d = len(planes[0].shape)
+        total = sum(len(p.channels) for p in planes)
+        if values.ndim < 1 + d or values.shape[-1 - d] != total:
+            raise InvalidInput(
+                f"readings must have shape (*batch, channel, *array) with {total} channels over all planes "
+                f"({', '.join(c for p in planes for c in p.channels)}); got {tuple(values.shape)}."
+            )
+        parts, start = [], 0
+        for p in planes:
+            stop = start + len(p.channels)
+            parts.append(self._checked(values[(..., slice(start, stop), *(slice(None),) * d)], p))
+            start = stop
+        return parts
+
+    def _checked(self, values: Any, array: Array) -> Any:
+        expected = (len(array.channels), *array.shape)
+        if values.ndim < len(expected) or tuple(values.shape[-len(expected) :]) != expected:
+            raise InvalidInput(
+                f"readings must have shape (*batch, channel, *array) = (..., {', '.join(map(str, expected))}) with channels "
+                f"{', '.join(array.channels)}; got {tuple(values.shape)}."
+            )
+        if 0 in values.shape:
+            raise InvalidInput(f"readings are empty: shape {tuple(values.shape)}.")
+        xp = namespace(values)
+        if array.mask is not None:
+            working = from_numpy(array.valid, values)
+            values = xp.where(working, values, xp.zeros_like(values))
+        bad = ~xp.isfinite(values)
+        if bool(xp.any(bad)):
+            where = to_numpy(bad)
+            taxels = where.reshape(-1, *array.shape).any(axis=0)
+            raise InvalidInput(
+                f"readings hold {int(where.sum())} values that are not finite, at {int(taxels.sum())} of {taxels.size} taxels "
+                f"(first at index {tuple(int(i) for i in np.argwhere(taxels)[0])}). Leave dead taxels out: array.masked(working)."
+            )
+        self._check_size(values, array)
+        return values
+
+    def _check_size(self, values: Any, array: Array) -> None:
+        """Readings far outside linear elasticity are a unit mistake."""
+        xp = namespace(values)
+        d = len(array.shape)
+        modulus = 2.0 * self._pad.material(array.depth)[0] * (1.0 + self._pad.material(array.depth)[1])
+        extent = float(np.ptp(array.points, axis=0).max())
+        for i, channel in enumerate(array.channels):
+            largest = float(xp.max(xp.abs(values[(..., i, *(slice(None),) * d)])))
+            kind = channel.split("_")[0]
+            limit = {"stress": 30.0 * modulus, "strain": 3.0, "displacement": extent}[kind]
+            if largest > limit:
+                what = {
+                    "stress": f"30 times the pad's Young's modulus ({modulus:g} Pa)",
+                    "strain": "3 (300 %)",
+                    "displacement": f"the width of the array ({extent:g} m)",
+                }[kind]
+                raise InvalidInput(
+                    f"{channel} reaches {largest:g} {channel_unit(channel)}, more than {what}: no elastic pad does that. Check the "
+                    f"units: readings are in {channel_unit(channel)}, lengths in m, moduli in Pa."
+                )
+
+    # -- inverse -------------------------------------------------------------------------------------------------------
+
+    def reconstruct(
+        self,
+        readings: Any,
+        *,
+        method: Method = "tikhonov",
+        components: Sequence[str] | None = None,
+        order: int | None = None,
+        parameter: float | str | None = None,
+        spectrum: Spectrum | Mapping[str, Spectrum] | None = None,
+        length: float | None = None,
+        friction: float | None = None,
+    ) -> Touch:
+        """Traction on the surface from readings.
+
+        Parameters
+        ----------
+        readings : array (*batch, channel, *array), or a list with one per plane
+            In SI units, compression positive. Missing taxels (``mask``) may hold anything.
+        method : str
+            "tikhonov" (default), "hilgers" (Sobolev kernel), "truncated" (spectral cut-off), "wiener" (given spectrum),
+            "dft" and "linear" (the founding paper's division, and the linear system it stands for; on the array's own
+            grid), "constant_friction" (the paper's sliding contact, line contact only).
+        components : sequence of str, optional
+            What is sought, e.g. ["z"]; the rest is taken as zero. Default: `Skin.components`.
+        order : 0, 1 or 2
+            Derivative that Tikhonov's method keeps small (default 1).
+        parameter : float or str
+            Regularisation parameter, or the rule that chooses it for each frame: "evidence" (default), "gcv" (default of
+            "truncated"), "lcurve", "discrepancy" (needs the array's noise).
+        spectrum : callable, or a mapping from component to callable
+            For "wiener": power spectral density of the traction as a function of |k| [rad/m], in Pa^2 m (line) or
+            Pa^2 m^2 (area). The array's noise must be given.
+        length : float
+            For "hilgers": correlation length [m] (default: the depth, or the pitch at depth 0).
+        friction : float
+            For "constant_friction": the coefficient; its sign is the direction of sliding.
+
+        Returns
+        -------
+        Touch
+
+        Raises
+        ------
+        InvalidInput
+            Readings of the wrong shape, not finite, or far outside linear elasticity (wrong units).
+        NotObservable
+            Components that leave no trace in these channels, or cannot be told apart.
+        Unsupported
+            An option that the method does not take, or a layout that it cannot serve; the message says what can.
+        """
+        if method not in METHODS:
+            raise InvalidInput(f"method must be one of {', '.join(METHODS)}; got {method!r}.")
+        options = {
+            "order": order, "parameter": parameter, "spectrum": spectrum, "length": length, "friction": friction
+        }
+        for name, value in options.items():
+            if value is not None and name not in METHODS[method]:
+                takers = [m for m, accepted in METHODS.items() if name in accepted]
+                raise Unsupported(f'method="{method}" does not take {name}; it belongs to {", ".join(takers)}.')
+        parts = self._split(readings)
+        names = ("z",) if method == "constant_friction" and components is None else self._names(components)
+        solver = self._solver(method, names, options)
+        estimate: Estimate = solver.solve(parts)
+        grid = solver.grid if isinstance(solver, Division | LinearSolve) else self._surface
+        sought = ("x", "z") if method == "constant_friction" else names
+        return Touch(
+            estimate.traction,
+            grid,
+            sought,
+            method,
+            self._notes(sought, method, solver),
+            estimate.parameter,
+            self._noise(solver, estimate),
+            estimate.residual,
+            self._unseen(sought),
+        )
+
+    def _names(self, components: Sequence[str] | None) -> tuple[str, ...]:
+        if components is None:
+            return self.components
+        accepted = self._surface.components
+        if isinstance(components, str) or not components or any(c not in accepted for c in components):
+            raise InvalidInput(f"components must be a list of names among {', '.join(accepted)}; got {components!r}.")
+        return tuple(c for c in accepted if c in components)
+
+    def _solver(self, method: str, names: tuple[str, ...], options: Mapping[str, Any]) -> Any:
+        spectrum = options["spectrum"]
+        spectrum_key = tuple(sorted(spectrum.items())) if isinstance(spectrum, Mapping) else spectrum
+        key = (method, names, spectrum_key, *(options[o] for o in ("order", "parameter", "length", "friction")))
+        if key not in self._solvers:
+            check_observable(self._pad, self._planes, names)
+            self._solvers[key] = self._prepare(method, names, options)
+        return self._solvers[key]
+
+    def _prepare(self, method: str, names: tuple[str, ...], options: Mapping[str, Any]) -> Any:
+        columns = [self._surface.components.index(c) for c in names]
+        if method == "dft":
+            return Division(self._pad, self._planes, columns)
+        if method == "linear":
+            return LinearSolve(self._pad, self._planes, columns)
+        parameter = options["parameter"]
+        if parameter is None:
+            parameter = "gcv" if method == "truncated" else "evidence"
+        grid = self._surface
+        priors: list[Prior]
+        if method == "hilgers":
+            length = options["length"]
+            if length is None:
+                length = min(p.depth for p in self._planes) or grid.spacings[-1]
+            if not (isinstance(length, int | float) and math.isfinite(length) and length > 0):
+                raise InvalidInput(f"length must be a positive number of metres; got {length!r}.")
+            priors = [hilgers_prior(grid, float(length))] * len(names)
+        elif method == "truncated":
+            priors = [DifferencePrior(grid, 0)] * len(names)
+        elif method == "wiener":
+            priors = self._spectral_priors(names, options["spectrum"])
+            if any(p.noise_std is None for p in self._planes):
+                raise Unsupported('method="wiener" needs the noise: give the array noise=..., or use method="tikhonov".')
+            parameter = 1.0
+        else:
+            order = 1 if options["order"] is None else options["order"]
+            priors = [DifferencePrior(grid, order)] * len(names)
+        filter_factors = truncate if method == "truncated" else tikhonov
+        inner = Regularised(self.operator, priors, columns, filter_factors, parameter)
+        if method == "constant_friction":
+            if options["friction"] is None:
+                raise InvalidInput('method="constant_friction" needs friction=..., the coefficient mu.')
+            return ConstantFriction(self._pad, self._planes, inner, options["friction"])
+        return inner
+
+    def _spectral_priors(self, names: tuple[str, ...], spectrum: Any) -> list[Prior]:
+        if spectrum is None:
+            raise InvalidInput(
+                'method="wiener" needs spectrum=..., a function of wavenumber [rad/m] that returns the power spectral density '
+                "of the traction."
+            )
+        if isinstance(spectrum, Mapping):
+            missing = [c for c in names if c not in spectrum]
+            if missing:
+                raise InvalidInput(f"spectrum lacks the component {', '.join(missing)}.")
+            return [SpectralPrior(self._surface, spectrum[c]) for c in names]
+        return [SpectralPrior(self._surface, spectrum)] * len(names)
+
+    def _noise(self, solver: Any, estimate: Estimate) -> Floats | None:
+        inner = solver.inner if isinstance(solver, ConstantFriction) else solver
+        if not isinstance(inner, Regularised) or estimate.noise_scale is None:
+            return None
+        return estimate.noise_scale[..., None] * np.concatenate(inner.scales)
+
+    def _unseen(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        if self._boundary != "periodic":
+            return ()
+        return names if all(c.startswith("displacement") for p in self._planes for c in p.channels) else ()
+
+    def _notes(self, names: tuple[str, ...], method: str, solver: Any) -> tuple[str, ...]:
+        notes = []
+        zero = [c for c in self._surface.components if c not in names]
+        if zero:
+            notes.append(f"{' and '.join(_SPOKEN[c] for c in zero)} taken as zero: the channels cannot tell all components apart"
+                         if set(names) == set(self.components) else f"{' and '.join(_SPOKEN[c] for c in zero)} taken as zero, as asked")
+        if method == "constant_friction":
+            notes.append("shear is uniform over a symmetric contact and follows the net force by the friction given")
+        unseen = self._unseen(names)
+        if unseen:
+            notes.append("net force cannot be known from displacements of a periodic surface: the mean traction is set to zero")
+        elif method not in ("dft", "linear"):
+            blind = blind_to_force(self._pad, self._planes, names)
+            if blind:
+                notes.append(
+                    f"the net force of {' and '.join(_SPOKEN[c] for c in blind)} is seen only through the finite width of the "
+                    "contact: these channels do not feel a uniform load"
+                )
+        if isinstance(solver, Division) and solver.condition > 1e8:
+            notes.append(f"division amplifies noise up to {solver.condition:.1e} times")
+        return tuple(notes)

@@ -1,0 +1,33 @@
+"""What line and area solutions share."""
+
+from __future__ import annotations
+
+import math
+
+from palpate.elastic.half_space import HalfSpace
+from palpate.errors import InvalidInput
+
+__all__ = ["positive", "slip_ratio", "smoothed_modulus"]
+
+
+def positive(name: str, value: float, unit: str) -> float:
+    """``value`` as a float, or `InvalidInput` unless it is positive and finite."""
+    if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+        raise InvalidInput(f"{name} must be a positive, finite number of {unit}; got {value!r}.")
+    return float(value)
+
+
+def smoothed_modulus(pad: HalfSpace) -> float:
+    """Plane-strain modulus E* = E/(1 - nu^2) [Pa] of a pad pressed by a rigid body."""
+    return pad.youngs_modulus / (1.0 - pad.poissons_ratio**2)
+
+
+def slip_ratio(friction: float, tangential_force: float, normal_force: float) -> float:
+    """|Q|/(mu P), or `InvalidInput` where the contact would slide."""
+    ratio = abs(tangential_force) / (positive("friction", friction, "(dimensionless)") * normal_force)
+    if not ratio < 1.0:
+        raise InvalidInput(
+            f"the tangential force {tangential_force:g} reaches friction * normal force = {friction * normal_force:g}: "
+            "the contact slides as a whole. Use sliding(friction), or a smaller tangential force."
+        )
+    return ratio

@@ -1,0 +1,233 @@
+"""Area contact on a half-space: point load, uniform rectangle, Hertz and punch circles, friction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats, HalfSpace
+from palpate.elastic.quantities import check_channels
+from palpate.errors import InvalidInput, Unsupported
+from palpate.solutions._common import positive, slip_ratio, smoothed_modulus
+from palpate.solutions.potential import PointTable, RectangleTable, area_fields
+
+__all__ = ["AreaContact", "flat_punch", "hertz_contact_radius", "hertz_point", "patch", "point_load"]
+
+Shape = Literal["load", "patch", "hertz", "punch"]
+
+
+@dataclass(frozen=True)
+class _Term:
+    shape: Shape
+    size: tuple[float, float]  # half-widths of a patch, or (radius, radius)
+    force: float
+    component: str
+
+
+class _CircleTable:
+    """Table of an axisymmetric load of unit force by complex sources.
+
+    The potential of a pressure on a circle is that of sources spread over imaginary depths,
+    int_{-a}^{a} g(t) Omega(x, y, z + i t) dt, with g = 1/(2a) for a flat punch and 3(a^2 - t^2)/(4 a^3) for Hertz.
+    The integrand is analytic up to a distance z from the path: Gauss-Legendre converges like exp(-2 n z/a).
+    """
+
+    def __init__(self, x: Floats, y: Floats, z: Floats, radius: float, shape: Shape) -> None:
+        nearest = float(np.min(z))
+        if nearest < 0.01 * radius:
+            raise Unsupported(
+                f"subsurface fields of a circular contact need depth >= 0.01 * radius = {0.01 * radius:g} m; got "
+                f"{nearest:g} m. On the surface use traction()."
+            )
+        t, weight = np.polynomial.legendre.leggauss(40 + math.ceil(20.0 * radius / nearest))
+        t, weight = t * radius, weight * radius
+        g = 1.0 / (2 * radius) if shape == "punch" else 3.0 * (radius**2 - t**2) / (4 * radius**3)
+        half = t > 0  # the two halves of the path are complex conjugates
+        self._weight = (2.0 * weight * g)[half]
+        self._depths = t[half]
+        self._point = (x, y, z)
+
+    def __getitem__(self, key: str) -> Floats:
+        x, y, z = self._point
+        out = np.zeros(np.broadcast_shapes(x.shape, y.shape, z.shape))
+        for w, t in zip(self._weight, self._depths):
+            out += w * PointTable(x, y, z + 1j * t)[key].real
+        return out
+
+
+@dataclass(frozen=True)
+class AreaContact:
+    """An area contact: a sum of closed-form tractions. Make one with `hertz_point`, `patch`, and so on.
+
+    Attributes
+    ----------
+    size : (float, float)
+        Half-widths in x and y [m]: the contact radius twice for a circle.
+    center : (float, float)
+        Where its middle (x, y) lies on the surface [m].
+    """
+
+    terms: tuple[_Term, ...]
+    size: tuple[float, float]
+    center: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def force(self) -> Floats:
+        """Net force (x, y, z) [N]."""
+        return np.array([sum(t.force for t in self.terms if t.component == c) for c in "xyz"], dtype=np.float64)
+
+    def traction(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Floats:
+        """Surface traction (q_x, q_y, p) [Pa] at positions x, y [m], broadcast: shape (3, ...)."""
+        xx, yy = np.broadcast_arrays(
+            np.asarray(x, dtype=np.float64) - self.center[0], np.asarray(y, dtype=np.float64) - self.center[1]
+        )
+        out = np.zeros((3, *xx.shape))
+        for term in self.terms:
+            out["xyz".index(term.component)] += term.force * _density(term, xx, yy)
+        return out
+
+    def averages(self, x: npt.ArrayLike, y: npt.ArrayLike, *, samples: int = 8) -> Floats:
+        """Mean traction (3, y, x) [Pa] in the cells of a uniform grid with centres ``x`` and ``y`` [m].
+
+        Exact for a patch; for circles the mean over ``samples`` x ``samples`` points of each cell.
+        """
+        xs, ys = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        dx, dy = float(xs[1] - xs[0]), float(ys[1] - ys[0])
+        if all(t.shape == "patch" for t in self.terms):
+            out = np.zeros((3, ys.size, xs.size))
+            for t in self.terms:
+                cover_x = _overlap(xs - self.center[0], dx, t.size[0])
+                cover_y = _overlap(ys - self.center[1], dy, t.size[1])
+                value = t.force / (4 * t.size[0] * t.size[1])
+                out["xyz".index(t.component)] += value * cover_y[:, None] * cover_x[None, :]
+            return out
+        sub = (np.arange(samples) + 0.5) / samples - 0.5
+        fine = self.traction(
+            (xs[:, None] + dx * sub).ravel()[None, :], (ys[:, None] + dy * sub).ravel()[:, None]
+        )
+        return np.asarray(fine.reshape(3, ys.size, samples, xs.size, samples).mean(axis=(2, 4)))
+
+    def fields(
+        self,
+        pad: HalfSpace,
+        channels: Sequence[str],
+        x: npt.ArrayLike,
+        y: npt.ArrayLike,
+        depth: npt.ArrayLike,
+    ) -> Floats:
+        """Channels (channel, ...) at positions x, y and ``depth`` [m], broadcast together."""
+        names = check_channels(channels, 2)
+        xx, yy, zz = np.broadcast_arrays(
+            np.asarray(x, dtype=np.float64) - self.center[0],
+            np.asarray(y, dtype=np.float64) - self.center[1],
+            np.asarray(depth, dtype=np.float64),
+        )
+        out = np.zeros((len(names), *xx.shape))
+        for term in self.terms:
+            if term.shape == "load":
+                table: PointTable | RectangleTable | _CircleTable = PointTable(xx, yy, zz)
+            elif term.shape == "patch":
+                table = RectangleTable(xx, yy, zz, term.size)
+            else:
+                table = _CircleTable(xx, yy, zz, term.size[0], term.shape)
+            scale = term.force / (4 * term.size[0] * term.size[1]) if term.shape == "patch" else term.force
+            out += scale * np.stack(area_fields(table, zz, term.component, pad, names))
+        return out
+
+    def shifted(self, x: float, y: float) -> AreaContact:
+        """The same contact with its middle at (x, y) [m]."""
+        return replace(self, center=(float(x), float(y)))
+
+    def sliding(self, friction: float, *, direction: float = 0.0) -> AreaContact:
+        """The contact sliding: shear of size friction * p towards ``direction`` [rad from +x]."""
+        if not (math.isfinite(friction) and math.isfinite(direction)):
+            raise InvalidInput(f"friction and direction must be finite; got {friction!r}, {direction!r}.")
+        normal = tuple(t for t in self.terms if t.component == "z")
+        shear = tuple(
+            replace(t, component=c, force=friction * share * t.force)
+            for t in normal
+            for c, share in (("x", math.cos(direction)), ("y", math.sin(direction)))
+        )
+        return replace(self, terms=normal + shear)
+
+    def partial_slip(self, friction: float, tangential_force: float, *, direction: float = 0.0) -> AreaContact:
+        """Cattaneo-Mindlin partial slip: a Hertz contact pulled by |Q| < mu P [N], stuck in r < c.
+
+            q = mu [p(r; a) - (c/a) p(r; c)],   c/a = (1 - |Q|/(mu P))^(1/3)
+
+        towards ``direction`` [rad from +x] (R. D. Mindlin 1949; the small transverse component that the exact
+        solution has for nu > 0 is left out, as there).
+        """
+        if len(self.terms) != 1 or self.terms[0].shape != "hertz":
+            raise Unsupported("partial_slip needs a frictionless Hertz contact; make one with hertz_point.")
+        (normal,) = self.terms
+        ratio = slip_ratio(friction, tangential_force, normal.force)
+        stick = (1.0 - ratio) ** (1.0 / 3.0)
+        full = math.copysign(friction * normal.force, tangential_force)
+        inner = (stick * self.size[0], stick * self.size[1])
+        shear = []
+        for c, share in (("x", math.cos(direction)), ("y", math.sin(direction))):
+            shear.append(replace(normal, component=c, force=share * full))
+            shear.append(_Term("hertz", inner, -share * full * stick**3, c))
+        return replace(self, terms=(normal, *shear))
+
+
+def _overlap(centres: Floats, width: float, half: float) -> Floats:
+    """Fraction of each cell of ``width`` that lies inside |x| < half."""
+    low, high = np.maximum(centres - width / 2, -half), np.minimum(centres + width / 2, half)
+    return np.clip(high - low, 0.0, None) / width
+
+
+def _density(term: _Term, x: Floats, y: Floats) -> Floats:
+    a, b = term.size
+    if term.shape == "load":
+        raise Unsupported("a point load has no finite traction; use fields().")
+    if term.shape == "patch":
+        return np.where((np.abs(x) <= a) & (np.abs(y) <= b), 1.0 / (4 * a * b), 0.0)
+    inside = 1.0 - (x**2 + y**2) / a**2
+    with np.errstate(divide="ignore"):
+        if term.shape == "hertz":
+            return np.where(inside > 0, 1.5 / (math.pi * a**2) * np.sqrt(np.maximum(inside, 0.0)), 0.0)
+        return np.where(inside > 0, 0.5 / (math.pi * a**2) / np.sqrt(np.maximum(inside, 0.0)), 0.0)
+
+
+def _single(shape: Shape, size: tuple[float, float], force: float, component: str) -> AreaContact:
+    if component not in ("x", "y", "z"):
+        raise InvalidInput(f'component must be "x", "y" (shear) or "z" (pressure); got {component!r}.')
+    if not math.isfinite(force):
+        raise InvalidInput(f"force must be a finite number of newtons; got {force!r}.")
+    return AreaContact((_Term(shape, size, float(force), component),), size)
+
+
+def point_load(*, force: float, component: str = "z") -> AreaContact:
+    """A point force [N] at the origin: Boussinesq ("z") or Cerruti ("x", "y")."""
+    return _single("load", (0.0, 0.0), force, component)
+
+
+def patch(*, half_widths: tuple[float, float], traction: float, component: str = "z") -> AreaContact:
+    """Uniform ``traction`` [Pa] on |x| < a, |y| < b, ``half_widths`` (a, b) [m] (Love 1929 for pressure)."""
+    a, b = (positive("half_widths", h, "metres") for h in half_widths)
+    return _single("patch", (a, b), 4 * a * b * traction, component)
+
+
+def hertz_point(*, radius: float, force: float) -> AreaContact:
+    """A ball: p = (3P/(2 pi a^2)) sqrt(1 - r^2/a^2), ``force`` P [N], contact ``radius`` a [m] (Hertz 1882)."""
+    a = positive("radius", radius, "metres")
+    return _single("hertz", (a, a), positive("force", force, "newtons"), "z")
+
+
+def flat_punch(*, radius: float, force: float) -> AreaContact:
+    """A flat circular punch: p = P/(2 pi a sqrt(a^2 - r^2)), ``force`` P [N], ``radius`` a [m] (Boussinesq)."""
+    a = positive("radius", radius, "metres")
+    return _single("punch", (a, a), positive("force", force, "newtons"), "z")
+
+
+def hertz_contact_radius(pad: HalfSpace, *, radius: float, force: float) -> float:
+    """a = (3 P R/(4 E*))^(1/3) [m]: a rigid ball of ``radius`` R [m] pressed with ``force`` P [N]."""
+    product = positive("force", force, "newtons") * positive("radius", radius, "metres")
+    return (3.0 * product / (4.0 * smoothed_modulus(pad))) ** (1.0 / 3.0)

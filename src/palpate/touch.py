@@ -1,0 +1,271 @@
+"""The result: traction on the surface, and what can be read off it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate._arrays import from_numpy, namespace, to_numpy
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput, NotObservable
+from palpate.sensing.grids import Grid
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+__all__ = ["Touch"]
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """What touches the pad.
+
+    Attributes
+    ----------
+    values : array (*batch, component, *surface)
+        Traction [Pa] in the caller's array kind; components ("x", "z") on a line, ("x", "y", "z") on an area.
+        Components that were not sought are 0.
+    surface : LineGrid or AreaGrid
+        Where the traction lives.
+    components : tuple of str
+        The components that were sought; the others were taken as zero.
+    method : str
+        How it was found.
+    notes : tuple of str
+        What was assumed and what could not be seen.
+    parameter : array (*batch) or None
+        Regularisation parameter: the weight of int |D^m t|^2 [Pa^2 m^(d - 2m)] against the squared, noise-scaled residuals.
+    noise_std : array (*batch, channel) or None
+        Standard deviation of the noise of each channel, as given or as estimated from the misfit.
+    residual : array (*batch) or None
+        Root mean square misfit in units of `noise_std` as used for weighting (1 is perfect where the noise was given).
+    unseen_force : tuple of str
+        Components whose net force leaves no trace in the readings; `force` is NaN there.
+    time : array or None
+        Time of each frame [s].
+    """
+
+    values: Any
+    surface: Grid
+    components: tuple[str, ...]
+    method: str
+    notes: tuple[str, ...] = ()
+    parameter: Floats | None = None
+    noise_std: Floats | None = None
+    residual: Floats | None = None
+    unseen_force: tuple[str, ...] = ()
+    time: Floats | None = None
+    meta: dict[str, str] = field(default_factory=dict)
+
+    # -- labelled views ------------------------------------------------------------------------------------------------
+
+    @property
+    def traction(self) -> xarray.DataArray:
+        """Traction [Pa] with coordinates: (time, component, y, x), or (component, x) for one frame on a line."""
+        import xarray
+
+        data = to_numpy(self.values)
+        d = self.surface.dimensions
+        batch = data.shape[: -1 - d]
+        dims = ["time"] if len(batch) == 1 else [f"batch_{i}" for i in range(len(batch))]
+        coords: dict[str, Any] = {"component": list(self.surface.components)}
+        if len(batch) == 1:
+            coords["time"] = np.arange(batch[0], dtype=np.float64) if self.time is None else self.time
+        for name, axis in zip(("x",) if d == 1 else ("y", "x"), self.surface.axes):
+            coords[name] = axis
+        out = xarray.DataArray(
+            data,
+            dims=[*dims, "component", *(("x",) if d == 1 else ("y", "x"))],
+            coords=coords,
+            name="traction",
+            attrs={"units": "Pa", "long_name": "surface traction", "method": self.method, "notes": "\n".join(self.notes)},
+        )
+        for name in ("x", "y")[:d]:
+            out[name].attrs["units"] = "m"
+        if len(batch) == 1:
+            out["time"].attrs["units"] = "frame" if self.time is None else "s"
+        return out
+
+    @property
+    def pressure(self) -> xarray.DataArray:
+        """Pressure p [Pa], positive into the pad."""
+        return self._sought("z").sel(component="z", drop=True).rename("pressure")
+
+    @property
+    def shear(self) -> xarray.DataArray:
+        """Shear traction [Pa]: component "x", or "x" and "y"."""
+        names = [c for c in self.surface.components if c != "z"]
+        return self._sought(*names).sel(component=names).rename("shear")
+
+    def _sought(self, *names: str) -> xarray.DataArray:
+        self._require(*names)
+        return self.traction
+
+    def _require(self, *names: str) -> None:
+        missing = [n for n in names if n not in self.components]
+        if missing:
+            raise NotObservable(
+                f"the component{'s' if len(missing) > 1 else ''} {', '.join(missing)} of the traction was not sought: "
+                f"only {', '.join(self.components)} {'was' if len(self.components) == 1 else 'were'}, and the rest taken as "
+                "zero. Measure more channels or another plane, and ask for it with components=[...]."
+            )
+
+    # -- numbers -------------------------------------------------------------------------------------------------------
+
+    def _component(self, name: str) -> Any:
+        d = self.surface.dimensions
+        return self.values[(..., self.surface.components.index(name), *(slice(None),) * d)]
+
+    def _integral(self, x: Any) -> Any:
+        xp = namespace(x)
+        return xp.sum(x, axis=tuple(range(-self.surface.dimensions, 0))) * self.surface.cell
+
+    def _coordinate(self, name: str) -> Any:
+        """x or y [m], shaped to multiply a component."""
+        if name == "x":
+            return from_numpy(self.surface.x, self.values)
+        return from_numpy(self.surface.axes[0][:, None], self.values)
+
+    @property
+    def force(self) -> Any:
+        """Net force (*batch, component) [N], or [N/m] on a line; NaN where `unseen_force` says it cannot be known."""
+        xp = namespace(self.values)
+        total = self._integral(self.values)
+        if self.unseen_force:
+            lost = np.array([math.nan if c in self.unseen_force else 0.0 for c in self.surface.components])
+            total = total + from_numpy(lost, self.values)
+        return xp.asarray(total)
+
+    @property
+    def moment(self) -> Any:
+        """Moment about the origin of the surface coordinates.
+
+        On an area (*batch, 3) [N m]: (int y p, -int x p, int (x q_y - y q_x)). On a line (*batch, 1) [N]: about y, -int x p.
+        NaN where it involves a component of `unseen_force`.
+        """
+        xp = namespace(self.values)
+        x, p = self._coordinate("x"), self._component("z")
+        about_y = -self._integral(x * p)
+        if self.surface.dimensions == 1:
+            parts, needs = [about_y], ["z"]
+        else:
+            y = self._coordinate("y")
+            spin = self._integral(x * self._component("y") - y * self._component("x"))
+            parts, needs = [self._integral(y * p), about_y, spin], ["z", "z", "xy"]
+        out = xp.stack(parts, axis=-1)
+        lost = np.array([math.nan if any(c in self.unseen_force for c in n) else 0.0 for n in needs])
+        return out + from_numpy(lost, self.values)
+
+    @property
+    def center_of_pressure(self) -> Any:
+        """(*batch, 2) as (x, y), or (*batch, 1) on a line [m]: int x p / int p; NaN without net pressure."""
+        self._require("z")
+        xp = namespace(self.values)
+        p = self._component("z")
+        total = self._integral(p)
+        if "z" in self.unseen_force:
+            total = total * math.nan
+        safe = xp.where(total > 0, total, xp.ones_like(total) * math.nan)
+        names = ("x",) if self.surface.dimensions == 1 else ("x", "y")
+        return xp.stack([self._integral(self._coordinate(n) * p) / safe for n in names], axis=-1)
+
+    @property
+    def peak_pressure(self) -> Any:
+        """Largest pressure (*batch) [Pa]."""
+        self._require("z")
+        return self._largest(self._component("z"))
+
+    def _largest(self, x: Any) -> Any:
+        return namespace(x).max(x, axis=tuple(range(-self.surface.dimensions, 0)))
+
+    def contact(self, *, threshold: float = 0.1) -> Any:
+        """True (*batch, *surface) where the pressure exceeds ``threshold`` times its peak."""
+        self._require("z")
+        if not 0 < threshold < 1:
+            raise InvalidInput(f"threshold must lie between 0 and 1; got {threshold!r}.")
+        p = self._component("z")
+        peak = self.peak_pressure[(..., *(None,) * self.surface.dimensions)]
+        return (p > threshold * peak) & (peak > 0)
+
+    def contact_area(self, *, threshold: float = 0.1) -> Any:
+        """Area (*batch) [m^2] (a width [m] on a line) where the pressure exceeds ``threshold`` times its peak."""
+        xp = namespace(self.values)
+        return self._integral(xp.astype(self.contact(threshold=threshold), self.values.dtype))
+
+    def slip_margin(self, friction: float, *, threshold: float = 0.1) -> Any:
+        """Grasp stability (*batch) [Pa]: the smallest friction * p - |q| over the contact.
+
+        Positive: every point of the contact could bear more shear. Negative: some point is beyond the friction limit, so it
+        slides, or the friction is higher than said. ``threshold`` delimits the contact as in `contact`, because at its
+        edge both p and q vanish. NaN without contact.
+        """
+        self._require(*self.surface.components)
+        if not (isinstance(friction, int | float) and math.isfinite(friction) and friction > 0):
+            raise InvalidInput(f"friction must be a positive number; got {friction!r}.")
+        xp = namespace(self.values)
+        margin = friction * self._component("z") - self._shear_size()
+        inside = self.contact(threshold=threshold)
+        margin = xp.where(inside, margin, xp.ones_like(margin) * math.inf)
+        smallest = -self._largest(-margin)
+        return xp.where(xp.isfinite(smallest), smallest, xp.ones_like(smallest) * math.nan)
+
+    def _shear_size(self) -> Any:
+        xp = namespace(self.values)
+        if self.surface.dimensions == 1:
+            return xp.abs(self._component("x"))
+        return xp.sqrt(self._component("x") ** 2 + self._component("y") ** 2)
+
+    # -- pictures ------------------------------------------------------------------------------------------------------
+
+    def plot(self, *, frame: int = 0, truth: Any = None, title: str | None = None) -> Figure:
+        """A figure of pressure and shear (of one ``frame`` of a batch); ``truth`` (component, *surface) is drawn beside it."""
+        from palpate._plot import plot_touch
+
+        return plot_touch(self, frame=frame, truth=truth, title=title)
+
+    def summary(self, *, friction: float | None = None, frame: int = 0) -> str:
+        """Force, peak pressure, centre of pressure and (with ``friction``) slip margin in words, one to a line."""
+        one = self.frame(frame)
+        line = self.surface.dimensions == 1
+        force = to_numpy(one.force)
+        unit = "N/m" if line else "N"
+        lines = ["net force       " + ", ".join(f"{c} {v:.4g} {unit}" for c, v in zip(self.surface.components, force))]
+        if "z" in self.components:
+            lines.append(f"peak pressure   {float(one.peak_pressure):.4g} Pa")
+            lines.append("centre          " + ", ".join(f"{1e3 * float(v):.4g} mm" for v in to_numpy(one.center_of_pressure)))
+            size = float(one.contact_area())
+            lines.append(f"contact         {1e3 * size:.4g} mm" if line else f"contact area    {1e6 * size:.4g} mm^2")
+        if friction is not None and set(self.components) == set(self.surface.components):
+            lines.append(f"slip margin     {float(one.slip_margin(friction)):.4g} Pa at friction {friction:g}")
+        return "\n".join([*lines, *(f"note: {n}" for n in self.notes)])
+
+    def frame(self, index: int) -> Touch:
+        """One frame of a batch (the touch itself where there is no batch)."""
+        d = self.surface.dimensions
+        batch = self.values.shape[: -1 - d]
+        if not batch:
+            return self
+        namespace(self.values)
+        count = math.prod(batch)
+        if not -count <= index < count:
+            raise InvalidInput(f"frame {index} is not among the {count} frames.")
+        xp = namespace(self.values)
+        flat = xp.reshape(self.values, (count, *self.values.shape[len(batch) :]))
+        pick = lambda a: None if a is None else a.reshape(count, *a.shape[len(batch) :])[index]  # noqa: E731
+        return Touch(
+            flat[index, ...],
+            self.surface,
+            self.components,
+            self.method,
+            self.notes,
+            pick(self.parameter),
+            pick(self.noise_std),
+            pick(self.residual),
+            self.unseen_force,
+            None,
+            self.meta,
+        )
