@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,9 @@ from palpate.sensing.operator import Boundary, Operator
 from palpate.sensing.surface import default_surface
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
+
+if TYPE_CHECKING:
+    from palpate.recordings.recording import Recording
 
 __all__ = ["METHODS", "Skin"]
 
@@ -108,11 +111,15 @@ class Skin:
     # -- what it is ----------------------------------------------------------------------------------------------------
 
     @classmethod
-    def from_file(cls, path: str | Path) -> Skin:
-        """Read a skin.toml (see the file format in the documentation)."""
+    def from_file(cls, path: str | Path, *, recording: Recording | None = None) -> Skin:
+        """Read a skin.toml (see the file format in the documentation).
+
+        ``recording`` gives the positions of a scattered plane, or the shape and pitch of a gridded one, that the file
+        leaves out.
+        """
         from palpate.recordings.skinfile import read_skin
 
-        pad, planes, surface, boundary = read_skin(path)
+        pad, planes, surface, boundary = read_skin(path, recording)
         return cls(pad, planes, surface=surface, boundary=boundary)
 
     @property

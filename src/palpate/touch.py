@@ -162,13 +162,14 @@ class Touch:
 
     @property
     def center_of_pressure(self) -> Any:
-        """(*batch, 2) as (x, y), or (*batch, 1) on a line [m]: int x p / int p; NaN without net pressure."""
+        """(*batch, 2) as (x, y), or (*batch, 1) on a line [m]: int x p / int p over the `contact`; NaN without contact.
+
+        Only the contact counts: far from it the recovered pressure is noise around zero, which a long lever would amplify.
+        """
         self._require("z")
         xp = namespace(self.values)
-        p = self._component("z")
+        p = xp.where(self.contact(), self._component("z"), xp.zeros_like(self._component("z")))
         total = self._integral(p)
-        if "z" in self.unseen_force:
-            total = total * math.nan
         safe = xp.where(total > 0, total, xp.ones_like(total) * math.nan)
         names = ("x",) if self.surface.dimensions == 1 else ("x", "y")
         return xp.stack([self._integral(self._coordinate(n) * p) / safe for n in names], axis=-1)

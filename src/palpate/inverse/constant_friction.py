@@ -1,8 +1,10 @@
 """The founding paper's friction case: pressure plus a constant shear over one symmetric contact, from one channel.
 
-One channel of normal stress or strain mixes pressure and shear. If the contact is symmetric about its middle and slides
-with a constant shear q0 = mu P/(2a) over |x - x0| < a, the shear has two unknowns left, x0 and a: pressure is even about
-x0 and gives an even reading, the shear gives an odd one. The half-width is the one whose odd reading fits best.
+One channel of normal stress or strain mixes pressure and shear. If the contact is symmetric about its middle x0 and slides
+with a constant shear q0 over |x - x0| < a, pressure is even about x0 and gives an even reading, the shear gives an odd one.
+Middle and half-width are those whose shear explains the odd part best. The size of the shear follows from friction where
+the channel weighs the contact (stress: 2 a q0 = mu P, with P the net force of the pressure found); a strain of an
+incompressible pad does not feel the net force, so there the odd reading gives the shear itself.
 """
 
 from __future__ import annotations
@@ -13,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from palpate._arrays import from_numpy, namespace, to_numpy
+from palpate._arrays import from_numpy, to_numpy
 from palpate.elastic.half_space import Floats, HalfSpace, Pad
 from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.direct import Division, LinearSolve
 from palpate.inverse.regularised import Estimate, Regularised
 from palpate.sensing.arrays import Array, LineArray
-from palpate.sensing.operator import Operator
 from palpate.solutions.line import strip
 
 __all__ = ["ConstantFriction"]
@@ -29,28 +31,32 @@ class ConstantFriction:
 
     Parameters
     ----------
-    inner : Regularised
-        The inversion for pressure alone, on the same operator.
+    inner : Regularised, Division or LinearSolve
+        The inversion for pressure alone.
     friction : float
         Coefficient mu; its sign is the direction of sliding.
     """
 
-    def __init__(self, pad: Pad, planes: Sequence[Array], inner: Regularised, friction: float) -> None:
+    def __init__(
+        self, pad: Pad, planes: Sequence[Array], inner: Regularised | Division | LinearSolve, friction: float
+    ) -> None:
         array = planes[0]
         if len(planes) != 1 or not isinstance(array, LineArray) or len(array.channels) != 1 or array.mask is not None:
             raise Unsupported(
                 'method="constant_friction" needs one complete LineArray with one channel. With two channels or planes '
                 'seek both components: method="tikhonov", components=["x", "z"].'
             )
-        if array.channels[0] not in ("stress_zz", "strain_zz", "stress_xx", "strain_xx") or not isinstance(pad, HalfSpace):
+        channel = array.channels[0]
+        if channel not in ("stress_zz", "strain_zz", "stress_xx", "strain_xx") or not isinstance(pad, HalfSpace):
             raise Unsupported(
                 'method="constant_friction" needs a normal stress or strain of a HalfSpace; got '
-                f"{array.channels[0]} of a {type(pad).__name__}."
+                f"{channel} of a {type(pad).__name__}."
             )
         if not (math.isfinite(friction) and friction != 0):
             raise InvalidInput(f"friction must be a finite number other than 0; got {friction!r}.")
         self.pad, self.array, self.inner, self.friction = pad, array, inner, friction
-        self.operator: Operator = inner.operator
+        self.grid = inner.operator.surface if isinstance(inner, Regularised) else inner.grid
+        self._weighs = channel == "stress_zz"
 
     def _shear_reading(self, half_width: float, center: float) -> Floats:
         """Reading of a unit shear force spread evenly over the contact."""
@@ -63,66 +69,77 @@ class ConstantFriction:
         return np.asarray(sum(w * unit.fields(self.pad, self.array.channels, x + n, depth)[0] for n, w in nodes))
 
     def solve(self, readings: Sequence[Any]) -> Estimate:
-        """Traction (..., component, *surface); the half-widths found are in `half_width` of the last call's estimate."""
-        xp = namespace(readings[0])
+        """Traction (..., component, *surface)."""
         flat = to_numpy(readings[0]).astype(np.float64).reshape(-1, self.array.count)
-        tractions, parameters, noises, residuals = [], [], [], []
-        for frame in flat:
-            estimate = self._frame(frame)
-            tractions.append(estimate.traction)
-            parameters.append(estimate.parameter)
-            noises.append(estimate.noise_scale)
-            residuals.append(estimate.residual)
+        estimates = [self._frame(frame) for frame in flat]
         batch = readings[0].shape[:-2]
-        stack = np.stack(tractions).reshape(*batch, 2, *self.operator.surface.shape)
+        stack = np.stack([e.traction for e in estimates]).reshape(*batch, 2, *self.grid.shape)
+
+        def gather(name: str) -> Floats | None:
+            values = [getattr(e, name) for e in estimates]
+            return None if values[0] is None else np.array(values).reshape(batch)
+
         return Estimate(
-            xp.asarray(from_numpy(stack, readings[0])),
-            np.array(parameters).reshape(batch),
-            np.array(noises).reshape(batch),
-            np.array(residuals).reshape(batch),
+            from_numpy(stack, readings[0]), gather("parameter"), gather("noise_scale"), gather("residual")
         )
 
-    def _pressure(self, reading: Floats) -> tuple[Estimate, float]:
-        estimate = self.inner.solve([reading[None, :]])
-        return estimate, float(estimate.traction[1].sum() * self.operator.surface.cell)
-
     def _frame(self, reading: Floats) -> Estimate:
-        from scipy.interpolate import CubicSpline
         from scipy.optimize import minimize
 
         x, pitch = self.array.grid.x, self.array.pitch
-        extent = x[-1] - x[0]
-        first, force = self._pressure(reading)
-        weight = np.abs(reading)
-        start = float((x * weight).sum() / max(weight.sum(), 1e-300))
+        power = float((reading**2).mean()) or 1.0
 
-        def fit(center: float, half_width: float, total: float) -> tuple[Floats, Estimate, float]:
-            shear = self.friction * total * self._shear_reading(half_width, center)
-            estimate, new_total = self._pressure(reading - shear)
-            return shear, estimate, new_total
+        def shear_force(center: float, half_width: float, total: float) -> tuple[float, float]:
+            """Net shear and the odd part of the reading that it leaves (mean square, relative)."""
+            odd = _odd_part(x, reading, center)
+            unit = _odd_part(x, self._shear_reading(half_width, center), center)
+            if self._weighs:
+                force = self.friction * total
+            else:
+                force = float(odd @ unit / max(unit @ unit, 1e-300))
+                if force * self.friction < 0:
+                    force = 0.0
+            return force, float(((odd - force * unit) ** 2).mean()) / power
 
-        def cost(p: Floats, total: float) -> float:
-            center, half_width = float(p[0]), float(np.exp(p[1]))
-            shear = self.friction * total * self._shear_reading(half_width, center)
-            left = reading - shear
-            mirrored = CubicSpline(x, left, extrapolate=False)(2 * center - x)
-            inside = np.isfinite(mirrored)
-            odd = 0.5 * (left - mirrored)[inside]
-            return float((odd**2).mean() / max((reading**2).mean(), 1e-300))
-
-        total = force
-        guesses = [(start, math.log(w)) for w in np.geomspace(pitch, extent / 4, 6)]
-        best = None
-        for _ in range(4):
-            runs = [minimize(cost, g, args=(total,), method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-14}) for g in guesses]
+        first: Estimate = self.inner.solve([reading[None, :]])
+        total = float(first.traction[1].sum() * self.grid.cell)
+        # a coarse look around the middle of the signal first: the misfit has more than one valley
+        weight = reading**2 / max(float((reading**2).sum()), 1e-300)
+        middle = float((x * weight).sum())
+        spread = math.sqrt(float(((x - middle) ** 2 * weight).sum())) + pitch
+        coarse = [
+            (c, math.log(w))
+            for c in middle + spread * np.linspace(-2.0, 2.0, 17)
+            for w in np.geomspace(pitch, (x[-1] - x[0]) / 4, 8)
+        ]
+        guesses = sorted(coarse, key=lambda g: shear_force(g[0], math.exp(g[1]), total)[1])[:3]
+        for _ in range(6):
+            runs = [
+                minimize(
+                    lambda p, t=total: shear_force(float(p[0]), math.exp(min(float(p[1]), 50.0)), t)[1],
+                    guess,
+                    method="Nelder-Mead",
+                    options={"xatol": 1e-9, "fatol": 1e-18, "maxiter": 400},
+                )
+                for guess in guesses
+            ]
             best = min(runs, key=lambda r: float(r.fun))
-            center, half_width = float(best.x[0]), float(np.exp(best.x[1]))
-            _, first, new_total = fit(center, half_width, total)
-            if abs(new_total - total) <= 1e-6 * abs(new_total):
+            center, half_width = float(best.x[0]), math.exp(float(best.x[1]))
+            force, _ = shear_force(center, half_width, total)
+            first = self.inner.solve([(reading - force * self._shear_reading(half_width, center))[None, :]])
+            new_total = float(first.traction[1].sum() * self.grid.cell)
+            if not self._weighs or abs(new_total - total) <= 1e-9 * abs(new_total):
                 break
             total, guesses = new_total, [(center, math.log(half_width))]
-        surface = self.operator.surface
-        shear = strip(half_width=half_width, traction=self.friction * total / (2 * half_width), component="x")
+        shear = strip(half_width=half_width, traction=force / (2 * half_width), component="x").shifted(center)
         traction = np.array(first.traction)
-        traction[0] = shear.shifted(center).averages(surface.edges)[0]  # type: ignore[union-attr]
+        traction[0] = shear.averages(self.grid.edges)[0]  # type: ignore[union-attr]
         return Estimate(traction, first.parameter, first.noise_scale, first.residual)
+
+
+def _odd_part(x: Floats, values: Floats, center: float) -> Floats:
+    """Odd part about ``center``. The mirror image reads 0 beyond the array, so that a middle near its end explains nothing."""
+    from scipy.interpolate import CubicSpline
+
+    mirrored = CubicSpline(x, values, extrapolate=False)(2 * center - x)
+    return np.asarray(0.5 * (values - np.nan_to_num(mirrored)))

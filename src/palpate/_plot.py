@@ -1,0 +1,121 @@
+"""Pictures. Figures are made without pyplot, so nothing opens a window or keeps state."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from palpate.touch import Touch
+
+__all__ = ["INK", "plot_touch", "scaled"]
+
+#: Colours that stay apart in print and for colour-blind readers.
+INK = {"pressure": "#0b5394", "shear": "#c55a11", "truth": "#444444", "error": "#8e1b3a", "other": "#2a7f62"}
+
+
+def scaled(largest: float, unit: str) -> tuple[float, str]:
+    """Factor and label that bring ``largest`` (SI) to a readable size: (1e-3, "kPa")."""
+    if unit == "1":
+        return 1.0, ""
+    for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")):
+        if largest >= factor or factor == 1e-9:
+            return 1.0 / factor, prefix + unit
+    return 1.0, unit
+
+
+def plot_touch(touch: Touch, *, frame: int = 0, truth: Any = None, title: str | None = None) -> Figure:
+    """A figure of one frame; see `Touch.plot`."""
+    one = touch.frame(frame)
+    values = to_numpy(one.values).astype(np.float64)
+    true = None if truth is None else to_numpy(truth).astype(np.float64)
+    if true is not None and true.shape != values.shape:
+        raise InvalidInput(f"truth must have shape {values.shape} like one frame of the touch; got {true.shape}.")
+    return (_plot_line if one.surface.dimensions == 1 else _plot_area)(one, values, true, title)
+
+
+def _plot_line(touch: Touch, values: Floats, true: Floats | None, title: str | None) -> Figure:
+    from matplotlib.figure import Figure
+
+    factor, unit = scaled(float(np.abs(values).max()), "Pa")
+    width, width_unit = scaled(float(np.ptp(touch.surface.x)), "m")
+    figure = Figure(figsize=(7.0, 3.6), layout="constrained")
+    axes = figure.subplots()
+    x = touch.surface.x * width
+    for name, row in (("pressure", 1), ("shear", 0)):
+        if touch.surface.components[row] not in touch.components:
+            continue
+        if true is not None:
+            axes.plot(x, true[row] * factor, color=INK["truth"], lw=1, ls="--", label=f"{name}, true")
+        axes.plot(x, values[row] * factor, color=INK[name], lw=1.6, label=f"{name}, recovered" if true is not None else name)
+    axes.axhline(0.0, color="0.8", lw=0.8, zorder=0)
+    axes.set_xlabel(f"x [{width_unit}]")
+    axes.set_ylabel(f"traction [{unit}]")
+    axes.legend(frameon=False)
+    if title:
+        axes.set_title(title)
+    return figure
+
+
+def _plot_area(touch: Touch, values: Floats, true: Floats | None, title: str | None) -> Figure:
+    from matplotlib.figure import Figure
+
+    rows = [("recovered" if true is not None else "", values)]
+    if true is not None:
+        rows.append(("true", true))
+    fields = []
+    if "z" in touch.components:
+        fields.append("pressure")
+    if {"x", "y"} & set(touch.components):
+        fields.append("shear")
+    width, width_unit = scaled(max(float(np.ptp(a)) for a in touch.surface.axes), "m")
+    x, y = touch.surface.x * width, touch.surface.axes[0] * width
+    dy, dx = (s * width for s in touch.surface.spacings)
+    extent = (x[0] - dx / 2, x[-1] + dx / 2, y[0] - dy / 2, y[-1] + dy / 2)
+    figure = Figure(figsize=(4.6 * len(fields), 4.0 * len(rows)), layout="constrained")
+    grid = figure.subplots(len(rows), len(fields), squeeze=False)
+    for column, name in enumerate(fields):
+        images = [v[2] if name == "pressure" else np.hypot(v[0], v[1]) for _, v in rows]
+        largest = max(float(i.max()) for i in images) or 1.0
+        factor, unit = scaled(largest, "Pa")
+        low = min(0.0, *(float(i.min()) for i in images)) * factor if name == "pressure" else 0.0
+        for row, (label, v) in enumerate(rows):
+            axes = grid[row, column]
+            image = axes.imshow(
+                images[row] * factor,
+                extent=extent,
+                origin="lower",
+                cmap="viridis" if name == "pressure" else "cividis",
+                vmin=low,
+                vmax=largest * factor,
+                interpolation="nearest",
+            )
+            if name == "shear":
+                step = max(1, max(v.shape[1:]) // 16)
+                size = np.hypot(v[0], v[1])
+                strong = size[::step, ::step] > 0.2 * largest
+                xx, yy = np.meshgrid(x[::step], y[::step])
+                axes.quiver(
+                    xx[strong],
+                    yy[strong],
+                    v[0, ::step, ::step][strong],
+                    v[1, ::step, ::step][strong],
+                    color="white",
+                    scale=largest * 14,
+                    width=0.006,
+                    pivot="mid",
+                )
+            axes.set_title(f"{name}{', ' + label if label else ''}", fontsize=10)
+            axes.set_xlabel(f"x [{width_unit}]")
+            axes.set_ylabel(f"y [{width_unit}]")
+            figure.colorbar(image, ax=axes, label=f"{name} [{unit}]", shrink=0.85)
+    if title:
+        figure.suptitle(title)
+    return figure

@@ -1,0 +1,462 @@
+"""The command line. A thin shell: it reads, calls the library, and writes."""
+
+from __future__ import annotations
+
+import sys
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+import palpate
+from palpate.errors import InvalidInput, PalpateError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from palpate.skin import Skin
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="palpate",
+    help="What touches an elastic pad: surface pressure and shear from stress, strain or displacement measured inside it.",
+    epilog="Start with: palpate demo. Then: palpate reconstruct RECORDING --skin skin.toml.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+
+class Contact(str, Enum):
+    """Contacts that simulate can press."""
+
+    hertz = "hertz"
+    punch = "punch"
+    patch = "patch"
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"palpate {palpate.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False,
+) -> None:
+    pass
+
+
+_DEMO_SKIN = """\
+# A soft pad with a 32 x 32 array of three-axis stress taxels, as written by palpate demo.
+[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "area"
+shape = [32, 32]
+pitch = "1 mm"
+depth = "2 mm"
+channels = ["stress_xz", "stress_yz", "stress_zz"]
+aperture = "0.8 mm"
+noise = "50 Pa"
+"""
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the picture, the skin, the recording and the result.")] = Path(
+        "palpate-demo"
+    ),
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+) -> None:
+    """Press and drag a ball on a simulated sensor, and recover what touched it. Needs no other file."""
+    import numpy as np
+
+    from palpate import solutions
+    from palpate.recordings import Recording, write_recording, write_touch
+    from palpate.skin import Skin
+    from palpate.touch import Touch
+
+    folder = _folder(out)
+    skin_path = folder / "skin.toml"
+    _write_text(skin_path, _DEMO_SKIN)
+    skin = Skin.from_file(skin_path)
+    friction = 0.6
+    ball = solutions.hertz_point(radius=5e-3, force=1.0).shifted(2e-3, -1e-3)
+    contact = ball.sliding(0.35, direction=0.5)
+    truth = skin.sample(contact)
+    readings = skin.sense(truth, rng=np.random.default_rng(seed))
+    names = skin.planes[0].channels
+    recording = Recording(readings=readings[None], channels=tuple(names), meta={"made by": f"palpate demo --seed {seed}"})
+    write_recording(recording, folder / "recording.nc")
+    touch = skin.reconstruct(readings)
+    write_touch(touch, folder / "touch.nc", provenance=_provenance(_DEMO_SKIN))
+    figure = touch.plot(truth=truth, title="A ball pressed and dragged: recovered from noisy stress 2 mm below the surface")
+    _save(figure, folder / "touch.png")
+    known = Touch(truth, skin.surface, skin.surface.components, "known")
+    typer.echo("A ball presses with 1 N and drags with 0.35 N; 3 x 1024 readings, 2 mm below the surface, noise 50 Pa.")
+    for name, one in (("recovered", touch), ("true", known)):
+        typer.echo(f"{name}:")
+        typer.echo("\n".join(f"  {line}" for line in one.summary(friction=friction).splitlines()))
+    typer.echo(f"picture         {folder / 'touch.png'}")
+    typer.echo(f"try next        palpate reconstruct {folder / 'recording.nc'} --skin {skin_path}")
+
+
+@app.command()
+def simulate(
+    skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
+    out: Annotated[Path, typer.Option(help="Recording to write (.nc, .h5, .npz or .csv).")],
+    contact: Annotated[Contact, typer.Option(help="What presses.")] = Contact.hertz,
+    force: Annotated[str, typer.Option(help='Normal force, e.g. "1 N" (area) or "200 N/m" (line).')] = "1 N",
+    size: Annotated[str, typer.Option(help="Contact radius or half-width.")] = "4 mm",
+    x: Annotated[str, typer.Option(help="Middle of the contact along x.")] = "0 mm",
+    y: Annotated[str, typer.Option(help="Middle of the contact along y (area only).")] = "0 mm",
+    friction: Annotated[float, typer.Option(help="Coefficient of friction; 0 is frictionless.")] = 0.0,
+    drag: Annotated[float, typer.Option(help="Tangential force as a part of friction * force; 1 slides.")] = 1.0,
+    direction: Annotated[float, typer.Option(help="Direction of the drag [degrees from +x] (area only).")] = 0.0,
+    frames: Annotated[int, typer.Option(help="Frames; the force grows evenly over them.")] = 1,
+    rate: Annotated[float, typer.Option(help="Frames per second.")] = 100.0,
+    seed: Annotated[int, typer.Option(help="Seed of the noise; none is added where the skin names no noise.")] = 0,
+) -> None:
+    """Make a recording of a known contact on a skin."""
+    import numpy as np
+
+    from palpate.recordings import Recording, write_recording
+    from palpate.recordings.formats import file_format
+    from palpate.skin import Skin
+
+    file_format(out)
+    skin = Skin.from_file(skin_file)
+    if len({p.shape for p in skin.planes}) != 1:
+        raise InvalidInput("simulate writes one recording: the skin's planes must have one shape.")
+    if frames < 1 or not 0 < rate < 1e9:
+        raise InvalidInput(f"frames must be at least 1 and rate positive; got {frames} and {rate:g}.")
+    body = _contact(skin, contact, force, size, x, y, friction, drag, direction)
+    full = skin.sample(body)
+    noisy = all(p.noise_std is not None for p in skin.planes)
+    rng = np.random.default_rng(seed) if noisy else None
+    scale = (np.arange(frames) + 1.0) / frames
+    readings = np.stack([skin.sense(s * full, rng=rng) for s in _progress(scale, "simulating")])
+    if readings.ndim == 3 and skin.surface.dimensions == 2:
+        positions: Any = skin.planes[0].points[:, ::-1]
+    else:
+        positions = skin.planes[0].points[:, 0] if skin.surface.dimensions == 1 else None
+    meta = {"made by": _command(), "skin": skin_file.read_text(encoding="utf-8"), "force": ", ".join(repr(float(f)) for f in body.force)}
+    channels = tuple(c for p in skin.planes for c in p.channels)
+    if len(set(channels)) != len(channels):
+        meta["planes"] = str(len(skin.planes))
+    recording = Recording(readings=readings, channels=channels, time=np.arange(frames) / rate, positions=positions, meta=meta)
+    write_recording(recording, out)
+    typer.echo(f"wrote {out}: {frames} frame{'s' if frames > 1 else ''} of {', '.join(channels)}, {'x'.join(map(str, readings.shape[2:]))} taxels")
+
+
+@app.command()
+def reconstruct(
+    recording_file: Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (.nc, .h5, .npz or .csv).")],
+    skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
+    out: Annotated[Path | None, typer.Option(help="Result to write (.nc, .h5, .npz or .csv); default: RECORDING-touch.nc.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of one frame to write (.png, .pdf or .svg).")] = None,
+    frame: Annotated[int, typer.Option(help="Frame to draw and to print; -1 is the last.")] = -1,
+    method: Annotated[str, typer.Option(help="tikhonov, hilgers, truncated, dft, linear or constant_friction.")] = "tikhonov",
+    components: Annotated[str | None, typer.Option(help="What is sought, e.g. z or x,z; default: what the channels can tell apart.")] = None,
+    order: Annotated[int | None, typer.Option(help="Order of Tikhonov's penalty: 0, 1 or 2.")] = None,
+    parameter: Annotated[str | None, typer.Option(help="Regularisation parameter, or evidence, gcv, lcurve, discrepancy.")] = None,
+    friction: Annotated[float | None, typer.Option(help="Coefficient of friction, for the slip margin (and for constant_friction).")] = None,
+    drop_missing: Annotated[bool, typer.Option("--drop-missing", help="Leave out taxels with missing readings instead of refusing them.")] = False,
+) -> None:
+    """Recover pressure and shear from a recording. Nothing to tune."""
+    import numpy as np
+
+    from palpate.recordings import read_recording, write_touch
+    from palpate.recordings.formats import file_format
+    from palpate.skin import METHODS, Skin
+    from palpate.touch import Touch
+
+    target = out if out is not None else recording_file.with_name(recording_file.stem + "-touch.nc")
+    file_format(target)
+    if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise InvalidInput(f"{plot}: pictures end in .png, .pdf or .svg.")
+    if method not in METHODS or method == "wiener":
+        raise InvalidInput(f"method must be one of {', '.join(m for m in METHODS if m != 'wiener')}; got {method!r}.")
+    recording = read_recording(recording_file)
+    skin = Skin.from_file(skin_file, recording=recording)
+    _matching(recording, skin)
+    if drop_missing and recording.missing.any():
+        if len(skin.planes) != 1:
+            raise InvalidInput("--drop-missing serves skins of one plane.")
+        skin = Skin(skin.pad, skin.planes[0].masked(~recording.missing), surface=skin.surface, boundary=skin.boundary)  # type: ignore[arg-type]
+        typer.echo(f"left out {int(recording.missing.sum())} of {recording.missing.size} taxels with missing readings", err=True)
+    options: dict[str, Any] = {"method": method, "order": order, "components": components.split(",") if components else None}
+    if parameter is not None:
+        options["parameter"] = _number_or_rule(parameter)
+    if method == "constant_friction":
+        options["friction"] = friction
+    count = len(recording.readings)
+    if not -count <= frame < count:
+        raise InvalidInput(f"frame {frame} is not among the {count} frames of {recording_file}.")
+    step = 64
+    parts = [
+        skin.reconstruct(recording.readings[i : i + step], **options)
+        for i in _progress(range(0, count, step), "reconstructing")
+    ]
+    first = parts[0]
+    join = lambda name: None if getattr(first, name) is None else np.concatenate([getattr(p, name) for p in parts])  # noqa: E731
+    touch = Touch(
+        join("values"), first.surface, first.components, first.method, first.notes, join("parameter"), join("noise_std"),
+        join("residual"), first.unseen_force, recording.time,
+    )
+    figure = touch.plot(frame=frame) if plot is not None else None
+    write_touch(touch, target, provenance=_provenance(skin_file.read_text(encoding="utf-8"), str(recording_file)))
+    if figure is not None and plot is not None:
+        _save(figure, plot)
+    slip = friction if set(touch.components) == set(touch.surface.components) else None
+    typer.echo(f"frame {frame % count} of {count}")
+    typer.echo(touch.summary(friction=slip, frame=frame))
+    if touch.parameter is not None:
+        typer.echo(f"parameter       {float(touch.parameter[frame]):.4g}")
+    typer.echo(f"wrote           {target}" + (f", {plot}" if plot else ""))
+
+
+@app.command()
+def convert(
+    source: Annotated[Path, typer.Argument(help="Recording, or a table of others: a CSV with a header, or HDF5 with positions and vectors.")],
+    target: Annotated[Path, typer.Argument(help="Recording to write (.nc, .h5, .npz or .csv).")],
+    columns: Annotated[str | None, typer.Option(help="Columns x, y and channels of a foreign CSV (x,y,u,v), or data sets pos,vec of HDF5.")] = None,
+    channels: Annotated[str, typer.Option(help="What the columns measure.")] = "displacement_x,displacement_y",
+    pixel: Annotated[str | None, typer.Option(help='Size of a pixel, e.g. "0.77 um", where positions and displacements are in pixels.')] = None,
+    position_unit: Annotated[str | None, typer.Option(help="Unit of the positions (mm, um, ...).")] = None,
+    reading_unit: Annotated[str | None, typer.Option(help="Unit of the readings (um, kPa, ...).")] = None,
+    follow: Annotated[bool, typer.Option("--follow", help="Move each marker by its own displacement first.")] = False,
+    grid: Annotated[str | None, typer.Option(help='Interpolate scattered readings to a grid of this pitch, e.g. "8 um".')] = None,
+) -> None:
+    """Change the format of a recording, or read a table made elsewhere into one."""
+    from palpate.elastic.quantities import channel_unit
+    from palpate.recordings import read_recording, read_table, write_recording
+    from palpate.recordings.formats import file_format
+    from palpate.recordings.units import convert_factor, parse_quantity
+
+    file_format(target)
+    if columns is None:
+        if pixel or position_unit or reading_unit or follow:
+            raise InvalidInput("--pixel, --position-unit, --reading-unit and --follow describe a foreign table: name its --columns too.")
+        recording = read_recording(source)
+    else:
+        names = channels.split(",")
+        units = {channel_unit(c) for c in _known(names)}
+        if pixel is not None:
+            if position_unit or reading_unit:
+                raise InvalidInput("--pixel already gives the unit of positions and displacements; leave out --position-unit and --reading-unit.")
+            if units != {"m"}:
+                raise InvalidInput("--pixel gives displacements their unit; these channels are not displacements. Use --position-unit and --reading-unit.")
+            place = reading = parse_quantity(pixel, "length", "pixel")
+        else:
+            if position_unit is None or reading_unit is None:
+                raise InvalidInput("a foreign table has no units: give --pixel, or --position-unit and --reading-unit.")
+            if len(units) != 1:
+                raise InvalidInput("the channels of one table must share a unit.")
+            place = convert_factor(position_unit, "m", "--position-unit")
+            reading = convert_factor(reading_unit, units.pop(), "--reading-unit")
+        recording = read_table(
+            source, columns=columns.split(","), channels=names, position_factor=place, reading_factor=reading, follow=follow
+        )
+    if grid is not None:
+        recording = recording.gridded(parse_quantity(grid, "length", "grid"))
+    write_recording(recording, target)
+    shape = "x".join(map(str, recording.readings.shape[2:]))
+    typer.echo(f"wrote {target}: {len(recording.readings)} frames of {', '.join(recording.channels)}, {shape} taxels")
+
+
+@app.command()
+def paper(
+    out: Annotated[Path, typer.Option(help="Folder for the report, the figures and the tables.")] = Path("palpate-paper"),
+) -> None:
+    """Reproduce the paper that founded the field: figures 2 to 22, its error table, and three studies."""
+    from palpate import paper as module
+
+    with _bar("the founding paper", 26) as step:
+        path = module.report(out, progress=step)
+    typer.echo(f"{'case':<46}{'channel':<11}{'paper':>9}{'dft':>10}{'linear':>10}")
+    import csv
+
+    with open(out / "errors.csv", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            typer.echo(f"{row['case']:<46}{row['channel']:<11}{row['paper']:>9}{float(row['dft']):>10.2e}{float(row['linear']):>10.1e}")
+    typer.echo(f"report          {path}")
+
+
+# -- help for the commands ---------------------------------------------------------------------------------------------
+
+
+def _known(names: list[str]) -> list[str]:
+    from palpate.elastic.quantities import check_channels
+
+    return list(check_channels(names, 2))
+
+
+def _number_or_rule(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _contact(
+    skin: Skin, kind: Contact, force: str, size: str, x: str, y: str, friction: float, drag: float, direction: float
+) -> Any:
+    import math
+
+    from palpate import solutions
+    from palpate.recordings.units import parse_quantity
+
+    line = skin.surface.dimensions == 1
+    load = parse_quantity(force, "force per length" if line else "force", "force")
+    a = parse_quantity(size, "length", "size")
+    place = parse_quantity(x, "length", "x")
+    if not (math.isfinite(drag) and 0 <= drag <= 1 and math.isfinite(friction) and friction >= 0):
+        raise InvalidInput(f"friction must not be negative and drag must lie between 0 and 1; got {friction:g} and {drag:g}.")
+    if load <= 0 or a <= 0:
+        raise InvalidInput(f"force and size must be positive; got {force} and {size}.")
+    if line:
+        if parse_quantity(y, "length", "y") != 0 or direction:
+            raise InvalidInput("y and direction have no meaning on a line.")
+        body: Any = {
+            "hertz": lambda: solutions.hertz_line(half_width=a, force=load),
+            "punch": lambda: solutions.flat_punch_line(half_width=a, force=load),
+            "patch": lambda: solutions.strip(half_width=a, traction=load / (2 * a)),
+        }[kind.value]()
+        body = body.shifted(place)
+        turn: dict[str, float] = {}
+    else:
+        body = {
+            "hertz": lambda: solutions.hertz_point(radius=a, force=load),
+            "punch": lambda: solutions.flat_punch(radius=a, force=load),
+            "patch": lambda: solutions.patch(half_widths=(a, a), traction=load / (4 * a * a)),
+        }[kind.value]()
+        body = body.shifted(place, parse_quantity(y, "length", "y"))
+        turn = {"direction": math.radians(direction)}
+    if friction == 0 or drag == 0:
+        return body
+    if drag == 1:
+        return body.sliding(friction, **turn)
+    if kind is not Contact.hertz:
+        raise InvalidInput("a drag below 1 (partial slip) is known in closed form for --contact hertz only.")
+    return body.partial_slip(friction, drag * friction * load, **turn)
+
+
+def _matching(recording: Any, skin: Skin) -> None:
+    channels = tuple(c for p in skin.planes for c in p.channels)
+    if recording.channels != channels:
+        raise InvalidInput(f"the recording holds {', '.join(recording.channels)} but the skin describes {', '.join(channels)}: list the same channels in the same order.")
+    shapes = {p.shape for p in skin.planes}
+    if shapes != {recording.readings.shape[2:]}:
+        raise InvalidInput(f"the recording has {'x'.join(map(str, recording.readings.shape[2:]))} taxels but the skin describes {' and '.join('x'.join(map(str, s)) for s in shapes)}.")
+
+
+def _provenance(skin: str, recording: str = "") -> dict[str, str]:
+    import platform
+
+    import numpy
+    import scipy
+
+    record = {
+        "palpate": palpate.__version__,
+        "command": _command(),
+        "skin": skin,
+        "versions": f"python {platform.python_version()}, numpy {numpy.__version__}, scipy {scipy.__version__}",
+    }
+    if recording:
+        record["recording"] = recording
+    return record
+
+
+def _command() -> str:
+    import shlex
+
+    return shlex.join(["palpate", *sys.argv[1:]])
+
+
+def _folder(path: Path) -> Path:
+    if path.exists() and not path.is_dir():
+        raise InvalidInput(f"{path} is a file; give a folder.")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot make the folder ({error.strerror}).") from error
+    return path
+
+
+def _write_text(path: Path, text: str) -> None:
+    from palpate.recordings.formats import atomically
+
+    atomically(path, lambda name: Path(name).write_text(text, encoding="utf-8") and None)
+
+
+def _save(figure: Any, path: Path) -> None:
+    from palpate.recordings.formats import atomically
+
+    atomically(path, lambda name: figure.savefig(name, dpi=130))
+
+
+def _progress(items: Iterable[Any], label: str) -> Iterable[Any]:
+    """The items, with a bar on a terminal while the work is long."""
+    from rich.console import Console
+    from rich.progress import track
+
+    listed = list(items)
+    console = Console(stderr=True)
+    if len(listed) < 3 or not console.is_terminal:
+        return listed
+    return track(listed, description=label, console=console, transient=True)
+
+
+class _bar:
+    """A progress bar that is fed by a callback."""
+
+    def __init__(self, label: str, total: int) -> None:
+        from rich.console import Console
+        from rich.progress import Progress
+
+        console = Console(stderr=True)
+        self._progress = Progress(console=console, transient=True, disable=not console.is_terminal)
+        self._label, self._total = label, total
+
+    def __enter__(self) -> Any:
+        self._progress.start()
+        task = self._progress.add_task(self._label, total=self._total)
+        return lambda what: self._progress.update(task, advance=1, description=what)
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+
+def main() -> None:
+    """Entry point: errors are one line on stderr and exit code 2."""
+    # typer carries its own copy of click; its usage errors have this base in every version
+    usage_error = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
+    try:
+        code = app(standalone_mode=False)
+    except typer.Abort:
+        _fail("stopped", 130)
+    except usage_error as error:
+        _fail(f"{error.format_message()} (palpate --help)", 2)  # type: ignore[attr-defined]
+    except PalpateError as error:
+        _fail(str(error), 2)
+    except KeyboardInterrupt:
+        _fail("stopped", 130)
+    except MemoryError:
+        _fail("not enough memory for this many taxels and surface cells; give a coarser surface.", 2)
+    except OSError as error:
+        _fail(f"{error.filename or 'file'}: {error.strerror or error}", 2)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(message: str, code: int) -> None:
+    sys.stderr.write(f"error: {' '.join(message.split())}\n")
+    sys.exit(code)

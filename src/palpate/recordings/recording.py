@@ -1,0 +1,123 @@
+"""One recording: frames of readings with their time, channels, positions and units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats
+from palpate.elastic.quantities import AREA_CHANNELS, channel_unit
+from palpate.errors import InvalidInput
+
+__all__ = ["Recording"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Recording:
+    """Frames of readings, in SI units.
+
+    Parameters
+    ----------
+    readings : array (time, channel, *array)
+        One or two array axes: (taxel,) or (y, x). NaN marks a reading that is missing.
+    channels : sequence of str
+        Names from `palpate.AREA_CHANNELS`.
+    time : array (time,), optional
+        Seconds, increasing; default: frame numbers.
+    positions : array (taxel, 2) or (taxel,), optional
+        Positions (x, y) [m] of scattered taxels; only with one array axis.
+    meta : mapping of str to str
+        Anything worth keeping.
+    """
+
+    readings: Any
+    channels: tuple[str, ...]
+    time: Any = None
+    positions: Any = None
+    meta: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        readings = np.asarray(self.readings)
+        if readings.dtype not in (np.float32, np.float64):
+            if not (np.issubdtype(readings.dtype, np.number) and not np.iscomplexobj(readings)):
+                raise InvalidInput(f"readings must be real numbers; got dtype {readings.dtype}.")
+            readings = readings.astype(np.float64)
+        if readings.ndim not in (3, 4):
+            raise InvalidInput(
+                f"readings must have axes (time, channel, taxel) or (time, channel, y, x); got shape {readings.shape}."
+            )
+        if 0 in readings.shape:
+            raise InvalidInput(f"the recording is empty: readings have shape {readings.shape}.")
+        channels = tuple(self.channels)
+        unknown = [c for c in channels if c not in AREA_CHANNELS]
+        if unknown:
+            raise InvalidInput(f"channel {unknown[0]!r} is not known; accepted: {', '.join(AREA_CHANNELS)}.")
+        if len(channels) != readings.shape[1]:
+            raise InvalidInput(f"{len(channels)} channels are named but readings have {readings.shape[1]}: {channels}.")
+        if np.isinf(readings).any():
+            raise InvalidInput("readings hold infinite values; mark missing readings as NaN.")
+        time = np.arange(len(readings), dtype=np.float64) if self.time is None else np.asarray(self.time, dtype=np.float64)
+        if time.shape != (len(readings),) or not np.isfinite(time).all():
+            raise InvalidInput(f"time must be {len(readings)} finite seconds; got shape {time.shape}.")
+        if np.any(np.diff(time) <= 0):
+            first = int(np.argmax(np.diff(time) <= 0)) + 1
+            raise InvalidInput(f"time must increase; frame {first} is at {time[first]:g} s after {time[first - 1]:g} s.")
+        positions = self.positions
+        if positions is not None:
+            positions = np.asarray(positions, dtype=np.float64)
+            if readings.ndim != 3 or positions.shape not in ((readings.shape[2],), (readings.shape[2], 2)):
+                raise InvalidInput(
+                    f"positions must have shape ({readings.shape[2]}, 2) or ({readings.shape[2]},), one per taxel; got "
+                    f"{positions.shape} for readings {readings.shape}."
+                )
+            if not np.isfinite(positions).all():
+                raise InvalidInput("positions hold values that are not finite.")
+        object.__setattr__(self, "readings", readings)
+        object.__setattr__(self, "channels", channels)
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "positions", positions)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of each channel."""
+        return tuple(channel_unit(c) for c in self.channels)
+
+    @property
+    def missing(self) -> npt.NDArray[np.bool_]:
+        """True (*array) where a taxel has a missing reading in any frame or channel."""
+        return np.asarray(np.isnan(self.readings).any(axis=(0, 1)))
+
+    def gridded(self, pitch: float) -> Recording:
+        """Scattered readings interpolated (cubic, Clough-Tocher) to a regular grid of ``pitch`` [m].
+
+        The grid covers the bounding box of the positions; outside their convex hull the reading of the nearest taxel is
+        taken. The new recording says where its corner lies in ``meta`` ("x0", "y0", "pitch", in metres).
+        """
+        from scipy.interpolate import CloughTocher2DInterpolator, NearestNDInterpolator
+
+        if self.positions is None or self.positions.ndim != 2:
+            raise InvalidInput("gridded needs a recording with scattered positions (taxel, 2).")
+        if not (np.isfinite(pitch) and pitch > 0):
+            raise InvalidInput(f"pitch must be a positive number of metres; got {pitch!r}.")
+        good = ~self.missing
+        points = self.positions[good]
+        low, high = points.min(axis=0), points.max(axis=0)
+        counts = np.maximum(2, np.round((high - low) / pitch).astype(int))
+        if counts.prod() > 4_000_000:
+            raise InvalidInput(f"a pitch of {pitch:g} m makes a grid of {counts[1]} x {counts[0]} points; take a wider one.")
+        middle = (low + high) / 2
+        x = middle[0] + (np.arange(counts[0]) - (counts[0] - 1) / 2) * pitch
+        y = middle[1] + (np.arange(counts[1]) - (counts[1] - 1) / 2) * pitch
+        xx, yy = np.meshgrid(x, y)
+        origin = points.mean(axis=0)
+        scale = float(np.ptp(points))
+        values = np.moveaxis(self.readings[..., good], -1, 0).astype(np.float64)
+        at = np.stack([xx, yy], axis=-1)
+        smooth = CloughTocher2DInterpolator((points - origin) / scale, values)((at - origin) / scale)
+        nearest = NearestNDInterpolator(points, values)(at)
+        filled = np.where(np.isnan(smooth), nearest, smooth)
+        meta = {**self.meta, "pitch": repr(float(pitch)), "x0": repr(float(x[0])), "y0": repr(float(y[0]))}
+        return replace(self, readings=np.moveaxis(filled, (2, 3), (0, 1)), positions=None, meta=meta)

@@ -1,0 +1,288 @@
+"""skin.toml: a pad and its arrays, with units in the values; errors name the line.
+
+    [pad]
+    kind = "half_space"
+    youngs_modulus = "200 kPa"
+    poissons_ratio = 0.48
+
+    [[plane]]
+    kind = "area"                    # "line", "area" or "scattered"
+    shape = [32, 32]
+    pitch = "1 mm"
+    depth = "2 mm"                   # of the taxels below the surface
+    channels = ["stress_xz", "stress_yz", "stress_zz"]
+    aperture = "0.8 mm"              # optional
+    noise = "50 Pa"                  # optional; or one per channel
+
+    [surface]                        # optional
+    shape = [48, 48]
+    spacing = "0.5 mm"
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from palpate.elastic.half_space import HalfSpace, Pad
+from palpate.elastic.quantities import channel_unit, check_channels
+from palpate.errors import InvalidInput, PalpateError
+from palpate.recordings.recording import Recording
+from palpate.recordings.units import KIND_OF_SI, parse_quantity
+from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
+from palpate.sensing.grids import AreaGrid, Grid, LineGrid
+from palpate.sensing.operator import Boundary
+
+__all__ = ["read_skin", "skin_from_text"]
+
+
+def _length(value: Any) -> float:
+    return parse_quantity(value, "length", "length")
+
+
+def _lengths(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_length(v) for v in value)
+    return _length(value)
+
+
+Length = Annotated[float, BeforeValidator(_length)]
+Lengths = Annotated[float | tuple[float, float], BeforeValidator(_lengths)]
+Pressure = Annotated[float, BeforeValidator(lambda v: parse_quantity(v, "pressure", "pressure"))]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
+
+
+class _HalfSpace(_Strict):
+    kind: Literal["half_space"]
+    youngs_modulus: Pressure
+    poissons_ratio: float
+
+
+class _Plane(_Strict):
+    kind: Literal["line", "area", "scattered"]
+    channels: list[str]
+    depth: Length
+    aperture: Lengths = 0.0
+    noise: str | list[str] | None = None
+    count: int | None = None
+    shape: tuple[int, int] | None = None
+    pitch: Lengths | None = None
+    center: Any = None
+    positions_file: str | None = None
+
+
+class _Surface(_Strict):
+    spacing: Lengths
+    count: int | None = None
+    shape: tuple[int, int] | None = None
+    center: Any = None
+
+
+class _Skin(_Strict):
+    pad: _HalfSpace
+    plane: list[_Plane] = Field(min_length=1)
+    surface: _Surface | None = None
+    boundary: Literal["free", "periodic"] = "free"
+
+
+def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad, list[Array], Grid | None, Boundary]:
+    """Read a skin.toml; returns pad, planes, surface (or None) and boundary.
+
+    A scattered plane without ``positions_file`` takes the positions of ``recording``, and an area plane without shape and
+    pitch those of a gridded one.
+    """
+    found = Path(path)
+    if not found.exists():
+        raise InvalidInput(f"{found}: no such file. A skin file describes pad and array; palpate demo writes one to start from.")
+    if found.is_dir():
+        raise InvalidInput(f"{found} is a folder; give a skin.toml.")
+    try:
+        text = found.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{found}: cannot be read as text.") from error
+    return skin_from_text(text, str(found), found.parent, recording)
+
+
+def skin_from_text(
+    text: str, name: str, folder: Path, recording: Recording | None = None
+) -> tuple[Pad, list[Array], Grid | None, Boundary]:
+    """Parse the text of a skin.toml; ``name`` is used in errors, ``folder`` to find files that it names."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InvalidInput(f"{name}: not valid TOML: {error}.") from error
+    try:
+        skin = _Skin.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InvalidInput(_explain(first, text, name)) from error
+    where: tuple[str | int, ...] = ("pad",)
+    try:
+        pad = HalfSpace(youngs_modulus=skin.pad.youngs_modulus, poissons_ratio=skin.pad.poissons_ratio)
+        planes: list[Array] = []
+        for i, plane in enumerate(skin.plane):
+            where = ("plane", i)
+            planes.append(_plane(plane, folder, recording))
+        where = ("surface",)
+        surface = _surface(skin.surface, planes[0].dimensions)
+    except PalpateError as error:
+        key = re.match(r"(\w+) ", str(error))
+        named = (*where, key[1]) if key else where
+        raise InvalidInput(f"{name}, line {_line(text, named)}: {error}") from error
+    return pad, planes, surface, skin.boundary
+
+
+def _need(value: Any, key: str, kind: str) -> Any:
+    if value is None:
+        raise InvalidInput(f'{key} is missing; a plane of kind = "{kind}" needs it.')
+    return value
+
+
+def _refuse(plane: _Plane, keys: tuple[str, ...]) -> None:
+    for key in keys:
+        if getattr(plane, key) is not None:
+            raise InvalidInput(f'{key} does not belong to a plane of kind = "{plane.kind}".')
+
+
+def _noise(plane: _Plane, dimensions: int) -> tuple[float, ...] | None:
+    channels = check_channels(plane.channels, dimensions)
+    if plane.noise is None:
+        return None
+    values = plane.noise if isinstance(plane.noise, list) else [plane.noise] * len(channels)
+    if len(values) != len(channels):
+        raise InvalidInput(f"noise must be one quantity or one per channel ({len(channels)}); got {len(values)}.")
+    return tuple(parse_quantity(v, KIND_OF_SI[channel_unit(c)], "noise") for v, c in zip(values, channels))
+
+
+def _center(value: Any, dimensions: int) -> Any:
+    if value is None:
+        return 0.0 if dimensions == 1 else (0.0, 0.0)
+    if dimensions == 1:
+        return parse_quantity(value, "length", "center")
+    if not isinstance(value, list) or len(value) != 2:
+        raise InvalidInput(f'center must be two lengths [x, y] such as ["1 mm", "0 mm"]; got {value!r}.')
+    return tuple(parse_quantity(v, "length", "center") for v in value)
+
+
+def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
+    if plane.kind == "line":
+        _refuse(plane, ("shape", "positions_file"))
+        if isinstance(plane.pitch, tuple) or isinstance(plane.aperture, tuple):
+            raise InvalidInput("pitch and aperture must be one length on a line.")
+        return LineArray(
+            count=_need(plane.count, "count", "line"),
+            pitch=_need(plane.pitch, "pitch", "line"),
+            depth=plane.depth,
+            channels=plane.channels,
+            aperture=plane.aperture,
+            noise=_noise(plane, 1),
+            center=_center(plane.center, 1),
+        )
+    if plane.kind == "area":
+        _refuse(plane, ("count", "positions_file"))
+        meta = recording.meta if recording is not None and recording.readings.ndim == 4 else {}
+        shape, pitch = plane.shape, plane.pitch
+        if shape is None and pitch is None and recording is not None and "pitch" in meta:
+            shape, pitch = (recording.readings.shape[2], recording.readings.shape[3]), float(meta["pitch"])
+        return AreaArray(
+            shape=_need(shape, "shape", "area"),
+            pitch=_need(pitch, "pitch", "area"),
+            depth=plane.depth,
+            channels=plane.channels,
+            aperture=plane.aperture,
+            noise=_noise(plane, 2),
+            center=_center(plane.center, 2),
+        )
+    _refuse(plane, ("count", "shape", "pitch", "center"))
+    if plane.positions_file is None and recording is not None and recording.positions is not None:
+        positions = np.asarray(recording.positions)
+        positions = positions if positions.ndim == 2 else positions[:, None]
+    else:
+        positions = _positions(_need(plane.positions_file, "positions_file", "scattered"), folder)
+    return ScatteredArray(
+        positions=positions,
+        depth=plane.depth,
+        channels=plane.channels,
+        aperture=plane.aperture,
+        noise=_noise(plane, positions.shape[1]),
+    )
+
+
+def _positions(name: str, folder: Path) -> Any:
+    """Positions of a recording, from its file."""
+    from palpate.recordings.formats import read_recording
+
+    recording = read_recording(folder / name)
+    if recording.positions is None:
+        raise InvalidInput(f"positions_file {name} is a recording without positions.")
+    found = np.asarray(recording.positions)
+    return found if found.ndim == 2 else found[:, None]
+
+
+def _surface(surface: _Surface | None, dimensions: int) -> Grid | None:
+    if surface is None:
+        return None
+    if dimensions == 1:
+        if surface.count is None or surface.shape is not None or isinstance(surface.spacing, tuple):
+            raise InvalidInput("surface of a line array needs count and one spacing.")
+        return LineGrid(count=surface.count, spacing=surface.spacing, center=_center(surface.center, 1))
+    if surface.shape is None or surface.count is not None:
+        raise InvalidInput("surface of an area array needs shape = [rows, columns] and spacing.")
+    return AreaGrid(shape=surface.shape, spacing=surface.spacing, center=_center(surface.center, 2))
+
+
+def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
+    location = tuple(p for p in error["loc"])
+    keys = tuple(p for p in location if not (isinstance(p, str) and ("[" in p or p in ("float", "str"))))
+    key = next((str(p) for p in reversed(keys) if isinstance(p, str)), "file")
+    line = _line(text, keys)
+    message = str(error["msg"]).removeprefix("Value error, ")
+    kind = error["type"]
+    if kind == "missing":
+        section = ".".join(str(k) for k in keys[:-1] if isinstance(k, str))
+        place = f"[{section}] has no {key}" if section else f"there is no [{key}] section"
+        return f"{name}, line {line}: {place}."
+    if kind == "extra_forbidden":
+        return f"{name}, line {line}: {key} is not a key here; check its spelling."
+    message = re.sub(r"^(length|pressure)\b", key, message).replace("length = ", f"{key} = ").replace("pressure = ", f"{key} = ")
+    if kind != "value_error":
+        message = f"{key}: {message[:1].lower()}{message[1:]}; got {error['input']!r}"
+    return f"{name}, line {line}: {message.rstrip('.')}."
+
+
+def _line(text: str, keys: tuple[str | int, ...]) -> int:
+    """Line number of a key such as ("plane", 1, "pitch"): of its section where the key itself is not there."""
+    lines = text.splitlines()
+    section = str(keys[0]) if keys else ""
+    index = next((k for k in keys if isinstance(k, int)), 0)
+    key = keys[-1] if len(keys) > 1 and isinstance(keys[-1], str) else None
+    top = re.compile(rf"^\s*{re.escape(section)}\s*=")
+    header = re.compile(rf"^\s*\[{{1,2}}\s*{re.escape(section)}\s*\]{{1,2}}")
+    any_header = re.compile(r"^\s*\[[\[\w]")
+    seen, start = -1, 1
+    for number, line in enumerate(lines, 1):
+        if top.match(line) and key is None:
+            return number
+        if header.match(line):
+            seen += 1
+            if seen == index:
+                start = number
+                break
+    else:
+        return 1
+    if key is not None:
+        for number in range(start + 1, len(lines) + 1):
+            if any_header.match(lines[number - 1]):
+                break
+            if re.match(rf"^\s*{re.escape(str(key))}\s*=", lines[number - 1]):
+                return number
+    return start

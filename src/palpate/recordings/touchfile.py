@@ -1,0 +1,95 @@
+"""Results as NetCDF (labelled), NPZ or CSV, with what is needed to make them again."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate.errors import InvalidInput
+from palpate.recordings.formats import atomically, file_format
+from palpate.touch import Touch
+
+__all__ = ["read_touch", "write_touch"]
+
+
+def write_touch(touch: Touch, path: str | Path, *, provenance: Mapping[str, str] | None = None) -> None:
+    """Write traction with coordinates and units, net force, and ``provenance`` (skin, command, version).
+
+    NetCDF (.nc, .h5) opens in xarray; .npz holds the same arrays; .csv one line per frame, cell and component.
+    """
+    kind = file_format(path)
+    record = {"method": touch.method, "notes": "\n".join(touch.notes), **touch.meta, **(provenance or {})}
+    writer = {"netcdf": _netcdf, "npz": _npz, "csv": _csv}[kind]
+    atomically(path, lambda name: writer(touch, name, record))
+
+
+def _netcdf(touch: Touch, name: str, record: Mapping[str, str]) -> None:
+    import xarray
+
+    traction = touch.traction
+    batch = [d for d in traction.dims if d not in ("component", "x", "y")]
+    unit = "N/m" if touch.surface.dimensions == 1 else "N"
+    dataset = xarray.Dataset(
+        {
+            "traction": traction,
+            "force": ((*batch, "component"), to_numpy(touch.force), {"units": unit, "long_name": "net force"}),
+        }
+    )
+    for key, value in (("parameter", touch.parameter), ("residual", touch.residual)):
+        if value is not None:
+            dataset[key] = (tuple(batch), np.asarray(value))
+    dataset.attrs.update({k: str(v) for k, v in record.items()})
+    dataset.attrs["sought"] = ",".join(touch.components)
+    dataset.to_netcdf(name, engine="h5netcdf")
+
+
+def _npz(touch: Touch, name: str, record: Mapping[str, str]) -> None:
+    arrays: dict[str, Any] = {
+        "traction": to_numpy(touch.values),
+        "component": np.array(touch.surface.components),
+        "force": to_numpy(touch.force),
+        "record": np.array(json.dumps({**record, "sought": ",".join(touch.components)})),
+    }
+    arrays.update(zip(("x",) if touch.surface.dimensions == 1 else ("y", "x"), touch.surface.axes))
+    if touch.time is not None:
+        arrays["time"] = touch.time
+    with open(name, "wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def _csv(touch: Touch, name: str, record: Mapping[str, str]) -> None:
+    traction = touch.traction
+    if "time" not in traction.dims:
+        traction = traction.expand_dims("time")
+    names = [d for d in ("y", "x") if d in traction.dims]
+    with open(name, "w", newline="", encoding="utf-8") as file:
+        file.write(f"# {json.dumps(dict(record))}\n")
+        writer = csv.writer(file)
+        writer.writerow(["time (s)", *(f"{n} (m)" for n in names), *(f"traction_{c} (Pa)" for c in touch.surface.components)])
+        time = traction["time"].values
+        values = np.moveaxis(traction.values, 1, -1)
+        axes = [traction[n].values for n in names]
+        for t, frame in zip(time, values):
+            for place in np.ndindex(*frame.shape[:-1]):
+                where = [repr(float(a[i])) for a, i in zip(axes, place)]
+                writer.writerow([repr(float(t)), *where, *(repr(float(v)) for v in frame[place])])
+
+
+def read_touch(path: str | Path) -> Any:
+    """The xarray.Dataset of a result written as NetCDF."""
+    import xarray
+
+    if file_format(path) != "netcdf":
+        raise InvalidInput(f"{path}: only NetCDF results (.nc, .h5) are read back; NPZ and CSV open in any tool.")
+    if not Path(path).exists():
+        raise InvalidInput(f"{path}: no such file.")
+    try:
+        return xarray.load_dataset(path, engine="h5netcdf")
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"{path}: cannot be read as NetCDF; the file is truncated or of another format.") from error

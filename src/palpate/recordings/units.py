@@ -1,0 +1,61 @@
+"""Units, so that nobody is off by 1000. Only the units of this field; anything else is refused."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from palpate.errors import InvalidInput
+
+__all__ = ["UNITS", "convert_factor", "parse_quantity"]
+
+#: kind -> unit -> factor to SI
+UNITS: dict[str, dict[str, float]] = {
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254},
+    "pressure": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/mm^2": 1e6, "psi": 6894.757293168},
+    "strain": {"1": 1.0, "%": 1e-2, "ustrain": 1e-6, "µstrain": 1e-6},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0},
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "force per length": {"N/m": 1.0, "N/mm": 1e3, "mN/mm": 1.0},
+}
+
+#: kind of each SI unit of a channel
+KIND_OF_SI = {"m": "length", "Pa": "pressure", "1": "strain", "s": "time"}
+
+_EXAMPLES = {
+    "length": "1.5 mm",
+    "pressure": "200 kPa",
+    "strain": "0.001 1",
+    "time": "10 ms",
+    "force": "2 N",
+    "force per length": "200 N/m",
+}
+
+_QUANTITY = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\s\d].*?|1)?\s*$")
+
+
+def parse_quantity(text: object, kind: str, what: str) -> float:
+    """ "2 mm" -> 0.002. A bare number is refused: it has no unit."""
+    units = UNITS[kind]
+    example = _EXAMPLES[kind]
+    if isinstance(text, bool) or isinstance(text, int | float):
+        raise InvalidInput(f'{what} = {text!r} has no unit: write {what} = "{text} {example.split()[1]}" if that is meant.')
+    if not isinstance(text, str):
+        raise InvalidInput(f'{what} must be a quantity such as "{example}"; got {text!r}.')
+    match = _QUANTITY.match(text)
+    if match is None or match[2] is None:
+        raise InvalidInput(f'{what} must be a number and a unit such as "{example}"; got {text!r}.')
+    if match[2] not in units:
+        raise InvalidInput(f"{what} has the unit {match[2]!r}; accepted for a {kind}: {', '.join(units)}.")
+    value = float(match[1]) * units[match[2]]
+    if not math.isfinite(value):
+        raise InvalidInput(f"{what} = {text!r} is not finite.")
+    return value
+
+
+def convert_factor(unit: str, si: str, what: str) -> float:
+    """Factor from ``unit`` to the SI unit ``si``."""
+    kind = KIND_OF_SI[si]
+    if unit not in UNITS[kind]:
+        raise InvalidInput(f"{what} has the unit {unit!r}; accepted: {', '.join(UNITS[kind])}.")
+    return UNITS[kind][unit]
