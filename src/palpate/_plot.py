@@ -79,7 +79,8 @@ def _plot_area(touch: Touch, values: Floats, true: Floats | None, title: str | N
     x, y = touch.surface.x * width, touch.surface.axes[0] * width
     dy, dx = (s * width for s in touch.surface.spacings)
     extent = (x[0] - dx / 2, x[-1] + dx / 2, y[0] - dy / 2, y[-1] + dy / 2)
-    figure = Figure(figsize=(4.6 * len(fields), 4.0 * len(rows)), layout="constrained")
+    shape = min(max((extent[3] - extent[2]) / (extent[1] - extent[0]), 0.3), 2.0)
+    figure = Figure(figsize=(4.6 * len(fields), (3.2 * shape + 0.8) * len(rows)), layout="constrained")
     grid = figure.subplots(len(rows), len(fields), squeeze=False)
     for column, name in enumerate(fields):
         images = [v[2] if name == "pressure" else np.hypot(v[0], v[1]) for _, v in rows]
@@ -115,7 +116,7 @@ def _plot_area(touch: Touch, values: Floats, true: Floats | None, title: str | N
             axes.set_title(f"{name}{', ' + label if label else ''}", fontsize=10)
             axes.set_xlabel(f"x [{width_unit}]")
             axes.set_ylabel(f"y [{width_unit}]")
-            figure.colorbar(image, ax=axes, label=f"{name} [{unit}]", shrink=0.85)
+            figure.colorbar(image, ax=axes, label=f"{name} [{unit}]")
     if title:
         figure.suptitle(title)
     return figure

@@ -79,7 +79,8 @@ def choose_parameter(
     top = float(eigenvalues.max())
     if filter_factors is truncate:
         levels = np.unique(eigenvalues[eigenvalues > 1e-15 * top])
-        grid = np.concatenate([[0.0], levels])[:-1]  # at least one is kept
+        # half-way between neighbours, so that rounding cannot move a value across; at least one is kept
+        grid = np.concatenate([[0.5 * levels[0]], np.sqrt(levels[:-1] * levels[1:])])
         if len(grid) > 600:
             grid = grid[np.unique(np.linspace(0, len(grid) - 1, 600).astype(int))]
     else:
@@ -99,6 +100,9 @@ def choose_parameter(
         safe = np.where(eigenvalues > 0, eigenvalues, 1.0)
         penalty = datum @ np.where(eigenvalues > 0, phi**2 / safe, 0.0).T
         score = -_curvature(np.log(np.maximum(residual, 1e-300)), np.log(np.maximum(penalty, 1e-300)))
+        # beyond the spectrum's ends every lambda does the same, and rounding makes corners of its own
+        positive = eigenvalues[eigenvalues > 1e-14 * top]
+        score[:, (grid < positive.min()) | (grid > top)] = np.inf
     else:
         explained = datum @ (1.0 - phi).T  # sum c^2/(1 + s^2/lambda)
         logdet = -np.log(np.maximum(1.0 - phi, 1e-300)) @ multiplicity
@@ -129,7 +133,7 @@ def _curvature(a: Floats, b: Floats) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):
         curvature = (da * ddb - db * dda) / speed
     moving = (np.abs(da) > 1e-6) | (np.abs(db) > 1e-6)
-    # candidates run from strong to weak: a falls, b rises, and the corner turns counter-clockwise-negative
+    # candidates run from strong to weak regularisation, so a falls, b rises, and the corner turns to the right
     return np.where(moving, -curvature, -np.inf)
 
 

@@ -3,9 +3,9 @@
 Whiten the readings by their noise and the traction by a prior covariance W = C C^T: H = N^{-1/2} A C. With the
 eigenvectors U and eigenvalues s^2 of H H^T, every linear method is
 
-    traction = W A^T N^{-1/2} U diag(phi(s)/s^2) U^T N^{-1/2} readings,
+    traction = V diag(phi(s)/s) U^T N^{-1/2} readings,      V = W A^T N^{-1/2} U diag(1/s),
 
-prepared once; a frame costs two changes of basis and one adjoint. On a periodic surface U is the Fourier transform and
+prepared once; a frame costs two changes of basis (V is applied as an adjoint where it would be too large to keep). On a periodic surface U is the Fourier transform and
 a small matrix per wavevector; otherwise U is dense, split by mirror symmetry into independent blocks where the layout
 has it (16 times less work in area contact).
 """
@@ -34,6 +34,8 @@ __all__ = ["Estimate", "Regularised", "noise_scales"]
 
 #: Largest dense eigenproblem that is tried (readings in one symmetry block).
 LARGEST_BLOCK = 4096
+#: The modes V are kept as a matrix up to this many entries.
+LARGEST_MODES = 6_000_000
 #: Up to this many readings the decomposition is an SVD of H, beyond it an eigendecomposition of H H^T.
 LARGEST_SVD = 700
 
@@ -122,6 +124,17 @@ class _DataSpectrum:
         self.eigenvalues = np.concatenate([b.eigenvalues for b in self.blocks])
         self.multiplicity = np.ones(len(self.eigenvalues))
         self._copies: dict[tuple[Any, ...], Any] = {}
+        self._modes: npt.NDArray[np.float64] | None = None
+        unknowns = len(self.columns) * math.prod(operator.surface.shape)
+        if len(self.eigenvalues) * unknowns <= LARGEST_MODES:
+            unit = np.diag(self._inverse_root())
+            rows = [self._adjoint(unit[i : i + 256])[:, self.columns] for i in range(0, len(unit), 256)]
+            self._modes = np.concatenate(rows).reshape(-1, unknowns)
+            self._copies.clear()
+
+    def _inverse_root(self) -> Floats:
+        positive = self.eigenvalues > 0
+        return np.where(positive, 1.0 / np.sqrt(np.where(positive, self.eigenvalues, 1.0)), 0.0)
 
     def _check(self, size: int) -> None:
         if size > LARGEST_BLOCK:
@@ -182,7 +195,7 @@ class _DataSpectrum:
     def project(self, readings: Sequence[Any]) -> Any:
         """U^T N^{-1/2} readings: (..., n)."""
         xp = namespace(readings[0])
-        bases, vectors, scales, picks = self._prepared(readings[0])
+        bases, vectors, scales, picks, _ = self._prepared(readings[0])
         scaled = [r / s for r, s in zip(readings, scales)]
         out = []
         for block, basis, vector in zip(self.blocks, bases, vectors):
@@ -206,9 +219,29 @@ class _DataSpectrum:
         return xp.concat(out, axis=-1)
 
     def solve(self, weights: Any) -> Any:
-        """W A^T N^{-1/2} U weights: traction (..., component, *surface), zero in components not sought."""
+        """V weights: traction (..., component, *surface), zero in components not sought."""
         xp = namespace(weights)
-        bases, vectors, scales, picks = self._prepared(weights)
+        if self._modes is None:
+            # small singular values are divided by before the operator multiplies by them again: not in float32
+            wide = xp.astype(weights, xp.float64)
+            out = self._adjoint(wide * from_numpy(self._inverse_root(), wide))
+            return xp.astype(out, weights.dtype)
+        surface = self.operator.surface
+        modes = self._prepared(weights)[4]
+        batch = weights.shape[:-1]
+        images = xp.reshape(xp.matmul(weights, modes), (*batch, len(self.columns), *surface.shape))
+        tail = (slice(None),) * surface.dimensions
+        zero = xp.zeros_like(images[(..., 0, *tail)])
+        parts = [
+            images[(..., self.columns.index(i), *tail)] if i in self.columns else zero
+            for i in range(len(surface.components))
+        ]
+        return xp.stack(parts, axis=-1 - surface.dimensions)
+
+    def _adjoint(self, weights: Any) -> Any:
+        """W A^T N^{-1/2} U weights."""
+        xp = namespace(weights)
+        bases, vectors, scales, picks, _ = self._prepared(weights)
         planes = self.operator.planes_of
         batch = weights.shape[:-1]
         totals: list[Any] = [None] * len(planes)
@@ -276,7 +309,8 @@ class _DataSpectrum:
                 else xp.asarray(np.flatnonzero(a.valid.ravel()), device=getattr(like, "device", None))
                 for a in self.operator.planes_of
             ]
-            self._copies[key] = bases, vectors, scales, picks
+            modes = None if self._modes is None else from_numpy(self._modes, like)
+            self._copies[key] = bases, vectors, scales, picks, modes
         return self._copies[key]
 
 
@@ -353,11 +387,8 @@ class _FourierSpectrum:
         self._shape = values.shape
         self.eigenvalues, self.multiplicity = values.ravel(), half.ravel()
         self._forward = np.conj(np.swapaxes(u, -1, -2))  # (*k, n, channel)
-        # phi/s^2 weights come from outside, so the way back carries s
         self._back = np.zeros((*values.shape[:-1], len(self.columns), values.shape[-1]), dtype=np.complex128)
-        self._back[..., :rank] = (
-            root[..., :, None] * np.conj(np.swapaxes(vh, -1, -2))[..., :rank] * s[..., None, :]
-        )
+        self._back[..., :rank] = root[..., :, None] * np.conj(np.swapaxes(vh, -1, -2))[..., :rank]
         self._scales = scales
         self._norm = math.sqrt(math.prod(grid.shape))
         self._copies: dict[tuple[Any, ...], Any] = {}
@@ -450,8 +481,7 @@ class Regularised:
                 np.ones(len(power)) if self.noise_known else (power * counts * (1.0 - phi) ** 2).sum(axis=1) / free
             )
         phi = self.filter(values[None, :], chosen[:, None])
-        safe = np.where(values > 0, values, 1.0)
-        gain = np.where(values > 0, phi / safe, 0.0).reshape(*batch, -1)
+        gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0).reshape(*batch, -1)
         residual = np.sqrt((power * counts * (1.0 - phi) ** 2).sum(axis=1) / counts.sum())
         real = xp.real(coefficients) if xp.isdtype(coefficients.dtype, "complex floating") else coefficients
         traction = self.spectrum.solve(coefficients * from_numpy(gain, real))

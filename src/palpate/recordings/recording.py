@@ -93,8 +93,9 @@ class Recording:
     def gridded(self, pitch: float) -> Recording:
         """Scattered readings interpolated (cubic, Clough-Tocher) to a regular grid of ``pitch`` [m].
 
-        The grid covers the bounding box of the positions; outside their convex hull the reading of the nearest taxel is
-        taken. The new recording says where its corner lies in ``meta`` ("x0", "y0", "pitch", in metres).
+        The grid is made of the square cells that fit the bounding box of the positions, from its lower left corner, with a
+        point in the middle of each; outside the convex hull of the positions the reading of the nearest taxel is taken. The
+        new recording says where its first point lies in ``meta`` ("x0", "y0", "pitch", in metres).
         """
         from scipy.interpolate import CloughTocher2DInterpolator, NearestNDInterpolator
 
@@ -105,12 +106,10 @@ class Recording:
         good = ~self.missing
         points = self.positions[good]
         low, high = points.min(axis=0), points.max(axis=0)
-        counts = np.maximum(2, np.round((high - low) / pitch).astype(int))
+        counts = np.maximum(2, np.floor((high - low) / pitch + 1e-9).astype(int))
         if counts.prod() > 4_000_000:
             raise InvalidInput(f"a pitch of {pitch:g} m makes a grid of {counts[1]} x {counts[0]} points; take a wider one.")
-        middle = (low + high) / 2
-        x = middle[0] + (np.arange(counts[0]) - (counts[0] - 1) / 2) * pitch
-        y = middle[1] + (np.arange(counts[1]) - (counts[1] - 1) / 2) * pitch
+        x, y = (c + (np.arange(n) + 0.5) * pitch for c, n in zip(low, counts))
         xx, yy = np.meshgrid(x, y)
         origin = points.mean(axis=0)
         scale = float(np.ptp(points))

@@ -23,7 +23,7 @@ def aperture_rule(width: float, depth: float, spacing: float, offset: float | No
     kinks above the cell edges, so the aperture is cut there (``offset``: taxel minus cell centre; None if it differs
     from taxel to taxel, when it is cut into narrow panels instead).
     """
-    if width == 0.0:
+    if width <= 1e-9 * spacing:  # a point
         return np.zeros(1), np.ones(1)
     half = width / 2
     if depth >= 0.5 * width:

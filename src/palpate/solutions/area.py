@@ -44,10 +44,10 @@ class _CircleTable:
                 f"subsurface fields of a circular contact need depth >= 0.01 * radius = {0.01 * radius:g} m; got "
                 f"{nearest:g} m. On the surface use traction()."
             )
-        t, weight = np.polynomial.legendre.leggauss(40 + math.ceil(20.0 * radius / nearest))
+        t, weight = np.polynomial.legendre.leggauss(2 * (20 + math.ceil(10.0 * radius / nearest)))
         t, weight = t * radius, weight * radius
         g = 1.0 / (2 * radius) if shape == "punch" else 3.0 * (radius**2 - t**2) / (4 * radius**3)
-        half = t > 0  # the two halves of the path are complex conjugates
+        half = t > 0  # the two halves of the path are complex conjugates; an even rule has no node at 0
         self._weight = (2.0 * weight * g)[half]
         self._depths = t[half]
         self._point = (x, y, z)

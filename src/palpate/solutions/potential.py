@@ -54,20 +54,25 @@ def area_fields(table: Table, z: Any, source: str, pad: HalfSpace, channels: Seq
     def get(key: str) -> Any:
         return table["".join(sorted(key))]
 
+    def total(terms: _Terms, more: str = "") -> Any:
+        """Sum of terms; those without weight are not evaluated (they may be singular)."""
+        weighted = [(c(nu), key) for c, key in terms if c(nu) != 0.0]
+        return sum(c * get(key + more) for c, key in weighted) if weighted else 0.0 * get("zz")
+
     def displacement(i: str) -> Any:
         plain, deep = _displacement_terms(i, source)
-        out = sum(c(nu) * get(key) for c, key in plain if c(nu) != 0.0)
+        out = total(plain)
         if np.any(np.asarray(z) != 0):
-            out = out + z * sum(c(nu) * get(key) for c, key in deep)
+            out = out + z * total(deep)
         return out
 
     def gradient(i: str, j: str) -> Any:
         plain, deep = _displacement_terms(i, source)
-        out = sum(c(nu) * get(key + j) for c, key in plain if c(nu) != 0.0)
+        out = total(plain, j)
         if j == "z":
-            out = out + sum(c(nu) * get(key) for c, key in deep)
+            out = out + total(deep)
         if np.any(np.asarray(z) != 0):
-            out = out + z * sum(c(nu) * get(key + j) for c, key in deep)
+            out = out + z * total(deep, j)
         return out
 
     result = []
