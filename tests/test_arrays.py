@@ -14,13 +14,22 @@ from palpate._arrays import to_numpy
 PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.45)
 NAMES = ["stress_xz", "stress_yz", "stress_zz"]
 SKINS = {
-    "line": pp.Skin(PAD, pp.LineArray(count=30, pitch=1e-3, depth=2e-3, channels=["stress_xz", "stress_zz"], noise=10.0)),
+    "line": pp.Skin(
+        PAD, pp.LineArray(count=30, pitch=1e-3, depth=2e-3, channels=["stress_xz", "stress_zz"], noise=10.0)
+    ),
     "area": pp.Skin(PAD, pp.AreaArray(shape=(8, 9), pitch=1e-3, depth=2e-3, channels=NAMES, noise=10.0)),
     "fine": pp.Skin(PAD, pp.AreaArray(shape=(5, 6), pitch=3e-3, depth=1.5e-3, channels=NAMES, noise=10.0)),
-    "masked": pp.Skin(PAD, pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=2e-3, channels=NAMES, noise=10.0, mask=np.eye(6) < 0.5)),
-    "periodic": pp.Skin(PAD, pp.AreaArray(shape=(8, 9), pitch=1e-3, depth=2e-3, channels=NAMES, noise=10.0), boundary="periodic"),
+    "masked": pp.Skin(
+        PAD, pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=2e-3, channels=NAMES, noise=10.0, mask=np.eye(6) < 0.5)
+    ),
+    "periodic": pp.Skin(
+        PAD, pp.AreaArray(shape=(8, 9), pitch=1e-3, depth=2e-3, channels=NAMES, noise=10.0), boundary="periodic"
+    ),
     "scattered": pp.Skin(
-        PAD, pp.ScatteredArray(positions=np.random.default_rng(1).uniform(-4e-3, 4e-3, (40, 2)), depth=1e-3, channels=NAMES, noise=10.0)
+        PAD,
+        pp.ScatteredArray(
+            positions=np.random.default_rng(1).uniform(-4e-3, 4e-3, (40, 2)), depth=1e-3, channels=NAMES, noise=10.0
+        ),
     ),
 }
 
@@ -32,13 +41,19 @@ def namespaces() -> list[Any]:
 
         found.append(pytest.param(array_api_strict, id="array-api-strict"))
     except ImportError:
-        found.append(pytest.param(None, id="array-api-strict", marks=pytest.mark.skip(reason="array-api-strict is not installed")))
+        found.append(
+            pytest.param(
+                None, id="array-api-strict", marks=pytest.mark.skip(reason="array-api-strict is not installed")
+            )
+        )
     try:
         import torch
 
         found.append(pytest.param(torch, id="torch"))
     except ImportError:
-        found.append(pytest.param(None, id="torch", marks=pytest.mark.skip(reason="PyTorch (optional) is not installed")))
+        found.append(
+            pytest.param(None, id="torch", marks=pytest.mark.skip(reason="PyTorch (optional) is not installed"))
+        )
     return found
 
 
@@ -73,7 +88,14 @@ def test_array_kinds(xp: Any, name: str, dtype: str) -> None:
         largest = np.abs(reference.values).max()
         loose = tolerance if method in ("tikhonov", "hilgers") else 50 * tolerance
         np.testing.assert_allclose(to_numpy(touch.values), reference.values, atol=20 * loose * largest)
-        for number in (touch.force, touch.moment, touch.peak_pressure, touch.contact_area(), touch.center_of_pressure, touch.slip_margin(0.6)):
+        for number in (
+            touch.force,
+            touch.moment,
+            touch.peak_pressure,
+            touch.contact_area(),
+            touch.center_of_pressure,
+            touch.slip_margin(0.6),
+        ):
             assert number.dtype == getattr(xp, dtype)
         close = 1e-9 if dtype == "float64" else 1e-3 if loose == tolerance else 0.1
         np.testing.assert_allclose(to_numpy(touch.force), reference.force, atol=close * np.abs(reference.force).max())

@@ -69,8 +69,8 @@ def test_physics_of_one_wavevector(nu: float, kx: float, ky: float, depth: float
     scale = max(np.abs(m["stress_zz"]).max(), np.abs(m["stress_xx"]).max(), 1e-300)
     for ij in ("xz", "yz", "xy"):
         np.testing.assert_allclose(2 * mu * m[f"strain_{ij}"], m[f"stress_{ij}"], atol=1e-12 * scale)
-    for i, j, l in (("x", "y", "z"), ("y", "z", "x"), ("z", "x", "y")):
-        hooke = (m[f"stress_{i}{i}"] - nu * (m[f"stress_{j}{j}"] + m[f"stress_{l}{l}"])) / modulus
+    for i, j, h in (("x", "y", "z"), ("y", "z", "x"), ("z", "x", "y")):
+        hooke = (m[f"stress_{i}{i}"] - nu * (m[f"stress_{j}{j}"] + m[f"stress_{h}{h}"])) / modulus
         np.testing.assert_allclose(m[f"strain_{i}{i}"] * modulus, hooke * modulus, atol=1e-11 * scale)
     wave = {"x": kx, "y": ky}
     for i, j in (("x", "x"), ("y", "y"), ("x", "y")):
@@ -100,7 +100,9 @@ def test_mean_traction_policy() -> None:
 def test_rotation_of_the_wavevector() -> None:
     """Turning wavevector and traction by 90 degrees turns the answer."""
     m = transfer(pad(0.4), 1.0, 0.7, 0.5, ["displacement_x", "displacement_y", "stress_xz", "stress_yz", "stress_zz"])
-    turned = transfer(pad(0.4), -0.7, 1.0, 0.5, ["displacement_x", "displacement_y", "stress_xz", "stress_yz", "stress_zz"])
+    turned = transfer(
+        pad(0.4), -0.7, 1.0, 0.5, ["displacement_x", "displacement_y", "stress_xz", "stress_yz", "stress_zz"]
+    )
     turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
     back = turned @ turn
     np.testing.assert_allclose(back[0], -m[1], atol=1e-15)

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import relative
 
 import palpate as pp
+from conftest import relative
 from palpate import paper, solutions
 from palpate.inverse import DifferencePrior, Regularised, SpectralPrior, choose_parameter, hilgers_prior, regularised
 from palpate.inverse.parameter import tikhonov, truncate
@@ -156,7 +156,9 @@ def test_wiener_is_the_conditional_mean(rng: np.random.Generator) -> None:
         n = 34
         k = 2 * np.pi * np.fft.fftfreq(n, 0.5)
         lag = np.arange(17)[:, None] - np.arange(17)[None, :]
-        covariance[17 * i : 17 * i + 17, 17 * i : 17 * i + 17] = (spectrum(np.abs(k)) * np.cos(k * lag[..., None] * 0.5)).sum(-1) / (n * 0.5)
+        covariance[17 * i : 17 * i + 17, 17 * i : 17 * i + 17] = (
+            spectrum(np.abs(k)) * np.cos(k * lag[..., None] * 0.5)
+        ).sum(-1) / (n * 0.5)
     y = rng.standard_normal(28)
     inner = dense @ covariance @ dense.T + np.diag(weights**-2.0)
     expected = covariance @ dense.T @ np.linalg.solve(inner, y)
@@ -177,7 +179,9 @@ def test_hilgers_prior_is_the_sobolev_kernel() -> None:
 @pytest.mark.parametrize("boundary", ["free", "periodic"])
 @pytest.mark.parametrize("filter_factors", [tikhonov, truncate])
 @pytest.mark.parametrize("rule", ["gcv", "discrepancy", "evidence", "lcurve"])
-def test_rules_find_the_extremum_of_their_definition(rule: str, filter_factors: Any, boundary: Any, rng: np.random.Generator) -> None:
+def test_rules_find_the_extremum_of_their_definition(
+    rule: str, filter_factors: Any, boundary: Any, rng: np.random.Generator
+) -> None:
     """Score the definition with dense matrices over a scan of the parameter; the closed form must be as good."""
     if rule == "evidence" and filter_factors is truncate:
         with pytest.raises(pp.Unsupported, match="gcv"):
@@ -238,7 +242,13 @@ def test_rules_find_the_extremum_of_their_definition(rule: str, filter_factors: 
 @pytest.mark.parametrize("layout", ["even", "odd", "rectangular"])
 def test_symmetry_blocks_change_nothing(layout: str, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     shape = {"even": (6, 8), "odd": (5, 7), "rectangular": (6, 5)}[layout]
-    array = pp.AreaArray(shape=shape, pitch=(0.5, 0.4), depth=0.5, channels=["stress_xz", "stress_yz", "stress_zz", "strain_xy"], noise=0.01)
+    array = pp.AreaArray(
+        shape=shape,
+        pitch=(0.5, 0.4),
+        depth=0.5,
+        channels=["stress_xz", "stress_yz", "stress_zz", "strain_xy"],
+        noise=0.01,
+    )
     y = rng.standard_normal((2, 4, *shape)) * 0.1
     whole = pp.Skin(PAD, array).reconstruct(y, order=1, parameter="evidence")
     monkeypatch.setattr(regularised, "LARGEST_SVD", 10)
@@ -265,8 +275,17 @@ def test_noise_is_estimated(boundary: Any, rng: np.random.Generator) -> None:
 ARRAYS: dict[str, Any] = {
     "line": pp.LineArray(count=30, pitch=0.5, depth=0.8, channels=["stress_zz"], noise=1e-3),
     "area": pp.AreaArray(shape=(12, 13), pitch=0.5, depth=0.8, channels=["stress_zz"], noise=1e-3),
-    "scattered": pp.ScatteredArray(positions=np.random.default_rng(2).uniform(-3, 3, (120, 2)), depth=0.8, channels=["stress_zz"], noise=1e-3),
-    "masked": pp.AreaArray(shape=(12, 13), pitch=0.5, depth=0.8, channels=["stress_zz"], noise=1e-3, mask=np.random.default_rng(3).uniform(size=(12, 13)) > 0.1),
+    "scattered": pp.ScatteredArray(
+        positions=np.random.default_rng(2).uniform(-3, 3, (120, 2)), depth=0.8, channels=["stress_zz"], noise=1e-3
+    ),
+    "masked": pp.AreaArray(
+        shape=(12, 13),
+        pitch=0.5,
+        depth=0.8,
+        channels=["stress_zz"],
+        noise=1e-3,
+        mask=np.random.default_rng(3).uniform(size=(12, 13)) > 0.1,
+    ),
 }
 METHODS: dict[str, dict[str, Any]] = {
     "tikhonov": {},
@@ -286,7 +305,9 @@ REFUSED = {("dft", "scattered"), ("dft", "masked"), ("linear", "scattered"), ("l
 @pytest.mark.parametrize("method", list(METHODS))
 def test_every_method_on_every_layout(method: Any, layout: str, rng: np.random.Generator) -> None:
     skin = pp.Skin(PAD, ARRAYS[layout])
-    contact = solutions.hertz_line(half_width=3, force=1) if layout == "line" else solutions.hertz_point(radius=2, force=1)
+    contact = (
+        solutions.hertz_line(half_width=3, force=1) if layout == "line" else solutions.hertz_point(radius=2, force=1)
+    )
     readings = skin.sense(contact, rng=rng)
     if (method, layout) in REFUSED:
         with pytest.raises(pp.Unsupported, match="method=") as error:
@@ -302,7 +323,9 @@ def test_every_method_on_every_layout(method: Any, layout: str, rng: np.random.G
 
 @pytest.mark.parametrize("method", ["tikhonov", "hilgers", "truncated", "wiener"])
 def test_periodic_and_free_agree_far_from_the_edge(method: Any, rng: np.random.Generator) -> None:
-    array = pp.AreaArray(shape=(24, 25), pitch=0.5, depth=0.6, channels=["stress_xz", "stress_yz", "stress_zz"], noise=1e-3)
+    array = pp.AreaArray(
+        shape=(24, 25), pitch=0.5, depth=0.6, channels=["stress_xz", "stress_yz", "stress_zz"], noise=1e-3
+    )
     contact = solutions.hertz_point(radius=2.0, force=1.0).sliding(0.4, direction=0.3)
     skins = [pp.Skin(PAD, array, surface=array.grid), pp.Skin(PAD, array, boundary="periodic")]
     readings = skins[0].sense(contact, rng=rng)
@@ -399,7 +422,10 @@ def test_notes_say_what_was_assumed() -> None:
     assert "shear along x taken as zero" in touch.notes[0]
     with pytest.raises(pp.NotObservable, match="not sought"):
         touch.slip_margin(0.5)
-    strain = pp.Skin(pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5), pp.LineArray(count=20, pitch=0.5, depth=0.8, channels=["strain_zz"]))
+    strain = pp.Skin(
+        pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5),
+        pp.LineArray(count=20, pitch=0.5, depth=0.8, channels=["strain_zz"]),
+    )
     assert any("net force" in n for n in strain.reconstruct(np.zeros((1, 20))).notes)
 
 
@@ -407,7 +433,9 @@ def test_notes_say_what_was_assumed() -> None:
 
 
 @pytest.mark.parametrize("nu", [0.3, 0.5])
-@pytest.mark.parametrize("channels", [["displacement_x", "displacement_y"], ["displacement_x", "displacement_y", "displacement_z"]])
+@pytest.mark.parametrize(
+    "channels", [["displacement_x", "displacement_y"], ["displacement_x", "displacement_y", "displacement_z"]]
+)
 def test_net_force_from_displacement(channels: list[str], nu: float) -> None:
     """A single off-centre sheared patch, its displacement by closed form: the net force within 1 %, not zero."""
     body = pp.HalfSpace(youngs_modulus=1e4, poissons_ratio=nu)

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import channel_of, relative
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import palpate as pp
+from conftest import channel_of, relative
 from palpate import solutions
 from palpate.elastic import AREA_CHANNELS, LINE_CHANNELS, transfer
 from palpate.elastic.quantities import mirror_parity
@@ -33,12 +33,13 @@ LAYOUTS: dict[str, list[Any]] = {
     "area, aperture, fine": [pp.AreaArray(shape=(5, 4), pitch=0.5, depth=0.15, channels=AREA_CHANNELS, aperture=0.3)],
     "area, at the surface": [
         pp.AreaArray(
-            shape=(5, 6), pitch=0.5, depth=0.0, channels=["displacement_x", "displacement_y", "displacement_z", "stress_xz"]
+            shape=(5, 6),
+            pitch=0.5,
+            depth=0.0,
+            channels=["displacement_x", "displacement_y", "displacement_z", "stress_xz"],
         )
     ],
-    "area, masked": [
-        pp.AreaArray(shape=(4, 4), pitch=0.5, depth=0.5, channels=["stress_zz"], mask=np.eye(4) < 0.5)
-    ],
+    "area, masked": [pp.AreaArray(shape=(4, 4), pitch=0.5, depth=0.5, channels=["stress_zz"], mask=np.eye(4) < 0.5)],
     "area, scattered": [
         pp.ScatteredArray(positions=POSITIONS, depth=0.0, channels=["displacement_x", "displacement_y"], aperture=0.05)
     ],
@@ -90,7 +91,13 @@ def test_dense_is_the_same_operator(layout: str, boundary: str, rng: np.random.G
 
 
 @settings(deadline=None, max_examples=25)
-@given(count=st.integers(2, 40), ratio=st.integers(1, 4), depth=st.floats(0.01, 5), width=st.floats(0, 1), nu=st.floats(0, 0.5))
+@given(
+    count=st.integers(2, 40),
+    ratio=st.integers(1, 4),
+    depth=st.floats(0.01, 5),
+    width=st.floats(0, 1),
+    nu=st.floats(0, 0.5),
+)
 def test_adjoint_property(count: int, ratio: int, depth: float, width: float, nu: float) -> None:
     pad = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=nu)
     array = pp.LineArray(count=count, pitch=1.0, depth=depth, channels=LINE_CHANNELS, aperture=width)
@@ -98,7 +105,10 @@ def test_adjoint_property(count: int, ratio: int, depth: float, width: float, nu
     assert dot_test(Operator(pad, [array], surface), np.float64, np.random.default_rng(count)) < 50
 
 
-@pytest.mark.parametrize(("layout", "boundary"), [c for c in CASES if "scattered" not in c[0] and "kinds" not in c[0] and "masked" not in c[0]])
+@pytest.mark.parametrize(
+    ("layout", "boundary"),
+    [c for c in CASES if "scattered" not in c[0] and "kinds" not in c[0] and "masked" not in c[0]],
+)
 def test_mirror(layout: str, boundary: str, rng: np.random.Generator) -> None:
     """Mirrored traction gives the mirrored reading, on even and odd grids."""
     op = operator(LAYOUTS[layout], boundary)
@@ -117,7 +127,16 @@ def test_mirror(layout: str, boundary: str, rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("size", [6, 7])
 def test_rotation(size: int, boundary: Any, rng: np.random.Generator) -> None:
     """Turning the traction by 90 degrees turns the reading."""
-    names = ["displacement_x", "displacement_y", "displacement_z", "stress_xx", "stress_yy", "stress_xy", "stress_xz", "stress_yz"]
+    names = [
+        "displacement_x",
+        "displacement_y",
+        "displacement_z",
+        "stress_xx",
+        "stress_yy",
+        "stress_xy",
+        "stress_xz",
+        "stress_yz",
+    ]
     array = pp.AreaArray(shape=(size, size), pitch=0.5, depth=0.6, channels=names)
     op = operator([array], boundary)
 
@@ -162,7 +181,9 @@ def test_influence_is_the_transform_of_the_transfer_matrix(depth: float) -> None
     k = np.array([3.0, 8.0])
     window = np.exp(-((x / 18) ** 8))  # the kernels' far tails carry only small k
     found = np.einsum("cpn,kn->kcp", kernel * window, np.exp(-1j * k[:, None] * x))
-    expected = transfer(pad, k, 0.0, depth, LINE_CHANNELS, line=True)[..., [0, 2]] * np.sinc(k * dx / 2 / np.pi)[:, None, None]
+    expected = (
+        transfer(pad, k, 0.0, depth, LINE_CHANNELS, line=True)[..., [0, 2]] * np.sinc(k * dx / 2 / np.pi)[:, None, None]
+    )
     np.testing.assert_allclose(found, expected, atol=1e-5)  # what the window leaves of ln x
 
     n, dx = 256, 0.25
@@ -211,7 +232,9 @@ def test_aperture_is_the_mean_over_the_taxel() -> None:
     np.testing.assert_allclose(skin.sense(ball), expected, rtol=2e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize(("width", "depth", "offset"), [(0.3, 0.0, 0.1), (1.3, 0.0, 0.5), (0.3, 1.0, 0.1), (0.3, 0.01, None)])
+@pytest.mark.parametrize(
+    ("width", "depth", "offset"), [(0.3, 0.0, 0.1), (1.3, 0.0, 0.5), (0.3, 1.0, 0.1), (0.3, 0.01, None)]
+)
 def test_aperture_rule_integrates(width: float, depth: float, offset: float | None) -> None:
     nodes, weights = aperture_rule(width, depth, 0.5, offset)
     assert weights.sum() == pytest.approx(1.0)
@@ -239,7 +262,11 @@ def test_line_fields_against_oracle(oracle: Any, nu: str) -> None:
                 normal = (contact or solutions.hertz_line(half_width=1, force=np.pi / 2)).averages(surface.edges)
                 traction = normal if contact else normal[::-1]
                 found = [
-                    pp.Skin(pad, pp.ScatteredArray(positions=data["x"], depth=float(z), channels=[channel_of(field)]), surface=surface).sense(traction)[0]
+                    pp.Skin(
+                        pad,
+                        pp.ScatteredArray(positions=data["x"], depth=float(z), channels=[channel_of(field)]),
+                        surface=surface,
+                    ).sense(traction)[0]
                     for z in data["z"][1:]
                 ]
                 errors.append(relative(found, data[key][1:]))
@@ -251,7 +278,11 @@ def test_displacement_of_a_half_plane_is_relative_to_the_array() -> None:
     pad = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.3)
     array = pp.LineArray(count=30, pitch=0.5, depth=0.5, channels=["displacement_z"])
     found = pp.Skin(pad, array).sense(solutions.strip(half_width=0.75, traction=1.0).shifted(0.25))[0]
-    true = solutions.strip(half_width=0.75, traction=1.0).shifted(0.25).fields(pad, ["displacement_z"], array.grid.x, 0.5)[0]
+    true = (
+        solutions.strip(half_width=0.75, traction=1.0)
+        .shifted(0.25)
+        .fields(pad, ["displacement_z"], array.grid.x, 0.5)[0]
+    )
     assert found.mean() == pytest.approx(0.0, abs=1e-14)
     np.testing.assert_allclose(found, true - true.mean(), atol=1e-12)
 
@@ -265,7 +296,13 @@ def test_infinite_response_is_refused() -> None:
 
 
 def test_too_large_a_dense_map_is_refused() -> None:
-    array = pp.ScatteredArray(positions=np.random.default_rng(0).uniform(-1, 1, (5000, 2)), depth=0.0, channels=["displacement_x", "displacement_y"])
-    skin = pp.Skin(pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.3), array, surface=pp.AreaGrid(shape=(300, 300), spacing=0.01))
+    array = pp.ScatteredArray(
+        positions=np.random.default_rng(0).uniform(-1, 1, (5000, 2)),
+        depth=0.0,
+        channels=["displacement_x", "displacement_y"],
+    )
+    skin = pp.Skin(
+        pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.3), array, surface=pp.AreaGrid(shape=(300, 300), spacing=0.01)
+    )
     with pytest.raises(pp.Unsupported, match="GB"):
         _ = skin.operator

@@ -12,7 +12,12 @@ PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.45)
 
 
 def area(**changes: Any) -> pp.AreaArray:
-    options = {"shape": (8, 9), "pitch": 1e-3, "depth": 2e-3, "channels": ["stress_xz", "stress_yz", "stress_zz"]} | changes
+    options = {
+        "shape": (8, 9),
+        "pitch": 1e-3,
+        "depth": 2e-3,
+        "channels": ["stress_xz", "stress_yz", "stress_zz"],
+    } | changes
     return pp.AreaArray(**options)
 
 
@@ -115,7 +120,10 @@ def test_a_dead_taxel_is_named() -> None:
         (lambda: pp.Skin(PAD, []), "array"),
         (lambda: pp.Skin(PAD, area(), boundary="open"), "boundary"),  # type: ignore[arg-type]
         (lambda: pp.Skin(PAD, area(), surface=pp.LineGrid(count=5, spacing=1.0)).operator, "AreaGrid"),
-        (lambda: pp.Skin(PAD, area(), surface=pp.AreaGrid(shape=(9, 9), spacing=1e-3), boundary="periodic").operator, "own grid"),
+        (
+            lambda: pp.Skin(PAD, area(), surface=pp.AreaGrid(shape=(9, 9), spacing=1e-3), boundary="periodic").operator,
+            "own grid",
+        ),
         (lambda: pp.Skin(PAD, area()).reconstruct(np.zeros((3, 8, 9)), components=["w"]), "components"),
         (lambda: pp.Skin(PAD, area()).sense(np.zeros((3, 2, 2))), "traction must have shape"),
         (lambda: pp.Skin(PAD, area()).sense(solutions.strip(half_width=1, traction=1)), "line contact"),

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import channel_of, relative
 
 import palpate as pp
+from conftest import channel_of, relative
 from palpate import solutions
 from palpate.elastic import AREA_CHANNELS, LINE_CHANNELS
 
@@ -139,9 +139,13 @@ def test_surface_stress_is_the_traction() -> None:
     body = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.4)
     x = np.array([-1.5, -0.5, 0.0, 0.9, 1.4])
     sliding = solutions.hertz_line(half_width=1, force=1).sliding(-0.3)
-    np.testing.assert_allclose(sliding.fields(body, ["stress_xz", "stress_zz"], x, 0.0), sliding.traction(x), atol=1e-12)
+    np.testing.assert_allclose(
+        sliding.fields(body, ["stress_xz", "stress_zz"], x, 0.0), sliding.traction(x), atol=1e-12
+    )
     block = solutions.patch(half_widths=(1, 2), traction=3.0, component="y")
-    np.testing.assert_allclose(block.fields(body, ["stress_xz", "stress_yz", "stress_zz"], x, 0.3, 0.0), block.traction(x, 0.3), atol=1e-12)
+    np.testing.assert_allclose(
+        block.fields(body, ["stress_xz", "stress_yz", "stress_zz"], x, 0.3, 0.0), block.traction(x, 0.3), atol=1e-12
+    )
 
 
 def test_hertz_surface_displacement() -> None:

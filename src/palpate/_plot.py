@@ -54,7 +54,9 @@ def _plot_line(touch: Touch, values: Floats, true: Floats | None, title: str | N
             continue
         if true is not None:
             axes.plot(x, true[row] * factor, color=INK["truth"], lw=1, ls="--", label=f"{name}, true")
-        axes.plot(x, values[row] * factor, color=INK[name], lw=1.6, label=f"{name}, recovered" if true is not None else name)
+        axes.plot(
+            x, values[row] * factor, color=INK[name], lw=1.6, label=f"{name}, recovered" if true is not None else name
+        )
     axes.axhline(0.0, color="0.8", lw=0.8, zorder=0)
     axes.set_xlabel(f"x [{width_unit}]")
     axes.set_ylabel(f"traction [{unit}]")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,7 +30,7 @@ app = typer.Typer(
 )
 
 
-class Contact(str, Enum):
+class Contact(StrEnum):
     """Contacts that simulate can press."""
 
     hertz = "hertz"
@@ -46,7 +46,9 @@ def _version(value: bool) -> None:
 
 @app.callback()
 def _root(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
 ) -> None:
     pass
 
@@ -94,11 +96,15 @@ def demo(
     truth = skin.sample(contact)
     readings = skin.sense(truth, rng=np.random.default_rng(seed))
     names = skin.planes[0].channels
-    recording = Recording(readings=readings[None], channels=tuple(names), meta={"made by": f"palpate demo --seed {seed}"})
+    recording = Recording(
+        readings=readings[None], channels=tuple(names), meta={"made by": f"palpate demo --seed {seed}"}
+    )
     write_recording(recording, folder / "recording.nc")
     touch = skin.reconstruct(readings)
     write_touch(touch, folder / "touch.nc", provenance=_provenance(_DEMO_SKIN))
-    figure = touch.plot(truth=truth, title="A ball pressed and dragged: recovered from noisy stress 2 mm below the surface")
+    figure = touch.plot(
+        truth=truth, title="A ball pressed and dragged: recovered from noisy stress 2 mm below the surface"
+    )
     _save(figure, folder / "touch.png")
     known = Touch(truth, skin.surface, skin.surface.components, "known")
     typer.echo("A ball presses with 1 N and drags with 0.35 N; 3 x 1024 readings, 2 mm below the surface, noise 50 Pa.")
@@ -148,28 +154,48 @@ def simulate(
         positions: Any = skin.planes[0].points[:, ::-1]
     else:
         positions = skin.planes[0].points[:, 0] if skin.surface.dimensions == 1 else None
-    meta = {"made by": _command(), "skin": skin_file.read_text(encoding="utf-8"), "force": ", ".join(repr(float(f)) for f in body.force)}
+    meta = {
+        "made by": _command(),
+        "skin": skin_file.read_text(encoding="utf-8"),
+        "force": ", ".join(repr(float(f)) for f in body.force),
+    }
     channels = tuple(c for p in skin.planes for c in p.channels)
     if len(set(channels)) != len(channels):
         meta["planes"] = str(len(skin.planes))
-    recording = Recording(readings=readings, channels=channels, time=np.arange(frames) / rate, positions=positions, meta=meta)
+    recording = Recording(
+        readings=readings, channels=channels, time=np.arange(frames) / rate, positions=positions, meta=meta
+    )
     write_recording(recording, out)
-    typer.echo(f"wrote {out}: {frames} frame{'s' if frames > 1 else ''} of {', '.join(channels)}, {'x'.join(map(str, readings.shape[2:]))} taxels")
+    typer.echo(
+        f"wrote {out}: {frames} frame{'s' if frames > 1 else ''} of {', '.join(channels)}, {'x'.join(map(str, readings.shape[2:]))} taxels"
+    )
 
 
 @app.command()
 def reconstruct(
     recording_file: Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (.nc, .h5, .npz or .csv).")],
     skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
-    out: Annotated[Path | None, typer.Option(help="Result to write (.nc, .h5, .npz or .csv); default: RECORDING-touch.nc.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Result to write (.nc, .h5, .npz or .csv); default: RECORDING-touch.nc.")
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of one frame to write (.png, .pdf or .svg).")] = None,
     frame: Annotated[int, typer.Option(help="Frame to draw and to print; -1 is the last.")] = -1,
-    method: Annotated[str, typer.Option(help="tikhonov, hilgers, truncated, dft, linear or constant_friction.")] = "tikhonov",
-    components: Annotated[str | None, typer.Option(help="What is sought, e.g. z or x,z; default: what the channels can tell apart.")] = None,
+    method: Annotated[
+        str, typer.Option(help="tikhonov, hilgers, truncated, dft, linear or constant_friction.")
+    ] = "tikhonov",
+    components: Annotated[
+        str | None, typer.Option(help="What is sought, e.g. z or x,z; default: what the channels can tell apart.")
+    ] = None,
     order: Annotated[int | None, typer.Option(help="Order of Tikhonov's penalty: 0, 1 or 2.")] = None,
-    parameter: Annotated[str | None, typer.Option(help="Regularisation parameter, or evidence, gcv, lcurve, discrepancy.")] = None,
-    friction: Annotated[float | None, typer.Option(help="Coefficient of friction, for the slip margin (and for constant_friction).")] = None,
-    drop_missing: Annotated[bool, typer.Option("--drop-missing", help="Leave out taxels with missing readings instead of refusing them.")] = False,
+    parameter: Annotated[
+        str | None, typer.Option(help="Regularisation parameter, or evidence, gcv, lcurve, discrepancy.")
+    ] = None,
+    friction: Annotated[
+        float | None, typer.Option(help="Coefficient of friction, for the slip margin (and for constant_friction).")
+    ] = None,
+    drop_missing: Annotated[
+        bool, typer.Option("--drop-missing", help="Leave out taxels with missing readings instead of refusing them.")
+    ] = False,
 ) -> None:
     """Recover pressure and shear from a recording. Nothing to tune."""
     import numpy as np
@@ -192,8 +218,15 @@ def reconstruct(
         if len(skin.planes) != 1:
             raise InvalidInput("--drop-missing serves skins of one plane.")
         skin = Skin(skin.pad, skin.planes[0].masked(~recording.missing), surface=skin.surface, boundary=skin.boundary)  # type: ignore[arg-type]
-        typer.echo(f"left out {int(recording.missing.sum())} of {recording.missing.size} taxels with missing readings", err=True)
-    options: dict[str, Any] = {"method": method, "order": order, "components": components.split(",") if components else None}
+        typer.echo(
+            f"left out {int(recording.missing.sum())} of {recording.missing.size} taxels with missing readings",
+            err=True,
+        )
+    options: dict[str, Any] = {
+        "method": method,
+        "order": order,
+        "components": components.split(",") if components else None,
+    }
     if parameter is not None:
         options["parameter"] = _number_or_rule(parameter)
     if method == "constant_friction":
@@ -207,10 +240,21 @@ def reconstruct(
         for i in _progress(range(0, count, step), "reconstructing")
     ]
     first = parts[0]
-    join = lambda name: None if getattr(first, name) is None else np.concatenate([getattr(p, name) for p in parts])  # noqa: E731
+
+    def join(name: str) -> Any:
+        return None if getattr(first, name) is None else np.concatenate([getattr(p, name) for p in parts])
+
     touch = Touch(
-        join("values"), first.surface, first.components, first.method, first.notes, join("parameter"), join("noise_std"),
-        join("residual"), first.unseen_force, recording.time,
+        join("values"),
+        first.surface,
+        first.components,
+        first.method,
+        first.notes,
+        join("parameter"),
+        join("noise_std"),
+        join("residual"),
+        first.unseen_force,
+        recording.time,
     )
     figure = touch.plot(frame=frame) if plot is not None else None
     write_touch(touch, target, provenance=_provenance(skin_file.read_text(encoding="utf-8"), str(recording_file)))
@@ -226,15 +270,28 @@ def reconstruct(
 
 @app.command()
 def convert(
-    source: Annotated[Path, typer.Argument(help="Recording, or a table of others: a CSV with a header, or HDF5 with positions and vectors.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Recording, or a table of others: a CSV with a header, or HDF5 with positions and vectors."
+        ),
+    ],
     target: Annotated[Path, typer.Argument(help="Recording to write (.nc, .h5, .npz or .csv).")],
-    columns: Annotated[str | None, typer.Option(help="Columns x, y and channels of a foreign CSV (x,y,u,v), or data sets pos,vec of HDF5.")] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(help="Columns x, y and channels of a foreign CSV (x,y,u,v), or data sets pos,vec of HDF5."),
+    ] = None,
     channels: Annotated[str, typer.Option(help="What the columns measure.")] = "displacement_x,displacement_y",
-    pixel: Annotated[str | None, typer.Option(help='Size of a pixel, e.g. "0.77 um", where positions and displacements are in pixels.')] = None,
+    pixel: Annotated[
+        str | None,
+        typer.Option(help='Size of a pixel, e.g. "0.77 um", where positions and displacements are in pixels.'),
+    ] = None,
     position_unit: Annotated[str | None, typer.Option(help="Unit of the positions (mm, um, ...).")] = None,
     reading_unit: Annotated[str | None, typer.Option(help="Unit of the readings (um, kPa, ...).")] = None,
     follow: Annotated[bool, typer.Option("--follow", help="Move each marker by its own displacement first.")] = False,
-    grid: Annotated[str | None, typer.Option(help='Interpolate scattered readings to a grid of this pitch, e.g. "8 um".')] = None,
+    grid: Annotated[
+        str | None, typer.Option(help='Interpolate scattered readings to a grid of this pitch, e.g. "8 um".')
+    ] = None,
 ) -> None:
     """Change the format of a recording, or read a table made elsewhere into one."""
     from palpate.elastic.quantities import channel_unit
@@ -245,16 +302,22 @@ def convert(
     file_format(target)
     if columns is None:
         if pixel or position_unit or reading_unit or follow:
-            raise InvalidInput("--pixel, --position-unit, --reading-unit and --follow describe a foreign table: name its --columns too.")
+            raise InvalidInput(
+                "--pixel, --position-unit, --reading-unit and --follow describe a foreign table: name its --columns too."
+            )
         recording = read_recording(source)
     else:
         names = channels.split(",")
         units = {channel_unit(c) for c in _known(names)}
         if pixel is not None:
             if position_unit or reading_unit:
-                raise InvalidInput("--pixel already gives the unit of positions and displacements; leave out --position-unit and --reading-unit.")
+                raise InvalidInput(
+                    "--pixel already gives the unit of positions and displacements; leave out --position-unit and --reading-unit."
+                )
             if units != {"m"}:
-                raise InvalidInput("--pixel gives displacements their unit; these channels are not displacements. Use --position-unit and --reading-unit.")
+                raise InvalidInput(
+                    "--pixel gives displacements their unit; these channels are not displacements. Use --position-unit and --reading-unit."
+                )
             place = reading = parse_quantity(pixel, "length", "pixel")
         else:
             if position_unit is None or reading_unit is None:
@@ -264,7 +327,12 @@ def convert(
             place = convert_factor(position_unit, "m", "--position-unit")
             reading = convert_factor(reading_unit, units.pop(), "--reading-unit")
         recording = read_table(
-            source, columns=columns.split(","), channels=names, position_factor=place, reading_factor=reading, follow=follow
+            source,
+            columns=columns.split(","),
+            channels=names,
+            position_factor=place,
+            reading_factor=reading,
+            follow=follow,
         )
     if grid is not None:
         recording = recording.gridded(parse_quantity(grid, "length", "grid"))
@@ -275,7 +343,9 @@ def convert(
 
 @app.command()
 def paper(
-    out: Annotated[Path, typer.Option(help="Folder for the report, the figures and the tables.")] = Path("palpate-paper"),
+    out: Annotated[Path, typer.Option(help="Folder for the report, the figures and the tables.")] = Path(
+        "palpate-paper"
+    ),
 ) -> None:
     """Reproduce the paper that founded the field: figures 2 to 22, its error table, and three studies."""
     from palpate import paper as module
@@ -287,7 +357,9 @@ def paper(
 
     with open(out / "errors.csv", encoding="utf-8") as file:
         for row in csv.DictReader(file):
-            typer.echo(f"{row['case']:<46}{row['channel']:<11}{row['paper']:>9}{float(row['dft']):>10.2e}{float(row['linear']):>10.1e}")
+            typer.echo(
+                f"{row['case']:<46}{row['channel']:<11}{row['paper']:>9}{float(row['dft']):>10.2e}{float(row['linear']):>10.1e}"
+            )
     typer.echo(f"report          {path}")
 
 
@@ -320,7 +392,9 @@ def _contact(
     a = parse_quantity(size, "length", "size")
     place = parse_quantity(x, "length", "x")
     if not (math.isfinite(drag) and 0 <= drag <= 1 and math.isfinite(friction) and friction >= 0):
-        raise InvalidInput(f"friction must not be negative and drag must lie between 0 and 1; got {friction:g} and {drag:g}.")
+        raise InvalidInput(
+            f"friction must not be negative and drag must lie between 0 and 1; got {friction:g} and {drag:g}."
+        )
     if load <= 0 or a <= 0:
         raise InvalidInput(f"force and size must be positive; got {force} and {size}.")
     if line:
@@ -353,10 +427,14 @@ def _contact(
 def _matching(recording: Any, skin: Skin) -> None:
     channels = tuple(c for p in skin.planes for c in p.channels)
     if recording.channels != channels:
-        raise InvalidInput(f"the recording holds {', '.join(recording.channels)} but the skin describes {', '.join(channels)}: list the same channels in the same order.")
+        raise InvalidInput(
+            f"the recording holds {', '.join(recording.channels)} but the skin describes {', '.join(channels)}: list the same channels in the same order."
+        )
     shapes = {p.shape for p in skin.planes}
     if shapes != {recording.readings.shape[2:]}:
-        raise InvalidInput(f"the recording has {'x'.join(map(str, recording.readings.shape[2:]))} taxels but the skin describes {' and '.join('x'.join(map(str, s)) for s in shapes)}.")
+        raise InvalidInput(
+            f"the recording has {'x'.join(map(str, recording.readings.shape[2:]))} taxels but the skin describes {' and '.join('x'.join(map(str, s)) for s in shapes)}."
+        )
 
 
 def _provenance(skin: str, recording: str = "") -> dict[str, str]:
@@ -395,7 +473,11 @@ def _folder(path: Path) -> Path:
 def _write_text(path: Path, text: str) -> None:
     from palpate.recordings.formats import atomically
 
-    atomically(path, lambda name: Path(name).write_text(text, encoding="utf-8") and None)
+    atomically(path, lambda name: _fill(name, text))
+
+
+def _fill(name: str, text: str) -> None:
+    Path(name).write_text(text, encoding="utf-8")
 
 
 def _save(figure: Any, path: Path) -> None:
@@ -439,13 +521,13 @@ class _bar:
 def main() -> None:
     """Entry point: errors are one line on stderr and exit code 2."""
     # typer carries its own copy of click; its usage errors have this base in every version
-    usage_error = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
+    usage_error: Any = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
     try:
         code = app(standalone_mode=False)
     except typer.Abort:
         _fail("stopped", 130)
     except usage_error as error:
-        _fail(f"{error.format_message()} (palpate --help)", 2)  # type: ignore[attr-defined]
+        _fail(f"{error.format_message()} (palpate --help)", 2)
     except PalpateError as error:
         _fail(str(error), 2)
     except KeyboardInterrupt:

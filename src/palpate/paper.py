@@ -39,7 +39,17 @@ from palpate.skin import Skin
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["CASES", "PAPER_ERRORS", "PaperFigure", "error_table", "figures", "noise_study", "report", "speed_study", "truncation_study"]
+__all__ = [
+    "CASES",
+    "PAPER_ERRORS",
+    "PaperFigure",
+    "error_table",
+    "figures",
+    "noise_study",
+    "report",
+    "speed_study",
+    "truncation_study",
+]
 
 PAD = HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)
 DEPTH, PITCH, SENSORS = 1.5, 0.5, 121
@@ -182,7 +192,9 @@ def friction_case(channel: str, method: str, *, decimals: int | None = None, kin
 # -- studies -----------------------------------------------------------------------------------------------------------
 
 
-def noise_study(levels: Sequence[float] = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1), draws: int = 20, seed: int = 0) -> list[dict[str, Any]]:
+def noise_study(
+    levels: Sequence[float] = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1), draws: int = 20, seed: int = 0
+) -> list[dict[str, Any]]:
     """Relative error of the pressure against noise (standard deviation over peak reading): median of ``draws``.
 
     All three methods invert the very model that made the data (concentrated loads on the sensors' grid), so that they differ
@@ -220,7 +232,7 @@ def truncation_study(counts: Sequence[int] = (121, 81, 41, 21)) -> list[dict[str
                 skin = Skin(PAD, array([channel], count))
                 row: dict[str, Any] = {"case": case, "channel": channel, "sensors": count}
                 for method in ("dft", "linear"):
-                    found = skin.reconstruct(readings, method=method, components=["z"])  # type: ignore[arg-type]
+                    found = skin.reconstruct(readings, method=method, components=["z"])
                     row[method] = mean_error(found.values[1], true[1])
                 rows.append(row)
     return rows
@@ -235,12 +247,12 @@ def speed_study(counts: Sequence[int] = (121, 241, 481), repeats: int = 200) -> 
         for method in ("dft", "hilgers"):
             skin = Skin(PAD, array(["stress_zz"], count), surface=LineGrid(count=count, spacing=PITCH))
             start = time.perf_counter()
-            skin.reconstruct(readings, method=method, components=["z"])  # type: ignore[arg-type]
+            skin.reconstruct(readings, method=method, components=["z"])
             row[f"{method}, first"] = time.perf_counter() - start
             best = math.inf
             for _ in range(repeats):
                 start = time.perf_counter()
-                skin.reconstruct(readings, method=method, components=["z"])  # type: ignore[arg-type]
+                skin.reconstruct(readings, method=method, components=["z"])
                 best = min(best, time.perf_counter() - start)
             row[f"{method}, frame"] = best
         row["ratio"] = row["hilgers, frame"] / row["dft, frame"]
@@ -305,7 +317,11 @@ def figures() -> list[PaperFigure]:
         for column, name, word in ((1, "K1", "pressure"), (0, "K2", "shear")):
             out.append(
                 PaperFigure(
-                    len(out) + 2, f"Kernel {name}: normal {what} at depth per unit {word}", x, {name: kernel[channel][column]}, y_label=f"normal {what}"
+                    len(out) + 2,
+                    f"Kernel {name}: normal {what} at depth per unit {word}",
+                    x,
+                    {name: kernel[channel][column]},
+                    y_label=f"normal {what}",
                 )
             )
     k = 2 * np.pi * np.fft.rfftfreq(SENSORS, PITCH)
@@ -314,7 +330,17 @@ def figures() -> list[PaperFigure]:
         for c in kernel
         for column, name in ((1, "K1"), (0, "K2"))
     }
-    out.append(PaperFigure(6, "Size of the kernels' transforms: what division divides by", k, {n: np.maximum(v, 1e-12) for n, v in spectra.items()}, "wavenumber k", "|K(k)|", log=True))
+    out.append(
+        PaperFigure(
+            6,
+            "Size of the kernels' transforms: what division divides by",
+            k,
+            {n: np.maximum(v, 1e-12) for n, v in spectra.items()},
+            "wavenumber k",
+            "|K(k)|",
+            log=True,
+        )
+    )
 
     def add(caption: str, curves: dict[str, Floats], y_label: str = "traction", *, log: bool = False) -> None:
         out.append(PaperFigure(len(out) + 2, caption, x, curves, y_label=y_label, log=log))
@@ -324,13 +350,24 @@ def figures() -> list[PaperFigure]:
             what = channel.split("_")[0]
             true, readings = data(case, [channel])
             skin = Skin(PAD, array([channel]))
-            found = {m: skin.reconstruct(readings, method=m, components=["z"]).values[1] for m in ("dft", "linear")}  # type: ignore[arg-type]
-            add(f"{case.capitalize()}, no friction: normal {what} at the sensors", {f"normal {what}": readings[0]}, f"normal {what}")
-            add(f"{case.capitalize()}, no friction: pressure found from {what}", {"true": true[1], "division of transforms": found["dft"]}, "pressure")
+            found = {m: skin.reconstruct(readings, method=m, components=["z"]).values[1] for m in ("dft", "linear")}
+            add(
+                f"{case.capitalize()}, no friction: normal {what} at the sensors",
+                {f"normal {what}": readings[0]},
+                f"normal {what}",
+            )
+            add(
+                f"{case.capitalize()}, no friction: pressure found from {what}",
+                {"true": true[1], "division of transforms": found["dft"]},
+                "pressure",
+            )
             if case == "cylinder":
                 add(
                     f"Cylinder, no friction: error of the pressure found from {what}. Wrap-around of the circular transform, gone in the linear system",
-                    {"division of transforms": np.maximum(np.abs(found["dft"] - true[1]), 1e-18), "linear system": np.maximum(np.abs(found["linear"] - true[1]), 1e-18)},
+                    {
+                        "division of transforms": np.maximum(np.abs(found["dft"] - true[1]), 1e-18),
+                        "linear system": np.maximum(np.abs(found["linear"] - true[1]), 1e-18),
+                    },
                     "error of the pressure",
                     log=True,
                 )
@@ -343,7 +380,11 @@ def figures() -> list[PaperFigure]:
     for channel in ("stress_zz", "strain_zz"):
         what = channel.split("_")[0]
         friction = friction_case(channel, "dft")
-        add(f"Punch with friction: normal {what} at the sensors, pressure and shear mixed", {f"normal {what}": friction["readings"][0]}, f"normal {what}")
+        add(
+            f"Punch with friction: normal {what} at the sensors, pressure and shear mixed",
+            {f"normal {what}": friction["readings"][0]},
+            f"normal {what}",
+        )
         values, true = friction["found"], friction["true"]
         add(
             f"Punch with friction, pressure and shear found from {what} alone; half-width found {friction['half-width']:.3f}, cells loaded out to {HALF_WIDTH + PITCH / 2}",
@@ -357,7 +398,11 @@ def figures() -> list[PaperFigure]:
         start = (SENSORS - count) // 2
         padded[start : start + count] = found_
         curves[f"{count} sensors"] = padded
-    add("Truncation: pressure of the punch found from strain by division", {"true": data("punch", ["strain_zz"])[0][1], **curves}, "pressure")
+    add(
+        "Truncation: pressure of the punch found from strain by division",
+        {"true": data("punch", ["strain_zz"])[0][1], **curves},
+        "pressure",
+    )
     return out
 
 
@@ -392,7 +437,9 @@ def report(folder: str | Path, *, progress: Callable[[str], None] | None = None)
     say("noise")
     noise = noise_study()
     _write_csv(target / "noise.csv", noise)
-    parts.append("<h2>Study: noise</h2><p>Relative error of the pressure (L2, median of 20 draws); noise over peak reading.</p>")
+    parts.append(
+        "<h2>Study: noise</h2><p>Relative error of the pressure (L2, median of 20 draws); noise over peak reading.</p>"
+    )
     parts.append(_embed(_noise_figure(noise), target / "noise.png") + _html_table(noise))
     say("truncation")
     truncation = truncation_study()
@@ -409,12 +456,16 @@ def report(folder: str | Path, *, progress: Callable[[str], None] | None = None)
         "<h2>Study: speed</h2><p>Seconds on this machine; first call (with preparation) and best repeated frame. Hilgers' method "
         "chooses its parameter on every frame.</p>" + _html_table(speed)
     )
-    parts.append("<h2>Figures 2 to 22</h2><p>Captions are ours; the paper's list of figures is not available to us.</p>")
+    parts.append(
+        "<h2>Figures 2 to 22</h2><p>Captions are ours; the paper's list of figures is not available to us.</p>"
+    )
     for figure in figures():
         say(f"figure {figure.number}")
         atomically(target / f"figure-{figure.number:02d}.csv", lambda name, f=figure: _write_text(name, f.table()))  # type: ignore[misc]
         picture = _embed(figure.draw(), target / f"figure-{figure.number:02d}.png")
-        parts.append(f"<figure>{picture}<figcaption><b>Figure {figure.number}.</b> {html.escape(figure.caption)}.</figcaption></figure>")
+        parts.append(
+            f"<figure>{picture}<figcaption><b>Figure {figure.number}.</b> {html.escape(figure.caption)}.</figcaption></figure>"
+        )
     parts.append("</main></body></html>")
     path = target / "report.html"
     atomically(path, lambda name: _write_text(name, "\n".join(parts)))
@@ -462,10 +513,14 @@ def _panels(rows: Sequence[dict[str, Any]], key: str, names: Sequence[str], x_la
 
     figure = Figure(figsize=(8.4, 5.6), layout="constrained")
     grid = figure.subplots(2, 2, sharex=True)
-    for axes, (case, channel) in zip(grid.ravel(), ((c, ch) for c in ("cylinder", "punch") for ch in ("stress_zz", "strain_zz"))):
+    for axes, (case, channel) in zip(
+        grid.ravel(), ((c, ch) for c in ("cylinder", "punch") for ch in ("stress_zz", "strain_zz"))
+    ):
         part = [r for r in rows if r["case"] == case and r["channel"] == channel]
         for name, colour in zip(names, (INK["error"], INK["other"], INK["pressure"])):
-            axes.plot([r[key] for r in part], [max(r[name], 1e-18) for r in part], "o-", ms=3.5, label=name, color=colour)
+            axes.plot(
+                [r[key] for r in part], [max(r[name], 1e-18) for r in part], "o-", ms=3.5, label=name, color=colour
+            )
         axes.set_title(f"{case}, {channel.split('_')[0]}", fontsize=10)
         axes.set_yscale("log")
         axes.set_ylabel(y_label)

@@ -196,7 +196,9 @@ class Skin:
             )
         xp = namespace(values)
         if not bool(xp.all(xp.isfinite(values))):
-            raise InvalidInput("traction contains values that are not finite (a flat punch is infinite at its edge: use sample()).")
+            raise InvalidInput(
+                "traction contains values that are not finite (a flat punch is infinite at its edge: use sample())."
+            )
         out = self.operator.forward(values)
         noisy = []
         for array, part in zip(self._planes, out):
@@ -221,9 +223,17 @@ class Skin:
     def _split(self, readings: Any) -> list[Any]:
         """One checked array per plane."""
         planes = self._planes
-        if isinstance(readings, list | tuple) and len(planes) > 1 and len(readings) == len(planes) and not np.isscalar(readings[0]):
+        if (
+            isinstance(readings, list | tuple)
+            and len(planes) > 1
+            and len(readings) == len(planes)
+            and not np.isscalar(readings[0])
+        ):
             try:
-                separate = all(np.ndim(r) >= 1 + len(p.shape) and r.shape[-1 - len(p.shape)] == len(p.channels) for r, p in zip(readings, planes))
+                separate = all(
+                    np.ndim(r) >= 1 + len(p.shape) and r.shape[-1 - len(p.shape)] == len(p.channels)
+                    for r, p in zip(readings, planes)
+                )
             except AttributeError:
                 separate = False
             if separate:
@@ -346,9 +356,7 @@ class Skin:
         """
         if method not in METHODS:
             raise InvalidInput(f"method must be one of {', '.join(METHODS)}; got {method!r}.")
-        options = {
-            "order": order, "parameter": parameter, "spectrum": spectrum, "length": length, "friction": friction
-        }
+        options = {"order": order, "parameter": parameter, "spectrum": spectrum, "length": length, "friction": friction}
         for name, value in options.items():
             if value is not None and name not in METHODS[method]:
                 takers = [m for m, accepted in METHODS.items() if name in accepted]
@@ -411,7 +419,9 @@ class Skin:
         elif method == "wiener":
             priors = self._spectral_priors(names, options["spectrum"])
             if any(p.noise_std is None for p in self._planes):
-                raise Unsupported('method="wiener" needs the noise: give the array noise=..., or use method="tikhonov".')
+                raise Unsupported(
+                    'method="wiener" needs the noise: give the array noise=..., or use method="tikhonov".'
+                )
             parameter = 1.0
         else:
             order = 1 if options["order"] is None else options["order"]
@@ -452,13 +462,18 @@ class Skin:
         notes = []
         zero = [c for c in self._surface.components if c not in names]
         if zero:
-            notes.append(f"{' and '.join(_SPOKEN[c] for c in zero)} taken as zero: the channels cannot tell all components apart"
-                         if set(names) == set(self.components) else f"{' and '.join(_SPOKEN[c] for c in zero)} taken as zero, as asked")
+            notes.append(
+                f"{' and '.join(_SPOKEN[c] for c in zero)} taken as zero: the channels cannot tell all components apart"
+                if set(names) == set(self.components)
+                else f"{' and '.join(_SPOKEN[c] for c in zero)} taken as zero, as asked"
+            )
         if method == "constant_friction":
             notes.append("shear is uniform over a symmetric contact and follows the net force by the friction given")
         unseen = self._unseen(names)
         if unseen:
-            notes.append("net force cannot be known from displacements of a periodic surface: the mean traction is set to zero")
+            notes.append(
+                "net force cannot be known from displacements of a periodic surface: the mean traction is set to zero"
+            )
         elif method not in ("dft", "linear"):
             blind = blind_to_force(self._pad, self._planes, names)
             if blind:

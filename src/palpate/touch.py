@@ -82,7 +82,12 @@ class Touch:
             dims=[*dims, "component", *(("x",) if d == 1 else ("y", "x"))],
             coords=coords,
             name="traction",
-            attrs={"units": "Pa", "long_name": "surface traction", "method": self.method, "notes": "\n".join(self.notes)},
+            attrs={
+                "units": "Pa",
+                "long_name": "surface traction",
+                "method": self.method,
+                "notes": "\n".join(self.notes),
+            },
         )
         for name in ("x", "y")[:d]:
             out[name].attrs["units"] = "m"
@@ -237,7 +242,9 @@ class Touch:
         lines = ["net force       " + ", ".join(f"{c} {v:.4g} {unit}" for c, v in zip(self.surface.components, force))]
         if "z" in self.components:
             lines.append(f"peak pressure   {float(one.peak_pressure):.4g} Pa")
-            lines.append("centre          " + ", ".join(f"{1e3 * float(v):.4g} mm" for v in to_numpy(one.center_of_pressure)))
+            lines.append(
+                "centre          " + ", ".join(f"{1e3 * float(v):.4g} mm" for v in to_numpy(one.center_of_pressure))
+            )
             size = float(one.contact_area())
             lines.append(f"contact         {1e3 * size:.4g} mm" if line else f"contact area    {1e6 * size:.4g} mm^2")
         if friction is not None and set(self.components) == set(self.surface.components):
@@ -256,7 +263,10 @@ class Touch:
             raise InvalidInput(f"frame {index} is not among the {count} frames.")
         xp = namespace(self.values)
         flat = xp.reshape(self.values, (count, *self.values.shape[len(batch) :]))
-        pick = lambda a: None if a is None else a.reshape(count, *a.shape[len(batch) :])[index]  # noqa: E731
+
+        def pick(a: Any) -> Any:
+            return None if a is None else a.reshape(count, *a.shape[len(batch) :])[index]
+
         return Touch(
             flat[index, ...],
             self.surface,

@@ -53,11 +53,7 @@ def check_channels(channels: Sequence[str], dimensions: int) -> tuple[str, ...]:
         raise InvalidInput(f"channels is empty: name at least one of {', '.join(accepted)}.")
     for name in found:
         if name not in accepted:
-            why = (
-                "vanishes identically in line contact (plane strain)"
-                if name in AREA_CHANNELS
-                else "is not a channel"
-            )
+            why = "vanishes identically in line contact (plane strain)" if name in AREA_CHANNELS else "is not a channel"
             raise InvalidInput(f"channel {name!r} {why}; accepted: {', '.join(accepted)}.")
     if len(set(found)) != len(found):
         raise InvalidInput(f"channels names one channel twice: {', '.join(found)}.")
@@ -103,9 +99,7 @@ def transfer(
     array (..., channel, 3), complex
         Columns for (q_x, q_y, p) [m/Pa, Pa/Pa or 1/Pa].
     """
-    kx, ky = np.broadcast_arrays(
-        np.asarray(wavevector_x, dtype=np.float64), np.asarray(wavevector_y, dtype=np.float64)
-    )
+    kx, ky = np.broadcast_arrays(np.asarray(wavevector_x, dtype=np.float64), np.asarray(wavevector_y, dtype=np.float64))
     k = np.hypot(kx, ky)
     zero = k == 0.0
     safe = np.where(zero, 1.0, k)
@@ -116,9 +110,7 @@ def transfer(
     return matrix
 
 
-def _mean_response(
-    pad: Pad, depth: float, channels: Sequence[str], *, line: bool
-) -> npt.NDArray[np.complex128]:
+def _mean_response(pad: Pad, depth: float, channels: Sequence[str], *, line: bool) -> npt.NDArray[np.complex128]:
     angles = np.array([0.0, np.pi]) if line else np.arange(8) * (np.pi / 4.0)
     k = np.zeros_like(angles)
     limit = _rotated(pad, k, np.ones_like(k), np.cos(angles), np.sin(angles), depth, channels).mean(axis=0)

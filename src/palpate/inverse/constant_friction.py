@@ -79,9 +79,7 @@ class ConstantFriction:
             values = [getattr(e, name) for e in estimates]
             return None if values[0] is None else np.array(values).reshape(batch)
 
-        return Estimate(
-            from_numpy(stack, readings[0]), gather("parameter"), gather("noise_scale"), gather("residual")
-        )
+        return Estimate(from_numpy(stack, readings[0]), gather("parameter"), gather("noise_scale"), gather("residual"))
 
     def _frame(self, reading: Floats) -> Estimate:
         from scipy.optimize import minimize
@@ -96,7 +94,7 @@ class ConstantFriction:
             if self._weighs:
                 force = self.friction * total
             else:
-                force = float(odd @ unit / max(unit @ unit, 1e-300))
+                force = float(odd @ unit) / max(float(unit @ unit), 1e-300)
                 if force * self.friction < 0:
                     force = 0.0
             return force, float(((odd - force * unit) ** 2).mean()) / power

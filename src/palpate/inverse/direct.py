@@ -41,7 +41,7 @@ def _check(planes: Sequence[Array], columns: Sequence[int], method: str) -> Grid
     if rows < len(columns):
         raise NotObservable(
             f'method="{method}" cannot find {len(columns)} components from {rows} channel{"s" if rows > 1 else ""}: '
-            'ask for fewer with components=[...], or measure more.'
+            "ask for fewer with components=[...], or measure more."
         )
     return grid
 

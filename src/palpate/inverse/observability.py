@@ -53,9 +53,11 @@ def _whitened(pad: Pad, planes: Sequence[Array], k: Floats, angle: float) -> npt
         else:  # in units of stress: strain times 2 mu, displacement times 2 mu k
             scale = np.stack(
                 [
-                    {"stress": np.ones_like(k), "strain": np.full_like(k, 1 / modulus), "displacement": 1 / (modulus * k)}[
-                        c.split("_")[0]
-                    ]
+                    {
+                        "stress": np.ones_like(k),
+                        "strain": np.full_like(k, 1 / modulus),
+                        "displacement": 1 / (modulus * k),
+                    }[c.split("_")[0]]
                     for c in array.channels
                 ],
                 axis=-1,
@@ -124,7 +126,7 @@ def check_observable(pad: Pad, planes: Sequence[Array], components: Sequence[str
     )
     raise NotObservable(
         f"the components {', '.join(components)} cannot be told apart from {channels}: at every wavelength some "
-        f"combination of them leaves no trace. {remedy}, or seek fewer components (components=[\"z\"])."
+        f'combination of them leaves no trace. {remedy}, or seek fewer components (components=["z"]).'
     )
 
 

@@ -77,6 +77,8 @@ def choose_parameter(
     if rule == "evidence" and filter_factors is not tikhonov:
         raise Unsupported('parameter="evidence" is not defined for truncation; use "gcv", "lcurve" or "discrepancy".')
     top = float(eigenvalues.max())
+    grid: Floats
+    score: Floats
     if filter_factors is truncate:
         levels = np.unique(eigenvalues[eigenvalues > 1e-15 * top])
         # half-way between neighbours, so that rounding cannot move a value across; at least one is kept

@@ -76,9 +76,7 @@ def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Float
             kinds.setdefault(channel.split("_")[0], []).append(float(value))
     mean = {kind: math.sqrt(float(np.mean(np.square(v)))) for kind, v in kinds.items()}
     single = len(mean) == 1
-    return [
-        np.array([1.0 if single else mean[c.split("_")[0]] for c in a.channels]) for a in operator.planes_of
-    ], False
+    return [np.array([1.0 if single else mean[c.split("_")[0]] for c in a.channels]) for a in operator.planes_of], False
 
 
 class _Fold:
@@ -175,7 +173,7 @@ class _DataSpectrum:
                     bases[-1].append(basis)
                     parts = []
                     for column in self.columns:
-                        entry = matrix[(c, *(slice(None),) * d, column)]
+                        entry = np.take(matrix[c], column, axis=d)
                         for axis in range(d):
                             entry = np.moveaxis(np.tensordot(basis[axis], entry, axes=(1, axis)), 0, axis)
                         parts.append(entry.reshape(-1, *surface.shape) / scale[c])
@@ -211,8 +209,10 @@ class _DataSpectrum:
                     continue
                 for c, mats in enumerate(basis[plane]):
                     image = part[(..., c, *(slice(None),) * d)]
-                    image = xp.matmul(image[..., None, :], mats[-1].T)[..., 0, :] if d == 1 else xp.matmul(
-                        mats[0], xp.matmul(image, mats[1].T)
+                    image = (
+                        xp.matmul(image[..., None, :], mats[-1].T)[..., 0, :]
+                        if d == 1
+                        else xp.matmul(mats[0], xp.matmul(image, mats[1].T))
                     )
                     parts.append(xp.reshape(image, (*batch, -1)))
             out.append(xp.matmul(xp.concat(parts, axis=-1), vector))
@@ -387,7 +387,8 @@ class _FourierSpectrum:
         self._shape = values.shape
         self.eigenvalues, self.multiplicity = values.ravel(), half.ravel()
         self._forward = np.conj(np.swapaxes(u, -1, -2))  # (*k, n, channel)
-        self._back = np.zeros((*values.shape[:-1], len(self.columns), values.shape[-1]), dtype=np.complex128)
+        shape: tuple[int, ...] = values.shape
+        self._back = np.zeros((*shape[:-1], len(self.columns), shape[-1]), dtype=np.complex128)
         self._back[..., :rank] = root[..., :, None] * np.conj(np.swapaxes(vh, -1, -2))[..., :rank]
         self._scales = scales
         self._norm = math.sqrt(math.prod(grid.shape))
@@ -398,9 +399,7 @@ class _FourierSpectrum:
         xp = namespace(like)
         key = (xp.__name__, str(like.dtype), str(getattr(like, "device", "")))
         if key not in self._copies:
-            scales = [
-                from_numpy(s.reshape(-1, *(1,) * self.operator.surface.dimensions), like) for s in self._scales
-            ]
+            scales = [from_numpy(s.reshape(-1, *(1,) * self.operator.surface.dimensions), like) for s in self._scales]
             self._copies[key] = from_numpy(self._forward, like), from_numpy(self._back, like), scales
         return self._copies[key]
 
@@ -485,6 +484,4 @@ class Regularised:
         residual = np.sqrt((power * counts * (1.0 - phi) ** 2).sum(axis=1) / counts.sum())
         real = xp.real(coefficients) if xp.isdtype(coefficients.dtype, "complex floating") else coefficients
         traction = self.spectrum.solve(coefficients * from_numpy(gain, real))
-        return Estimate(
-            traction, chosen.reshape(batch), np.sqrt(variance).reshape(batch), residual.reshape(batch)
-        )
+        return Estimate(traction, chosen.reshape(batch), np.sqrt(variance).reshape(batch), residual.reshape(batch))

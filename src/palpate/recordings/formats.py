@@ -80,11 +80,17 @@ def read_recording(path: str | Path) -> Recording:
     return {"netcdf": _read_netcdf, "npz": _read_npz, "csv": _read_csv}[kind](found)
 
 
-def _decode(text: bytes | str) -> dict[str, str]:
+def _json(text: bytes | str, what: str) -> Any:
     try:
-        loaded = json.loads(text)
+        return json.loads(text)
     except json.JSONDecodeError as error:
-        raise InvalidInput("meta is not JSON.") from error
+        raise InvalidInput(f"{what} cannot be read; the file may be truncated.") from error
+
+
+def _decode(text: bytes | str, path: Path) -> dict[str, str]:
+    loaded = _json(text, f"{path}: meta")
+    if not isinstance(loaded, dict):
+        raise InvalidInput(f"{path}: meta must be a JSON object.")
     return {str(k): str(v) for k, v in loaded.items()}
 
 
@@ -104,17 +110,19 @@ def _read_netcdf(path: Path) -> Recording:
                 channels=tuple(channels),
                 time=file["time"][()],
                 positions=file["positions"][()] if "positions" in file else None,
-                meta=_decode(file.attrs["meta"]) if "meta" in file.attrs else {},
+                meta=_decode(file.attrs["meta"], path) if "meta" in file.attrs else {},
             )
     except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read as NetCDF/HDF5; the file is truncated or of another format.") from error
+        raise InvalidInput(
+            f"{path}: cannot be read as NetCDF/HDF5; the file is truncated or of another format."
+        ) from error
 
 
 def _read_npz(path: Path) -> Recording:
     import zipfile
 
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as handle, np.load(handle, allow_pickle=False) as file:
             missing = [n for n in ("readings", "channel", "time") if n not in file]
             if missing:
                 raise InvalidInput(
@@ -124,8 +132,8 @@ def _read_npz(path: Path) -> Recording:
                 readings=file["readings"],
                 channels=tuple(str(c) for c in file["channel"]),
                 time=file["time"],
-                positions=file["positions"] if "positions" in file else None,
-                meta=_decode(str(file["meta"])) if "meta" in file else {},
+                positions=file.get("positions"),
+                meta=_decode(str(file["meta"]), path) if "meta" in file else {},
             )
     except (zipfile.BadZipFile, EOFError, OSError, KeyError) as error:
         raise InvalidInput(f"{path}: cannot be read as NPZ; the file is truncated or of another format.") from error
@@ -150,9 +158,9 @@ def _read_csv(path: Path) -> Recording:
     body = []
     for number, line in enumerate(lines, 1):
         if line.startswith("# positions (m): "):
-            positions = np.array(json.loads(line.removeprefix("# positions (m): ")))
+            positions = np.array(_json(line.removeprefix("# positions (m): "), f"{path}, line {number}: positions"))
         elif line.startswith("# meta: "):
-            meta = _decode(line.removeprefix("# meta: "))
+            meta = _decode(line.removeprefix("# meta: "), path)
         elif line.strip() and not line.startswith("#"):
             body.append((number, line))
     if len(body) < 2:
@@ -171,10 +179,12 @@ def _read_csv(path: Path) -> Recording:
     factors = [convert_factor(columns[0]["unit"] or "", "s", f"{path}: time")]
     for match, title in zip(columns[1:], header[1:]):
         name = match["name"]
-        if match["index"] is None or not name.split("_")[0] in ("displacement", "stress", "strain"):
+        if match["index"] is None or name.split("_")[0] not in ("displacement", "stress", "strain"):
             raise InvalidInput(f'{path}, line {body[0][0]}: column {title!r} is not like "stress_zz[0;1] (Pa)".')
         if match["unit"] is None:
-            raise InvalidInput(f'{path}, line {body[0][0]}: column {title!r} has no unit: write "{title} (Pa)" or the like.')
+            raise InvalidInput(
+                f'{path}, line {body[0][0]}: column {title!r} has no unit: write "{title} (Pa)" or the like.'
+            )
         if name not in channels:
             channels.append(name)
         place = tuple(int(i) for i in match["index"].split(";"))
@@ -184,14 +194,18 @@ def _read_csv(path: Path) -> Recording:
         raise InvalidInput(f"{path}: columns mix one and two indices.")
     shape = tuple(int(m) + 1 for m in np.max(places, axis=0))
     if len(set(places)) != len(places) or len(places) != int(np.prod(shape)):
-        raise InvalidInput(f"{path}: {len(places)} columns do not fill {len(channels)} channels of {shape[1:]} taxels once each.")
+        raise InvalidInput(
+            f"{path}: {len(places)} columns do not fill {len(channels)} channels of {shape[1:]} taxels once each."
+        )
     data = np.full((len(body) - 1, *shape), np.nan)
     time = np.empty(len(body) - 1)
     index = tuple(np.array(places).T)
     for row, (number, line) in enumerate(body[1:]):
         cells = next(csv.reader([line]))
         if len(cells) != len(header):
-            raise InvalidInput(f"{path}, line {number}: {len(cells)} values for {len(header)} columns; the file may be truncated.")
+            raise InvalidInput(
+                f"{path}, line {number}: {len(cells)} values for {len(header)} columns; the file may be truncated."
+            )
         try:
             numbers = [float(c) if c.strip() else np.nan for c in cells]
         except ValueError as error:
@@ -354,5 +368,7 @@ def _read_columns(path: Path, columns: Sequence[str]) -> Floats:
         try:
             values[:, number - 2] = [float(row[i]) for i in index]
         except (ValueError, IndexError) as error:
-            raise InvalidInput(f"{path}, line {number}: not {len(columns)} numbers; the file may be truncated.") from error
+            raise InvalidInput(
+                f"{path}, line {number}: not {len(columns)} numbers; the file may be truncated."
+            ) from error
     return values

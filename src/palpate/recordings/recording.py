@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
 from palpate.elastic.quantities import AREA_CHANNELS, channel_unit
 from palpate.errors import InvalidInput
 
@@ -59,12 +58,16 @@ class Recording:
             raise InvalidInput(f"{len(channels)} channels are named but readings have {readings.shape[1]}: {channels}.")
         if np.isinf(readings).any():
             raise InvalidInput("readings hold infinite values; mark missing readings as NaN.")
-        time = np.arange(len(readings), dtype=np.float64) if self.time is None else np.asarray(self.time, dtype=np.float64)
+        time = (
+            np.arange(len(readings), dtype=np.float64) if self.time is None else np.asarray(self.time, dtype=np.float64)
+        )
         if time.shape != (len(readings),) or not np.isfinite(time).all():
             raise InvalidInput(f"time must be {len(readings)} finite seconds; got shape {time.shape}.")
         if np.any(np.diff(time) <= 0):
             first = int(np.argmax(np.diff(time) <= 0)) + 1
-            raise InvalidInput(f"time must increase; frame {first} is at {time[first]:g} s after {time[first - 1]:g} s.")
+            raise InvalidInput(
+                f"time must increase; frame {first} is at {time[first]:g} s after {time[first - 1]:g} s."
+            )
         positions = self.positions
         if positions is not None:
             positions = np.asarray(positions, dtype=np.float64)
@@ -108,7 +111,9 @@ class Recording:
         low, high = points.min(axis=0), points.max(axis=0)
         counts = np.maximum(2, np.floor((high - low) / pitch + 1e-9).astype(int))
         if counts.prod() > 4_000_000:
-            raise InvalidInput(f"a pitch of {pitch:g} m makes a grid of {counts[1]} x {counts[0]} points; take a wider one.")
+            raise InvalidInput(
+                f"a pitch of {pitch:g} m makes a grid of {counts[1]} x {counts[0]} points; take a wider one."
+            )
         x, y = (c + (np.arange(n) + 0.5) * pitch for c, n in zip(low, counts))
         xx, yy = np.meshgrid(x, y)
         origin = points.mean(axis=0)

@@ -1,22 +1,22 @@
 """skin.toml: a pad and its arrays, with units in the values; errors name the line.
 
-    [pad]
-    kind = "half_space"
-    youngs_modulus = "200 kPa"
-    poissons_ratio = 0.48
+[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
 
-    [[plane]]
-    kind = "area"                    # "line", "area" or "scattered"
-    shape = [32, 32]
-    pitch = "1 mm"
-    depth = "2 mm"                   # of the taxels below the surface
-    channels = ["stress_xz", "stress_yz", "stress_zz"]
-    aperture = "0.8 mm"              # optional
-    noise = "50 Pa"                  # optional; or one per channel
+[[plane]]
+kind = "area"                    # "line", "area" or "scattered"
+shape = [32, 32]
+pitch = "1 mm"
+depth = "2 mm"                   # of the taxels below the surface
+channels = ["stress_xz", "stress_yz", "stress_zz"]
+aperture = "0.8 mm"              # optional
+noise = "50 Pa"                  # optional; or one per channel
 
-    [surface]                        # optional
-    shape = [48, 48]
-    spacing = "0.5 mm"
+[surface]                        # optional
+shape = [48, 48]
+spacing = "0.5 mm"
 """
 
 from __future__ import annotations
@@ -102,7 +102,9 @@ def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad
     """
     found = Path(path)
     if not found.exists():
-        raise InvalidInput(f"{found}: no such file. A skin file describes pad and array; palpate demo writes one to start from.")
+        raise InvalidInput(
+            f"{found}: no such file. A skin file describes pad and array; palpate demo writes one to start from."
+        )
     if found.is_dir():
         raise InvalidInput(f"{found} is a folder; give a skin.toml.")
     try:
@@ -135,8 +137,9 @@ def skin_from_text(
         where = ("surface",)
         surface = _surface(skin.surface, planes[0].dimensions)
     except PalpateError as error:
+        # the message begins with the key that it is about ("channel" is an entry of channels)
         key = re.match(r"(\w+) ", str(error))
-        named = (*where, key[1]) if key else where
+        named = (*where, {"channel": "channels"}.get(key[1], key[1])) if key else where
         raise InvalidInput(f"{name}, line {_line(text, named)}: {error}") from error
     return pad, planes, surface, skin.boundary
 
@@ -253,7 +256,11 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
         return f"{name}, line {line}: {place}."
     if kind == "extra_forbidden":
         return f"{name}, line {line}: {key} is not a key here; check its spelling."
-    message = re.sub(r"^(length|pressure)\b", key, message).replace("length = ", f"{key} = ").replace("pressure = ", f"{key} = ")
+    message = (
+        re.sub(r"^(length|pressure)\b", key, message)
+        .replace("length = ", f"{key} = ")
+        .replace("pressure = ", f"{key} = ")
+    )
     if kind != "value_error":
         message = f"{key}: {message[:1].lower()}{message[1:]}; got {error['input']!r}"
     return f"{name}, line {line}: {message.rstrip('.')}."

@@ -71,7 +71,9 @@ def _csv(touch: Touch, name: str, record: Mapping[str, str]) -> None:
     with open(name, "w", newline="", encoding="utf-8") as file:
         file.write(f"# {json.dumps(dict(record))}\n")
         writer = csv.writer(file)
-        writer.writerow(["time (s)", *(f"{n} (m)" for n in names), *(f"traction_{c} (Pa)" for c in touch.surface.components)])
+        writer.writerow(
+            ["time (s)", *(f"{n} (m)" for n in names), *(f"traction_{c} (Pa)" for c in touch.surface.components)]
+        )
         time = traction["time"].values
         values = np.moveaxis(traction.values, 1, -1)
         axes = [traction[n].values for n in names]

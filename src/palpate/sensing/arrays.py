@@ -177,7 +177,7 @@ class AreaArray(_Common):
         Position (x, y) of the middle of the array [m].
     """
 
-    shape: tuple[int, int]  # type: ignore[assignment]
+    shape: tuple[int, int]
     pitch: float | tuple[float, float]
     depth: float
     channels: Sequence[str]

@@ -103,9 +103,7 @@ class _Convolution:
         self.ratios, shifts = layout
         self.taxels, self.cells = array.shape, grid.shape
         self.rows, self.columns = len(array.channels), len(grid.components)
-        lags = [
-            np.arange(-(n - 1), (m - 1) * r + 1) for n, m, r in zip(self.cells, self.taxels, self.ratios)
-        ]
+        lags = [np.arange(-(n - 1), (m - 1) * r + 1) for n, m, r in zip(self.cells, self.taxels, self.ratios)]
         offsets = [s + lag * dx for s, lag, dx in zip(shifts, lags, grid.spacings)]
         self.kernel = influence(
             pad,
@@ -117,8 +115,7 @@ class _Convolution:
             concentrated=concentrated,
         )
         self.size = tuple(
-            next_fast_len(max(len(lag), m * r), real=True)
-            for lag, m, r in zip(lags, self.taxels, self.ratios)
+            next_fast_len(max(len(lag), m * r), real=True) for lag, m, r in zip(lags, self.taxels, self.ratios)
         )
         padded = np.zeros((*self.kernel.shape[:2], *self.size))
         padded[(slice(None), slice(None), *(slice(0, len(lag)) for lag in lags))] = self.kernel
@@ -226,12 +223,14 @@ def periodic_transfer(pad: Pad, grid: Grid, array: Array) -> npt.NDArray[np.comp
     total: Any = 0.0
     count = 0
     for flips in np.ndindex(*(len(s) for s in signs)):
-        axes = []
+        axes: list[Floats] = []
         for wave, n, dx, flip in zip(waves, grid.shape, grid.spacings, flips):
-            flipped = wave.copy()
+            flipped: Floats = wave.copy()
             if flip:
                 flipped[np.isclose(np.abs(wave), np.pi / dx) & (n % 2 == 0)] *= -1.0
             axes.append(flipped)
+        kx: Floats
+        ky: Floats
         if grid.dimensions == 1:
             kx, ky = axes[0], np.zeros(1)
         else:

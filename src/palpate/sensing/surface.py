@@ -49,9 +49,7 @@ def default_surface(planes: Sequence[Array]) -> Grid:
         centers.append(0.5 * (low + high))
     if first.dimensions == 1:
         return LineGrid(count=counts[0], spacing=spacings[0], center=centers[0])
-    return AreaGrid(
-        shape=(counts[0], counts[1]), spacing=(spacings[0], spacings[1]), center=(centers[1], centers[0])
-    )
+    return AreaGrid(shape=(counts[0], counts[1]), spacing=(spacings[0], spacings[1]), center=(centers[1], centers[0]))
 
 
 def _pitch(array: Array, axis: int) -> float:

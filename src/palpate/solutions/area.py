@@ -107,9 +107,7 @@ class AreaContact:
                 out["xyz".index(t.component)] += value * cover_y[:, None] * cover_x[None, :]
             return out
         sub = (np.arange(samples) + 0.5) / samples - 0.5
-        fine = self.traction(
-            (xs[:, None] + dx * sub).ravel()[None, :], (ys[:, None] + dy * sub).ravel()[:, None]
-        )
+        fine = self.traction((xs[:, None] + dx * sub).ravel()[None, :], (ys[:, None] + dy * sub).ravel()[:, None])
         return np.asarray(fine.reshape(3, ys.size, samples, xs.size, samples).mean(axis=(2, 4)))
 
     def fields(

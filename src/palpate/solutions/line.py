@@ -11,9 +11,9 @@ s_ij = (2/pi) x_i x_j (z P + x Q)/r^4 (K. L. Johnson, Contact Mechanics, 1985, s
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -34,20 +34,23 @@ __all__ = [
     "strip",
 ]
 
-Complexes = npt.NDArray[np.complex128]
+Complexes = npt.NDArray[Any]
 Shape = Literal["load", "strip", "hertz", "punch"]
 
 
 def potentials(shape: Shape, half_width: float, zeta: Complexes) -> tuple[Complexes, Complexes, Complexes]:
     """(W, W', V) of a traction of unit force per length; V is chosen so that V ~ ln zeta far away."""
     a = half_width
+    zeta = np.asarray(zeta, dtype=np.complex128)
     with np.errstate(divide="ignore", invalid="ignore"):
         if shape == "load":
-            return 1.0 / zeta, -1.0 / zeta**2, np.log(zeta)
-        right, left = zeta + a, zeta - a
+            inverse: Complexes = 1.0 / zeta
+            return inverse, -(inverse**2), np.log(zeta)
+        right: Complexes = zeta + a
+        left: Complexes = zeta - a
         if shape == "strip":
             log_right, log_left = np.log(right), np.log(left)
-            ends = np.where(right == 0, 0.0, right * log_right) - np.where(left == 0, 0.0, left * log_left)
+            ends: Complexes = np.where(right == 0, 0.0, right * log_right) - np.where(left == 0, 0.0, left * log_left)
             return (
                 (log_right - log_left) / (2 * a),
                 (1.0 / right - 1.0 / left) / (2 * a),
@@ -72,7 +75,10 @@ def line_fields(
 ) -> Floats:
     """Channels (channel, ...) of a traction in ``component`` ("x" or "z") from its complex potentials."""
     mu, nu = pad.shear_modulus, pad.poissons_ratio
-    z = np.asarray(depth, dtype=np.float64)
+    z: Floats = np.asarray(depth, dtype=np.float64)
+    xx: Floats
+    zz: Floats
+    xz: Floats
 
     def deep(part: Floats) -> Floats:  # z times a potential: 0 on the surface, even where the potential is singular
         return np.asarray(z * np.where(z == 0, 0.0, part))
@@ -88,7 +94,7 @@ def line_fields(
         uz = deep(w.real) - (1 - 2 * nu) * v.imag
     xx, zz, xz = xx / math.pi, zz / math.pi, xz / math.pi
     half = 1.0 / (2.0 * mu)
-    table = {
+    table: dict[str, Callable[[], Floats]] = {
         "stress_xx": lambda: xx,
         "stress_zz": lambda: zz,
         "stress_xz": lambda: xz,
@@ -163,9 +169,7 @@ class LineContact:
         zeta = (xx - self.center) + 1j * zz
         out = np.zeros((len(names), *zeta.shape))
         for t in self.terms:
-            out += t.force * line_fields(
-                *potentials(t.shape, t.half_width, zeta), zz, t.component, pad, names
-            )
+            out += t.force * line_fields(*potentials(t.shape, t.half_width, zeta), zz, t.component, pad, names)
         return out
 
     def shifted(self, center: float) -> LineContact:
@@ -177,14 +181,12 @@ class LineContact:
         if not math.isfinite(friction):
             raise InvalidInput(f"friction must be a finite number; got {friction!r}.")
         normal = tuple(t for t in self.terms if t.component == "z")
-        return replace(
-            self, terms=normal + tuple(replace(t, component="x", force=friction * t.force) for t in normal)
-        )
+        return replace(self, terms=normal + tuple(replace(t, component="x", force=friction * t.force) for t in normal))
 
     def partial_slip(self, friction: float, tangential_force: float) -> LineContact:
         """Cattaneo's partial slip: a Hertz contact pulled by |Q| < mu P [N/m], stuck in |x| < c.
 
-            q = mu [p(x; a) - (c/a) p(x; c)],   c/a = sqrt(1 - |Q|/(mu P))       (Johnson 1985, section 7.2)
+        q = mu [p(x; a) - (c/a) p(x; c)],   c/a = sqrt(1 - |Q|/(mu P))       (Johnson 1985, section 7.2)
         """
         if len(self.terms) != 1 or self.terms[0].shape != "hertz":
             raise Unsupported("partial_slip needs a frictionless Hertz contact; make one with hertz_line.")

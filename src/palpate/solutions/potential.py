@@ -81,7 +81,7 @@ def area_fields(table: Table, z: Any, source: str, pad: HalfSpace, channels: Seq
         if kind == "displacement":
             result.append(displacement(index) / (4 * np.pi * mu))
             continue
-        i, j = index
+        i, j = index[0], index[1]
         symmetric = gradient(i, i) if i == j else 0.5 * (gradient(i, j) + gradient(j, i))
         if kind == "strain":
             result.append(-symmetric / (4 * np.pi * mu))
@@ -200,9 +200,7 @@ class PatchPrimitives:
 
     def _angle(self, a: Floats, b: Floats, key: str) -> Floats:
         """atan(b/a) - atan(b z/(a rho)), written without cancellation or jumps."""
-        return self._keep(
-            key, lambda: np.arctan2(a * b * (self.rho - self.z), a**2 * self.rho + b**2 * self.z)
-        )
+        return self._keep(key, lambda: np.arctan2(a * b * (self.rho - self.z), a**2 * self.rho + b**2 * self.z))
 
     def __getitem__(self, key: str) -> Floats:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -211,7 +209,10 @@ class PatchPrimitives:
     def _compute(self, key: str) -> Floats:
         x, y, z, r = self.x, self.y, self.z, self.rho
         s = r + z
-        solid = lambda: np.arctan2(x * y, z * r)  # noqa: E731
+
+        def solid() -> Floats:
+            return np.arctan2(x * y, z * r)
+
         match key:
             case "zz":
                 return self._times_log(x, y, "ly") + self._times_log(y, x, "lx") - z * solid()
@@ -283,9 +284,7 @@ class RectangleTable:
     def __init__(self, x: Any, y: Any, z: Any, half_widths: tuple[float, float]) -> None:
         a, b = half_widths
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-        self._corners = [
-            (sx * sy, PatchPrimitives(x + sx * a, y + sy * b, z)) for sx in (1, -1) for sy in (1, -1)
-        ]
+        self._corners = [(sx * sy, PatchPrimitives(x + sx * a, y + sy * b, z)) for sx in (1, -1) for sy in (1, -1)]
 
     def __getitem__(self, key: str) -> Floats:
         return np.asarray(sum(sign * corner[key] for sign, corner in self._corners))

@@ -1,0 +1,325 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.recordings import read_recording, read_touch, write_recording
+from palpate.recordings.recording import Recording
+
+SKIN = """\
+[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "area"
+shape = [14, 15]
+pitch = "1 mm"
+depth = "1.2 mm"
+channels = ["stress_xz", "stress_yz", "stress_zz"]
+noise = "5 Pa"
+"""
+LINE_SKIN = (
+    SKIN.replace('kind = "area"', 'kind = "line"')
+    .replace("shape = [14, 15]", "count = 20")
+    .replace('["stress_xz", "stress_yz", "stress_zz"]', '["stress_zz"]')
+)
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-m", "palpate", *arguments],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with two skins and a recording of each."""
+    path = tmp_path_factory.mktemp("cli")
+    (path / "skin.toml").write_text(SKIN)
+    (path / "line.toml").write_text(LINE_SKIN)
+    for skin, force in (("skin", "0.2 N"), ("line", "20 N/m")):
+        out = run(
+            "simulate",
+            "--skin",
+            f"{skin}.toml",
+            "--out",
+            f"{skin}.nc",
+            "--force",
+            force,
+            "--size",
+            "2 mm",
+            "--friction",
+            "0.3",
+            "--frames",
+            "3",
+            cwd=path,
+        )
+        assert out.returncode == 0, out.stderr
+    return path
+
+
+def test_help_teaches(tmp_path: Path) -> None:
+    out = run("--help", cwd=tmp_path)
+    assert out.returncode == 0
+    for command in ("demo", "simulate", "reconstruct", "convert", "paper"):
+        assert command in out.stdout
+        one = run(command, "--help", cwd=tmp_path)
+        assert one.returncode == 0
+        assert "Usage" in one.stdout
+    assert run("--version", cwd=tmp_path).stdout.startswith("palpate ")
+
+
+def test_simulate_and_reconstruct(folder: Path, tmp_path: Path) -> None:
+    out = run(
+        "reconstruct",
+        "skin.nc",
+        "--skin",
+        "skin.toml",
+        "--out",
+        str(tmp_path / "touch.nc"),
+        "--plot",
+        str(tmp_path / "a.png"),
+        "--friction",
+        "0.6",
+        cwd=folder,
+    )
+    assert out.returncode == 0, out.stderr
+    assert "slip margin" in out.stdout
+    data = read_touch(tmp_path / "touch.nc")
+    np.testing.assert_allclose(data["force"].values[:, 2], [0.2 / 3, 0.4 / 3, 0.2], atol=0.005)
+    np.testing.assert_allclose(data["force"].values[:, 0], [0.02, 0.04, 0.06], atol=0.005)
+    assert data.attrs["skin"] == SKIN
+    assert "reconstruct" in data.attrs["command"]
+    assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--method", "hilgers"],
+        ["--method", "truncated"],
+        ["--method", "dft"],
+        ["--method", "linear"],
+        ["--order", "2", "--parameter", "gcv"],
+        ["--parameter", "1e-8", "--components", "x,z"],
+    ],
+)
+def test_methods(options: list[str], folder: Path, tmp_path: Path) -> None:
+    out = run("reconstruct", "skin.nc", "--skin", "skin.toml", "--out", str(tmp_path / "t.npz"), *options, cwd=folder)
+    assert out.returncode == 0, out.stderr
+
+
+def test_constant_friction(folder: Path, tmp_path: Path) -> None:
+    out = run(
+        "reconstruct",
+        "line.nc",
+        "--skin",
+        "line.toml",
+        "--method",
+        "constant_friction",
+        "--friction",
+        "0.3",
+        "--out",
+        str(tmp_path / "t.csv"),
+        cwd=folder,
+    )
+    assert out.returncode == 0, out.stderr
+
+
+def test_a_run_can_be_made_again(folder: Path, tmp_path: Path) -> None:
+    """The result holds the skin and the command; the same seed gives the same recording."""
+    again = tmp_path / "again.nc"
+    out = run(
+        "simulate",
+        "--skin",
+        "skin.toml",
+        "--out",
+        str(again),
+        "--force",
+        "0.2 N",
+        "--size",
+        "2 mm",
+        "--friction",
+        "0.3",
+        "--frames",
+        "3",
+        cwd=folder,
+    )
+    assert out.returncode == 0
+    np.testing.assert_array_equal(read_recording(again).readings, read_recording(folder / "skin.nc").readings)
+
+
+def test_convert(folder: Path, tmp_path: Path) -> None:
+    for name in ("a.csv", "b.npz", "c.h5"):
+        assert run("convert", "skin.nc", str(tmp_path / name), cwd=folder).returncode == 0
+        np.testing.assert_array_equal(
+            read_recording(tmp_path / name).readings, read_recording(folder / "skin.nc").readings
+        )
+
+
+def test_missing_readings(folder: Path, tmp_path: Path) -> None:
+    recording = read_recording(folder / "skin.nc")
+    readings = recording.readings.copy()
+    readings[1, 0, 3, 4] = np.nan
+    write_recording(Recording(readings=readings, channels=recording.channels), tmp_path / "gap.nc")
+    out = run("reconstruct", str(tmp_path / "gap.nc"), "--skin", "skin.toml", cwd=folder)
+    assert out.returncode == 2
+    assert "1 of 210 taxels" in out.stderr
+    out = run("reconstruct", str(tmp_path / "gap.nc"), "--skin", "skin.toml", "--drop-missing", cwd=folder)
+    assert out.returncode == 0
+    assert "left out 1 of 210" in out.stderr
+
+
+def test_demo(tmp_path: Path) -> None:
+    out = run("demo", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    for word in ("net force", "peak pressure", "slip margin"):
+        assert word in out.stdout
+    assert sorted(os.listdir(tmp_path / "palpate-demo")) == ["recording.nc", "skin.toml", "touch.nc", "touch.png"]
+    again = run("reconstruct", "palpate-demo/recording.nc", "--skin", "palpate-demo/skin.toml", cwd=tmp_path)
+    assert again.returncode == 0
+
+
+def test_paper(tmp_path: Path) -> None:
+    out = run("paper", "--out", "report", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    names = set(os.listdir(tmp_path / "report"))
+    assert {f"figure-{n:02d}.{e}" for n in range(2, 23) for e in ("png", "csv")} <= names
+    assert {"report.html", "errors.csv", "noise.csv", "truncation.csv", "speed.csv"} <= names
+    text = (tmp_path / "report" / "report.html").read_text()
+    assert "4.04e-05" in text
+    assert "http://" not in text
+    assert "https://" not in text
+
+
+# -- bad input: one line, exit code 2, no traceback, nothing half-written ----------------------------------------------
+
+R = ["reconstruct", "skin.nc", "--out", "OUT/t.nc", "--skin"]
+S = ["simulate", "--out", "OUT/r.nc", "--skin", "skin.toml"]
+C = ["convert"]
+
+
+def edited(old: str, new: str) -> str:
+    assert old in SKIN
+    return SKIN.replace(old, new)
+
+
+BAD: dict[str, tuple[list[str], str | None, str]] = {
+    # name: (arguments, text of bad.toml, what the message must say)
+    "unknown command": (["press"], None, "press"),
+    "unknown option": ([*R, "skin.toml", "--methd", "dft"], None, "methd"),
+    "no skin given": (["reconstruct", "skin.nc"], None, "--skin"),
+    "recording does not exist": (["reconstruct", "none.nc", "--skin", "skin.toml"], None, "no such file"),
+    "recording is a folder": (["reconstruct", "folder.nc", "--skin", "skin.toml"], None, "folder"),
+    "recording of unknown kind": (["reconstruct", "skin.toml", "--skin", "skin.toml"], None, "ending '.toml'"),
+    "recording truncated": (["reconstruct", "cut.nc", "--skin", "skin.toml"], None, "truncated"),
+    "recording empty": (["reconstruct", "empty.csv", "--skin", "skin.toml"], None, "empty"),
+    "skin does not exist": ([*R, "none.toml"], None, "no such file"),
+    "skin is not TOML": ([*R, "bad.toml"], "[pad\n", "line 1"),
+    "skin is binary": ([*R, "cut.nc"], None, "text"),
+    "skin lacks the pad": ([*R, "bad.toml"], SKIN[SKIN.index("[[plane]]") :], "no [pad]"),
+    "skin lacks the modulus": (
+        [*R, "bad.toml"],
+        edited('youngs_modulus = "200 kPa"\n', ""),
+        "line 1: [pad] has no youngs_modulus",
+    ),
+    "modulus without unit": ([*R, "bad.toml"], edited('"200 kPa"', "200"), "line 3: youngs_modulus = 200 has no unit"),
+    "modulus in millimetres": ([*R, "bad.toml"], edited('"200 kPa"', '"200 mm"'), "line 3"),
+    "negative modulus": ([*R, "bad.toml"], edited('"200 kPa"', '"-200 kPa"'), "line 3: youngs_modulus must be"),
+    "Poisson's ratio of 0.6": ([*R, "bad.toml"], edited("0.48", "0.6"), "line 4: poissons_ratio"),
+    "misspelt key": ([*R, "bad.toml"], edited("pitch", "pich"), "line 9: pich is not a key"),
+    "pitch missing": ([*R, "bad.toml"], edited('pitch = "1 mm"\n', ""), "pitch is missing"),
+    "pitch in kPa": ([*R, "bad.toml"], edited('"1 mm"', '"1 kPa"'), "line 9: pitch has the unit 'kPa'"),
+    "negative depth": ([*R, "bad.toml"], edited('"1.2 mm"', '"-1.2 mm"'), "line 10: depth"),
+    "unknown channel": ([*R, "bad.toml"], edited("stress_yz", "stress_yx"), "line 11: channel"),
+    "unknown kind of plane": ([*R, "bad.toml"], edited('"area"', '"ring"'), "line 7: kind"),
+    "key of another kind": (
+        [*R, "bad.toml"],
+        edited("shape = [14, 15]", "shape = [14, 15]\ncount = 4"),
+        "line 9: count does not belong",
+    ),
+    "noise in the wrong unit": ([*R, "bad.toml"], edited('"5 Pa"', '"5 mm"'), "line 12: noise"),
+    "other array shape": ([*R, "bad.toml"], edited("[14, 15]", "[15, 15]"), "14x15 taxels"),
+    "other channels": ([*R, "line.toml"], None, "the skin describes stress_zz"),
+    "readings off by 1e9": (["reconstruct", "huge.nc", "--skin", "skin.toml"], None, "units"),
+    "readings with NaN": (["reconstruct", "nan.nc", "--skin", "skin.toml"], None, "not finite"),
+    "unknown method": ([*R, "skin.toml", "--method", "magic"], None, "method must be one of"),
+    "option of another method": ([*R, "skin.toml", "--method", "dft", "--order", "1"], None, "does not take order"),
+    "unknown rule": ([*R, "skin.toml", "--parameter", "best"], None, "evidence, gcv"),
+    "negative parameter": ([*R, "skin.toml", "--parameter", "-1"], None, "positive"),
+    "unknown component": ([*R, "skin.toml", "--components", "w"], None, "components"),
+    "what cannot be seen": (
+        ["reconstruct", "line.nc", "--skin", "line.toml", "--components", "x,z"],
+        None,
+        "cannot be told apart",
+    ),
+    "order of 3": ([*R, "skin.toml", "--order", "3"], None, "order must be"),
+    "order not a number": ([*R, "skin.toml", "--order", "two"], None, "--order"),
+    "frame out of range": ([*R, "skin.toml", "--frame", "7"], None, "frame 7"),
+    "result of unknown kind": (["reconstruct", "skin.nc", "--skin", "skin.toml", "--out", "OUT/t.xyz"], None, ".xyz"),
+    "result in no folder": (
+        ["reconstruct", "skin.nc", "--skin", "skin.toml", "--out", "OUT/none/t.nc"],
+        None,
+        "does not exist",
+    ),
+    "picture of unknown kind": ([*R, "skin.toml", "--plot", "OUT/a.xyz"], None, "pictures end in"),
+    "friction on an area": ([*R, "skin.toml", "--method", "constant_friction", "--friction", "0.3"], None, "LineArray"),
+    "force without unit": ([*S, "--force", "2"], None, "unit"),
+    "force of a line on an area": ([*S, "--force", "2 N/m"], None, "N/m"),
+    "negative size": ([*S, "--size", "-1 mm"], None, "positive"),
+    "no frames": ([*S, "--frames", "0"], None, "frames"),
+    "drag above 1": ([*S, "--friction", "0.5", "--drag", "2"], None, "drag"),
+    "contact of no kind": ([*S, "--contact", "cone"], None, "cone"),
+    "partial slip of a punch": ([*S, "--contact", "punch", "--friction", "0.5", "--drag", "0.5"], None, "hertz"),
+    "foreign table without units": ([*C, "table.csv", "OUT/t.nc", "--columns", "x,y,u,v"], None, "no units"),
+    "foreign table, no such column": (
+        [*C, "table.csv", "OUT/t.nc", "--columns", "x,y,u,w", "--pixel", "1 um"],
+        None,
+        "no column w",
+    ),
+    "foreign table, text in it": (
+        [*C, "words.csv", "OUT/t.nc", "--columns", "x,y,u,v", "--pixel", "1 um"],
+        None,
+        "line 3",
+    ),
+    "grid of a gridded recording": ([*C, "skin.nc", "OUT/t.nc", "--grid", "1 mm"], None, "scattered"),
+    "convert to no known kind": ([*C, "skin.nc", "OUT/t.mp4"], None, ".mp4"),
+    "demo into a file": (["demo", "--out", "skin.nc"], None, "is a file"),
+    "paper into a file": (["paper", "--out", "skin.nc"], None, "is a file"),
+}
+
+
+@pytest.mark.parametrize("name", list(BAD))
+def test_bad_input(name: str, folder: Path) -> None:
+    arguments, text, message = BAD[name]
+    out_folder = folder / "out"
+    out_folder.mkdir(exist_ok=True)
+    (folder / "folder.nc").mkdir(exist_ok=True)
+    (folder / "cut.nc").write_bytes((folder / "skin.nc").read_bytes()[:3000])
+    (folder / "empty.csv").write_text("")
+    (folder / "table.csv").write_text("x,y,u,v\n1,2,0.1,0.1\n3,5,0.1,0.1\n")
+    (folder / "words.csv").write_text("x,y,u,v\n1,2,0.1,0.1\n3,5,much,0.1\n")
+    recording = read_recording(folder / "skin.nc")
+    write_recording(Recording(readings=recording.readings * 1e9, channels=recording.channels), folder / "huge.nc")
+    write_recording(Recording(readings=recording.readings + np.nan, channels=recording.channels), folder / "nan.nc")
+    if text is not None:
+        (folder / "bad.toml").write_text(text)
+    before = {p: p.stat().st_mtime_ns for p in folder.rglob("*")}
+    result = run(*(a.replace("OUT", str(out_folder)) for a in arguments), cwd=folder)
+    assert result.returncode == 2, result.stdout + result.stderr
+    assert result.stderr.startswith("error: ")
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert "Traceback" not in result.stderr
+    assert message in result.stderr, result.stderr
+    assert {p: p.stat().st_mtime_ns for p in folder.rglob("*")} == before

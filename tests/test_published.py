@@ -1,0 +1,200 @@
+"""Other people's published numbers, read from ../shared where it is there."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate import solutions
+from palpate.elastic import AREA_CHANNELS
+from palpate.recordings import read_recording, read_table, read_touch
+from test_cli import run
+
+BEADS = """\
+[pad]
+kind = "half_space"
+youngs_modulus = "100 Pa"
+poissons_ratio = 0.5
+
+[[plane]]
+kind = "area"
+depth = "0 mm"
+channels = ["displacement_x", "displacement_y"]
+"""
+
+
+def contact_table(shared: Path) -> np.ndarray:
+    rows = []
+    for line in (shared / "data" / "contact" / "subsurf.ref_subs").read_text().splitlines():
+        values = line.split()
+        if len(values) == 14 and not line.startswith("%"):
+            rows.append([float(v) for v in values])
+    table = np.array([r for r in rows if r[3:] != [0.0] * 11])
+    assert len(table) == 15 + 21 * 21 * 15
+    return table
+
+
+def test_contact_table(shared: Path) -> None:
+    """CONTACT: a unit square pressed and sheared (G = 1, nu = 0.28); one surface cell is that square."""
+    table = contact_table(shared)
+    table = table[table[:, 2] >= 0.1]
+    pad = pp.HalfSpace(youngs_modulus=2 * 1.28, poissons_ratio=0.28)
+    columns = {"displacement_x": 3, "displacement_y": 4, "displacement_z": 5}
+    columns |= {"stress_xx": 8, "stress_xy": 9, "stress_xz": 10, "stress_yy": 11, "stress_yz": 12, "stress_zz": 13}
+    surface = pp.AreaGrid(shape=(2, 2), spacing=1.0, center=(0.5 + 1e-4, 0.5 + 2e-4))
+    traction = np.zeros((3, 2, 2))
+    traction[0, 0, 0], traction[2, 0, 0] = 0.999, 1.0
+    for channel, column in columns.items():
+        sign = 1.0 if channel.startswith("displacement") else -1.0
+        found = np.empty(len(table))
+        for z in np.unique(table[:, 2]):
+            at = table[:, 2] == z
+            points, where = np.unique(table[at, :2], axis=0, return_inverse=True)
+            array = pp.ScatteredArray(positions=points, depth=float(z), channels=[channel])
+            found[at] = pp.Skin(pad, array, surface=surface).sense(traction)[0][where.ravel()]
+        deviation = np.abs(found - sign * table[:, column]).max()
+        assert deviation < 2e-5, (channel, deviation)
+
+
+@pytest.mark.parametrize(("name", "x", "y"), [("ELLEA1_halfspace", 0.0, 0.0), ("ELLEA1_halfspace_shear", 10.0, 20.0)])
+def test_alva_homogeneous(shared: Path, name: str, x: float, y: float) -> None:
+    """ELLEA1: 1.1 MPa on a disc of radius 150 mm; four printed decimals."""
+    with (shared / "data" / "alva" / f"{name}.csv").open() as file:
+        rows = [{k: float(v) for k, v in r.items()} for r in csv.DictReader(file)]
+    pad = pp.HalfSpace(youngs_modulus=200.0, poissons_ratio=0.35)  # MPa and mm throughout
+    grid = pp.AreaGrid(shape=(304, 304), spacing=1.0)
+    sub = (np.arange(10) + 0.5) / 10 - 0.5
+    fine = (grid.x[:, None] + sub).ravel()
+    disc = (fine[None, :] ** 2 + fine[:, None] ** 2 <= 150.0**2).reshape(304, 10, 304, 10).mean(axis=(1, 3)) * 1.1
+    names = {
+        "stress_xx": "sig_x",
+        "stress_yy": "sig_y",
+        "stress_zz": "sig_z",
+        "stress_yz": "sig_yz",
+        "stress_xz": "sig_xz",
+    }
+    names |= {"stress_xy": "sig_xy", "displacement_z": "uz", "displacement_x": "ux", "displacement_y": "uy"}
+    traction = np.zeros((3, 304, 304))
+    traction[2] = disc
+    for row in rows:
+        if row["pos_mm"] == 0:  # on the surface the cells of 1 mm show
+            continue
+        array = pp.ScatteredArray(positions=[[x, y], [x + 77.0, y + 55.0]], depth=row["pos_mm"], channels=list(names))
+        found = pp.Skin(pad, array, surface=grid).sense(traction)[:, 0]
+        for value, (channel, column) in zip(found, names.items()):
+            printed = row[f"{column}_{'mm' if channel.startswith('displacement') else 'MPa'}"]
+            assert abs(value - printed) < 1.2e-4, (channel, row["pos_mm"], value, printed)
+
+
+def test_beads_through_the_command_line(shared: Path, tmp_path: Path) -> None:
+    """Real bead displacements on a gel: the traction that another program published, at its own parameter."""
+    import h5py
+
+    source = shared / "data" / "pytraction" / "example_dataset.h5"
+    with h5py.File(source) as file:
+        published, own = file["force_field/0"][()], float(file["L/0"][()])
+    (tmp_path / "gel.toml").write_text('boundary = "periodic"\n' + BEADS)
+    pixel, pitch = 1e-6 / 1.3, 10e-6 / 1.3
+    out = run(
+        *("convert", str(source), "beads.nc", "--columns", "pos/0,vec/0", "--follow"),
+        *("--pixel", f"{pixel * 1e6!r} um", "--grid", f"{pitch * 1e6!r} um"),
+        cwd=tmp_path,
+    )
+    assert out.returncode == 0, out.stderr
+    # theirs: |G f - u|^2 + L |f|^2 per wavevector, with E = 1 and lengths in pixels
+    parameter = own * (pixel / 100.0) ** 2 / pitch**2
+    out = run(
+        *(
+            "reconstruct",
+            "beads.nc",
+            "--skin",
+            "gel.toml",
+            "--order",
+            "0",
+            "--parameter",
+            repr(parameter),
+            "--out",
+            "t.nc",
+        ),
+        cwd=tmp_path,
+    )
+    assert out.returncode == 0, out.stderr
+    found = read_touch(tmp_path / "t.nc")["traction"].values[0]
+    for component in (0, 1):
+        assert np.corrcoef(found[component].ravel(), published[:, :, component].T.ravel())[0, 1] > 0.9999999
+    assert "net force cannot be known" in out.stdout
+
+    # the same beads as they lie, no grid, no periodic copies, nothing to tune
+    (tmp_path / "scattered.toml").write_text(BEADS.replace('"area"', '"scattered"'))
+    run(
+        "convert",
+        str(source),
+        "raw.nc",
+        "--columns",
+        "pos/0,vec/0",
+        "--follow",
+        "--pixel",
+        f"{pixel * 1e6!r} um",
+        cwd=tmp_path,
+    )
+    out = run("reconstruct", "raw.nc", "--skin", "scattered.toml", "--out", "s.nc", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    data = read_touch(tmp_path / "s.nc")
+    assert np.isfinite(data["force"].values[0, :2]).all()
+    peak = np.hypot(*data["traction"].values[0, :2]).max()
+    assert 0.3 < peak / np.hypot(published[..., 0], published[..., 1]).max() < 3
+
+
+def test_synthetic_set(shared: Path) -> None:
+    """The published magnitudes are integers and include the uniform traction that their program adds at k = 0."""
+    folder = shared / "data" / "pytraction"
+    published = np.loadtxt(folder / "expected_traction_magnitude_int_Pa.csv", delimiter=",")[::-1]
+    pixel, modulus = 1e-6, 1e4
+    recording = read_table(
+        folder / "matlab_data.csv",
+        columns=["x", "y", "u", "v"],
+        channels=["displacement_x", "displacement_y"],
+        position_factor=pixel,
+        reading_factor=pixel,
+        follow=True,
+    ).gridded(10 * pixel)
+    array = pp.AreaArray(shape=recording.readings.shape[2:], pitch=10 * pixel, depth=0.0, channels=recording.channels)
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=modulus, poissons_ratio=0.3), array, boundary="periodic")
+    unit = (pixel / modulus) ** 2 / (10 * pixel) ** 2
+    found = skin.reconstruct(recording.readings[0], order=0, parameter=145.837 * unit).values
+    assert np.corrcoef(np.hypot(found[0], found[1]).ravel(), published.ravel())[0, 1] > 0.999
+    theirs = np.hypot(found[0] + 0.686, found[1] + 0.617)
+    assert np.corrcoef(theirs.ravel(), published.ravel())[0, 1] > 0.9999
+    assert np.abs(np.floor(theirs) - published).max() <= 1
+
+
+def test_cattaneo_table(shared: Path) -> None:
+    """CONTACT's numerical partial slip of two like bodies against the closed form (no transverse shear): a few per cent."""
+    rows = np.loadtxt(shared / "data" / "contact" / "cattaneo_case2.csv", delimiter=",", skiprows=1)
+    x, y, gap, pn, px = rows[:, :5].T
+    ball = solutions.hertz_point(radius=1.0, force=9.195).partial_slip(0.4, -3.218)
+    inside = np.hypot(x, y) < 0.75  # away from the edge, where cells of 0.13 mm are coarse
+    traction = ball.traction(x, y)
+    np.testing.assert_allclose(traction[2][inside], pn[inside], rtol=0.01)
+    # the stick zone (r < 0.5 a): closed form without the transverse component is within 6 % of the peak
+    assert np.abs(traction[0][inside] - px[inside]).max() < 0.06 * np.abs(px).max()
+    # both surfaces' displacement by the spectral operator from CONTACT's own pressures: -(h - pen) within 1 %
+    pad = pp.HalfSpace(youngs_modulus=2 * 200.0 * 1.42, poissons_ratio=0.42)
+    pitch = 0.13333
+    grid = pp.AreaGrid(shape=(19, 19), spacing=pitch, center=(-3.5e-5, 0.0))
+    pressure = np.zeros((3, 19, 19))
+    index = (np.round(y / pitch).astype(int) + 9, np.round(x / pitch).astype(int) + 9)
+    pressure[2][index] = pn
+    array = pp.AreaArray(shape=(19, 19), pitch=pitch, depth=0.0, channels=["displacement_z"], center=(-3.5e-5, 0.0))
+    uz = pp.Skin(pad, array, surface=grid).sense(pressure)[0][index]
+    np.testing.assert_allclose(2 * uz, -gap, rtol=0.01)
+
+
+def test_recordings_of_others_stay_where_they_are(shared: Path) -> None:
+    with pytest.raises(pp.InvalidInput, match="lacks"):
+        read_recording(shared / "data" / "pytraction" / "example_dataset.h5")
+    assert len(AREA_CHANNELS) == 15

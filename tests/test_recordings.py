@@ -1,0 +1,240 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+
+import palpate as pp
+from palpate.recordings import read_recording, read_table, read_touch, write_recording, write_touch
+from palpate.recordings.units import parse_quantity
+
+GRIDDED = pp.Recording(
+    readings=np.random.default_rng(0).standard_normal((3, 2, 4, 5)),
+    channels=("stress_xz", "strain_zz"),
+    time=[0.0, 0.01, 0.05],
+    meta={"sensor": "left finger", "µ": "ü"},
+)
+SCATTERED = pp.Recording(
+    readings=np.where(np.random.default_rng(1).uniform(size=(2, 2, 7)) < 0.1, np.nan, 1e-6),
+    channels=("displacement_x", "displacement_y"),
+    positions=np.random.default_rng(2).uniform(size=(7, 2)) * 1e-3,
+)
+LINE = pp.Recording(readings=np.ones((1, 1, 4), dtype=np.float32), channels=("stress_zz",), positions=np.arange(4.0))
+
+
+@pytest.mark.parametrize("ending", [".nc", ".h5", ".npz", ".csv"])
+@pytest.mark.parametrize("recording", [GRIDDED, SCATTERED, LINE])
+def test_round_trip(recording: pp.Recording, ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"recording{ending}"
+    write_recording(recording, path)
+    back = read_recording(path)
+    np.testing.assert_array_equal(back.readings, recording.readings)
+    if ending != ".csv":
+        assert back.readings.dtype == recording.readings.dtype
+    assert back.channels == recording.channels
+    np.testing.assert_array_equal(back.time, recording.time)
+    assert back.meta == recording.meta
+    if recording.positions is None:
+        assert back.positions is None
+    else:
+        np.testing.assert_array_equal(back.positions, recording.positions)
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_netcdf_opens_in_xarray(tmp_path: Path) -> None:
+    write_recording(GRIDDED, tmp_path / "a.nc")
+    with xarray.open_dataset(tmp_path / "a.nc", engine="h5netcdf", decode_times=False) as data:
+        assert data["readings"].dims == ("time", "channel", "y", "x")
+        assert list(data["channel"].values) == ["stress_xz", "strain_zz"]
+        assert data["time"].attrs["units"] == "s"
+
+
+@pytest.mark.parametrize("ending", [".nc", ".npz", ".csv"])
+def test_results(ending: str, tmp_path: Path) -> None:
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.4)
+    for array in (
+        pp.AreaArray(shape=(5, 6), pitch=1e-3, depth=1e-3, channels=["stress_zz"]),
+        pp.LineArray(count=9, pitch=1e-3, depth=1e-3, channels=["stress_zz"]),
+    ):
+        touch = pp.Skin(pad, array).reconstruct(np.ones((2, 1, *array.shape)))
+        path = tmp_path / f"touch{ending}"
+        write_touch(touch, path, provenance={"command": "palpate reconstruct x"})
+        if ending == ".nc":
+            data = read_touch(path)
+            np.testing.assert_array_equal(data["traction"].values, touch.values)
+            np.testing.assert_allclose(data["force"].values, touch.force)
+            assert data.attrs["command"] == "palpate reconstruct x"
+            assert data["traction"].attrs["units"] == "Pa"
+        elif ending == ".npz":
+            with np.load(path) as data:
+                np.testing.assert_array_equal(data["traction"], touch.values)
+        else:
+            rows = np.loadtxt(path, delimiter=",", skiprows=2)
+            assert len(rows) == touch.values[:, 0].size
+            np.testing.assert_array_equal(rows[:, -1], touch.values[:, -1].ravel())
+    with pytest.raises(pp.InvalidInput, match="only NetCDF"):
+        read_touch(tmp_path / "touch.csv")
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"readings": np.zeros((3, 2))}, "axes"),
+        ({"readings": np.zeros((0, 2, 4, 5))}, "empty"),
+        ({"readings": np.full((3, 2, 4, 5), np.inf)}, "infinite"),
+        ({"readings": np.zeros((3, 2, 4, 5), dtype=complex)}, "real"),
+        ({"channels": ("stress_xz", "pressure")}, "not known"),
+        ({"channels": ("stress_xz",)}, "1 channels"),
+        ({"time": [0.0, 0.0, 1.0]}, "increase"),
+        ({"time": [0.0, 1.0]}, "3 finite"),
+        ({"positions": np.zeros((20, 2))}, "positions"),
+    ],
+)
+def test_bad_recordings(changes: dict[str, Any], word: str) -> None:
+    options = {"readings": GRIDDED.readings, "channels": GRIDDED.channels, "time": GRIDDED.time} | changes
+    with pytest.raises(pp.InvalidInput, match=word):
+        pp.Recording(**options)
+
+
+@pytest.mark.parametrize("ending", [".nc", ".npz", ".csv"])
+def test_truncated_files_are_named(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"cut{ending}"
+    write_recording(GRIDDED, path)
+    whole = path.read_bytes()
+    for part in (0.3, 0.7, 0.97):
+        path.write_bytes(whole[: int(len(whole) * part)])
+        with pytest.raises(pp.InvalidInput, match="cut"):
+            read_recording(path)
+    path.write_bytes(b"")
+    with pytest.raises(pp.InvalidInput, match="empty"):
+        read_recording(path)
+
+
+def test_foreign_containers_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", other=np.zeros(3))
+    with pytest.raises(pp.InvalidInput, match=r"lacks readings, channel, time.*other"):
+        read_recording(tmp_path / "a.npz")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["x"] = 1
+    with pytest.raises(pp.InvalidInput, match="lacks"):
+        read_recording(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("time (s),stress_zz[0] (Pa)\n", "no frames"),
+        ("t (s),stress_zz[0] (Pa)\n0,1\n", "first column"),
+        ("time (s),stress_zz[0]\n0,1\n", "no unit"),
+        ("time (s),stress_zz[0] (mm)\n0,1\n", "mm"),
+        ("time (s),stress_zz (Pa)\n0,1\n", "not like"),
+        ("time (s),stress_zz[0] (Pa),stress_zz[2] (Pa)\n0,1,2\n", "fill"),
+        ("time (s),stress_zz[0] (Pa),stress_zz[1;1] (Pa)\n0,1,2\n", "one and two"),
+        ("time (s),stress_zz[0] (Pa)\n0,1\n1,2,3\n", "line 3"),
+        ("time (s),stress_zz[0] (Pa)\n0,abc\n", "'abc' is not a number"),
+        ("# positions (m): [[0,\ntime (s),stress_zz[0] (Pa)\n0,1\n", "positions"),
+    ],
+)
+def test_bad_csv(text: str, word: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(pp.InvalidInput, match=word):
+        read_recording(path)
+
+
+def test_csv_units_are_converted(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time (ms),stress_zz[0] (kPa),stress_zz[1] (Pa)\n0,1.5,2\n10,,4\n")
+    back = read_recording(path)
+    np.testing.assert_allclose(back.time, [0, 0.01])
+    np.testing.assert_allclose(back.readings[0, 0], [1500, 2])
+    assert back.missing.tolist() == [True, False]
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.npz"
+    write_recording(GRIDDED, path)
+    before = path.read_bytes()
+
+    def full(*args: Any, **kwargs: Any) -> None:
+        args[0].write(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", full)
+    with pytest.raises(pp.InvalidInput, match=r"No space left.*nothing was written"):
+        write_recording(SCATTERED, path)
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["a.npz"]
+
+
+def test_gridding_reproduces_smooth_fields() -> None:
+    positions = np.random.default_rng(0).uniform(-1e-3, 1e-3, (900, 2))
+    field = 1e-6 * np.sin(2e3 * positions[:, 0]) * np.cos(1e3 * positions[:, 1])
+    recording = pp.Recording(
+        readings=np.stack([field, 2 * field])[None], channels=("displacement_x", "displacement_y"), positions=positions
+    )
+    grid = recording.gridded(5e-5)
+    pitch, x0, y0 = (float(grid.meta[k]) for k in ("pitch", "x0", "y0"))
+    n = grid.readings.shape[2:]
+    x, y = x0 + pitch * np.arange(n[1]), y0 + pitch * np.arange(n[0])
+    expected = 1e-6 * np.sin(2e3 * x) * np.cos(1e3 * y[:, None])
+    inside = (slice(3, -3), slice(3, -3))
+    np.testing.assert_allclose(grid.readings[0, 0][inside], expected[inside], atol=2e-8)
+    np.testing.assert_allclose(grid.readings[0, 1], 2 * grid.readings[0, 0], rtol=1e-9)
+    with pytest.raises(pp.InvalidInput, match="scattered"):
+        GRIDDED.gridded(1.0)
+    with pytest.raises(pp.InvalidInput, match="wider"):
+        recording.gridded(1e-9)
+
+
+def test_tables_of_others(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("a,x,y,u,v\n9,1,2,0.5,0.25\n9,3,4,-0.5,0\n")
+    options = {
+        "columns": ["x", "y", "u", "v"],
+        "channels": ["displacement_x", "displacement_y"],
+        "position_factor": 1e-6,
+        "reading_factor": 1e-6,
+    }
+    table = read_table(tmp_path / "t.csv", **options, follow=True)
+    np.testing.assert_allclose(table.positions, [[1.5e-6, 2.25e-6], [2.5e-6, 4e-6]])
+    np.testing.assert_allclose(table.readings[0], [[0.5e-6, -0.5e-6], [0.25e-6, 0]])
+    with pytest.raises(pp.InvalidInput, match="no column w"):
+        read_table(tmp_path / "t.csv", **(options | {"columns": ["x", "y", "u", "w"]}))
+    (tmp_path / "t.csv").write_text("x,y,u,v\n1,2,3\n")
+    with pytest.raises(pp.InvalidInput, match="line 2"):
+        read_table(tmp_path / "t.csv", **options)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "value"),
+    [
+        ("2 mm", "length", 2e-3),
+        ("1.5e-1 µm", "length", 1.5e-7),
+        ("200kPa", "pressure", 2e5),
+        (".5 %", "strain", 0.005),
+        ("3 1", "strain", 3.0),
+    ],
+)
+def test_quantities(text: str, kind: str, value: float) -> None:
+    assert parse_quantity(text, kind, "pitch") == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (2.0, "no unit"),
+        ("2", "a number and a unit"),
+        ("2 kPa", "accepted for a length"),
+        ("mm", "number"),
+        ("1e999 mm", "finite"),
+        (None, "quantity"),
+    ],
+)
+def test_bad_quantities(text: Any, word: str) -> None:
+    with pytest.raises(pp.InvalidInput, match=word):
+        parse_quantity(text, "length", "pitch")

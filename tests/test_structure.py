@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import palpate as pp
+
+SOURCE = Path(pp.__file__).parent
+
+#: Rooms from the ground up: each may import only from those above it in this list (and from itself).
+ROOMS = [
+    "errors",
+    "_arrays",
+    "elastic",
+    "solutions",
+    "sensing",
+    "inverse",
+    "_plot",
+    "touch",
+    "recordings",
+    "skin",
+    "paper",
+    "cli",
+    "__main__",
+]
+
+
+def room(module: str) -> str:
+    return module.split(".")[1] if "." in module else "palpate"
+
+
+def imports(path: Path) -> set[str]:
+    """Modules of palpate that a file imports, those for type checking left out."""
+    tree = ast.parse(path.read_text())
+    skipped = {
+        id(node)
+        for block in ast.walk(tree)
+        if isinstance(block, ast.If) and isinstance(block.test, ast.Name) and block.test.id == "TYPE_CHECKING"
+        for node in ast.walk(block)
+    }
+    found = set()
+    for node in ast.walk(tree):
+        if id(node) in skipped:
+            continue
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "palpate":
+            found |= {f"palpate.{a.name}" for a in node.names} if node.module == "palpate" else {node.module}
+        elif isinstance(node, ast.Import):
+            found |= {a.name for a in node.names if a.name.startswith("palpate.")}
+    return found
+
+
+@pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda p: str(p.relative_to(SOURCE)))
+def test_rooms(path: Path) -> None:
+    parts = path.relative_to(SOURCE).with_suffix("").parts
+    if parts == ("__init__",):
+        return
+    own = parts[0]
+    assert own in ROOMS, f"the new room {own} needs a place in ROOMS and in docs/architecture.md"
+    for module in imports(path):
+        other = room(module)
+        assert other == own or ROOMS.index(other) < ROOMS.index(own), f"{own} imports {module}"
+
+
+def test_public_names() -> None:
+    assert sorted(pp.__all__) == sorted({*pp._PUBLIC, "solutions", "__version__"})
+    for name in pp.__all__:
+        assert getattr(pp, name) is not None
+    with pytest.raises(AttributeError):
+        _ = pp.nothing
+
+
+@pytest.mark.parametrize("name", [n for n in pp.__all__ if n[0].isupper() and n.upper() != n])
+def test_public_docstrings(name: str) -> None:
+    assert (getattr(pp, name).__doc__ or "").strip()
+
+
+def test_import_is_light() -> None:
+    """Importing palpate, and describing a skin, loads nothing for plotting, files, tables or the command line."""
+    code = (
+        "import sys, palpate as pp; pp.Skin(pp.HalfSpace(youngs_modulus=1., poissons_ratio=.3),"
+        " pp.LineArray(count=5, pitch=1., depth=1., channels=['stress_zz']));"
+        "print([m for m in ('matplotlib', 'xarray', 'pandas', 'typer', 'h5py', 'pydantic', 'torch', 'scipy.interpolate', 'scipy.optimize')"
+        " if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
+
+
+def test_no_numpy_fft_in_the_arithmetic() -> None:
+    """numpy.fft widens float32; only the frequencies of a grid and the paper's figure of its kernels may come from it."""
+    for path in SOURCE.rglob("*.py"):
+        for line in path.read_text().splitlines():
+            if "np.fft." in line and not any(f in line for f in ("fftfreq", "rfftfreq")):
+                assert path.name == "paper.py", f"{path.name}: {line.strip()}"
