@@ -1,0 +1,295 @@
+"""Holds palpate against closed forms, published tables and reference solutions, and prints every figure the docs quote.
+
+    python benchmarks/validation.py [--shared ../shared] [section ...]
+
+Sections: paper, line, area, contact, alva, beads, force. The folder of published data and oracles is not part of the
+project; sections that need it say so where it is absent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import itertools
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import palpate as pp
+from palpate import paper, solutions
+from palpate.recordings import read_table
+
+SHARED = Path("../shared")
+
+
+def channel_of(field: str) -> str:
+    kind, index = field.split("_")
+    return {"S": "stress", "eps": "strain", "u": "displacement"}[kind] + "_" + index
+
+
+def oracle(name: str) -> dict[str, Any]:
+    return dict(np.load(SHARED / "oracles" / f"{name}.npz"))
+
+
+def relative(found: Any, true: Any) -> float:
+    return float(np.linalg.norm(np.asarray(found) - true) / np.linalg.norm(true))
+
+
+def orders(errors: list[float]) -> str:
+    return ", ".join(f"{np.log2(a / b):.2f}" for a, b in itertools.pairwise(errors))
+
+
+def section_paper() -> None:
+    """Mean absolute errors of the founding paper's cases."""
+    for row in paper.error_table():
+        print(
+            f"  {row['case']:<46} {row['channel']:<10} paper {row['paper']:>8}  dft {row['dft']:.3e}  "
+            f"float32 {row['dft, float32']:.1e}  7 decimals {row['dft, 7 decimals']:.1e}  linear {row['linear']:.1e}"
+        )
+
+
+def section_line() -> None:
+    """Line contact: Hertz pressure and shear, relative L2 over all oracle depths at 16, 32, 64 cells per half-width."""
+    data = oracle("closed_form_2d")
+    x = data["x"]
+    worst = 0.0
+    for nu in ("0.3", "0.5"):
+        pad = pp.HalfSpace(youngs_modulus=1, poissons_ratio=float(nu))
+        for case in ("hertz_p", "hertz_q"):
+            for field in ("S_xx", "S_zz", "S_xz", "eps_xx", "eps_zz", "u_x", "u_z"):
+                key = f"{case}__{field}" if field[0] == "S" else f"{case}__nu{nu}__{field}"
+                depths = data["z_u"] if field[0] == "u" else data["z"]
+                errors = []
+                for cells in (16, 32, 64):
+                    grid = pp.LineGrid(count=2 * cells + 8, spacing=1 / cells)
+                    normal = solutions.hertz_line(half_width=1, force=np.pi / 2).averages(grid.edges)
+                    traction = normal if case == "hertz_p" else normal[::-1]
+                    found, true = [], []
+                    for z, row in zip(depths, data[key]):
+                        array = pp.ScatteredArray(positions=x, depth=float(z), channels=[channel_of(field)])
+                        found.append(pp.Skin(pad, array, surface=grid).sense(traction)[0])
+                        # a half-plane's displacement is defined up to a constant
+                        true.append(row - row.mean() if field[0] == "u" else row)
+                    errors.append(relative(found, np.array(true)))
+                worst = max(worst, errors[1])
+                print(
+                    f"  nu {nu} {case} {field:<7} "
+                    + "  ".join(f"{e:.1e}" for e in errors)
+                    + f"   order {orders(errors)}"
+                )
+    print(f"  worst at 32 cells: {worst:.1e}")
+
+
+def section_area() -> None:
+    """Area contact: Hertz circle (8, 16, 32 cells per radius) and rectangle (exact cells), relative L2 over the lattice."""
+    data = oracle("closed_form_3d")
+    g = data["xy"]
+    points = np.stack(np.meshgrid(g, g), axis=-1).reshape(-1, 2)
+    worst = 0.0
+    fields = ("S_xx", "S_yy", "S_zz", "S_xz", "S_yz", "S_xy", "eps_zz", "u_x", "u_y", "u_z")
+    for nu in ("0.3", "0.5"):
+        pad = pp.HalfSpace(youngs_modulus=1, poissons_ratio=float(nu))
+        table: dict[tuple[str, str], list[float]] = {}
+        for case, contact, sizes in (
+            ("hertz_circle_p", solutions.hertz_point(radius=1, force=2 * np.pi / 3), (8, 16, 32)),
+            ("rect_p", solutions.patch(half_widths=(1, 0.75), traction=1), (4,)),
+            ("rect_q", solutions.patch(half_widths=(1, 0.75), traction=1, component="x"), (4,)),
+        ):
+            for cells in sizes:
+                grid = pp.AreaGrid(shape=(2 * cells + 4, 2 * cells + 4), spacing=1 / cells)
+                traction = contact.averages(grid.x, grid.y)
+                found: dict[str, list[Any]] = {f: [] for f in fields}
+                for z in data["z"]:
+                    array = pp.ScatteredArray(
+                        positions=points, depth=float(z), channels=[channel_of(f) for f in fields]
+                    )
+                    for f, row in zip(fields, pp.Skin(pad, array, surface=grid).sense(traction)):
+                        found[f].append(row.reshape(13, 13))
+                for f in fields:
+                    table.setdefault((case, f), []).append(relative(found[f], data[f"{case}__nu{nu}__{f}"]))
+        for (case, f), errors in table.items():
+            if case == "hertz_circle_p":
+                worst = max(worst, errors[-1])
+            tail = f"   order {orders(errors)}" if len(errors) > 1 else "   (exact: cells fill the rectangle)"
+            print(f"  nu {nu} {case:<15} {f:<7} " + "  ".join(f"{e:.1e}" for e in errors) + tail)
+    print(f"  worst of the circle at 32 cells: {worst:.1e}")
+
+
+def section_contact() -> None:
+    """CONTACT, subsurf: largest deviation of each channel at z >= 0.1 (unit square pressed and sheared)."""
+    rows = []
+    for line in (SHARED / "data" / "contact" / "subsurf.ref_subs").read_text().splitlines():
+        values = line.split()
+        if len(values) == 14 and not line.startswith("%") and values[3:] != ["0.000"] * 11:
+            rows.append([float(v) for v in values])
+    table = np.array(rows)
+    table = table[table[:, 2] >= 0.1]
+    pad = pp.HalfSpace(youngs_modulus=2 * 1.28, poissons_ratio=0.28)
+    surface = pp.AreaGrid(shape=(2, 2), spacing=1.0, center=(0.5 + 1e-4, 0.5 + 2e-4))
+    traction = np.zeros((3, 2, 2))
+    traction[0, 0, 0], traction[2, 0, 0] = 0.999, 1.0
+    columns = {"displacement_x": 3, "displacement_y": 4, "displacement_z": 5, "stress_xx": 8, "stress_yy": 11}
+    columns |= {"stress_zz": 13, "stress_xz": 10, "stress_yz": 12, "stress_xy": 9}
+    for channel, column in columns.items():
+        found = np.empty(len(table))
+        for z in np.unique(table[:, 2]):
+            at = table[:, 2] == z
+            points, where = np.unique(table[at, :2], axis=0, return_inverse=True)
+            array = pp.ScatteredArray(positions=points, depth=float(z), channels=[channel])
+            found[at] = pp.Skin(pad, array, surface=surface).sense(traction)[0][where.ravel()]
+        true = table[:, column] * (1 if channel.startswith("displacement") else -1)
+        print(
+            f"  {channel:<15} {np.abs(found - true).max():.1e}  (largest value {np.abs(true).max():.3f}, {len(table)} points)"
+        )
+
+
+def section_alva() -> None:
+    """ELLEA1, homogeneous half-space, 1.1 MPa on a disc of radius 150 mm: largest deviation per column (4 decimals printed)."""
+    n = 304
+    grid = pp.AreaGrid(shape=(n, n), spacing=1.0)
+    sub = (np.arange(10) + 0.5) / 10 - 0.5
+    fine = (grid.x[:, None] + sub).ravel()
+    traction = np.zeros((3, n, n))
+    traction[2] = 1.1 * (fine**2 + fine[:, None] ** 2 <= 150.0**2).reshape(n, 10, n, 10).mean(axis=(1, 3))
+    pad = pp.HalfSpace(youngs_modulus=200.0, poissons_ratio=0.35)
+    names = {
+        f"stress_{i}": f"sig_{j}_MPa"
+        for i, j in (("xx", "x"), ("yy", "y"), ("zz", "z"), ("yz", "yz"), ("xz", "xz"), ("xy", "xy"))
+    }
+    names |= {f"displacement_{i}": f"u{i}_mm" for i in "xyz"}
+    for file, x, y in (("ELLEA1_halfspace", 0.0, 0.0), ("ELLEA1_halfspace_shear", 10.0, 20.0)):
+        with (SHARED / "data" / "alva" / f"{file}.csv").open() as handle:
+            rows = [{k: float(v) for k, v in r.items()} for r in csv.DictReader(handle)]
+        worst = dict.fromkeys(names, 0.0)
+        for row in rows:
+            if row["pos_mm"] == 0:
+                continue
+            array = pp.ScatteredArray(positions=[[x, y], [x + 77, y + 55]], depth=row["pos_mm"], channels=list(names))
+            for (channel, column), value in zip(names.items(), pp.Skin(pad, array, surface=grid).sense(traction)[:, 0]):
+                worst[channel] = max(worst[channel], abs(value - row[column]))
+        print(f"  {file}: " + ", ".join(f"{names[c]} {v:.1e}" for c, v in worst.items()))
+
+
+def section_beads() -> None:
+    """Published traction force microscopy: correlation at the published parameter, and the automatic parameters."""
+    import h5py
+
+    folder = SHARED / "data" / "pytraction"
+    with h5py.File(folder / "example_dataset.h5") as file:
+        published, own = file["force_field/0"][()], float(file["L/0"][()])
+    names = ["displacement_x", "displacement_y"]
+    sets: list[tuple[str, Any, float, float, float, float]] = []
+    px = 1e-6 / 1.3
+    sets.append(("beads", (folder / "example_dataset.h5", ["pos/0", "vec/0"]), px, 100.0, 0.5, own))
+    sets.append(("synthetic", (folder / "matlab_data.csv", ["x", "y", "u", "v"]), 1e-6, 1e4, 0.3, 145.837))
+    for name, (path, columns), pixel, modulus, nu, parameter in sets:
+        raw = read_table(
+            path, columns=columns, channels=names, position_factor=pixel, reading_factor=pixel, follow=True
+        )
+        gridded = raw.gridded(10 * pixel)
+        unit = (pixel / modulus) ** 2 / (10 * pixel) ** 2
+        array = pp.AreaArray(shape=gridded.readings.shape[2:], pitch=10 * pixel, depth=0.0, channels=names)
+        pad = pp.HalfSpace(youngs_modulus=modulus, poissons_ratio=nu)
+        skin = pp.Skin(pad, array, boundary="periodic")
+        found = skin.reconstruct(gridded.readings[0], order=0, parameter=parameter * unit).values
+        if name == "beads":
+            for i in (0, 1):
+                print(
+                    f"  beads, component {'xy'[i]}: correlation {np.corrcoef(found[i].ravel(), published[:, :, i].T.ravel())[0, 1]:.11f}"
+                )
+        else:
+            whole = np.loadtxt(folder / "expected_traction_magnitude_int_Pa.csv", delimiter=",")[::-1]
+            print(
+                f"  synthetic, magnitude: correlation {np.corrcoef(np.hypot(*found[:2]).ravel(), whole.ravel())[0, 1]:.5f}"
+            )
+            theirs = np.hypot(found[0] + 0.686, found[1] + 0.617)
+            print(
+                f"  synthetic, with their uniform traction added: {np.corrcoef(theirs.ravel(), whole.ravel())[0, 1]:.6f}, "
+                f"largest difference of the integers {int(np.abs(np.floor(theirs) - whole).max())}"
+            )
+        line = [f"  {name}: their parameter {parameter:.1f}; ours, order 0:"]
+        for rule in ("evidence", "gcv", "lcurve"):
+            start = time.perf_counter()
+            value = float(skin.reconstruct(gridded.readings[0], order=0, parameter=rule).parameter) / unit
+            line.append(f"{rule} {value:.1f} ({1e3 * (time.perf_counter() - start):.0f} ms)")
+        if name == "synthetic":
+            noise = read_table(
+                path, columns=["x", "y", "un", "vn"], channels=names, position_factor=pixel, reading_factor=pixel
+            )
+            std = float(noise.readings.std())
+            known = pp.Skin(
+                pad,
+                pp.AreaArray(shape=array.shape, pitch=10 * pixel, depth=0.0, channels=names, noise=std),
+                boundary="periodic",
+            )
+            for rule in ("evidence", "discrepancy"):
+                value = float(known.reconstruct(gridded.readings[0], order=0, parameter=rule).parameter) * std**2 / unit
+                line.append(f"{rule} with the noise given {value:.1f}")
+        print(" ".join(line))
+        start = time.perf_counter()
+        scattered = pp.ScatteredArray(positions=raw.positions, depth=0.0, channels=names)
+        if len(raw.positions) < 2000:
+            touch = pp.Skin(pad, scattered).reconstruct(raw.readings)
+            print(
+                f"  {name}, as scattered, free boundary, automatic: net force {touch.force[0][:2]} N, largest shear "
+                f"{np.hypot(*touch.values[0][:2]).max():.2f} Pa, noise {touch.noise_std[0][0] / pixel:.3f} px, "
+                f"{time.perf_counter() - start:.1f} s with preparation"
+            )
+
+
+def section_force() -> None:
+    """Net force of one off-centre sheared patch from displacement at the surface (closed form, not our operator)."""
+    rng = np.random.default_rng(0)
+    for nu in (0.3, 0.5):
+        pad = pp.HalfSpace(youngs_modulus=1e4, poissons_ratio=nu)
+        block = solutions.patch(half_widths=(4.5e-4, 3.5e-4), traction=500.0, component="x").shifted(5e-4, -4e-4)
+        for names in (["displacement_x", "displacement_y"], ["displacement_x", "displacement_y", "displacement_z"]):
+            array = pp.AreaArray(shape=(32, 32), pitch=1e-4, depth=0.0, channels=names)
+            skin = pp.Skin(pad, array)
+            clean = block.fields(pad, names, array.grid.x, array.grid.y[:, None], 0.0)
+            for level in (0.0, 1e-3, 1e-2):
+                noisy = clean + level * np.abs(clean).max() * rng.standard_normal((20, *clean.shape))
+                error = skin.reconstruct(noisy).force / block.force[0] - [1, 0, 0]
+                rms = np.sqrt((error**2).mean(axis=0))
+                print(
+                    f"  nu {nu}, {len(names)} channels, noise {level:g}: rms error of (x, y, z) "
+                    + ", ".join(f"{100 * e:.2f} %" for e in rms)
+                )
+
+
+SECTIONS: dict[str, Callable[[], None]] = {
+    "paper": section_paper,
+    "line": section_line,
+    "area": section_area,
+    "contact": section_contact,
+    "alva": section_alva,
+    "beads": section_beads,
+    "force": section_force,
+}
+
+
+def main() -> int:
+    global SHARED
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--shared", type=Path, default=SHARED)
+    parser.add_argument("sections", nargs="*", metavar="section", help=", ".join(SECTIONS))
+    arguments = parser.parse_args()
+    SHARED = arguments.shared
+    unknown = [s for s in arguments.sections if s not in SECTIONS]
+    if unknown:
+        parser.error(f"no section {unknown[0]}; there are {', '.join(SECTIONS)}")
+    for name in arguments.sections or SECTIONS:
+        print(f"{name}: {SECTIONS[name].__doc__}")
+        if name not in ("paper", "force") and not SHARED.is_dir():
+            print(f"  skipped: {SHARED} is not here")
+            continue
+        SECTIONS[name]()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
