@@ -14,7 +14,7 @@ html_theme = "furo"
 html_title = "palpate"
 html_static_path = ["_static"]
 myst_heading_anchors = 3
-suppress_warnings = ["myst.xref_missing"]
+suppress_warnings = ["myst.xref_missing", "ref.python"]
 
 autodoc_typehints = "description"
 autodoc_member_order = "bysource"

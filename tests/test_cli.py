@@ -181,6 +181,35 @@ def test_missing_readings(folder: Path, tmp_path: Path) -> None:
     assert "left out 1 of 210" in out.stderr
 
 
+def test_two_planes_and_line(tmp_path: Path) -> None:
+    plane = LINE_SKIN[LINE_SKIN.index("[[plane]]") :]
+    (tmp_path / "skin.toml").write_text(LINE_SKIN + plane.replace("1.2 mm", "2.4 mm"))
+    options = ["--force", "20 N/m", "--friction", "0.3", "--size", "3 mm"]
+    out = run("simulate", "--skin", "skin.toml", "--out", "r.nc", *options, cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    out = run("reconstruct", "r.nc", "--skin", "skin.toml", "--friction", "0.5", "--plot", "p.svg", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    np.testing.assert_allclose(read_touch(tmp_path / "r-touch.nc")["force"].values[0], [6.0, 20.0], rtol=0.1)
+    assert "slip margin" in out.stdout
+
+
+def test_scattered(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    positions = rng.uniform(-7e-3, 7e-3, (300, 2))
+    names = ("stress_xz", "stress_yz", "stress_zz")
+    recording = Recording(readings=np.zeros((1, 3, 300)), channels=names, positions=positions)
+    write_recording(recording, tmp_path / "where.nc")
+    text = SKIN.replace('"area"', '"scattered"').replace("shape = [14, 15]\n", 'positions_file = "where.nc"\n')
+    (tmp_path / "skin.toml").write_text(text.replace('pitch = "1 mm"\n', ""))
+    out = run("simulate", "--skin", "skin.toml", "--out", "r.nc", "--force", "0.2 N", "--size", "2 mm", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    np.testing.assert_allclose(read_recording(tmp_path / "r.nc").positions, positions)
+    out = run("reconstruct", "r.nc", "--skin", "skin.toml", "--out", "t.npz", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    with np.load(tmp_path / "t.npz") as data:
+        assert data["force"][0, 2] == pytest.approx(0.2, rel=0.05)
+
+
 def test_demo(tmp_path: Path) -> None:
     out = run("demo", cwd=tmp_path)
     assert out.returncode == 0, out.stderr
@@ -274,6 +303,7 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
         "does not exist",
     ),
     "picture of unknown kind": ([*R, "skin.toml", "--plot", "OUT/a.xyz"], None, "pictures end in"),
+    "friction of zero": ([*R, "skin.toml", "--friction", "0"], None, "friction"),
     "friction on an area": ([*R, "skin.toml", "--method", "constant_friction", "--friction", "0.3"], None, "LineArray"),
     "force without unit": ([*S, "--force", "2"], None, "unit"),
     "force of a line on an area": ([*S, "--force", "2 N/m"], None, "N/m"),

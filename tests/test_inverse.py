@@ -393,6 +393,9 @@ def test_default_components() -> None:
     assert components(0.3, area(1.0, "stress_xz", "stress_yz", "stress_zz")) == ("x", "y", "z")
     assert components(0.5, area(0.0, "displacement_x", "displacement_y")) == ("x", "y")
     assert components(0.5, area(0.0, "displacement_z")) == ("z",)
+    assert components(0.3, line(1.0, "stress_xz")) == ("x",)
+    assert components(0.3, area(1.0, "stress_yz")) == ("y",)
+    assert components(0.5, line(0.0, "displacement_x")) == ("x",)
 
 
 def test_what_cannot_be_seen_is_refused() -> None:

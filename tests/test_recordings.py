@@ -81,6 +81,15 @@ def test_results(ending: str, tmp_path: Path) -> None:
         read_touch(tmp_path / "touch.csv")
 
 
+def test_one_channel_on_two_planes(tmp_path: Path) -> None:
+    recording = pp.Recording(readings=np.ones((1, 2, 3, 3)), channels=("stress_zz", "stress_zz"))
+    write_recording(recording, tmp_path / "a.nc")
+    assert read_recording(tmp_path / "a.nc").channels == ("stress_zz", "stress_zz")
+    with pytest.raises(pp.InvalidInput, match="several planes"):
+        write_recording(recording, tmp_path / "a.csv")
+    assert os.listdir(tmp_path) == ["a.nc"]
+
+
 @pytest.mark.parametrize(
     ("changes", "word"),
     [

@@ -160,8 +160,6 @@ def simulate(
         "force": ", ".join(repr(float(f)) for f in body.force),
     }
     channels = tuple(c for p in skin.planes for c in p.channels)
-    if len(set(channels)) != len(channels):
-        meta["planes"] = str(len(skin.planes))
     recording = Recording(
         readings=readings, channels=channels, time=np.arange(frames) / rate, positions=positions, meta=meta
     )
@@ -211,6 +209,8 @@ def reconstruct(
         raise InvalidInput(f"{plot}: pictures end in .png, .pdf or .svg.")
     if method not in METHODS or method == "wiener":
         raise InvalidInput(f"method must be one of {', '.join(m for m in METHODS if m != 'wiener')}; got {method!r}.")
+    if friction is not None and not (np.isfinite(friction) and friction != 0):
+        raise InvalidInput(f"friction must be a finite number other than 0; got {friction:g}.")
     recording = read_recording(recording_file)
     skin = Skin.from_file(skin_file, recording=recording)
     _matching(recording, skin)
@@ -235,6 +235,8 @@ def reconstruct(
     if not -count <= frame < count:
         raise InvalidInput(f"frame {frame} is not among the {count} frames of {recording_file}.")
     step = 64
+    with _busy("preparing the skin"):
+        skin.reconstruct(recording.readings[:1], **options)
     parts = [
         skin.reconstruct(recording.readings[i : i + step], **options)
         for i in _progress(range(0, count, step), "reconstructing")
@@ -260,7 +262,8 @@ def reconstruct(
     write_touch(touch, target, provenance=_provenance(skin_file.read_text(encoding="utf-8"), str(recording_file)))
     if figure is not None and plot is not None:
         _save(figure, plot)
-    slip = friction if set(touch.components) == set(touch.surface.components) else None
+    both = set(touch.components) == set(touch.surface.components)
+    slip = abs(friction) if friction is not None and both else None
     typer.echo(f"frame {frame % count} of {count}")
     typer.echo(touch.summary(friction=slip, frame=frame))
     if touch.parameter is not None:
@@ -496,6 +499,13 @@ def _progress(items: Iterable[Any], label: str) -> Iterable[Any]:
     if len(listed) < 3 or not console.is_terminal:
         return listed
     return track(listed, description=label, console=console, transient=True)
+
+
+def _busy(label: str) -> Any:
+    """A spinner on a terminal."""
+    from rich.console import Console
+
+    return Console(stderr=True).status(label)
 
 
 class _bar:

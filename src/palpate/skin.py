@@ -151,7 +151,7 @@ class Skin:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """The traction components that these channels can tell apart: what `reconstruct` seeks by default."""
+        """What `reconstruct` seeks by default, the traction components that these channels can tell apart."""
         if self._default is None:
             self._default = observable_components(self._pad, self._planes)
         return self._default
@@ -223,21 +223,11 @@ class Skin:
     def _split(self, readings: Any) -> list[Any]:
         """One checked array per plane."""
         planes = self._planes
-        if (
-            isinstance(readings, list | tuple)
-            and len(planes) > 1
-            and len(readings) == len(planes)
-            and not np.isscalar(readings[0])
-        ):
-            try:
-                separate = all(
-                    np.ndim(r) >= 1 + len(p.shape) and r.shape[-1 - len(p.shape)] == len(p.channels)
-                    for r, p in zip(readings, planes)
-                )
-            except AttributeError:
-                separate = False
-            if separate:
-                return [self._checked(as_real(r, "readings"), p) for r, p in zip(readings, planes)]
+        if len(planes) > 1 and isinstance(readings, list | tuple) and len(readings) == len(planes):
+            parts = [as_real(r, "readings") for r in readings]
+            # one array per plane; the rows of a nested list of numbers have fewer axes
+            if all(r.ndim >= 1 + len(p.shape) for r, p in zip(parts, planes)):
+                return [self._checked(r, p) for r, p in zip(parts, planes)]
         values = as_real(readings, "readings")
         if len(planes) == 1:
             return [self._checked(values, planes[0])]
@@ -250,12 +240,12 @@ class Skin:
                 f"readings must have shape (*batch, channel, *array) with {total} channels over all planes "
                 f"({', '.join(c for p in planes for c in p.channels)}); got {tuple(values.shape)}."
             )
-        parts, start = [], 0
+        split, start = [], 0
         for p in planes:
             stop = start + len(p.channels)
-            parts.append(self._checked(values[(..., slice(start, stop), *(slice(None),) * d)], p))
+            split.append(self._checked(values[(..., slice(start, stop), *(slice(None),) * d)], p))
             start = stop
-        return parts
+        return split
 
     def _checked(self, values: Any, array: Array) -> Any:
         expected = (len(array.channels), *array.shape)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.half_space import Floats, HalfSpace, Pad
-from palpate.elastic.quantities import COMPONENTS, transfer
+from palpate.elastic.quantities import COMPONENTS, mirror_parity, transfer
 from palpate.errors import InvalidInput, NotObservable
 from palpate.sensing.arrays import Array
 
@@ -103,9 +103,16 @@ def is_observable(pad: Pad, planes: Sequence[Array], components: Sequence[str]) 
 
 
 def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:
-    """The default: the largest of (all; shear alone where two shears are seen; pressure; shear) that can be told apart."""
-    candidates = [("x", "z"), ("z",), ("x",)] if planes[0].dimensions == 1 else [("x", "y", "z"), ("x", "y"), ("z",)]
-    for candidate in candidates:
+    """What is sought by default: the most components that can be told apart.
+
+    All of them; else both shears; else one: the shear along x (or y) where every channel is odd in that axis, as
+    displacement_x and stress_xz are, otherwise pressure.
+    """
+    line = planes[0].dimensions == 1
+    channels = [c for p in planes for c in p.channels]
+    candidates: list[tuple[str, ...]] = [("x", "z")] if line else [("x", "y", "z"), ("x", "y")]
+    candidates += [(axis,) for axis in ("x" if line else "xy") if all(mirror_parity(c, axis) < 0 for c in channels)]
+    for candidate in [*candidates, ("z",), ("x",)]:
         if is_observable(pad, planes, candidate):
             return candidate
     raise NotObservable(

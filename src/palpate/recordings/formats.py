@@ -221,6 +221,10 @@ def _read_csv(path: Path) -> Recording:
 def write_recording(recording: Recording, path: str | Path) -> None:
     """Write a recording; the format follows the file name. NetCDF and NPZ keep every bit, CSV writes 17 digits."""
     kind = file_format(path)
+    if kind == "csv" and len(set(recording.channels)) != len(recording.channels):
+        raise InvalidInput(
+            f"{path}: a CSV names each column once, but the recording has one channel on several planes; write .nc or .npz."
+        )
     writer = {"netcdf": _write_netcdf, "npz": _write_npz, "csv": _write_csv}[kind]
     atomically(path, lambda name: writer(recording, name))
 

@@ -2,10 +2,10 @@
 
 Three ways to apply it, chosen by the geometry, never by accuracy:
 
-* a regular array whose pitch is a whole number of surface cells: convolution with the exact influence of one cell, by
+- a regular array whose pitch is a whole number of surface cells: convolution with the exact influence of one cell, by
   zero-padded FFT (linear, no wrap-around);
-* any other layout: the same influences as a dense matrix;
-* ``boundary="periodic"``: the surface repeats for ever; each wavevector by its own matrix (`palpate.elastic.transfer`).
+- any other layout: the same influences as a dense matrix;
+- ``boundary="periodic"``: the surface repeats for ever; each wavevector by its own matrix (`palpate.elastic.transfer`).
 """
 
 from __future__ import annotations

@@ -1,0 +1,96 @@
+"""Time and memory of palpate's main paths, as ratios within one run (machines are noisy; compare columns, not runs).
+
+    python benchmarks/speed.py [--large]
+
+For each skin: preparing the operator, one forward application against a bare FFT of the same padded size, preparing the
+default reconstruction, one frame and one frame of a batch of 64. --large adds 64 x 64 x 3 (about a minute, 3 GB).
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import scipy.fft
+
+import palpate as pp
+
+PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+THREE = ["stress_xz", "stress_yz", "stress_zz"]
+
+
+def best(run: Callable[[], Any], repeats: int = 20) -> float:
+    run()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def area(n: int, channels: list[str], **options: Any) -> pp.Skin:
+    array = pp.AreaArray(shape=(n, n), pitch=1e-3, depth=2e-3, channels=channels, noise=50.0)
+    return pp.Skin(PAD, array, **options)
+
+
+def scattered(n: int) -> pp.Skin:
+    positions = np.random.default_rng(0).uniform(-0.01, 0.01, (n, 2))
+    return pp.Skin(
+        PAD, pp.ScatteredArray(positions=positions, depth=0.0, channels=["displacement_x", "displacement_y"])
+    )
+
+
+def report(name: str, skin: pp.Skin, dtype: Any) -> None:
+    start = time.perf_counter()
+    operator = skin.operator
+    prepared = time.perf_counter() - start
+    traction = np.random.default_rng(0).standard_normal((3, *skin.surface.shape)).astype(dtype)
+    readings = np.nan_to_num(skin.sense(traction))
+    forward = best(lambda: operator.forward(traction))
+    size = getattr(operator.planes[0], "size", None)
+    if size is None:
+        bare = float("nan")
+    else:
+        padded = np.zeros((3, *size), dtype=dtype)
+        bare = best(lambda: scipy.fft.irfftn(scipy.fft.rfftn(padded, axes=(1, 2)), s=size, axes=(1, 2)))
+    start = time.perf_counter()
+    skin.reconstruct(readings)
+    first = time.perf_counter() - start
+    frame = best(lambda: skin.reconstruct(readings))
+    batch = np.broadcast_to(readings, (64, *readings.shape))
+    many = best(lambda: skin.reconstruct(batch), 3) / 64
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    print(
+        f"{name:<26}{np.dtype(dtype).name:<9}{prepared:>9.2f}{1e3 * forward:>11.2f}{forward / bare:>11.1f}{first:>11.2f}"
+        f"{1e3 * frame:>11.2f}{1e3 * many:>11.2f}{memory:>9.1f}",
+        flush=True,
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--large", action="store_true")
+    large = parser.parse_args().large
+    print(
+        f"{'skin':<26}{'dtype':<9}{'oper. s':>9}{'forward ms':>11}{'/ bare FFT':>11}{'first s':>11}{'frame ms':>11}"
+        f"{'batch ms':>11}{'peak GB':>9}"
+    )
+    for dtype in (np.float64, np.float32):
+        report("16 x 16 x 3", area(16, THREE), dtype)
+        report("32 x 32 x 1", area(32, ["stress_zz"]), dtype)
+        report("32 x 32 x 3", area(32, THREE), dtype)
+        report("32 x 32 x 3, periodic", area(32, THREE, boundary="periodic"), dtype)
+        report("64 x 64 x 3, periodic", area(64, THREE, boundary="periodic"), dtype)
+        report("256 x 256 x 3, periodic", area(256, THREE, boundary="periodic"), dtype)
+        report("600 scattered x 2", scattered(600), dtype)
+    if large:
+        report("64 x 64 x 3", area(64, THREE), np.float64)
+
+
+if __name__ == "__main__":
+    main()
