@@ -189,7 +189,10 @@ def test_two_planes_and_line(tmp_path: Path) -> None:
     assert out.returncode == 0, out.stderr
     out = run("reconstruct", "r.nc", "--skin", "skin.toml", "--friction", "0.5", "--plot", "p.svg", cwd=tmp_path)
     assert out.returncode == 0, out.stderr
-    np.testing.assert_allclose(read_touch(tmp_path / "r-touch.nc")["force"].values[0], [6.0, 20.0], rtol=0.1)
+    force = read_touch(tmp_path / "r-touch.nc")["force"].values[0]
+    assert force[1] == pytest.approx(20.0, rel=0.05)
+    assert 2.0 < force[0] < 7.0  # s_zz does not feel a uniform shear, at any depth, and the note says so
+    assert "the net force of shear along x is seen only through" in out.stdout
     assert "slip margin" in out.stdout
 
 
