@@ -2,7 +2,7 @@
 
     python benchmarks/validation.py [--shared ../shared] [section ...]
 
-Sections: paper, line, area, contact, alva, beads, force. The folder of published data and oracles is not part of the
+Sections: paper, line, area, contact, alva, beads, force, adjoint. The folder of published data and oracles is not part of the
 project; sections that need it say so where it is absent.
 """
 
@@ -261,6 +261,24 @@ def section_force() -> None:
                 )
 
 
+def section_adjoint() -> None:
+    """Largest |<A t, r> - <t, A' r>| / (eps |A t| |r|) over the layouts of tests/test_operator.py (limit 50)."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+    from test_operator import CASES, LAYOUTS, dot_test, operator
+
+    rng = np.random.default_rng(0)
+    for dtype in (np.float64, np.float32):
+        worst = max(
+            (dot_test(operator(LAYOUTS[layout], boundary, nu), dtype, rng), f"{layout}, {boundary}, nu {nu}")
+            for layout, boundary in CASES
+            for nu in (0.0, 0.37, 0.5)
+            for _ in range(5)
+        )
+        print(
+            f"  {np.dtype(dtype).name}: {worst[0]:.2f} eps ({worst[1]}), {len(CASES)} layouts, 3 Poisson ratios, 5 draws"
+        )
+
+
 SECTIONS: dict[str, Callable[[], None]] = {
     "paper": section_paper,
     "line": section_line,
@@ -269,6 +287,7 @@ SECTIONS: dict[str, Callable[[], None]] = {
     "alva": section_alva,
     "beads": section_beads,
     "force": section_force,
+    "adjoint": section_adjoint,
 }
 
 
@@ -284,7 +303,7 @@ def main() -> int:
         parser.error(f"no section {unknown[0]}; there are {', '.join(SECTIONS)}")
     for name in arguments.sections or SECTIONS:
         print(f"{name}: {SECTIONS[name].__doc__}")
-        if name not in ("paper", "force") and not SHARED.is_dir():
+        if name not in ("paper", "force", "adjoint") and not SHARED.is_dir():
             print(f"  skipped: {SHARED} is not here")
             continue
         SECTIONS[name]()
