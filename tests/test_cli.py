@@ -247,6 +247,29 @@ def edited(old: str, new: str) -> str:
     return SKIN.replace(old, new)
 
 
+LAYERS = """\
+[pad]
+kind = "bonded_layers"
+
+[[pad.layer]]
+thickness = "1 mm"
+youngs_modulus = "1 MPa"
+poissons_ratio = 0.5
+
+[[pad.layer]]
+thickness = "2 mm"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+
+"""
+LAYERED_SKIN = LAYERS + SKIN[SKIN.index("[[plane]]") :].replace('"1.2 mm"', '"base"')
+
+
+def layered(old: str, new: str) -> str:
+    assert old in LAYERED_SKIN
+    return LAYERED_SKIN.replace(old, new)
+
+
 BAD: dict[str, tuple[list[str], str | None, str]] = {
     # name: (arguments, text of bad.toml, what the message must say)
     "unknown command": (["press"], None, "press"),
@@ -282,6 +305,25 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
         "line 9: count does not belong",
     ),
     "noise in the wrong unit": ([*R, "bad.toml"], edited('"5 Pa"', '"5 mm"'), "line 12: noise"),
+    "layer without thickness": (
+        [*R, "bad.toml"],
+        layered('thickness = "2 mm"\n', ""),
+        "line 9: [pad.layer] has no thickness",
+    ),
+    "layer in kPa": (
+        [*R, "bad.toml"],
+        layered('thickness = "2 mm"', 'thickness = "2 kPa"'),
+        "line 10: thickness has the unit",
+    ),
+    "layer of no thickness": (
+        [*R, "bad.toml"],
+        layered('thickness = "2 mm"', 'thickness = "0 mm"'),
+        "line 10: thickness must",
+    ),
+    "layer too compressible": ([*R, "bad.toml"], layered("0.48", "0.8"), "line 12: poissons_ratio"),
+    "pad of no kind": ([*R, "bad.toml"], layered("bonded_layers", "sponge"), "line 2: "),
+    "taxels below the base": ([*R, "bad.toml"], layered('"base"', '"5 mm"'), "below the rigid base"),
+    "base of a half-space": ([*R, "bad.toml"], edited('"1.2 mm"', '"base"'), "has none"),
     "other array shape": ([*R, "bad.toml"], edited("[14, 15]", "[15, 15]"), "14x15 taxels"),
     "other channels": ([*R, "line.toml"], None, "the skin describes stress_zz"),
     "readings off by 1e9": (["reconstruct", "huge.nc", "--skin", "skin.toml"], None, "units"),

@@ -51,10 +51,25 @@ LAYOUTS: dict[str, list[Any]] = {
 PERIODIC = [n for n, a in LAYOUTS.items() if all(hasattr(p, "grid") and p.mask is None for p in a) and len(a) == 1]
 
 
-def operator(planes: Sequence[Any], boundary: Any, nu: float = 0.37) -> Operator:
-    pad = pp.HalfSpace(youngs_modulus=2.0, poissons_ratio=nu)
+PADS: dict[str, Any] = {
+    **{f"half-space {nu}": pp.HalfSpace(youngs_modulus=2.0, poissons_ratio=nu) for nu in (0.0, 0.37, 0.5)},
+    "layer 0.5": pp.BondedLayers([pp.Layer(thickness=1.0, youngs_modulus=2.0, poissons_ratio=0.5)]),
+    "skin on soft": pp.BondedLayers(
+        [
+            pp.Layer(thickness=0.3, youngs_modulus=20.0, poissons_ratio=0.3),
+            pp.Layer(thickness=1.0, youngs_modulus=1.0, poissons_ratio=0.49),
+        ]
+    ),
+    "soft base": pp.BondedLayers(
+        [pp.Layer(thickness=0.4, youngs_modulus=2.0, poissons_ratio=0.4)],
+        pp.HalfSpace(youngs_modulus=0.5, poissons_ratio=0.3),
+    ),
+}
+
+
+def operator(planes: Sequence[Any], boundary: Any, pad: str = "half-space 0.37") -> Operator:
     surface = planes[0].grid if boundary == "periodic" else default_surface(planes)
-    return Operator(pad, planes, surface, boundary)
+    return Operator(PADS[pad], planes, surface, boundary)
 
 
 def dot_test(op: Operator, dtype: Any, rng: np.random.Generator) -> float:
@@ -75,10 +90,10 @@ CASES = [(n, "free") for n in LAYOUTS] + [(n, "periodic") for n in PERIODIC]
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("nu", [0.0, 0.37, 0.5])
+@pytest.mark.parametrize("pad", list(PADS))
 @pytest.mark.parametrize(("layout", "boundary"), CASES)
-def test_adjoint(layout: str, boundary: str, nu: float, dtype: Any, rng: np.random.Generator) -> None:
-    assert dot_test(operator(LAYOUTS[layout], boundary, nu), dtype, rng) < 50
+def test_adjoint(layout: str, boundary: str, pad: str, dtype: Any, rng: np.random.Generator) -> None:
+    assert dot_test(operator(LAYOUTS[layout], boundary, pad), dtype, rng) < 50
 
 
 @pytest.mark.parametrize(("layout", "boundary"), CASES)
@@ -109,9 +124,10 @@ def test_adjoint_property(count: int, ratio: int, depth: float, width: float, nu
     ("layout", "boundary"),
     [c for c in CASES if "scattered" not in c[0] and "kinds" not in c[0] and "masked" not in c[0]],
 )
-def test_mirror(layout: str, boundary: str, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("pad", ["half-space 0.37", "skin on soft", "soft base"])
+def test_mirror(layout: str, boundary: str, pad: str, rng: np.random.Generator) -> None:
     """Mirrored traction gives the mirrored reading, on even and odd grids."""
-    op = operator(LAYOUTS[layout], boundary)
+    op = operator(LAYOUTS[layout], boundary, pad)
     axes = "x" if op.surface.dimensions == 1 else "yx"
     traction = rng.standard_normal((len(op.surface.components), *op.surface.shape))
     for axis, name in enumerate(axes):
@@ -125,7 +141,8 @@ def test_mirror(layout: str, boundary: str, rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("boundary", ["free", "periodic"])
 @pytest.mark.parametrize("size", [6, 7])
-def test_rotation(size: int, boundary: Any, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("pad", ["half-space 0.37", "skin on soft", "soft base"])
+def test_rotation(size: int, boundary: Any, pad: str, rng: np.random.Generator) -> None:
     """Turning the traction by 90 degrees turns the reading."""
     names = [
         "displacement_x",
@@ -138,7 +155,7 @@ def test_rotation(size: int, boundary: Any, rng: np.random.Generator) -> None:
         "stress_yz",
     ]
     array = pp.AreaArray(shape=(size, size), pitch=0.5, depth=0.6, channels=names)
-    op = operator([array], boundary)
+    op = operator([array], boundary, pad)
 
     def turned(a: np.ndarray) -> np.ndarray:  # (x, y) -> (-y, x): new[y', x'] = old[y, x]
         return np.rot90(a, k=-1, axes=(-2, -1))
@@ -160,14 +177,13 @@ def test_rotation(size: int, boundary: Any, rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("boundary", ["free", "periodic"])
 @pytest.mark.parametrize("size", [6, 7])
-def test_reciprocity(size: int, boundary: Any) -> None:
+@pytest.mark.parametrize("pad", ["half-space 0.37", "layer 0.5", "skin on soft", "soft base"])
+def test_reciprocity(size: int, boundary: Any, pad: str) -> None:
     """Maxwell and Betti: surface displacement of cell i along a per load on cell j along b is symmetric."""
     array = pp.AreaArray(
         shape=(size, size), pitch=0.5, depth=0.0, channels=["displacement_x", "displacement_y", "displacement_z"]
     )
-    pad = pp.HalfSpace(youngs_modulus=2.0, poissons_ratio=0.3)
-    # the mean over the loaded cell is work-conjugate to its force; the aperture rule is exact to its quadrature only
-    dense = Operator(pad, [array], array.grid, boundary).dense()
+    dense = Operator(PADS[pad], [array], array.grid, boundary).dense()
     assert np.abs(dense - dense.T).max() < 1e-13 * np.abs(dense).max()
 
 

@@ -16,9 +16,11 @@ _PUBLIC = {
     "AREA_CHANNELS": "elastic",
     "AreaArray": "sensing",
     "AreaGrid": "sensing",
+    "BondedLayers": "elastic",
     "HalfSpace": "elastic",
     "InvalidInput": "errors",
     "LINE_CHANNELS": "elastic",
+    "Layer": "elastic",
     "LineArray": "sensing",
     "LineGrid": "sensing",
     "METHODS": "skin",
@@ -34,7 +36,7 @@ _PUBLIC = {
 
 if TYPE_CHECKING:
     from palpate import solutions
-    from palpate.elastic import AREA_CHANNELS, LINE_CHANNELS, HalfSpace, stress_from_strains
+    from palpate.elastic import AREA_CHANNELS, LINE_CHANNELS, BondedLayers, HalfSpace, Layer, stress_from_strains
     from palpate.errors import InvalidInput, NotObservable, PalpateError, Unsupported
     from palpate.recordings import Recording
     from palpate.sensing import AreaArray, AreaGrid, LineArray, LineGrid, ScatteredArray
@@ -47,8 +49,10 @@ __all__ = [
     "METHODS",
     "AreaArray",
     "AreaGrid",
+    "BondedLayers",
     "HalfSpace",
     "InvalidInput",
+    "Layer",
     "LineArray",
     "LineGrid",
     "NotObservable",

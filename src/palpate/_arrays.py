@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from palpate.errors import InvalidInput
 
-__all__ = ["as_real", "from_numpy", "is_numpy", "namespace", "rfftn", "irfftn", "to_numpy"]  # noqa: RUF022
+__all__ = ["as_real", "device_of", "from_numpy", "irfftn", "is_numpy", "namespace", "rfftn", "to_numpy"]
 
 
 def namespace(x: Any) -> Any:
@@ -22,6 +22,13 @@ def namespace(x: Any) -> Any:
     import array_api_compat
 
     return array_api_compat.array_namespace(x)
+
+
+def device_of(x: Any) -> Any:
+    """The device of ``x``, as its namespace names it."""
+    import array_api_compat
+
+    return array_api_compat.device(x)
 
 
 def is_numpy(x: Any) -> bool:

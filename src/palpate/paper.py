@@ -292,6 +292,7 @@ class PaperFigure:
                 color=INK["truth"] if truth else colours[i % 4],
                 ls="--" if truth else "-",
                 lw=1.0 if truth else 1.5,
+                zorder=3 if truth else 2,
             )
         if self.log:
             axes.set_yscale("log")

@@ -61,7 +61,7 @@ class Skin:
     Parameters
     ----------
     pad : Pad
-        The elastic body, for example `HalfSpace`.
+        The elastic body: `HalfSpace` or `BondedLayers`.
     array : LineArray, AreaArray, ScatteredArray, or a sequence of them
         What is measured; several planes at different depths as a list.
     surface : LineGrid or AreaGrid, optional
@@ -87,7 +87,9 @@ class Skin:
         boundary: Boundary = "free",
     ) -> None:
         if not isinstance(pad, Pad):
-            raise InvalidInput(f"pad must be an elastic body such as HalfSpace(...); got {type(pad).__name__}.")
+            raise InvalidInput(
+                f"pad must be an elastic body, HalfSpace(...) or BondedLayers([...]); got {type(pad).__name__}."
+            )
         planes = (array,) if isinstance(array, LineArray | AreaArray | ScatteredArray) else tuple(array)
         if not planes or not all(isinstance(p, LineArray | AreaArray | ScatteredArray) for p in planes):
             raise InvalidInput(
@@ -96,6 +98,9 @@ class Skin:
             )
         if len({p.dimensions for p in planes}) != 1:
             raise InvalidInput("the planes mix line and area contact; use one kind.")
+        planes = tuple(p.at_base(getattr(pad, "thickness", None)) for p in planes)
+        for p in planes:
+            pad.material(p.depth)  # refuses a depth below a rigid base
         if boundary not in ("free", "periodic"):
             raise InvalidInput(f'boundary must be "free" or "periodic"; got {boundary!r}.')
         if surface is None:
@@ -444,7 +449,7 @@ class Skin:
         return estimate.noise_scale[..., None] * np.concatenate(inner.scales)
 
     def _unseen(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        if self._boundary != "periodic":
+        if self._boundary != "periodic" or self._pad.mean_compliance(0.0) is not None:
             return ()
         return names if all(c.startswith("displacement") for p in self._planes for c in p.channels) else ()
 
@@ -462,7 +467,7 @@ class Skin:
         unseen = self._unseen(names)
         if unseen:
             notes.append(
-                "net force cannot be known from displacements of a periodic surface: the mean traction is set to zero"
+                "net force cannot be known from displacements of a periodic half-space: the mean traction is set to zero"
             )
         elif method not in ("dft", "linear"):
             blind = blind_to_force(self._pad, self._planes, names)

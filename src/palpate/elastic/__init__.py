@@ -2,12 +2,15 @@
 
 from palpate.elastic.half_space import HalfSpace, Pad
 from palpate.elastic.hooke import stress_from_strains
+from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.quantities import AREA_CHANNELS, LINE_CHANNELS, channel_unit, transfer
 
 __all__ = [
     "AREA_CHANNELS",
     "LINE_CHANNELS",
+    "BondedLayers",
     "HalfSpace",
+    "Layer",
     "Pad",
     "channel_unit",
     "stress_from_strains",

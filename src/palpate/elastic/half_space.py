@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from palpate.errors import InvalidInput
 
-__all__ = ["HalfSpace", "Pad", "States", "check_material"]
+__all__ = ["HalfSpace", "Pad", "States", "check_material", "decaying_states"]
 
 Floats = npt.NDArray[np.floating[Any]]
 
@@ -46,6 +46,10 @@ class Pad(Protocol):
 
     def material(self, depth: float) -> tuple[float, float]:
         """Shear modulus [Pa] and Poisson's ratio at ``depth`` [m]."""
+        ...
+
+    def mean_compliance(self, depth: float) -> tuple[float, float] | None:
+        """Displacement at ``depth`` per unit mean shear and pressure [m/Pa]; None where it is infinite."""
         ...
 
 
@@ -101,17 +105,27 @@ class HalfSpace:
 
     def states(self, wavenumber: Floats, depth: float) -> States:
         """States at ``depth`` [m] per unit surface value; ``wavenumber`` [rad/m] of any shape, >= 0."""
-        mu, nu = self.shear_modulus, self.poissons_ratio
         kz = np.asarray(wavenumber, dtype=np.float64) * depth
         decay = np.exp(-kz)
-        g, b = (1.0 - nu) / (2.0 * mu), nu / (1.0 - nu)
-        # columns: unit S0 (C = 1, N0 = 0), unit N0 (C = 1, N0 = 1)
-        out = np.empty((4, 2, *kz.shape))
-        for column, (s0, n0) in enumerate(((1.0, 0.0), (0.0, 1.0))):
-            constant, slope = s0 + 1.0 - b * n0, -(1.0 + b)
-            shear = s0 - kz
-            out[0, column] = g * (constant + slope * kz) * decay
-            out[1, column] = (g * (constant - slope + slope * kz) - shear / mu) * decay
-            out[2, column] = shear * decay
-            out[3, column] = (n0 + kz) * decay
-        return States(out, np.stack([decay / mu, decay]))
+        in_plane = decaying_states(self.shear_modulus, self.poissons_ratio, kz)
+        return States(in_plane, np.stack([decay / self.shear_modulus, decay]))
+
+    def mean_compliance(self, depth: float) -> tuple[float, float] | None:
+        """None: the displacement of a half-space under a mean traction has no finite value."""
+        return None
+
+
+def decaying_states(shear_modulus: float, poissons_ratio: float, kz: Floats) -> Floats:
+    """(4, 2, ...): rows k U, k u_z, S, N of the waves that decay with depth; columns per unit S0 and N0 at kz = 0."""
+    mu, nu = shear_modulus, poissons_ratio
+    decay = np.exp(-kz)
+    g, b = (1.0 - nu) / (2.0 * mu), nu / (1.0 - nu)
+    out = np.empty((4, 2, *kz.shape))
+    for column, (s0, n0) in enumerate(((1.0, 0.0), (0.0, 1.0))):  # C = S0 + N0 = 1 in both
+        constant, slope = s0 + 1.0 - b * n0, -(1.0 + b)
+        shear = s0 - kz
+        out[0, column] = g * (constant + slope * kz) * decay
+        out[1, column] = (g * (constant - slope + slope * kz) - shear / mu) * decay
+        out[2, column] = shear * decay
+        out[3, column] = (n0 + kz) * decay
+    return out

@@ -85,8 +85,8 @@ def transfer(
     wavevector_x, wavevector_y : array_like
         Components of the wavevector [rad/m], broadcast together; line contact is wavevector_y = 0.
         k = 0 is returned as the mean over all directions of the limit k -> 0 in stress and strain (what a load
-        spread wide in every direction gives) and NaN in displacement, which has no limit in a half-space:
-        the caller must have a policy for it.
+        spread wide in every direction gives). Displacement is finite on a rigid base, and NaN over a half-space, where it
+        has no limit: the caller must have a policy for it.
     depth : float
         Depth below the surface [m], >= 0.
     channels : sequence of str
@@ -115,9 +115,13 @@ def _mean_response(pad: Pad, depth: float, channels: Sequence[str], *, line: boo
     k = np.zeros_like(angles)
     limit = _rotated(pad, k, np.ones_like(k), np.cos(angles), np.sin(angles), depth, channels).mean(axis=0)
     limit[np.abs(limit) < 1e-15 * np.abs(limit).max(initial=0.0)] = 0.0
+    mean = pad.mean_compliance(depth)
     for row, name in enumerate(channels):
         if name.startswith("displacement"):
-            limit[row] = np.nan
+            limit[row] = np.nan if mean is None else 0.0
+            if mean is not None:
+                column = "xyz".index(name[-1])
+                limit[row, column] = mean[1] if column == 2 else mean[0]
     return limit
 
 

@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import from_numpy, to_numpy
-from palpate.elastic.half_space import Floats, HalfSpace, Pad
+from palpate.elastic.half_space import Floats, Pad
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.direct import Division, LinearSolve
 from palpate.inverse.regularised import Estimate, Regularised
 from palpate.sensing.arrays import Array, LineArray
+from palpate.sensing.kernels import aperture_rule, influence
 from palpate.solutions.line import strip
 
 __all__ = ["ConstantFriction"]
@@ -47,11 +48,8 @@ class ConstantFriction:
                 'seek both components: method="tikhonov", components=["x", "z"].'
             )
         channel = array.channels[0]
-        if channel not in ("stress_zz", "strain_zz", "stress_xx", "strain_xx") or not isinstance(pad, HalfSpace):
-            raise Unsupported(
-                'method="constant_friction" needs a normal stress or strain of a HalfSpace; got '
-                f"{channel} of a {type(pad).__name__}."
-            )
+        if channel not in ("stress_zz", "strain_zz", "stress_xx", "strain_xx"):
+            raise Unsupported(f'method="constant_friction" needs a normal stress or strain; got {channel}.')
         if not (math.isfinite(friction) and friction != 0):
             raise InvalidInput(f"friction must be a finite number other than 0; got {friction!r}.")
         self.pad, self.array, self.inner, self.friction = pad, array, inner, friction
@@ -60,13 +58,12 @@ class ConstantFriction:
 
     def _shear_reading(self, half_width: float, center: float) -> Floats:
         """Reading of a unit shear force spread evenly over the contact."""
-        unit = strip(half_width=half_width, traction=1.0 / (2 * half_width), component="x").shifted(center)
-        nodes = [(0.0, 1.0)]
-        if self.array.aperture:
-            t, w = np.polynomial.legendre.leggauss(8)
-            nodes = [(float(a) * self.array.aperture / 2, float(b) / 2) for a, b in zip(t, w)]
-        x, depth = self.array.grid.x, max(self.array.depth, 1e-12)
-        return np.asarray(sum(w * unit.fields(self.pad, self.array.channels, x + n, depth)[0] for n, w in nodes))
+        width = 2.0 * half_width
+        rule = aperture_rule(self.array.aperture, self.array.depth, width, None)
+        response = influence(
+            self.pad, [self.array.grid.x - center], [width], self.array.depth, self.array.channels, [rule]
+        )
+        return np.asarray(response[0, 0] / width)
 
     def solve(self, readings: Sequence[Any]) -> Estimate:
         """Traction (..., component, *surface)."""

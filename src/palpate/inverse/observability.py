@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats, HalfSpace, Pad
+from palpate.elastic.half_space import Floats, Pad
 from palpate.elastic.quantities import COMPONENTS, mirror_parity, transfer
 from palpate.errors import InvalidInput, NotObservable
 from palpate.sensing.arrays import Array
@@ -150,4 +150,4 @@ def blind_to_force(pad: Pad, planes: Sequence[Array], components: Sequence[str])
             worst = max(worst, float(response[0] / max(response.max(), 1e-300)))
         if worst < 1e-3:
             lost.append(component)
-    return tuple(lost) if isinstance(pad, HalfSpace) else ()
+    return tuple(lost)

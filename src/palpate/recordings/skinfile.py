@@ -31,6 +31,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from palpate.elastic.half_space import HalfSpace, Pad
+from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.quantities import channel_unit, check_channels
 from palpate.errors import InvalidInput, PalpateError
 from palpate.recordings.recording import Recording
@@ -54,6 +55,7 @@ def _lengths(value: Any) -> Any:
 
 Length = Annotated[float, BeforeValidator(_length)]
 Lengths = Annotated[float | tuple[float, float], BeforeValidator(_lengths)]
+Depth = Annotated[Any, BeforeValidator(lambda v: v if v == "base" else _length(v))]
 Pressure = Annotated[float, BeforeValidator(lambda v: parse_quantity(v, "pressure", "pressure"))]
 
 
@@ -67,10 +69,27 @@ class _HalfSpace(_Strict):
     poissons_ratio: float
 
 
+class _Layer(_Strict):
+    thickness: Length
+    youngs_modulus: Pressure
+    poissons_ratio: float
+
+
+class _Base(_Strict):
+    youngs_modulus: Pressure
+    poissons_ratio: float
+
+
+class _BondedLayers(_Strict):
+    kind: Literal["bonded_layers"]
+    layer: list[_Layer] = Field(min_length=1)
+    base: _Base | None = None
+
+
 class _Plane(_Strict):
     kind: Literal["line", "area", "scattered"]
     channels: list[str]
-    depth: Length
+    depth: Depth
     aperture: Lengths = 0.0
     noise: str | list[str] | None = None
     count: int | None = None
@@ -88,7 +107,7 @@ class _Surface(_Strict):
 
 
 class _Skin(_Strict):
-    pad: _HalfSpace
+    pad: _HalfSpace | _BondedLayers = Field(discriminator="kind")
     plane: list[_Plane] = Field(min_length=1)
     surface: _Surface | None = None
     boundary: Literal["free", "periodic"] = "free"
@@ -129,7 +148,16 @@ def skin_from_text(
         raise InvalidInput(_explain(first, text, name)) from error
     where: tuple[str | int, ...] = ("pad",)
     try:
-        pad = HalfSpace(youngs_modulus=skin.pad.youngs_modulus, poissons_ratio=skin.pad.poissons_ratio)
+        if isinstance(skin.pad, _BondedLayers):
+            layers = []
+            for i, part in enumerate(skin.pad.layer):
+                where = ("pad", "layer", i)
+                layers.append(Layer(**part.model_dump()))
+            where = ("pad", "base")
+            base = None if skin.pad.base is None else HalfSpace(**skin.pad.base.model_dump())
+            pad: Pad = BondedLayers(layers, base)
+        else:
+            pad = HalfSpace(youngs_modulus=skin.pad.youngs_modulus, poissons_ratio=skin.pad.poissons_ratio)
         planes: list[Array] = []
         for i, plane in enumerate(skin.plane):
             where = ("plane", i)
@@ -245,7 +273,9 @@ def _surface(surface: _Surface | None, dimensions: int) -> Grid | None:
 
 def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
     location = tuple(p for p in error["loc"])
-    keys = tuple(p for p in location if not (isinstance(p, str) and ("[" in p or p in ("float", "str"))))
+    # pydantic also names the branch of a union that it tried
+    branches = ("float", "str", "half_space", "bonded_layers")
+    keys = tuple(p for p in location if not (isinstance(p, str) and ("[" in p or p in branches)))
     key = next((str(p) for p in reversed(keys) if isinstance(p, str)), "file")
     line = _line(text, keys)
     message = str(error["msg"]).removeprefix("Value error, ")
@@ -256,6 +286,8 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
         return f"{name}, line {line}: {place}."
     if kind == "extra_forbidden":
         return f"{name}, line {line}: {key} is not a key here; check its spelling."
+    if kind.startswith("union_tag"):
+        return f'{name}, line {_line(text, (*keys, "kind"))}: kind must be "half_space" or "bonded_layers".'
     message = (
         re.sub(r"^(length|pressure)\b", key, message)
         .replace("length = ", f"{key} = ")
@@ -269,9 +301,11 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
 def _line(text: str, keys: tuple[str | int, ...]) -> int:
     """Line number of a key such as ("plane", 1, "pitch"): of its section where the key itself is not there."""
     lines = text.splitlines()
-    section = str(keys[0]) if keys else ""
-    index = next((k for k in keys if isinstance(k, int)), 0)
     key = keys[-1] if len(keys) > 1 and isinstance(keys[-1], str) else None
+    place = keys[:-1] if key is not None else keys
+    # of nested tables the innermost numbered one is looked for, by its dotted name
+    section = ".".join(k for k in place if isinstance(k, str))
+    index = next((k for k in reversed(place) if isinstance(k, int)), 0)
     top = re.compile(rf"^\s*{re.escape(section)}\s*=")
     header = re.compile(rf"^\s*\[{{1,2}}\s*{re.escape(section)}\s*\]{{1,2}}")
     any_header = re.compile(r"^\s*\[[\[\w]")

@@ -37,6 +37,11 @@ def _check_noise(noise: Noise, channels: tuple[str, ...]) -> tuple[float, ...] |
     return tuple(values)
 
 
+def _check_depth(depth: object) -> None:
+    if depth != "base":
+        check_length("depth", depth, zero=True)
+
+
 def _check_mask(mask: Any, shape: tuple[int, ...]) -> Mask | None:
     if mask is None:
         return None
@@ -55,7 +60,7 @@ class _Common:
     """What every array has; the concrete classes add where the taxels lie."""
 
     channels: Sequence[str]
-    depth: float
+    depth: Any  # metres, or "base" until the array is put into a skin
     noise: Noise
     mask: Any
     aperture: Any
@@ -76,6 +81,14 @@ class _Common:
         """True where a taxel works."""
         return np.ones(self.shape, dtype=np.bool_) if self.mask is None else np.asarray(self.mask)
 
+    def at_base(self: Self, thickness: float | None) -> Self:
+        """The same array with depth "base" replaced by the pad's ``thickness`` [m] (None: the pad has no base)."""
+        if self.depth != "base":
+            return self
+        if thickness is None:
+            raise InvalidInput('depth = "base" needs a pad with a base, such as BondedLayers; a HalfSpace has none.')
+        return replace(self, depth=thickness)  # type: ignore[type-var]
+
     def masked(self: Self, mask: Any) -> Self:
         """The same array with only the taxels where ``mask`` is True."""
         both = np.asarray(mask) & self.valid if np.shape(mask) == self.shape else mask
@@ -95,8 +108,8 @@ class LineArray(_Common):
         Number of taxels.
     pitch : float
         Distance between them [m].
-    depth : float
-        Depth below the surface [m]; 0 is the surface itself.
+    depth : float or "base"
+        Depth below the surface [m]; 0 is the surface itself, "base" the base of a pad of `BondedLayers`.
     channels : sequence of str
         What each taxel measures, from `palpate.elastic.LINE_CHANNELS`.
     aperture : float
@@ -111,7 +124,7 @@ class LineArray(_Common):
 
     count: int
     pitch: float
-    depth: float
+    depth: Any
     channels: Sequence[str]
     aperture: float = 0.0
     noise: Noise = None
@@ -121,7 +134,7 @@ class LineArray(_Common):
     def __post_init__(self) -> None:
         check_count("count", self.count)
         check_length("pitch", self.pitch)
-        check_length("depth", self.depth, zero=True)
+        _check_depth(self.depth)
         check_length("aperture", self.aperture, zero=True)
         check_length("center", self.center, sign=True)
         object.__setattr__(self, "channels", check_channels(self.channels, 1))
@@ -164,8 +177,8 @@ class AreaArray(_Common):
         Rows and columns (ny, nx).
     pitch : float or (float, float)
         Distance between taxels [m], one or (dy, dx).
-    depth : float
-        Depth below the surface [m].
+    depth : float or "base"
+        Depth below the surface [m], or "base".
     channels : sequence of str
         From `palpate.elastic.AREA_CHANNELS`.
     aperture : float or (float, float)
@@ -179,7 +192,7 @@ class AreaArray(_Common):
 
     shape: tuple[int, int]
     pitch: float | tuple[float, float]
-    depth: float
+    depth: Any
     channels: Sequence[str]
     aperture: float | tuple[float, float] = 0.0
     noise: Noise = None
@@ -191,7 +204,7 @@ class AreaArray(_Common):
             raise InvalidInput(f"shape must be (rows, columns); got {self.shape!r}.")
         object.__setattr__(self, "shape", tuple(check_count("shape", n) for n in self.shape))
         pair("pitch", self.pitch)
-        check_length("depth", self.depth, zero=True)
+        _check_depth(self.depth)
         pair("aperture", self.aperture, zero=True)
         pair("center", self.center, sign=True)
         object.__setattr__(self, "channels", check_channels(self.channels, 2))
@@ -235,7 +248,7 @@ class ScatteredArray(_Common):
     """
 
     positions: Any = field(repr=False)
-    depth: float
+    depth: Any
     channels: Sequence[str]
     aperture: float | tuple[float, float] = 0.0
     noise: Noise = None
@@ -257,7 +270,7 @@ class ScatteredArray(_Common):
             raise InvalidInput("positions lie on one line along an axis: use positions (n,) for line contact.")
         found.setflags(write=False)
         object.__setattr__(self, "positions", found)
-        check_length("depth", self.depth, zero=True)
+        _check_depth(self.depth)
         object.__setattr__(self, "channels", check_channels(self.channels, found.shape[1]))
         pair("aperture", self.aperture, zero=True)
         _check_noise(self.noise, tuple(self.channels))

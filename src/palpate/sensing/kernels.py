@@ -9,7 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.elastic.half_space import Floats, HalfSpace, Pad
+from palpate.elastic.layers import BondedLayers
 from palpate.errors import InvalidInput, Unsupported
+from palpate.sensing.layered import Correction
 from palpate.solutions.line import line_fields, potentials
 from palpate.solutions.potential import PointTable, Table, area_fields, lattice_table
 
@@ -71,25 +73,66 @@ def influence(
     -------
     array (channel, component, ..., n) or (channel, component, ..., ny, nx)
     """
-    if not isinstance(pad, HalfSpace):
-        raise Unsupported(f"no real-space influence is known for a {type(pad).__name__}; use HalfSpace.")
     if concentrated and depth == 0.0:
         raise Unsupported(
             "a concentrated load has no finite response at depth 0, so methods that sample the kernel at points "
             '(method="dft" and "linear") need depth > 0. Use method="tikhonov".'
         )
     with np.errstate(divide="ignore", invalid="ignore"):
-        kernel = (
-            _line(pad, offsets[0], spacings[0], depth, channels, rules[0], concentrated)
-            if len(offsets) == 1
-            else _area(pad, offsets, spacings, depth, channels, rules, concentrated)
-        )
+        if isinstance(pad, HalfSpace):
+            kernel = _half_space(pad, offsets, spacings, depth, channels, rules, concentrated, 0.0)
+        elif isinstance(pad, BondedLayers):
+            kernel = _layered(pad, offsets, spacings, depth, channels, rules, concentrated)
+        else:
+            raise Unsupported(f"no influence is known for a {type(pad).__name__}; use HalfSpace or BondedLayers.")
     if not np.isfinite(kernel).all():
         raise InvalidInput(
             f"the response of {', '.join(channels)} at depth {depth:g} m is infinite at the edge of a surface cell, and "
             "a taxel sits on one. Give the taxels an aperture, a small depth, or a surface whose cells are centred on them."
         )
     return kernel
+
+
+def _layered(
+    pad: BondedLayers,
+    offsets: Sequence[Floats],
+    spacings: Sequence[float],
+    depth: float,
+    channels: Sequence[str],
+    rules: Sequence[tuple[Floats, Floats]],
+    concentrated: bool,
+) -> Floats:
+    correction = Correction(pad, depth, channels)
+    if len(offsets) == 1:
+        out = np.zeros((len(channels), 2, *offsets[0].shape))
+        for node, weight in zip(*rules[0]):
+            # a concentrated load is a cell of vanishing width with the force of a whole one
+            width = 1e-9 * spacings[0] if concentrated else spacings[0]
+            out += weight * spacings[0] / width * correction.line(offsets[0] + node, width, 0.0)
+    else:
+        out = correction.area(offsets, spacings, rules, concentrated=concentrated)
+    if correction.half_space is not None:
+        for sign, lower in ((1.0, 0.0), (-1.0, correction.damping)):
+            out += sign * _half_space(
+                correction.half_space, offsets, spacings, depth, channels, rules, concentrated, lower
+            )
+    return out
+
+
+def _half_space(
+    pad: HalfSpace,
+    offsets: Sequence[Floats],
+    spacings: Sequence[float],
+    depth: float,
+    channels: Sequence[str],
+    rules: Sequence[tuple[Floats, Floats]],
+    concentrated: bool,
+    lower: float,
+) -> Floats:
+    """Closed form; with ``lower`` > 0 the response is damped by exp(-k lower): its potentials lie that much deeper."""
+    if len(offsets) == 1:
+        return _line(pad, offsets[0], spacings[0], depth, channels, rules[0], concentrated, lower)
+    return _area(pad, offsets, spacings, depth, channels, rules, concentrated, lower)
 
 
 def _line(
@@ -100,10 +143,11 @@ def _line(
     channels: Sequence[str],
     rule: tuple[Floats, Floats],
     concentrated: bool,
+    lower: float,
 ) -> Floats:
     out = np.zeros((len(channels), 2, *x.shape))
     for node, weight in zip(*rule):
-        zeta = (x + node) + 1j * depth
+        zeta = (x + node) + 1j * (depth + lower)
         parts = potentials("load" if concentrated else "strip", spacing / 2, zeta)
         for column, component in enumerate("xz"):
             out[:, column] += weight * spacing * line_fields(*parts, depth, component, pad, channels)
@@ -118,6 +162,7 @@ def _area(
     channels: Sequence[str],
     rules: Sequence[tuple[Floats, Floats]],
     concentrated: bool,
+    lower: float,
 ) -> Floats:
     y, x = offsets
     dy, dx = spacings
@@ -126,10 +171,10 @@ def _area(
     for (node_y, weight_y), (node_x, weight_x) in itertools.product(zip(*rules[0]), zip(*rules[1])):
         table: Table
         if concentrated:
-            table = PointTable((x + node_x)[..., None, :], (y + node_y)[..., :, None], depth)
+            table = PointTable((x + node_x)[..., None, :], (y + node_y)[..., :, None], depth + lower)
             scale = weight_y * weight_x * dx * dy
         else:
-            table = lattice_table(x_edges + node_x, y_edges + node_y, depth)
+            table = lattice_table(x_edges + node_x, y_edges + node_y, depth + lower)
             scale = weight_y * weight_x
         for column, component in enumerate("xyz"):
             for row, field in enumerate(area_fields(table, depth, component, pad, channels)):

@@ -17,8 +17,8 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from palpate._arrays import from_numpy, irfftn, namespace, rfftn
-from palpate.elastic.half_space import Floats, HalfSpace, Pad
+from palpate._arrays import device_of, from_numpy, irfftn, namespace, rfftn
+from palpate.elastic.half_space import Floats, Pad
 from palpate.elastic.quantities import transfer
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import Array, ScatteredArray
@@ -159,7 +159,7 @@ def _spread(xp: Any, x: Any, axis: int, ratio: int) -> Any:
     shape = list(x.shape)
     position = len(shape) + axis
     x = xp.expand_dims(x, axis=position + 1)
-    zeros = xp.zeros((*shape[: position + 1], ratio - 1, *shape[position + 1 :]), dtype=x.dtype, device=x.device)
+    zeros = xp.zeros((*shape[: position + 1], ratio - 1, *shape[position + 1 :]), dtype=x.dtype, device=device_of(x))
     shape[position] *= ratio
     return xp.reshape(xp.concat([x, zeros], axis=position + 1), tuple(shape))
 
@@ -354,7 +354,7 @@ class Operator:
 
 
 def _floating_channels(pad: Pad, array: Array, boundary: Boundary) -> tuple[int, ...]:
-    if array.dimensions == 2 or boundary == "periodic" or not isinstance(pad, HalfSpace):
+    if array.dimensions == 2 or boundary == "periodic" or pad.mean_compliance(array.depth) is not None:
         return ()
     return tuple(i for i, c in enumerate(array.channels) if c.startswith("displacement"))
 

@@ -1,0 +1,172 @@
+"""Influence of a surface cell on a sensing element in bonded layers.
+
+The matrix of a wavevector has no closed form in space. It is brought there by quadrature over wavenumbers, not by a DFT:
+no copies of the pad appear, whatever decays slowly is integrated, and any position can be asked for.
+
+Near the surface the matrix falls off slowly with k. There the uppermost material's half-space response, high-passed by
+1 - exp(-k d), is taken out and put back in closed form (damping by exp(-k d) only moves the potentials down by d), so that what
+is integrated decays like exp(-k d) with d of the order of the first layer's thickness.
+
+In area contact the matrix of direction alpha is a trigonometric polynomial sum_n c_n(k) exp(i n alpha), |n| <= 3, and
+
+    (1/4 pi^2) int c_n(k) exp(i n alpha) exp(i k.x) d^2k = exp(i n theta) (i^n/2 pi) int c_n(k) J_n(k r) k dk.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats, HalfSpace
+from palpate.elastic.layers import BondedLayers
+from palpate.elastic.quantities import transfer
+
+__all__ = ["Correction"]
+
+#: exp(-DIGITS) is where spectra are cut.
+DIGITS = 34.0
+#: Highest angular order of a channel per traction.
+ORDERS = 3
+
+
+class Correction:
+    """What is left of a layered pad's response once the damped half-space of its first material is taken out.
+
+    Attributes
+    ----------
+    half_space : HalfSpace or None
+        The half-space that was taken out (None: nothing was).
+    damping : float
+        The depth d of its high-pass 1 - exp(-k d) [m].
+    """
+
+    def __init__(self, pad: BondedLayers, depth: float, channels: Sequence[str]) -> None:
+        self.pad, self.depth, self.channels = pad, depth, tuple(channels)
+        first = pad.layers[0].thickness
+        self.half_space: HalfSpace | None = pad.surface if depth < 0.5 * first else None
+        self.damping = first
+        #: scale over which the remaining kernel varies
+        self.scale = first if self.half_space is not None else depth
+
+    def _remaining(self, kx: Floats, ky: Floats, *, line: bool) -> npt.NDArray[np.complex128]:
+        matrix = transfer(self.pad, kx, ky, self.depth, self.channels, line=line)
+        if self.half_space is not None:
+            high = -np.expm1(-np.hypot(kx, ky) * self.damping)
+            matrix = (
+                matrix - transfer(self.half_space, kx, ky, self.depth, self.channels, line=line) * high[..., None, None]
+            )
+        return matrix
+
+    def _nodes(self, reach: float) -> tuple[Floats, Floats]:
+        """Gauss-Legendre nodes and weights for int_0^infinity of a spectrum times a wave at distances up to ``reach``.
+
+        Panels double in width from far below the slowest decay in the stack, then are as wide as the wave allows.
+        """
+        largest = DIGITS / self.scale
+        widest = min(16.0 / max(reach, 1e-300), 2.0 / self.scale)
+        start = 1e-7 / max(self.pad.thickness, reach)
+        edges = [0.0, start]
+        while edges[-1] < largest:
+            edges.append(edges[-1] + min(edges[-1], widest))
+        t, w = np.polynomial.legendre.leggauss(16)
+        low, high = np.array(edges[:-1])[:, None], np.array(edges[1:])[:, None]
+        return ((low + high) / 2 + (high - low) / 2 * t).ravel(), ((high - low) / 2 * w).ravel()
+
+    def line(self, x: Floats, spacing: float, aperture: float) -> Floats:
+        """(channel, 2, ...) per unit traction of a cell of width ``spacing``, averaged over ``aperture``."""
+        flat = x.ravel()
+        k, weight = self._nodes(float(np.abs(flat).max(initial=0.0)) + spacing + aperture)
+        matrix = self._remaining(k, np.zeros_like(k), line=True)[..., [0, 2]]
+        factor = weight / np.pi * spacing * np.sinc(k * spacing / (2 * np.pi)) * np.sinc(k * aperture / (2 * np.pi))
+        spectrum = (matrix * factor[:, None, None]).reshape(k.size, -1)
+        out = np.empty((flat.size, spectrum.shape[1]))
+        for start in range(0, flat.size, 2048):
+            phase = flat[start : start + 2048, None] * k
+            out[start : start + 2048] = np.cos(phase) @ spectrum.real - np.sin(phase) @ spectrum.imag
+        return np.moveaxis(out.reshape(*x.shape, len(self.channels), 2), (-2, -1), (0, 1))
+
+    def area(
+        self,
+        offsets: Sequence[Floats],
+        spacings: Sequence[float],
+        rules: Sequence[tuple[Floats, Floats]],
+        *,
+        concentrated: bool,
+    ) -> Floats:
+        """(channel, 3, ..., ny, nx) per unit traction of a cell, averaged over the aperture's nodes."""
+        sources = []
+        for spacing in spacings:
+            if concentrated:
+                sources.append((np.zeros(1), np.ones(1)))
+            else:
+                t, w = np.polynomial.legendre.leggauss(2 + math.ceil(4.0 * spacing / self.scale))
+                sources.append((t * spacing / 2, w / 2))
+        nodes = [
+            [(a + b, u * v) for (a, u), (b, v) in itertools.product(zip(*rule), zip(*source))]
+            for rule, source in zip(rules, sources)
+        ]
+        y, x = offsets
+        reach = math.hypot(*(float(np.abs(o).max()) + max(abs(n) for n, _ in axis) for o, axis in zip((y, x), nodes)))
+        radial = self._radial(reach)
+        cell = float(np.prod(spacings))
+        out = np.zeros((len(self.channels) * 3, *y.shape, x.shape[-1]))
+        for (node_y, weight_y), (node_x, weight_x) in itertools.product(*nodes):
+            xx, yy = np.broadcast_arrays((x + node_x)[..., None, :], (y + node_y)[..., :, None])
+            r = np.hypot(xx, yy)
+            turn = np.where(r > 0, (xx + 1j * yy) / np.where(r > 0, r, 1.0), 1.0)
+            # mirror images share their distance
+            distance, back = np.unique(np.round(r / reach, 14), return_inverse=True)
+            values = radial(distance * reach)  # (distance, order, function)
+            back = back.reshape(r.shape)
+            phase = np.ones_like(turn)
+            for order in range(ORDERS + 1):
+                part = np.moveaxis(values[:, order][back], -1, 0)
+                out += weight_y * weight_x * cell * (part * phase).real
+                phase = phase * turn
+        return out.reshape(len(self.channels), 3, *out.shape[1:])
+
+    def _radial(self, reach: float) -> _Radial:
+        from scipy.special import j0, j1
+
+        k, weight = self._nodes(reach)
+        angles = np.arange(8) * (np.pi / 4)
+        matrix = self._remaining(k[:, None] * np.cos(angles), k[:, None] * np.sin(angles), line=False)
+        coefficients = np.moveaxis(
+            np.tensordot(matrix, np.exp(-1j * np.outer(angles, np.arange(ORDERS + 1))), (1, 0)), -1, 1
+        )
+        coefficients = coefficients.reshape(k.size, ORDERS + 1, -1) / 8.0
+        step = self.scale / 32
+        radii = [0.0]
+        while radii[-1] < reach:
+            radii.append(radii[-1] + max(step, radii[-1] / 200))
+        r = np.array([*radii, radii[-1] + step])
+        table = np.zeros((r.size, ORDERS + 1, coefficients.shape[-1]), dtype=np.complex128)
+        for start in range(0, r.size, 256):
+            rows = slice(start, start + 256)
+            phase = r[rows, None] * k
+            small = phase < 1e-2
+            safe = np.where(small, 1.0, phase)
+            first, second = j0(phase), j1(phase)
+            third = np.where(small, phase**2 / 8, 2 * second / safe - first)
+            fourth = np.where(small, phase**3 / 48, 4 * third / safe - second)
+            for order, bessel in enumerate((first, second, third, fourth)):
+                # order n and -n together: twice the real part of the positive one
+                factor = (1j**order) / (2 * np.pi) * (1.0 if order == 0 else 2.0)
+                table[rows, order] = factor * ((bessel * (weight * k)) @ coefficients[:, order])
+        return _Radial(r, table)
+
+
+class _Radial:
+    """Spline of the radial functions."""
+
+    def __init__(self, r: Floats, table: npt.NDArray[np.complex128]) -> None:
+        from scipy.interpolate import CubicSpline
+
+        self._spline = CubicSpline(r, table, axis=0)
+
+    def __call__(self, r: Floats) -> npt.NDArray[np.complex128]:
+        return np.asarray(self._spline(r))
