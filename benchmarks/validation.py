@@ -2,7 +2,7 @@
 
     python benchmarks/validation.py [--shared ../shared] [section ...]
 
-Sections: paper, line, area, contact, alva, beads, force, adjoint. The folder of published data and oracles is not part of the
+Sections: paper, line, area, contact, alva, beads, force, adjoint, layers, layers3d, inversion, alvalayers. The folder of published data and oracles is not part of the
 project; sections that need it say so where it is absent.
 """
 
@@ -11,6 +11,8 @@ from __future__ import annotations
 import argparse
 import csv
 import itertools
+import json
+import re
 import sys
 import time
 from collections.abc import Callable
@@ -241,6 +243,185 @@ def section_beads() -> None:
             )
 
 
+def _cases(name: str) -> dict[str, dict[str, str]]:
+    index = json.loads((SHARED / "oracles" / "index.json").read_text())
+    return next(f["cases"] for f in index["files"] if f["file"] == f"{name}.npz")
+
+
+def _layers(case: str, meta: dict[str, str]) -> pp.BondedLayers:
+    """The pad of an oracle's case, from its words."""
+    if "h1=" in meta["geometry"]:
+        h = re.findall(r"h\d=([\d.]+)", meta["geometry"])
+        e, nu = re.findall(r"E\d=([\d.]+)", meta["material"]), re.findall(r"nu\d=([\d.]+)", meta["material"])
+    else:
+        h, e = [case.split("__")[0][1:]], ["1"]
+        nu = [case.split("__")[1][2:]]
+    return pp.BondedLayers(
+        [pp.Layer(thickness=float(a), youngs_modulus=float(b), poissons_ratio=float(c)) for a, b, c in zip(h, e, nu)]
+    )
+
+
+def _depths(values: Any) -> list[float]:
+    """Interfaces are recorded twice, from above and then from below."""
+    return [float(z) * (1 + 1e-7) if i and z == values[i - 1] else float(z) for i, z in enumerate(values)]
+
+
+def section_layers() -> None:
+    """Bonded layers and stacks, plane strain: worst relative L2 per recorded line at 64, 128, 256 cells per half-width."""
+    for name in ("mfs_layer_2d", "mfs_stack_2d"):
+        data = oracle(name)
+        for case, meta in _cases(name).items():
+            group, pad = case.split("__")[0], _layers(case, meta)
+            x = data[f"{group}__x"]
+            pitch = float(np.diff(x).min())
+            whole = pp.LineArray(
+                count=round(float(x[-1] - x[0]) / pitch) + 1, pitch=pitch, depth=0.0, channels=["stress_zz"]
+            ).grid.x
+            pick = np.abs(whole[:, None] - x).argmin(axis=0)
+            contact = (
+                solutions.strip(half_width=1, traction=1)
+                if "strip" in case
+                else solutions.hertz_line(half_width=1, force=np.pi / 2)
+            )
+            line = []
+            for cells in (64, 128, 256):
+                grid = pp.LineGrid(count=2 * cells, spacing=1 / cells)
+                traction = contact.averages(grid.edges)
+                traction = traction[::-1] if case.endswith("q") else traction
+                worst = (0.0, "", 0.0)
+                for kind in ("z", "z_u"):
+                    fields = [
+                        f
+                        for f in ("S_zz", "S_xx", "S_xz", "eps_zz", "eps_xx", "u_x", "u_z")
+                        if (f[0] == "u") == (kind == "z_u")
+                    ]
+                    for i, z in enumerate(_depths(data[f"{group}__{kind}"])):
+                        array = pp.LineArray(
+                            count=whole.size, pitch=pitch, depth=z, channels=[channel_of(f) for f in fields]
+                        )
+                        for f, row in zip(fields, pp.Skin(pad, array, surface=grid).sense(traction)):
+                            true = data[f"{case}__{f}"]
+                            floor = 1e-3 * max(np.linalg.norm(r) for r in true)
+                            error = float(np.linalg.norm(row[pick] - true[i]) / max(np.linalg.norm(true[i]), floor))
+                            worst = max(worst, (error, f, float(z)))
+                line.append(f"{worst[0]:.1e} ({worst[1]} at {worst[2]:.3g})")
+            print(f"  {case:<42} " + "  ".join(line), flush=True)
+
+
+def section_layers3d() -> None:
+    """Bonded layers, area contact (normal and shear on a disc): worst relative L2 per line at 16, 32, 64 cells per radius."""
+    on_x = {"S_zz": "stress_zz", "S_rr": "stress_xx", "S_tt": "stress_yy", "S_rz": "stress_xz", "eps_zz": "strain_zz"}
+    on_x |= {"u_r": "displacement_x", "u_z": "displacement_z"}
+    for name in ("mfs_layer_3d", "fem_layer_3d_shear"):
+        data = oracle(name)
+        for case, meta in _cases(name).items():
+            group, pad = case.split("__")[0], _layers(case, meta)
+            r = data[f"{group}__r"]
+            pitch = float(r[1] - r[0])
+            line = []
+            for cells in (16, 32, 64):
+                grid = pp.AreaGrid(shape=(2 * cells, 2 * cells), spacing=1 / cells)
+                sub = ((np.arange(16) + 0.5) / 16 - 0.5) / cells
+                square = (grid.x[:, None] + sub).ravel() ** 2
+                load = 1 - square - square[:, None]
+                load = np.sqrt(np.maximum(load, 0)) if "hertz" in case else (load > 0) * 1.0
+                traction = np.zeros((3, *grid.shape))
+                traction[0 if "shear" in name else 2] = load.reshape(2 * cells, 16, 2 * cells, 16).mean(axis=(1, 3))
+                worst = (0.0, "", 0.0)
+                for kind in ("z", "z_u"):
+                    fields = [f for f in on_x if (f[0] == "u") == (kind == "z_u") and f"{case}__{f}" in data]
+                    for i, z in enumerate(data[f"{group}__{kind}"]):
+                        array = pp.AreaArray(
+                            shape=(2, r.size),
+                            pitch=pitch,
+                            depth=float(z),
+                            channels=[on_x[f] for f in fields],
+                            center=(float(r[-1]) / 2, pitch / 2),
+                        )
+                        for f, rows in zip(fields, pp.Skin(pad, array, surface=grid).sense(traction)):
+                            true = data[f"{case}__{f}"]
+                            floor = 1e-3 * max(np.linalg.norm(q) for q in true)
+                            error = float(np.linalg.norm(rows[0] - true[i]) / max(np.linalg.norm(true[i]), floor))
+                            worst = max(worst, (error, f, float(z)))
+                line.append(f"{worst[0]:.1e} ({worst[1]} at {worst[2]:.3g})")
+            print(f"  {case:<26} " + "  ".join(line), flush=True)
+
+
+def section_inversion() -> None:
+    """Hertz pressure from the base stresses of finite elements with 1 % noise: layered against half-space inversion, 20 draws."""
+    data = oracle("fem_layer_2d")
+    rng = np.random.default_rng(0)
+    for case in ("h1__nu0.5__hertz_p", "h1__nu0.45__hertz_p", "h0.5__nu0.5__hertz_p", "h0.5__nu0.3__hertz_p"):
+        pad = _layers(case, {"geometry": ""})
+        x = data[f"{case.split('__')[0]}__x"]
+        near = np.abs(x) <= 6.0
+        clean = np.stack([data[f"{case}__{f}"][-1][near] for f in ("S_xz", "S_zz")])
+        noisy = clean + 0.01 * np.abs(clean).max() * rng.standard_normal((20, *clean.shape))
+        pitch = float(x[1] - x[0])
+        line = []
+        for word, body in (("layered", pad), ("half-space", pad.surface)):
+            array = pp.LineArray(
+                count=int(near.sum()), pitch=pitch, depth=pad.thickness, channels=["stress_xz", "stress_zz"]
+            )
+            skin = pp.Skin(body, array)
+            touch = skin.reconstruct(noisy)
+            truth = skin.sample(solutions.hertz_line(half_width=1, force=np.pi / 2))
+            errors = [relative(v, truth) for v in touch.values]
+            peak = touch.peak_pressure.mean()
+            line.append(
+                f"{word}: error {np.mean(errors):.3f}, force {touch.force[:, 1].mean() / (np.pi / 2):.3f}, peak {peak:.3f}"
+            )
+        print(f"  {case:<22} " + "   ".join(line))
+
+
+def section_alvalayers() -> None:
+    """ELLEA1, three bonded layers on a soft base: largest deviation per column (4 decimals printed)."""
+    steps = [(150.0, 3000.0, 0.30), (600.0, 200.0, 0.35)]
+    pad = pp.BondedLayers(
+        [pp.Layer(thickness=h, youngs_modulus=e, poissons_ratio=nu) for h, e, nu in steps],
+        pp.HalfSpace(youngs_modulus=40.0, poissons_ratio=0.40),
+    )
+    names = {
+        f"stress_{i}": f"sig_{j}_MPa"
+        for i, j in (("xx", "x"), ("yy", "y"), ("zz", "z"), ("yz", "yz"), ("xz", "xz"), ("xy", "xy"))
+    }
+    names |= {f"displacement_{i}": f"u{i}_mm" for i in "xyz"}
+    n, dx = 120, 2.5
+    axis = (np.arange(n) - (n - 1) / 2) * dx
+    sub = ((np.arange(16) + 0.5) / 16 - 0.5) * dx
+    square = (axis[:, None] + sub).ravel() ** 2
+    disc = 1.1 * (square + square[:, None] <= 150.0**2).reshape(n, 16, n, 16).mean(axis=(1, 3))
+    for file, centres, along_x in (
+        ("ELLEA1_singledepth", [0.0], False),
+        ("ELLEA1_dualdepth", [-150.0, 150.0], False),
+        ("ELLEA1_duallength", [-150.0, 150.0], True),
+    ):
+        with (SHARED / "data" / "alva" / f"{file}.csv").open() as handle:
+            rows = [{k: float(v) for k, v in r.items()} for r in csv.DictReader(handle)]
+        worst = dict.fromkeys(names, (0.0, 0.0))
+        for row in rows:
+            x, z = (row["pos_mm"], 0.0) if along_x else (0.0, row["pos_mm"])
+            # an interface is printed as seen from below where it is a depth of the table
+            for side in (1.0,) if z not in (150.0, 750.0) else (1.0, 1.0 + 1e-7):
+                total = np.zeros(len(names))
+                for centre in centres:
+                    grid = pp.AreaGrid(shape=(n, n), spacing=dx, center=(0.0, centre))
+                    half = dx / 2 if z == 0 else 0.0
+                    array = pp.ScatteredArray(
+                        positions=[[x + half, half], [x + 7.3, 5.1]], depth=z * side, channels=list(names)
+                    )
+                    traction = np.zeros((3, n, n))
+                    traction[2] = disc
+                    total += pp.Skin(pad, array, surface=grid).sense(traction)[:, 0]
+                row.setdefault("best", {})  # type: ignore[arg-type]
+                for (channel, column), value in zip(names.items(), total):
+                    best = row["best"]  # type: ignore[index]
+                    best[channel] = min(best.get(channel, np.inf), abs(value - row[column]))
+            for channel in names:
+                worst[channel] = max(worst[channel], (row["best"][channel], row["pos_mm"]))  # type: ignore[index]
+        print(f"  {file}: " + ", ".join(f"{names[c]} {v:.1e} (at {p:g})" for c, (v, p) in worst.items()), flush=True)
+
+
 def section_force() -> None:
     """Net force of one off-centre sheared patch from displacement at the surface (closed form, not our operator)."""
     rng = np.random.default_rng(0)
@@ -288,6 +469,10 @@ SECTIONS: dict[str, Callable[[], None]] = {
     "beads": section_beads,
     "force": section_force,
     "adjoint": section_adjoint,
+    "layers": section_layers,
+    "layers3d": section_layers3d,
+    "inversion": section_inversion,
+    "alvalayers": section_alvalayers,
 }
 
 

@@ -72,7 +72,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_help_teaches(tmp_path: Path) -> None:
     out = run("--help", cwd=tmp_path)
     assert out.returncode == 0
-    for command in ("demo", "simulate", "reconstruct", "convert", "paper"):
+    for command in ("demo", "simulate", "reconstruct", "convert", "pad", "paper"):
         assert command in out.stdout
         one = run(command, "--help", cwd=tmp_path)
         assert one.returncode == 0
@@ -211,6 +211,21 @@ def test_scattered(tmp_path: Path) -> None:
     assert out.returncode == 0, out.stderr
     with np.load(tmp_path / "t.npz") as data:
         assert data["force"][0, 2] == pytest.approx(0.2, rel=0.05)
+
+
+def test_pad(tmp_path: Path) -> None:
+    (tmp_path / "skin.toml").write_text(LAYERED_SKIN)
+    out = run("pad", "skin.toml", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    assert "taken for a half-space" in out.stdout
+    assert (tmp_path / "palpate-pad.png").read_bytes()[:4] == b"\x89PNG"
+    # data of the layered pad through the same commands
+    out = run("simulate", "--skin", "skin.toml", "--out", "r.nc", "--force", "0.2 N", "--size", "2 mm", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    out = run("reconstruct", "r.nc", "--skin", "skin.toml", "--out", "t.npz", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    with np.load(tmp_path / "t.npz") as data:
+        assert data["force"][0, 2] == pytest.approx(0.2, rel=0.15)
 
 
 def test_demo(tmp_path: Path) -> None:
@@ -370,6 +385,7 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
     ),
     "grid of a gridded recording": ([*C, "skin.nc", "OUT/t.nc", "--grid", "1 mm"], None, "scattered"),
     "convert to no known kind": ([*C, "skin.nc", "OUT/t.mp4"], None, ".mp4"),
+    "picture of a pad of unknown kind": (["pad", "skin.toml", "--plot", "OUT/a.doc"], None, "pictures end in"),
     "demo into a file": (["demo", "--out", "skin.nc"], None, "is a file"),
     "paper into a file": (["paper", "--out", "skin.nc"], None, "is a file"),
 }

@@ -23,6 +23,7 @@ ROOMS = [
     "touch",
     "recordings",
     "skin",
+    "pads",
     "paper",
     "cli",
     "__main__",

@@ -205,8 +205,8 @@ def reconstruct(
 
     target = out if out is not None else recording_file.with_name(recording_file.stem + "-touch.nc")
     file_format(target)
-    if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
-        raise InvalidInput(f"{plot}: pictures end in .png, .pdf or .svg.")
+    if plot is not None:
+        _check_picture(plot)
     if method not in METHODS or method == "wiener":
         raise InvalidInput(f"method must be one of {', '.join(m for m in METHODS if m != 'wiener')}; got {method!r}.")
     if friction is not None and not (np.isfinite(friction) and friction != 0):
@@ -345,6 +345,34 @@ def convert(
 
 
 @app.command()
+def pad(
+    skin_file: Annotated[Path, typer.Argument(metavar="SKIN", help="skin.toml with the pad and its array.")],
+    plot: Annotated[
+        Path, typer.Option(help="Picture of the response per wavelength to write (.png, .pdf or .svg).")
+    ] = Path("palpate-pad.png"),
+) -> None:
+    """Show what a pad does to a touch at each wavelength, and how far a half-space would be off."""
+    from palpate.pads import half_space_error, plot_response
+    from palpate.skin import Skin
+
+    _check_picture(plot)
+    skin = Skin.from_file(skin_file)
+    figure = plot_response(skin.pad, skin.planes)
+    with _busy("a typical contact"):
+        found = half_space_error(skin)
+    _save(figure, plot)
+    typer.echo(
+        f"a Hertz contact of radius {1e3 * found.radius:.3g} mm in the middle, 1 % noise, components {', '.join(skin.components)}"
+    )
+    typer.echo(
+        f"error of the traction      this pad {100 * found.layered:.0f} %   taken for a half-space {100 * found.relative:.0f} %"
+    )
+    if "z" in skin.components:
+        typer.echo(f"taken for a half-space     peak pressure x {found.peak:.2f}   net force x {found.force:.2f}")
+    typer.echo(f"picture                    {plot}")
+
+
+@app.command()
 def paper(
     out: Annotated[Path, typer.Option(help="Folder for the report, the figures and the tables.")] = Path(
         "palpate-paper"
@@ -367,6 +395,11 @@ def paper(
 
 
 # -- help for the commands ---------------------------------------------------------------------------------------------
+
+
+def _check_picture(path: Path) -> None:
+    if path.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise InvalidInput(f"{path}: pictures end in .png, .pdf or .svg.")
 
 
 def _known(names: list[str]) -> list[str]:

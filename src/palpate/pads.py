@@ -1,0 +1,133 @@
+"""What a pad does to a touch on its way to the sensors, and how far a half-space would be off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.elastic.half_space import Floats, HalfSpace, Pad
+from palpate.elastic.layers import BondedLayers
+from palpate.elastic.quantities import COMPONENTS, transfer
+from palpate.sensing.arrays import Array
+from palpate.skin import Skin
+from palpate.solutions import hertz_line, hertz_point
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["HalfSpaceError", "half_space_error", "plot_response", "surface_half_space"]
+
+
+def surface_half_space(pad: Pad) -> HalfSpace:
+    """A half-space of the pad's uppermost material."""
+    if isinstance(pad, BondedLayers):
+        return pad.surface
+    mu, nu = pad.material(0.0)
+    return HalfSpace(youngs_modulus=2 * mu * (1 + nu), poissons_ratio=nu)
+
+
+@dataclass(frozen=True)
+class HalfSpaceError:
+    """How far off a half-space of the uppermost material would be, on a ball (or cylinder) pressed in the middle.
+
+    Attributes
+    ----------
+    radius : float
+        Contact radius or half-width [m] of the press: a fifth of the array's width.
+    relative : float
+        Error of the recovered traction, L2, relative to the true one.
+    peak, force : float
+        Recovered peak pressure and net force over the true ones (1 is right; NaN where pressure is not sought).
+    layered : float
+        Error of the right pad's own reconstruction, for comparison.
+    """
+
+    radius: float
+    relative: float
+    peak: float
+    force: float
+    layered: float
+
+
+def half_space_error(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> HalfSpaceError:
+    """Sense a typical contact with the skin's pad and reconstruct it as if the pad were a half-space.
+
+    ``noise`` is relative to each channel's largest reading.
+    """
+    extent = float(np.ptp(skin.planes[0].points, axis=0).min())
+    radius = extent / 5
+    line = skin.surface.dimensions == 1
+    contact = hertz_line(half_width=radius, force=1.0) if line else hertz_point(radius=radius, force=1.0)
+    contact = contact.shifted(*[float(a.mean()) for a in reversed(skin.surface.axes)])
+    if set(skin.components) >= {"x"}:
+        contact = contact.sliding(0.3)
+    truth = skin.sample(contact)
+    keep = [c in skin.components for c in skin.surface.components]
+    truth[~np.array(keep)] = 0.0
+    rng = np.random.default_rng(seed)
+    readings = skin.operator.forward(truth)
+    readings = [
+        r + noise * np.abs(r).max(axis=tuple(range(1, r.ndim)), keepdims=True) * rng.standard_normal(r.shape)
+        for r in readings
+    ]
+    shared = readings[0] if len(readings) == 1 else readings
+    wrong = Skin(surface_half_space(skin.pad), skin.planes, surface=skin.surface, boundary=skin.operator.boundary)
+    results = [s.reconstruct(shared, components=skin.components).values for s in (skin, wrong)]
+    error = [float(np.linalg.norm(r - truth) / np.linalg.norm(truth)) for r in results]
+    pressure = "z" in skin.components
+    return HalfSpaceError(
+        radius,
+        error[1],
+        float(results[1][-1].max() / truth[-1].max()) if pressure else float("nan"),
+        float(results[1][-1].sum() / truth[-1].sum()) if pressure else float("nan"),
+        error[0],
+    )
+
+
+def plot_response(pad: Pad, planes: Sequence[Array]) -> Figure:
+    """Response of each channel per unit traction against wavelength: the pad (solid) and a half-space (dashed)."""
+    from matplotlib.figure import Figure
+
+    from palpate._plot import INK, scaled
+
+    channels = [(p, c) for p in planes for c in p.channels]
+    columns = min(3, len(channels))
+    rows = -(-len(channels) // columns)
+    figure = Figure(figsize=(4.4 * columns, 3.2 * rows), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    extent = max(float(np.ptp(p.points, axis=0).max()) for p in planes)
+    pitch = extent / 40
+    wavelength = np.geomspace(pitch, 4 * extent, 200)
+    k = 2 * np.pi / wavelength
+    half = surface_half_space(pad)
+    factor, unit = scaled(float(wavelength[-1]), "m")
+    colours = [INK["shear"], INK["other"], INK["pressure"]]
+    line = planes[0].dimensions == 1
+    # off the axes every component of an area contact is felt
+    angle = 0.0 if line else 0.6
+    for axes, (plane, channel) in zip(grid, channels):
+        for body, style in ((pad, "-"), (half, "--")):
+            matrix = np.abs(transfer(body, k * np.cos(angle), k * np.sin(angle), plane.depth, [channel], line=line))[
+                :, 0
+            ]
+            for component, colour in zip("xyz", colours):
+                if component not in COMPONENTS[1 if line else 2]:
+                    continue
+                value: Floats = matrix[:, "xyz".index(component)]
+                if value.max() > 0:
+                    label = {"x": "shear x", "y": "shear y", "z": "pressure"}[component] if body is pad else None
+                    axes.loglog(
+                        wavelength * factor, np.maximum(value, 1e-6 * value.max()), style, color=colour, label=label
+                    )
+        depth_factor, depth_unit = scaled(max(plane.depth, 1e-6), "m")
+        axes.set_title(f"{channel} at {plane.depth * depth_factor:.3g} {depth_unit}", fontsize=10)
+        axes.set_xlabel(f"wavelength [{unit}]")
+        axes.set_ylabel("per unit traction")
+        axes.legend(frameon=False, fontsize=8)
+    for axes in grid[len(channels) :]:
+        axes.set_visible(False)
+    figure.suptitle("solid: this pad; dashed: a half-space of its uppermost material", fontsize=10)
+    return figure
