@@ -31,12 +31,21 @@ _PUBLIC = {
     "Skin": "skin",
     "Touch": "touch",
     "Unsupported": "errors",
+    "Viscoelastic": "elastic",
     "stress_from_strains": "elastic",
 }
 
 if TYPE_CHECKING:
     from palpate import solutions
-    from palpate.elastic import AREA_CHANNELS, LINE_CHANNELS, BondedLayers, HalfSpace, Layer, stress_from_strains
+    from palpate.elastic import (
+        AREA_CHANNELS,
+        LINE_CHANNELS,
+        BondedLayers,
+        HalfSpace,
+        Layer,
+        Viscoelastic,
+        stress_from_strains,
+    )
     from palpate.errors import InvalidInput, NotObservable, PalpateError, Unsupported
     from palpate.recordings import Recording
     from palpate.sensing import AreaArray, AreaGrid, LineArray, LineGrid, ScatteredArray
@@ -62,6 +71,7 @@ __all__ = [
     "Skin",
     "Touch",
     "Unsupported",
+    "Viscoelastic",
     "__version__",
     "solutions",
     "stress_from_strains",

@@ -134,6 +134,7 @@ def simulate(
     """Make a recording of a known contact on a skin."""
     import numpy as np
 
+    from palpate.elastic import Viscoelastic
     from palpate.recordings import Recording, write_recording
     from palpate.recordings.formats import file_format
     from palpate.skin import Skin
@@ -149,7 +150,12 @@ def simulate(
     noisy = all(p.noise_std is not None for p in skin.planes)
     rng = np.random.default_rng(seed) if noisy else None
     scale = (np.arange(frames) + 1.0) / frames
-    readings = np.stack([skin.sense(s * full, rng=rng) for s in _progress(scale, "simulating")])
+    stamps = np.arange(frames) / rate
+    if isinstance(skin.pad, Viscoelastic):
+        tractions = scale.reshape(-1, *(1,) * full.ndim) * full
+        readings = np.asarray(skin.sense(tractions, rng=rng, time=stamps))
+    else:
+        readings = np.stack([skin.sense(s * full, rng=rng) for s in _progress(scale, "simulating")])
     if readings.ndim == 3 and skin.surface.dimensions == 2:
         positions: Any = skin.planes[0].points[:, ::-1]
     else:
@@ -160,9 +166,7 @@ def simulate(
         "force": ", ".join(repr(float(f)) for f in body.force),
     }
     channels = tuple(c for p in skin.planes for c in p.channels)
-    recording = Recording(
-        readings=readings, channels=channels, time=np.arange(frames) / rate, positions=positions, meta=meta
-    )
+    recording = Recording(readings=readings, channels=channels, time=stamps, positions=positions, meta=meta)
     write_recording(recording, out)
     typer.echo(
         f"wrote {out}: {frames} frame{'s' if frames > 1 else ''} of {', '.join(channels)}, {'x'.join(map(str, readings.shape[2:]))} taxels"
@@ -198,6 +202,7 @@ def reconstruct(
     """Recover pressure and shear from a recording. Nothing to tune."""
     import numpy as np
 
+    from palpate.elastic import Viscoelastic
     from palpate.recordings import read_recording, write_touch
     from palpate.recordings.formats import file_format
     from palpate.skin import METHODS, Skin
@@ -234,11 +239,11 @@ def reconstruct(
     count = len(recording.readings)
     if not -count <= frame < count:
         raise InvalidInput(f"frame {frame} is not among the {count} frames of {recording_file}.")
-    step = 64
+    step = count if isinstance(skin.pad, Viscoelastic) else 64  # creep remembers, so its frames stay together
     with _busy("preparing the skin"):
-        skin.reconstruct(recording.readings[:1], **options)
+        skin.reconstruct(recording.readings[:1], time=recording.time[:1], **options)
     parts = [
-        skin.reconstruct(recording.readings[i : i + step], **options)
+        skin.reconstruct(recording.readings[i : i + step], time=recording.time[i : i + step], **options)
         for i in _progress(range(0, count, step), "reconstructing")
     ]
     first = parts[0]

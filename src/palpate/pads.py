@@ -11,6 +11,7 @@ import numpy as np
 from palpate.elastic.half_space import Floats, HalfSpace, Pad
 from palpate.elastic.layers import BondedLayers
 from palpate.elastic.quantities import COMPONENTS, transfer
+from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.sensing.arrays import Array
 from palpate.skin import Skin
 from palpate.solutions import hertz_line, hertz_point
@@ -23,6 +24,8 @@ __all__ = ["HalfSpaceError", "half_space_error", "plot_response", "surface_half_
 
 def surface_half_space(pad: Pad) -> HalfSpace:
     """A half-space of the pad's uppermost material."""
+    if isinstance(pad, Viscoelastic):
+        pad = pad.elastic
     if isinstance(pad, BondedLayers):
         return pad.surface
     mu, nu = pad.material(0.0)
@@ -74,8 +77,10 @@ def half_space_error(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> HalfS
         for r in readings
     ]
     shared = readings[0] if len(readings) == 1 else readings
+    elastic = skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad
+    right = Skin(elastic, skin.planes, surface=skin.surface, boundary=skin.operator.boundary)
     wrong = Skin(surface_half_space(skin.pad), skin.planes, surface=skin.surface, boundary=skin.operator.boundary)
-    results = [s.reconstruct(shared, components=skin.components).values for s in (skin, wrong)]
+    results = [s.reconstruct(shared, components=skin.components).values for s in (right, wrong)]
     error = [float(np.linalg.norm(r - truth) / np.linalg.norm(truth)) for r in results]
     pressure = "z" in skin.components
     return HalfSpaceError(

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from palpate._arrays import as_real, from_numpy, namespace, to_numpy
 from palpate.elastic.half_space import Floats, Pad
 from palpate.elastic.quantities import channel_unit
+from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.constant_friction import ConstantFriction
 from palpate.inverse.direct import Division, LinearSolve
@@ -61,7 +62,7 @@ class Skin:
     Parameters
     ----------
     pad : Pad
-        The elastic body: `HalfSpace` or `BondedLayers`.
+        The body: `HalfSpace`, `BondedLayers`, or one of these as `Viscoelastic`.
     array : LineArray, AreaArray, ScatteredArray, or a sequence of them
         What is measured; several planes at different depths as a list.
     surface : LineGrid or AreaGrid, optional
@@ -109,6 +110,8 @@ class Skin:
             else:
                 surface = default_surface(planes)
         self._pad, self._planes, self._boundary, self._surface = pad, planes, boundary, surface
+        # every spatial computation is that of the instantaneous pad; creep is a filter in time
+        self._elastic: Pad = pad.elastic if isinstance(pad, Viscoelastic) else pad
         self._operator: Operator | None = None
         self._solvers: dict[tuple[Any, ...], Any] = {}
         self._default: tuple[str, ...] | None = None
@@ -151,19 +154,19 @@ class Skin:
     def operator(self) -> Operator:
         """The linear operator from traction to readings, with its adjoint."""
         if self._operator is None:
-            self._operator = Operator(self._pad, self._planes, self._surface, self._boundary)
+            self._operator = Operator(self._elastic, self._planes, self._surface, self._boundary)
         return self._operator
 
     @property
     def components(self) -> tuple[str, ...]:
         """What `reconstruct` seeks by default, the traction components that these channels can tell apart."""
         if self._default is None:
-            self._default = observable_components(self._pad, self._planes)
+            self._default = observable_components(self._elastic, self._planes)
         return self._default
 
     def observability(self, wavelength: npt.ArrayLike, *, components: Sequence[str] | None = None) -> Observability:
         """How well each ``wavelength`` [m] of the traction is seen: the condition of its matrix."""
-        return observability(self._pad, self._planes, wavelength, self._names(components))
+        return observability(self._elastic, self._planes, wavelength, self._names(components))
 
     # -- forward -------------------------------------------------------------------------------------------------------
 
@@ -175,7 +178,7 @@ class Skin:
             return contact.averages(self._surface.edges)  # type: ignore[union-attr]
         return contact.averages(self._surface.x, self._surface.axes[0])
 
-    def sense(self, traction: Any, *, rng: np.random.Generator | None = None) -> Any:
+    def sense(self, traction: Any, *, rng: np.random.Generator | None = None, time: npt.ArrayLike | None = None) -> Any:
         """Readings for a traction.
 
         Parameters
@@ -183,6 +186,8 @@ class Skin:
         traction : array (*batch, component, *surface) [Pa], or a contact of `palpate.solutions`
         rng : numpy Generator, optional
             Adds the arrays' own noise.
+        time : array (frame,), optional
+            Time of each frame [s], needed where the pad creeps: the traction then has shape (frame, component, *surface).
 
         Returns
         -------
@@ -205,6 +210,10 @@ class Skin:
                 "traction contains values that are not finite (a flat punch is infinite at its edge: use sample())."
             )
         out = self.operator.forward(values)
+        if isinstance(self._pad, Viscoelastic):
+            out = self._creep(out, time, "add")
+        elif time is not None:
+            raise Unsupported("time has a meaning in sense() only where the pad creeps (Viscoelastic).")
         noisy = []
         for array, part in zip(self._planes, out):
             if rng is not None:
@@ -280,7 +289,7 @@ class Skin:
         """Readings far outside linear elasticity are a unit mistake."""
         xp = namespace(values)
         d = len(array.shape)
-        modulus = 2.0 * self._pad.material(array.depth)[0] * (1.0 + self._pad.material(array.depth)[1])
+        modulus = 2.0 * self._elastic.material(array.depth)[0] * (1.0 + self._elastic.material(array.depth)[1])
         extent = float(np.ptp(array.points, axis=0).max())
         for i, channel in enumerate(array.channels):
             largest = float(xp.max(xp.abs(values[(..., i, *(slice(None),) * d)])))
@@ -310,6 +319,7 @@ class Skin:
         spectrum: Spectrum | Mapping[str, Spectrum] | None = None,
         length: float | None = None,
         friction: float | None = None,
+        time: npt.ArrayLike | None = None,
     ) -> Touch:
         """Traction on the surface from readings.
 
@@ -335,6 +345,9 @@ class Skin:
             For "hilgers": correlation length [m] (default: the depth, or the pitch at depth 0).
         friction : float
             For "constant_friction": the coefficient; its sign is the direction of sliding.
+        time : array (frame,), optional
+            Time of each frame [s] of readings (frame, channel, *array); labels the result. Needed where the pad creeps
+            (`Viscoelastic`), to take the creep out.
 
         Returns
         -------
@@ -357,6 +370,9 @@ class Skin:
                 takers = [m for m, accepted in METHODS.items() if name in accepted]
                 raise Unsupported(f'method="{method}" does not take {name}; it belongs to {", ".join(takers)}.')
         parts = self._split(readings)
+        stamps = None if time is None else self._stamps(parts, time)
+        if isinstance(self._pad, Viscoelastic):
+            parts = self._creep(parts, time, "remove")
         names = ("z",) if method == "constant_friction" and components is None else self._names(components)
         solver = self._solver(method, names, options)
         estimate: Estimate = solver.solve(parts)
@@ -372,7 +388,43 @@ class Skin:
             self._noise(solver, estimate),
             estimate.residual,
             self._unseen(sought),
+            stamps,
         )
+
+    def _stamps(self, parts: Sequence[Any], time: npt.ArrayLike | None) -> Floats:
+        """Checked time of each frame."""
+        d = len(self._planes[0].shape)
+        if time is None:
+            raise InvalidInput("the pad creeps (Viscoelastic): give time=..., the time of each frame in seconds.")
+        stamps = np.asarray(time, dtype=np.float64)
+        frames = tuple(parts[0].shape[: -1 - d])
+        if len(frames) != 1 or stamps.shape != frames:
+            raise InvalidInput(
+                f"time must have one entry for each frame of (frame, channel, *array); got {stamps.shape} for {frames}."
+            )
+        if not np.isfinite(stamps).all() or np.any(np.diff(stamps) <= 0):
+            raise InvalidInput("time must be finite and increase from frame to frame.")
+        return stamps
+
+    def _creep(
+        self, parts: Sequence[Any], time: npt.ArrayLike | None, direction: Literal["add", "remove"]
+    ) -> list[Any]:
+        """Creep put into or taken out of the strains and displacements of each plane, frame by frame."""
+        prony = self._pad.prony  # type: ignore[attr-defined]
+        stamps = self._stamps(parts, time)
+        out = []
+        for array, part in zip(self._planes, parts):
+            creeping = np.array([not c.startswith("stress") for c in array.channels])
+            if not creeping.any():
+                out.append(part)
+                continue
+            xp = namespace(part)
+            weight = from_numpy(creeping.astype(np.float64).reshape(-1, *(1,) * len(array.shape)), part)
+            one = CreepFilter(prony)
+            step = one.add if direction == "add" else one.remove
+            frames = [step(part[i, ...], float(t)) for i, t in enumerate(stamps)]
+            out.append(weight * xp.stack(frames, axis=0) + (1.0 - weight) * part)
+        return out
 
     def _names(self, components: Sequence[str] | None) -> tuple[str, ...]:
         if components is None:
@@ -387,16 +439,16 @@ class Skin:
         spectrum_key = tuple(sorted(spectrum.items())) if isinstance(spectrum, Mapping) else spectrum
         key = (method, names, spectrum_key, *(options[o] for o in ("order", "parameter", "length", "friction")))
         if key not in self._solvers:
-            check_observable(self._pad, self._planes, names)
+            check_observable(self._elastic, self._planes, names)
             self._solvers[key] = self._prepare(method, names, options)
         return self._solvers[key]
 
     def _prepare(self, method: str, names: tuple[str, ...], options: Mapping[str, Any]) -> Any:
         columns = [self._surface.components.index(c) for c in names]
         if method == "dft":
-            return Division(self._pad, self._planes, columns)
+            return Division(self._elastic, self._planes, columns)
         if method == "linear":
-            return LinearSolve(self._pad, self._planes, columns)
+            return LinearSolve(self._elastic, self._planes, columns)
         parameter = options["parameter"]
         if parameter is None:
             parameter = "gcv" if method == "truncated" else "evidence"
@@ -426,7 +478,7 @@ class Skin:
         if method == "constant_friction":
             if options["friction"] is None:
                 raise InvalidInput('method="constant_friction" needs friction=..., the coefficient mu.')
-            return ConstantFriction(self._pad, self._planes, inner, options["friction"])
+            return ConstantFriction(self._elastic, self._planes, inner, options["friction"])
         return inner
 
     def _spectral_priors(self, names: tuple[str, ...], spectrum: Any) -> list[Prior]:
@@ -449,7 +501,7 @@ class Skin:
         return estimate.noise_scale[..., None] * np.concatenate(inner.scales)
 
     def _unseen(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        if self._boundary != "periodic" or self._pad.mean_compliance(0.0) is not None:
+        if self._boundary != "periodic" or self._elastic.mean_compliance(0.0) is not None:
             return ()
         return names if all(c.startswith("displacement") for p in self._planes for c in p.channels) else ()
 
@@ -470,7 +522,7 @@ class Skin:
                 "net force cannot be known from displacements of a periodic half-space: the mean traction is set to zero"
             )
         elif method not in ("dft", "linear"):
-            blind = blind_to_force(self._pad, self._planes, names)
+            blind = blind_to_force(self._elastic, self._planes, names)
             if blind:
                 notes.append(
                     f"the net force of {' and '.join(_SPOKEN[c] for c in blind)} is seen only through the finite width of the "

@@ -33,6 +33,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from palpate.elastic.half_space import HalfSpace, Pad
 from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.quantities import channel_unit, check_channels
+from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
 from palpate.recordings.recording import Recording
 from palpate.recordings.units import KIND_OF_SI, parse_quantity
@@ -56,6 +57,7 @@ def _lengths(value: Any) -> Any:
 Length = Annotated[float, BeforeValidator(_length)]
 Lengths = Annotated[float | tuple[float, float], BeforeValidator(_lengths)]
 Depth = Annotated[Any, BeforeValidator(lambda v: v if v == "base" else _length(v))]
+Time = Annotated[float, BeforeValidator(lambda v: parse_quantity(v, "time", "time"))]
 Pressure = Annotated[float, BeforeValidator(lambda v: parse_quantity(v, "pressure", "pressure"))]
 
 
@@ -65,6 +67,7 @@ class _Strict(BaseModel):
 
 class _HalfSpace(_Strict):
     kind: Literal["half_space"]
+    prony: list[tuple[float, Time]] | None = None
     youngs_modulus: Pressure
     poissons_ratio: float
 
@@ -82,6 +85,7 @@ class _Base(_Strict):
 
 class _BondedLayers(_Strict):
     kind: Literal["bonded_layers"]
+    prony: list[tuple[float, Time]] | None = None
     layer: list[_Layer] = Field(min_length=1)
     base: _Base | None = None
 
@@ -158,6 +162,9 @@ def skin_from_text(
             pad: Pad = BondedLayers(layers, base)
         else:
             pad = HalfSpace(youngs_modulus=skin.pad.youngs_modulus, poissons_ratio=skin.pad.poissons_ratio)
+        where = ("pad",)
+        if skin.pad.prony is not None:
+            pad = Viscoelastic(pad, skin.pad.prony)
         planes: list[Array] = []
         for i, plane in enumerate(skin.plane):
             where = ("plane", i)
@@ -289,7 +296,7 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
     if kind.startswith("union_tag"):
         return f'{name}, line {_line(text, (*keys, "kind"))}: kind must be "half_space" or "bonded_layers".'
     message = (
-        re.sub(r"^(length|pressure)\b", key, message)
+        re.sub(r"^(length|pressure|time)\b", key, message)
         .replace("length = ", f"{key} = ")
         .replace("pressure = ", f"{key} = ")
     )

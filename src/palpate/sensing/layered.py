@@ -103,7 +103,8 @@ class Correction:
             if concentrated:
                 sources.append((np.zeros(1), np.ones(1)))
             else:
-                t, w = np.polynomial.legendre.leggauss(2 + math.ceil(4.0 * spacing / self.scale))
+                few = 2 if spacing < self.scale / 8 else 2 + math.ceil(4.0 * spacing / self.scale)
+                t, w = np.polynomial.legendre.leggauss(few)
                 sources.append((t * spacing / 2, w / 2))
         nodes = [
             [(a + b, u * v) for (a, u), (b, v) in itertools.product(zip(*rule), zip(*source))]
