@@ -395,7 +395,7 @@ def section_alvalayers() -> None:
         for i, j in (("xx", "x"), ("yy", "y"), ("zz", "z"), ("yz", "yz"), ("xz", "xz"), ("xy", "xy"))
     }
     names |= {f"displacement_{i}": f"u{i}_mm" for i in "xyz"}
-    n, dx = 120, 2.5
+    n, dx = 121, 2.5  # odd: a cell is centred on the axis
     axis = (np.arange(n) - (n - 1) / 2) * dx
     sub = ((np.arange(16) + 0.5) / 16 - 0.5) * dx
     square = (axis[:, None] + sub).ravel() ** 2
@@ -415,9 +415,8 @@ def section_alvalayers() -> None:
                 total = np.zeros(len(names))
                 for centre in centres:
                     grid = pp.AreaGrid(shape=(n, n), spacing=dx, center=(0.0, centre))
-                    half = dx / 2 if z == 0 else 0.0
                     array = pp.ScatteredArray(
-                        positions=[[x + half, half], [x + 7.3, 5.1]], depth=z * side, channels=list(names)
+                        positions=[[x, 0.0], [x + 7.3, 5.1]], depth=z * side, channels=list(names)
                     )
                     traction = np.zeros((3, n, n))
                     traction[2] = disc

@@ -228,6 +228,20 @@ def test_pad(tmp_path: Path) -> None:
         assert data["force"][0, 2] == pytest.approx(0.2, rel=0.15)
 
 
+def test_creep(tmp_path: Path) -> None:
+    text = LINE_SKIN.replace("poissons_ratio = 0.48", 'poissons_ratio = 0.48\nprony = [[0.2, "0.5 s"], [0.1, "10 s"]]')
+    (tmp_path / "skin.toml").write_text(text.replace("stress_zz", "displacement_z").replace('"5 Pa"', '"10 nm"'))
+    options = ["--force", "20 N/m", "--size", "3 mm", "--frames", "20", "--rate", "5"]
+    out = run("simulate", "--skin", "skin.toml", "--out", "r.nc", *options, cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    out = run("reconstruct", "r.nc", "--skin", "skin.toml", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    data = read_touch(tmp_path / "r-touch.nc")
+    peak = data["traction"].values[:, 1].max(axis=1)
+    np.testing.assert_allclose(peak / peak[-1], (np.arange(20) + 1) / 20, atol=0.05)
+    np.testing.assert_allclose(data["time"].values, np.arange(20) / 5)
+
+
 def test_demo(tmp_path: Path) -> None:
     out = run("demo", cwd=tmp_path)
     assert out.returncode == 0, out.stderr
@@ -337,6 +351,8 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
     ),
     "layer too compressible": ([*R, "bad.toml"], layered("0.48", "0.8"), "line 12: poissons_ratio"),
     "pad of no kind": ([*R, "bad.toml"], layered("bonded_layers", "sponge"), "line 2: "),
+    "creep without a unit": ([*R, "bad.toml"], edited("= 0.48", "= 0.48\nprony = [[0.2, 0.5]]"), "line 5: "),
+    "creep of the whole modulus": ([*R, "bad.toml"], edited("= 0.48", '= 0.48\nprony = [[1.2, "1 s"]]'), "less than 1"),
     "taxels below the base": ([*R, "bad.toml"], layered('"base"', '"5 mm"'), "below the rigid base"),
     "base of a half-space": ([*R, "bad.toml"], edited('"1.2 mm"', '"base"'), "has none"),
     "other array shape": ([*R, "bad.toml"], edited("[14, 15]", "[15, 15]"), "14x15 taxels"),

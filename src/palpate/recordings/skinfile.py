@@ -283,6 +283,8 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
     # pydantic also names the branch of a union that it tried
     branches = ("float", "str", "half_space", "bonded_layers")
     keys = tuple(p for p in location if not (isinstance(p, str) and ("[" in p or p in branches)))
+    while keys and isinstance(keys[-1], int):  # an entry of a list: name the list
+        keys = keys[:-1]
     key = next((str(p) for p in reversed(keys) if isinstance(p, str)), "file")
     line = _line(text, keys)
     message = str(error["msg"]).removeprefix("Value error, ")

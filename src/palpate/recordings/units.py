@@ -39,9 +39,7 @@ def parse_quantity(text: object, kind: str, what: str) -> float:
     units = UNITS[kind]
     example = _EXAMPLES[kind]
     if isinstance(text, bool | int | float):
-        raise InvalidInput(
-            f'{what} = {text!r} has no unit: write {what} = "{text} {example.split()[1]}" if that is meant.'
-        )
+        raise InvalidInput(f'{what} = {text!r} has no unit: write "{text} {example.split()[1]}" if that is meant.')
     if not isinstance(text, str):
         raise InvalidInput(f'{what} must be a quantity such as "{example}"; got {text!r}.')
     match = _QUANTITY.match(text)
