@@ -1,6 +1,6 @@
 """Time and memory of palpate's main paths, as ratios within one run (machines are noisy; compare columns, not runs).
 
-    python benchmarks/speed.py [--large]
+    python benchmarks/speed.py [--large | --pads]
 
 For each skin: preparing the operator, one forward application against a bare FFT of the same padded size, preparing the
 default reconstruction, one frame and one frame of a batch of 64. --large adds 64 x 64 x 3 (about a minute, 3 GB).
@@ -72,10 +72,46 @@ def report(name: str, skin: pp.Skin, dtype: Any) -> None:
     )
 
 
+def pads() -> None:
+    """Preparation and forward application for layered pads, against the half-space in the same run."""
+
+    def layer(thickness: float, modulus: float = 2e5, nu: float = 0.48) -> pp.Layer:
+        return pp.Layer(thickness=thickness, youngs_modulus=modulus, poissons_ratio=nu)
+
+    stacks = {
+        "half-space": PAD,
+        "1 layer": pp.BondedLayers([layer(2e-3)]),
+        "3 layers": pp.BondedLayers([layer(5e-4, 1e6), layer(1e-3), layer(1e-3, 5e4, 0.5)]),
+        "10 layers": pp.BondedLayers([layer(3e-4, 10 ** (5 + 0.2 * i)) for i in range(10)]),
+    }
+    print(f"{'pad':<12}{'surface':<22}{'prepare s':>10}{'forward ms':>12}{'/ half-space':>13}{'peak GB':>9}")
+    for n, boundary in ((256, "periodic"), (64, "free"), (256, "free")):
+        reference = None
+        for name, pad in stacks.items():
+            array = pp.AreaArray(shape=(n, n), pitch=1e-3, depth=1.5e-3, channels=THREE)
+            skin = pp.Skin(pad, array, boundary=boundary)  # type: ignore[arg-type]
+            start = time.perf_counter()
+            operator = skin.operator
+            prepared = time.perf_counter() - start
+            traction = np.zeros((3, *skin.surface.shape))
+            forward = best(lambda operator=operator, traction=traction: operator.forward(traction), 10)
+            reference = reference or forward
+            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+            print(
+                f"{name:<12}{f'{n} x {n}, {boundary}':<22}{prepared:>10.2f}{1e3 * forward:>12.2f}{forward / reference:>13.2f}{memory:>9.2f}",
+                flush=True,
+            )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--large", action="store_true")
-    large = parser.parse_args().large
+    parser.add_argument("--pads", action="store_true", help="layered pads against the half-space instead")
+    arguments = parser.parse_args()
+    large = arguments.large
+    if arguments.pads:
+        pads()
+        return
     print(
         f"{'skin':<26}{'dtype':<9}{'oper. s':>9}{'forward ms':>11}{'/ bare FFT':>11}{'first s':>11}{'frame ms':>11}"
         f"{'batch ms':>11}{'peak GB':>9}"

@@ -2,7 +2,7 @@
 
     python benchmarks/validation.py [--shared ../shared] [section ...]
 
-Sections: paper, line, area, contact, alva, beads, force, adjoint, layers, layers3d, inversion, alvalayers, creep. The folder of published data and oracles is not part of the
+Sections: paper, line, area, contact, alva, beads, force, adjoint, layers, layers3d, inversion, alvalayers, creep, sweep. The folder of published data and oracles is not part of the
 project; sections that need it say so where it is absent.
 """
 
@@ -23,6 +23,7 @@ import numpy as np
 
 import palpate as pp
 from palpate import paper, solutions
+from palpate.elastic import transfer
 from palpate.recordings import read_table
 
 SHARED = Path("../shared")
@@ -268,8 +269,9 @@ def _depths(values: Any) -> list[float]:
 
 def section_layers() -> None:
     """Bonded layers and stacks, plane strain: worst relative L2 per recorded line at 64, 128, 256 cells per half-width."""
-    for name in ("mfs_layer_2d", "mfs_stack_2d"):
+    for name in ("mfs_layer_2d", "mfs_stack_2d", "fem_layer_2d", "fem_stack_2d"):
         data = oracle(name)
+        print(f"  {name}" + (" (256 cells only)" if name.startswith("fem") else ""))
         for case, meta in _cases(name).items():
             group, pad = case.split("__")[0], _layers(case, meta)
             x = data[f"{group}__x"]
@@ -284,7 +286,7 @@ def section_layers() -> None:
                 else solutions.hertz_line(half_width=1, force=np.pi / 2)
             )
             line = []
-            for cells in (64, 128, 256):
+            for cells in (64, 128, 256) if name.startswith("mfs") else (256,):
                 grid = pp.LineGrid(count=2 * cells, spacing=1 / cells)
                 traction = contact.averages(grid.edges)
                 traction = traction[::-1] if case.endswith("q") else traction
@@ -312,8 +314,10 @@ def section_layers3d() -> None:
     """
     on_x = {"S_zz": "stress_zz", "S_rr": "stress_xx", "S_tt": "stress_yy", "S_rz": "stress_xz", "eps_zz": "strain_zz"}
     on_x |= {"u_r": "displacement_x", "u_z": "displacement_z"}
-    for name in ("mfs_layer_3d", "fem_layer_3d_shear"):
+    on_y = {"S_tz": "stress_xz", "S_rt": "stress_xy", "u_t": "displacement_x"}  # of the sine amplitudes, sign reversed
+    for name in ("mfs_layer_3d", "fem_layer_3d", "fem_layer_3d_shear"):
         data = oracle(name)
+        print(f"  {name}")
         for case, meta in _cases(name).items():
             group, pad = case.split("__")[0], _layers(case, meta)
             r = data[f"{group}__r"]
@@ -336,6 +340,19 @@ def section_layers3d() -> None:
                         traction[0 if "shear" in name else 2] = _disc(grid.x, "hertz" in case)
                         for f, rows in zip(fields, pp.Skin(pad, array, surface=grid).sense(traction)):
                             error = _line_error(rows[0], data[f"{case}__{f}"], i)
+                            worst[level] = max(worst[level], (error, f, float(z)))
+                        across = [f for f in on_y if (f[0] == "u") == (kind == "z_u") and f"{case}__{f}" in data]
+                        if not across:
+                            continue
+                        array = pp.AreaArray(
+                            shape=(r.size, 2),
+                            pitch=pitch,
+                            depth=float(z),
+                            channels=[on_y[f] for f in across],
+                            center=(pitch / 2, float(r[-1]) / 2),
+                        )
+                        for f, rows in zip(across, pp.Skin(pad, array, surface=grid).sense(traction)):
+                            error = _line_error(-rows[:, 0], data[f"{case}__{f}"], i)
                             worst[level] = max(worst[level], (error, f, float(z)))
             print(f"  {case:<26} " + "  ".join(f"{e:.1e} ({f} at {z:.3g})" for e, f, z in worst), flush=True)
 
@@ -428,6 +445,36 @@ def section_alvalayers() -> None:
             for channel in names:
                 worst[channel] = max(worst[channel], (row["best"][channel], row["pos_mm"]))  # type: ignore[index]
         print(f"  {file}: " + ", ".join(f"{names[c]} {v:.1e} (at {p:g})" for c, (v, p) in worst.items()), flush=True)
+
+
+def section_sweep() -> None:
+    """Surface compliance of 300 random stacks (1 to 20 layers, moduli 1e-4 to 1e4, nu 0 to 0.5), k h from 1e-8 to 1e4."""
+    rng = np.random.default_rng(0)
+    asymmetry, smallest = 0.0, np.inf
+    for _ in range(300):
+        layers = [
+            pp.Layer(
+                thickness=10 ** rng.uniform(-4, 0),
+                youngs_modulus=10 ** rng.uniform(-4, 4),
+                poissons_ratio=float(rng.choice([0.0, 0.3, 0.45, 0.5])),
+            )
+            for _ in range(rng.integers(1, 21))
+        ]
+        base = pp.HalfSpace(youngs_modulus=10 ** rng.uniform(-4, 4), poissons_ratio=0.4) if rng.random() < 0.5 else None
+        pad = pp.BondedLayers(layers, base)
+        k = np.geomspace(1e-8, 1e4, 60) / pad.thickness
+        with np.errstate(all="raise", under="ignore"):
+            compliance = transfer(pad, 0.6 * k, 0.8 * k, 0.0, ["displacement_x", "displacement_y", "displacement_z"])
+            everything = transfer(pad, k, 0.0, pad.thickness, pp.AREA_CHANNELS)
+        if not (np.isfinite(compliance).all() and np.isfinite(everything).all()):
+            print("  NOT FINITE:", pad)
+        scale = 1 / np.sqrt(np.abs(np.einsum("kii->ki", compliance)))
+        balanced = compliance * scale[:, :, None] * scale[:, None, :]
+        asymmetry = max(asymmetry, float(np.abs(balanced - balanced.conj().swapaxes(1, 2)).max()))
+        smallest = min(smallest, float(np.linalg.eigvalsh(balanced).min()))
+    print(
+        f"  all finite, no overflow or invalid operation; largest asymmetry {asymmetry:.1e}; smallest balanced eigenvalue {smallest:.1e}"
+    )
 
 
 def section_creep() -> None:
@@ -526,6 +573,7 @@ SECTIONS: dict[str, Callable[[], None]] = {
     "inversion": section_inversion,
     "alvalayers": section_alvalayers,
     "creep": section_creep,
+    "sweep": section_sweep,
 }
 
 
@@ -541,7 +589,7 @@ def main() -> int:
         parser.error(f"no section {unknown[0]}; there are {', '.join(SECTIONS)}")
     for name in arguments.sections or SECTIONS:
         print(f"{name}: {SECTIONS[name].__doc__}")
-        if name not in ("paper", "force", "adjoint", "creep") and not SHARED.is_dir():
+        if name not in ("paper", "force", "adjoint", "creep", "sweep") and not SHARED.is_dir():
             print(f"  skipped: {SHARED} is not here")
             continue
         SECTIONS[name]()
