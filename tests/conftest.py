@@ -6,6 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import settings
+
+# slow or loaded machines must not fail a property, and a run must be repeatable
+settings.register_profile("palpate", deadline=None, derandomize=True)
+settings.load_profile("palpate")
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 

@@ -236,6 +236,14 @@ def test_net_force_on_a_periodic_layer_is_known() -> None:
     np.testing.assert_allclose(touch.force, contact.force, atol=0.02)
 
 
+def test_closed_forms_are_of_a_half_space() -> None:
+    pad = pp.BondedLayers([layer()])
+    with pytest.raises(pp.Unsupported, match="HalfSpace"):
+        solutions.strip(half_width=1.0, traction=1.0).fields(pad, ["stress_zz"], 0.0, 0.5)  # type: ignore[arg-type]
+    with pytest.raises(pp.Unsupported, match="HalfSpace"):
+        solutions.point_load(force=1.0).fields(pad, ["stress_zz"], 0.0, 0.0, 0.5)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("make", "word"),
     [

@@ -105,7 +105,7 @@ def test_dense_is_the_same_operator(layout: str, boundary: str, rng: np.random.G
     assert np.abs(found - expected).max() < 1e-13 * np.abs(expected).max()
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(
     count=st.integers(2, 40),
     ratio=st.integers(1, 4),

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from palpate.elastic.half_space import HalfSpace
-from palpate.errors import InvalidInput
+from palpate.errors import InvalidInput, Unsupported
 
-__all__ = ["positive", "slip_ratio", "smoothed_modulus"]
+__all__ = ["check_half_space", "positive", "slip_ratio", "smoothed_modulus"]
 
 
 def positive(name: str, value: float, unit: str) -> float:
@@ -20,6 +20,14 @@ def positive(name: str, value: float, unit: str) -> float:
 def smoothed_modulus(pad: HalfSpace) -> float:
     """Plane-strain modulus E* = E/(1 - nu^2) [Pa] of a pad pressed by a rigid body."""
     return pad.youngs_modulus / (1.0 - pad.poissons_ratio**2)
+
+
+def check_half_space(pad: object) -> None:
+    """Raise `Unsupported` unless ``pad`` is a `HalfSpace`."""
+    if not isinstance(pad, HalfSpace):
+        raise Unsupported(
+            f"closed-form fields are those of a HalfSpace; got {type(pad).__name__}. Use Skin(pad, array).sense(contact)."
+        )
 
 
 def slip_ratio(friction: float, tangential_force: float, normal_force: float) -> float:

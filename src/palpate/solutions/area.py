@@ -13,7 +13,7 @@ import numpy.typing as npt
 from palpate.elastic.half_space import Floats, HalfSpace
 from palpate.elastic.quantities import check_channels
 from palpate.errors import InvalidInput, Unsupported
-from palpate.solutions._common import positive, slip_ratio, smoothed_modulus
+from palpate.solutions._common import check_half_space, positive, slip_ratio, smoothed_modulus
 from palpate.solutions.potential import PointTable, RectangleTable, area_fields
 
 __all__ = ["AreaContact", "flat_punch", "hertz_contact_radius", "hertz_point", "patch", "point_load"]
@@ -119,6 +119,7 @@ class AreaContact:
         depth: npt.ArrayLike,
     ) -> Floats:
         """Channels (channel, ...) at positions x, y and ``depth`` [m], broadcast together."""
+        check_half_space(pad)
         names = check_channels(channels, 2)
         xx, yy, zz = np.broadcast_arrays(
             np.asarray(x, dtype=np.float64) - self.center[0],

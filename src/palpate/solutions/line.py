@@ -21,7 +21,7 @@ import numpy.typing as npt
 from palpate.elastic.half_space import Floats, HalfSpace
 from palpate.elastic.quantities import check_channels
 from palpate.errors import InvalidInput, Unsupported
-from palpate.solutions._common import positive, slip_ratio, smoothed_modulus
+from palpate.solutions._common import check_half_space, positive, slip_ratio, smoothed_modulus
 
 __all__ = [
     "LineContact",
@@ -164,6 +164,7 @@ class LineContact:
 
         The displacement of a half-plane is defined up to a constant: here u behaves like -(...) ln r far away.
         """
+        check_half_space(pad)
         names = check_channels(channels, 1)
         xx, zz = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(depth, dtype=np.float64))
         zeta = (xx - self.center) + 1j * zz
