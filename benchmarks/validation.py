@@ -359,11 +359,12 @@ def section_layers3d() -> None:
 
 def _disc(x: Any, hertz: bool) -> Any:
     """Cell averages of a unit disc load: uniform, or Hertz of peak 1."""
-    sub = ((np.arange(8) + 0.5) / 8 - 0.5) * (x[1] - x[0])
+    n = max(8, 4096 // x.size)  # points per cell and axis: the disc's edge must not be coarser than the cells' error
+    sub = ((np.arange(n) + 0.5) / n - 0.5) * (x[1] - x[0])
     square = (x[:, None] + sub).ravel() ** 2
     inside = 1 - square - square[:, None]
     load = np.sqrt(np.maximum(inside, 0)) if hertz else (inside > 0) * 1.0
-    return load.reshape(x.size, 8, x.size, 8).mean(axis=(1, 3))
+    return load.reshape(x.size, n, x.size, n).mean(axis=(1, 3))
 
 
 def _line_error(found: Any, true: Any, i: int) -> float:
