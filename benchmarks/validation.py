@@ -428,7 +428,7 @@ def section_alvalayers() -> None:
         worst = dict.fromkeys(names, (0.0, 0.0))
         for row in rows:
             x, z = (row["pos_mm"], 0.0) if along_x else (0.0, row["pos_mm"])
-            # an interface is printed as seen from below where it is a depth of the table
+            # the table does not say which side of an interface it prints: the nearer of both counts
             for side in (1.0,) if z not in (150.0, 750.0) else (1.0, 1.0 + 1e-7):
                 total = np.zeros(len(names))
                 for centre in centres:

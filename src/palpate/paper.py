@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate._arrays import rfftn
 from palpate._plot import INK
 from palpate.elastic.half_space import Floats, HalfSpace
 from palpate.errors import InvalidInput
@@ -327,7 +328,7 @@ def figures() -> list[PaperFigure]:
             )
     k = 2 * np.pi * np.fft.rfftfreq(SENSORS, PITCH)
     spectra = {
-        f"{name}, {c.split('_')[0]}": np.abs(np.fft.rfft(np.fft.ifftshift(kernel[c][column]))) * PITCH
+        f"{name}, {c.split('_')[0]}": np.abs(rfftn(np.roll(kernel[c][column], -(SENSORS // 2)), (SENSORS,))) * PITCH
         for c in kernel
         for column, name in ((1, "K1"), (0, "K2"))
     }

@@ -44,7 +44,8 @@ LARGEST_SVD = 700
 class Estimate:
     """What an inversion returns: the traction and how it was chosen.
 
-    ``parameter`` and ``noise_std`` have the batch shape; noise_std is one number per channel kind where it was estimated.
+    ``parameter``, ``noise_scale`` (noise in units of the whitening; 1 where the noise was given) and ``residual`` (root mean
+    square misfit in the same units) have the batch shape; None from methods that have no such thing.
     """
 
     traction: Any

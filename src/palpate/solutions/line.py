@@ -2,9 +2,10 @@
 
 With zeta = x + i z and the Cauchy transform of a surface traction t, W = int t(s)/(zeta - s) ds, V' = W:
 
-    pressure p:  s_zz, s_xx = (-Im W -+ ... ) / pi,      shear q:  s_xz = (-Im W - z Re W')/pi, ...
+    pressure:  pi s_zz = -Im W + z Re W'    pi s_xx = -Im W - z Re W'     pi s_xz = z Im W'
+    shear:     pi s_zz = z Im W'            pi s_xx = 2 Re W - z Im W'    pi s_xz = -Im W - z Re W'
 
-the formulas of `fields` below. They follow from superposing the Flamant and tangential line loads
+and displacements from Hooke's law (see `line_fields`). They follow from superposing the Flamant and tangential line loads
 s_ij = (2/pi) x_i x_j (z P + x Q)/r^4 (K. L. Johnson, Contact Mechanics, 1985, sections 2.2 to 2.7).
 """
 
