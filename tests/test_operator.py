@@ -322,3 +322,13 @@ def test_too_large_a_dense_map_is_refused() -> None:
     )
     with pytest.raises(pp.Unsupported, match="GB"):
         _ = skin.operator
+
+
+@pytest.mark.parametrize(("layout", "boundary"), CASES)
+def test_columns_are_those_of_the_matrix(layout: str, boundary: str, rng: np.random.Generator) -> None:
+    op = operator(LAYOUTS[layout], boundary)
+    count, cells = len(op.surface.components), int(np.prod(op.surface.shape))
+    some = rng.choice(cells, size=min(9, cells), replace=False)
+    wanted = [count - 1, 0]
+    dense = op.dense().reshape(-1, count, cells)[:, wanted][:, :, some]
+    np.testing.assert_allclose(op.columns(wanted, some), dense, rtol=0, atol=1e-13 * np.abs(dense).max())

@@ -37,6 +37,7 @@ class _Plane(Protocol):
     def forward(self, traction: Any) -> Any: ...
     def adjoint(self, readings: Any) -> Any: ...
     def dense(self) -> Floats: ...
+    def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats: ...
 
 
 class _Cached:
@@ -102,7 +103,7 @@ class _Convolution:
             raise Unsupported("the array is not commensurate with the surface grid.")
         self.ratios, shifts = layout
         self.taxels, self.cells = array.shape, grid.shape
-        self.rows, self.columns = len(array.channels), len(grid.components)
+        self.rows, self.count = len(array.channels), len(grid.components)
         lags = [np.arange(-(n - 1), (m - 1) * r + 1) for n, m, r in zip(self.cells, self.taxels, self.ratios)]
         offsets = [s + lag * dx for s, lag, dx in zip(shifts, lags, grid.spacings)]
         self.kernel = influence(
@@ -125,7 +126,7 @@ class _Convolution:
     def forward(self, traction: Any) -> Any:
         xp, d = namespace(traction), len(self.size)
         product = _multiply(
-            xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, self.columns, d, adjoint=False
+            xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, self.count, d, adjoint=False
         )
         full = irfftn(product, self.size)
         return full[(..., *(slice(0, (m - 1) * r + 1, r) for m, r in zip(self.taxels, self.ratios)))]
@@ -136,7 +137,7 @@ class _Convolution:
         for axis, ratio in enumerate(self.ratios):
             spread = _spread(xp, spread, axis - d, ratio)
         product = _multiply(
-            xp, self.spectrum.like(readings), rfftn(spread, self.size), self.rows, self.columns, d, adjoint=True
+            xp, self.spectrum.like(readings), rfftn(spread, self.size), self.rows, self.count, d, adjoint=True
         )
         return irfftn(product, self.size)[(..., *(slice(0, n) for n in self.cells))]
 
@@ -150,6 +151,16 @@ class _Convolution:
         d = len(self.cells)
         order = [0, *(2 + 2 * a for a in range(d)), 1, *(3 + 2 * a for a in range(d))]
         return np.ascontiguousarray(out.transpose(order))
+
+    def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats:
+        """(channel, taxel, cell): readings of unit traction in some ``cells`` (flat indices)."""
+        places = np.unravel_index(cells, self.cells)
+        flat: npt.NDArray[np.intp] = np.zeros((1, len(cells)), dtype=np.intp)
+        for m, r, n, place, size in zip(self.taxels, self.ratios, self.cells, places, self.kernel.shape[2:]):
+            index = np.arange(m)[:, None] * r - place[None, :] + (n - 1)
+            flat = (flat[:, None, :] * size + index[None, :, :]).reshape(-1, len(cells))
+        kernel = self.kernel[:, component].reshape(self.rows, -1)
+        return np.asarray(np.take(kernel, flat, axis=1))
 
 
 def _spread(xp: Any, x: Any, axis: int, ratio: int) -> Any:
@@ -188,7 +199,7 @@ class _Dense:
             matrix[:, start : start + chunk] = np.moveaxis(block, 1, 2)
         self._matrix = matrix
         self.matrix = _Cached(matrix.reshape(rows * len(points), -1))
-        self.rows, self.columns = rows, columns
+        self.rows, self.count = rows, columns
 
     def forward(self, traction: Any) -> Any:
         xp, d = namespace(traction), len(self.cells)
@@ -201,11 +212,16 @@ class _Dense:
         xp = namespace(readings)
         batch = readings.shape[: -1 - len(self.taxels)]
         flat = xp.reshape(readings, (*batch, -1))
-        return xp.reshape(xp.matmul(flat, self.matrix.like(readings)), (*batch, self.columns, *self.cells))
+        return xp.reshape(xp.matmul(flat, self.matrix.like(readings)), (*batch, self.count, *self.cells))
 
     def dense(self) -> Floats:
         """(channel, *taxels, component, *cells)."""
-        return self._matrix.reshape(self.rows, *self.taxels, self.columns, *self.cells)
+        return self._matrix.reshape(self.rows, *self.taxels, self.count, *self.cells)
+
+    def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats:
+        """(channel, taxel, cell): readings of unit traction in some ``cells`` (flat indices)."""
+        rows = self._matrix.reshape(self.rows, -1, self.count, math.prod(self.cells))
+        return np.asarray(rows[:, :, component, cells])
 
 
 def periodic_transfer(pad: Pad, grid: Grid, array: Array) -> npt.NDArray[np.complex128]:
@@ -252,30 +268,37 @@ class _Periodic:
     """One matrix per wavevector; the surface repeats for ever."""
 
     def __init__(self, pad: Pad, array: Array, grid: Grid) -> None:
-        self.rows, self.columns, self.size = len(array.channels), len(grid.components), grid.shape
+        self.rows, self.count, self.size = len(array.channels), len(grid.components), grid.shape
         self.transfer = periodic_transfer(pad, grid, array)
         self.spectrum = _Cached(self.transfer)
 
     def forward(self, traction: Any) -> Any:
         xp, d = namespace(traction), len(self.size)
         product = _multiply(
-            xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, self.columns, d, adjoint=False
+            xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, self.count, d, adjoint=False
         )
         return irfftn(product, self.size)
 
     def adjoint(self, readings: Any) -> Any:
         xp, d = namespace(readings), len(self.size)
         product = _multiply(
-            xp, self.spectrum.like(readings), rfftn(readings, self.size), self.rows, self.columns, d, adjoint=True
+            xp, self.spectrum.like(readings), rfftn(readings, self.size), self.rows, self.count, d, adjoint=True
         )
         return irfftn(product, self.size)
 
     def dense(self) -> Floats:
         """(channel, *taxels, component, *cells)."""
         cells = math.prod(self.size)
-        unit = np.eye(self.columns * cells).reshape(self.columns * cells, self.columns, *self.size)
+        unit = np.eye(self.count * cells).reshape(self.count * cells, self.count, *self.size)
         out = np.moveaxis(self.forward(unit), 0, -1)
-        return np.asarray(out.reshape(self.rows, *self.size, self.columns, *self.size))
+        return np.asarray(out.reshape(self.rows, *self.size, self.count, *self.size))
+
+    def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats:
+        """(channel, taxel, cell): readings of unit traction in some ``cells`` (flat indices)."""
+        unit = np.zeros((len(cells), self.count, math.prod(self.size)))
+        unit[np.arange(len(cells)), component, cells] = 1.0
+        out = self.forward(unit.reshape(len(cells), self.count, *self.size))
+        return np.asarray(np.moveaxis(out.reshape(len(cells), self.rows, -1), 0, -1))
 
 
 class Operator:
@@ -335,6 +358,20 @@ class Operator:
                 block[channel] -= block[channel].mean(axis=0)
             blocks.append(block.reshape(-1, block.shape[-1]))
         return np.concatenate(blocks)
+
+    def columns(self, components: Sequence[int], cells: npt.NDArray[np.intp]) -> Floats:
+        """Some columns of `dense`, (reading, component, cell): the components and flat cell indices asked for."""
+        blocks = []
+        for array, plane, floating in zip(self.planes_of, self.planes, self._floating):
+            block = np.stack([plane.columns(c, cells)[:, array.valid.ravel()] for c in components], axis=2)
+            for channel in floating:
+                block[channel] -= block[channel].mean(axis=0)
+            blocks.append(block.reshape(-1, len(components), len(cells)))
+        return np.concatenate(blocks)
+
+    def heard(self, readings: Sequence[Any]) -> list[Any]:
+        """What the operator can explain of readings: missing taxels silenced and floating means taken out."""
+        return [self._project(i, r) for i, r in enumerate(readings)]
 
     def _project(self, i: int, readings: Any) -> Any:
         """Silence missing taxels and take the mean out of channels that have no zero. An orthogonal projection."""
