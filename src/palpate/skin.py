@@ -15,6 +15,8 @@ from palpate.elastic.half_space import Floats, Pad
 from palpate.elastic.quantities import channel_unit
 from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.adaptive import Adaptive
+from palpate.inverse.cone import Cone
 from palpate.inverse.constant_friction import ConstantFriction
 from palpate.inverse.direct import Division, LinearSolve
 from palpate.inverse.observability import (
@@ -39,11 +41,26 @@ if TYPE_CHECKING:
 
 __all__ = ["METHODS", "Skin"]
 
-Method = Literal["tikhonov", "hilgers", "truncated", "wiener", "dft", "linear", "constant_friction"]
+Method = Literal[
+    "adaptive",
+    "tikhonov",
+    "hilgers",
+    "truncated",
+    "wiener",
+    "dft",
+    "linear",
+    "constant_friction",
+    "nnls",
+    "tv",
+    "elastic_net",
+    "maxent",
+    "network",
+]
 Spectrum = Callable[[Floats], npt.ArrayLike]
 
 #: Every method of `Skin.reconstruct` with the options that it takes besides ``components``.
 METHODS: dict[str, tuple[str, ...]] = {
+    "adaptive": ("friction", "draws", "rng"),
     "tikhonov": ("order", "parameter"),
     "hilgers": ("parameter", "length"),
     "truncated": ("parameter",),
@@ -312,23 +329,29 @@ class Skin:
         self,
         readings: Any,
         *,
-        method: Method = "tikhonov",
+        method: Method | None = None,
         components: Sequence[str] | None = None,
         order: int | None = None,
         parameter: float | str | None = None,
         spectrum: Spectrum | Mapping[str, Spectrum] | None = None,
         length: float | None = None,
         friction: float | None = None,
+        draws: int | None = None,
+        rng: np.random.Generator | None = None,
         time: npt.ArrayLike | None = None,
     ) -> Touch:
         """Traction on the surface from readings.
+
+        With nothing but readings, the noise and the prior are learned from the frame, pressure is kept from pulling, and
+        error bars come with the result (`Touch.std`, `Touch.interval`).
 
         Parameters
         ----------
         readings : array (*batch, channel, *array), or a list with one per plane
             In SI units, compression positive. Missing taxels (``mask``) may hold anything.
         method : str
-            "tikhonov" (default), "hilgers" (Sobolev kernel), "truncated" (spectral cut-off), "wiener" (given spectrum),
+            "adaptive" (default where pressure is sought on a free boundary; learned, constrained, with error bars),
+            "tikhonov" (default elsewhere; linear, milliseconds a frame), "hilgers" (Sobolev kernel), "truncated" (spectral cut-off), "wiener" (given spectrum),
             "dft" and "linear" (the founding paper's division, and the linear system it stands for; on the array's own
             grid), "constant_friction" (the paper's sliding contact, line contact only).
         components : sequence of str, optional
@@ -344,7 +367,12 @@ class Skin:
         length : float
             For "hilgers": correlation length [m] (default: the depth, or the pitch at depth 0).
         friction : float
-            For "constant_friction": the coefficient; its sign is the direction of sliding.
+            Coefficient mu. For "adaptive": |shear| <= mu * pressure in every cell. For "constant_friction": its sign is the
+            direction of sliding.
+        draws : int
+            For "adaptive": samples of the posterior kept in `Touch.draws` (slow: each is an optimisation).
+        rng : numpy Generator
+            Source of the draws (default: a fixed seed).
         time : array (frame,), optional
             Time of each frame [s] of readings (frame, channel, *array); labels the result. Needed where the pad creeps
             (`Viscoelastic`), to take the creep out.
@@ -362,9 +390,19 @@ class Skin:
         Unsupported
             An option that the method does not take, or a layout that it cannot serve; the message says what can.
         """
+        options = {
+            "order": order,
+            "parameter": parameter,
+            "spectrum": spectrum,
+            "length": length,
+            "friction": friction,
+            "draws": draws,
+            "rng": rng,
+        }
+        if method is None:
+            method = self._default_method(components, options)
         if method not in METHODS:
             raise InvalidInput(f"method must be one of {', '.join(METHODS)}; got {method!r}.")
-        options = {"order": order, "parameter": parameter, "spectrum": spectrum, "length": length, "friction": friction}
         for name, value in options.items():
             if value is not None and name not in METHODS[method]:
                 takers = [m for m, accepted in METHODS.items() if name in accepted]
@@ -375,7 +413,12 @@ class Skin:
             parts = self._creep(parts, time, "remove")
         names = ("z",) if method == "constant_friction" and components is None else self._names(components)
         solver = self._solver(method, names, options)
-        estimate: Estimate = solver.solve(parts)
+        if method == "adaptive":
+            if draws is not None and not (isinstance(draws, int) and draws >= 0):
+                raise InvalidInput(f"draws must be a whole number >= 0; got {draws!r}.")
+            estimate: Estimate = solver.solve(parts, draws or 0, rng)
+        else:
+            estimate = solver.solve(parts)
         grid = solver.grid if isinstance(solver, Division | LinearSolve) else self._surface
         sought = ("x", "z") if method == "constant_friction" else names
         return Touch(
@@ -383,13 +426,56 @@ class Skin:
             grid,
             sought,
             method,
-            self._notes(sought, method, solver),
+            (*self._notes(sought, method, solver), *self._outcome(estimate)),
             estimate.parameter,
             self._noise(solver, estimate),
             estimate.residual,
             self._unseen(sought),
             stamps,
+            errors=estimate.errors,
+            converged=estimate.converged,
+            touching=estimate.contact,
+            outliers=estimate.outliers,
+            draws=estimate.draws,
         )
+
+    def _default_method(self, components: Sequence[str] | None, options: Mapping[str, Any]) -> Method:
+        """Adaptive where there is pressure to constrain; the linear method where an option asks for it, or nothing else can."""
+        linear = any(options[o] is not None for o in ("order", "parameter"))
+        if linear or self._boundary == "periodic" or "z" not in self._names(components):
+            return "tikhonov"
+        return "adaptive"
+
+    def _outcome(self, estimate: Estimate) -> tuple[str, ...]:
+        """What happened to frames, in words."""
+        notes = []
+        if estimate.contact is not None and not estimate.contact.all():
+            empty = int((~estimate.contact).sum())
+            which = "" if estimate.contact.ndim == 0 else f" in {empty} of {estimate.contact.size} frames"
+            notes.append(f"no contact{which}: noise alone explains the readings")
+        if estimate.outliers is not None and estimate.outliers.any():
+            rows = np.flatnonzero(estimate.outliers.reshape(-1, estimate.outliers.shape[-1]).any(axis=0))
+            names = ", ".join(self._reading_name(int(r)) for r in rows[:4])
+            more = f" and {len(rows) - 4} more" if len(rows) > 4 else ""
+            notes.append(f"left out as unexplained by any contact (dead, stuck or saturated?): {names}{more}")
+        if estimate.converged is not None and not estimate.converged.all():
+            bad = int((~estimate.converged).sum())
+            notes.append(
+                f"the optimisation stopped short of its tolerance in {bad} of {estimate.converged.size} frames"
+            )
+        return tuple(notes)
+
+    def _reading_name(self, row: int) -> str:
+        """Channel and taxel of a row of the operator."""
+        for i, array in enumerate(self._planes):
+            working = np.flatnonzero(array.valid.ravel())
+            size = len(working) * len(array.channels)
+            if row < size:
+                index = np.unravel_index(working[row % len(working)], array.shape)
+                plane = f" of plane {i}" if len(self._planes) > 1 else ""
+                return f"{array.channels[row // len(working)]} at taxel {tuple(int(k) for k in index)}{plane}"
+            row -= size
+        raise IndexError(row)
 
     def _stamps(self, parts: Sequence[Any], time: npt.ArrayLike | None) -> Floats:
         """Checked time of each frame."""
@@ -449,6 +535,12 @@ class Skin:
             return Division(self._elastic, self._planes, columns)
         if method == "linear":
             return LinearSolve(self._elastic, self._planes, columns)
+        if method == "adaptive":
+            if self._boundary == "periodic":
+                raise Unsupported(
+                    'method="adaptive" needs boundary="free"; use method="tikhonov" on a periodic surface.'
+                )
+            return Adaptive(self.operator, columns, self._cone(names, options["friction"]))
         parameter = options["parameter"]
         if parameter is None:
             parameter = "gcv" if method == "truncated" else "evidence"
@@ -481,6 +573,17 @@ class Skin:
             return ConstantFriction(self._elastic, self._planes, inner, options["friction"])
         return inner
 
+    def _cone(self, names: tuple[str, ...], friction: float | None) -> Cone:
+        if friction is not None:
+            if not (isinstance(friction, int | float) and math.isfinite(friction) and friction > 0):
+                raise InvalidInput(f"friction must be a positive number; got {friction!r}.")
+            if names == ("z",):
+                raise Unsupported(
+                    "friction ties shear to pressure, and only pressure is sought here: the channels cannot tell shear "
+                    "apart. Leave friction out, or measure more channels."
+                )
+        return Cone(names, None if friction is None else float(friction))
+
     def _spectral_priors(self, names: tuple[str, ...], spectrum: Any) -> list[Prior]:
         if spectrum is None:
             raise InvalidInput(
@@ -496,7 +599,7 @@ class Skin:
 
     def _noise(self, solver: Any, estimate: Estimate) -> Floats | None:
         inner = solver.inner if isinstance(solver, ConstantFriction) else solver
-        if not isinstance(inner, Regularised) or estimate.noise_scale is None:
+        if not isinstance(inner, Regularised | Adaptive) or estimate.noise_scale is None:
             return None
         return estimate.noise_scale[..., None] * np.concatenate(inner.scales)
 

@@ -3,21 +3,60 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate._arrays import from_numpy, namespace, to_numpy
 from palpate.elastic.half_space import Floats
-from palpate.errors import InvalidInput, NotObservable
+from palpate.errors import InvalidInput, NotObservable, Unsupported
+from palpate.inverse.adaptive import Errors
 from palpate.sensing.grids import Grid
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-__all__ = ["Touch"]
+__all__ = ["CALIBRATION", "Calibration", "Touch"]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """How a quantity's error, in units of the model's standard deviation, is really distributed: b + s t_nu."""
+
+    shift: float = 0.0
+    scale: float = 1.0
+    freedom: float = 1e6
+
+    @property
+    def std(self) -> float:
+        """Half the central 68 % of the distribution."""
+        return self.scale * self._quantile(0.5 * (1.0 + 0.6827))
+
+    def _quantile(self, probability: float) -> float:
+        import scipy.special
+
+        return float(scipy.special.stdtrit(self.freedom, probability))
+
+    def bounds(self, level: float, value: Floats, std: Floats, floor: Floats) -> tuple[Floats, Floats]:
+        """Ends of the central interval, none below ``floor``."""
+        half = self.scale * self._quantile(0.5 * (1.0 + level))
+        low = value + std * (self.shift - half)
+        high = value + std * (self.shift + half)
+        return np.maximum(low, floor), np.maximum(high, floor)
+
+
+#: Fixed by ``palpate bench calibration``.
+CALIBRATION: dict[str, Calibration] = {
+    "traction": Calibration(),
+    "force": Calibration(),
+    "moment": Calibration(),
+    "center_of_pressure": Calibration(),
+    "peak_pressure": Calibration(),
+    "slip_margin": Calibration(),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +86,16 @@ class Touch:
         Components whose net force leaves no trace in the readings; `force` is NaN there.
     time : array or None
         Time of each frame [s].
+    errors : Errors or None
+        Standard deviations in closed form, as the model gives them; `std` and `interval` put them to use.
+    converged : array (*batch) of bool or None
+        Whether the optimisation reached its tolerance.
+    touching : array (*batch) of bool or None
+        False where noise alone explains the frame.
+    outliers : array (*batch, reading) of bool or None
+        Readings that were left out because no contact explains them.
+    draws : array (*batch, draw, component, *surface) or None
+        Samples of the posterior [Pa], where asked for.
     """
 
     values: Any
@@ -60,6 +109,11 @@ class Touch:
     unseen_force: tuple[str, ...] = ()
     time: Floats | None = None
     meta: dict[str, str] = field(default_factory=dict)
+    errors: Errors | None = None
+    converged: npt.NDArray[np.bool_] | None = None
+    touching: npt.NDArray[np.bool_] | None = None
+    outliers: npt.NDArray[np.bool_] | None = None
+    draws: Floats | None = None
 
     # -- labelled views ------------------------------------------------------------------------------------------------
 
@@ -225,6 +279,98 @@ class Touch:
             return xp.abs(self._component("x"))
         return xp.sqrt(self._component("x") ** 2 + self._component("y") ** 2)
 
+    # -- how sure ------------------------------------------------------------------------------------------------------
+
+    def _errors(self) -> Errors:
+        if self.errors is None:
+            raise Unsupported(
+                f'method="{self.method}" gives no error bars; use method="adaptive" (the default where pressure is sought).'
+            )
+        return self.errors
+
+    @property
+    def std(self) -> xarray.DataArray:
+        """Standard deviation of the traction [Pa], labelled like `traction`."""
+        scale = CALIBRATION["traction"].std
+        spread = from_numpy(self._errors().traction * scale, self.values)
+        return replace(self, values=spread).traction.rename("std")
+
+    def interval(self, level: float = 0.95, of: str = "traction", *, friction: float | None = None) -> tuple[Any, Any]:
+        """Lower and upper end of the interval that holds the true value with probability ``level``.
+
+        Parameters
+        ----------
+        level : float
+            Between 0 and 1, e.g. 0.5 or 0.95.
+        of : str
+            "traction" (every cell and component), "force", "moment", "center_of_pressure", "peak_pressure" or
+            "slip_margin" (which needs ``friction``).
+
+        Returns
+        -------
+        low, high : arrays
+            Shaped like the quantity (labelled, for "traction"). Pressure, normal force and peak pressure do not reach below 0.
+
+        Notes
+        -----
+        value + std (b -+ s t), with t the quantile of Student's distribution and b, s and its degrees of freedom fixed
+        once for each quantity on simulated contacts (`palpate bench calibration`), so that the intervals hold the truth as often
+        as they say. That is a statement about contacts like those: a mean over contacts and noise, not a promise about one.
+        """
+        if not (isinstance(level, int | float) and 0 < level < 1):
+            raise InvalidInput(f"level must lie between 0 and 1; got {level!r}.")
+        if of not in CALIBRATION:
+            raise InvalidInput(f"of must be one of {', '.join(CALIBRATION)}; got {of!r}.")
+        if (friction is not None) != (of == "slip_margin"):
+            raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
+        value, std, floor = self._quantity(of, friction)
+        low, high = CALIBRATION[of].bounds(level, value, std, floor)
+        if of != "traction":
+            return low, high
+        return tuple(
+            replace(self, values=from_numpy(side, self.values)).traction.rename(name)
+            for side, name in ((low, "low"), (high, "high"))
+        )  # type: ignore[return-value]
+
+    def _quantity(self, of: str, friction: float | None) -> tuple[Floats, Floats, Floats]:
+        """Value, raw standard deviation and lower limit of a quantity."""
+        errors = self._errors()
+        sign = np.full(len(self.surface.components), -math.inf)
+        sign[-1] = 0.0 if "z" in self.components and self.method == "adaptive" else -math.inf
+        none = np.asarray(-math.inf)
+        if of == "traction":
+            floor = sign.reshape(-1, *(1,) * self.surface.dimensions)
+            return to_numpy(self.values), errors.traction, floor
+        if of == "force":
+            return to_numpy(self.force), errors.force, sign
+        if of == "moment":
+            return to_numpy(self.moment), errors.moment, none
+        if of == "center_of_pressure":
+            return to_numpy(self.center_of_pressure), errors.center, none
+        if of == "peak_pressure":
+            return to_numpy(self.peak_pressure), errors.peak, np.asarray(sign[-1])
+        return (*self._slip(float(friction or 0.0)), none)
+
+    def _slip(self, friction: float) -> tuple[Floats, Floats]:
+        """Slip margin and its standard deviation, that of mu p - |q| in the cell that is nearest to slip."""
+        value = to_numpy(self.slip_margin(friction))
+        d = self.surface.dimensions
+        tail = (slice(None),) * d
+        variance = self._errors().traction ** 2
+        shear = to_numpy(self.values)[(..., slice(0, -1), *tail)]
+        size = np.sqrt((shear**2).sum(axis=-1 - d))
+        along = (shear**2 * variance[(..., slice(0, -1), *tail)]).sum(axis=-1 - d)
+        across = variance[(..., slice(0, -1), *tail)].mean(axis=-1 - d)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along = np.where(size > 0, along / size**2, across)
+        total = friction**2 * variance[(..., -1, *tail)] + along
+        p = to_numpy(self._component("z"))
+        margin = np.where(to_numpy(self.contact()), friction * p - size, math.inf)
+        flat = margin.reshape(*margin.shape[: margin.ndim - d], -1)
+        index = np.argmin(flat, axis=-1)[..., None]
+        spread = np.take_along_axis(total.reshape(flat.shape), index, axis=-1)[..., 0]
+        return value, np.where(np.isfinite(value), np.sqrt(spread), math.nan)
+
     # -- pictures ------------------------------------------------------------------------------------------------------
 
     def plot(self, *, frame: int = 0, truth: Any = None, title: str | None = None) -> Figure:
@@ -279,4 +425,11 @@ class Touch:
             self.unseen_force,
             None,
             self.meta,
+            None
+            if self.errors is None
+            else Errors(*(pick(getattr(self.errors, n)) for n in ("traction", "force", "moment", "center", "peak"))),
+            pick(self.converged),
+            pick(self.touching),
+            pick(self.outliers),
+            pick(self.draws),
         )

@@ -1,5 +1,7 @@
 """From readings to traction: direct division, regularised inversion, and what can be observed at all."""
 
+from palpate.inverse.adaptive import Adaptive, Errors
+from palpate.inverse.cone import Cone, Solution, minimise
 from palpate.inverse.constant_friction import ConstantFriction
 from palpate.inverse.direct import Division, LinearSolve
 from palpate.inverse.observability import Observability, observability, observable_components
@@ -9,17 +11,22 @@ from palpate.inverse.regularised import Estimate, Regularised
 
 __all__ = [
     "RULES",
+    "Adaptive",
+    "Cone",
     "ConstantFriction",
     "DifferencePrior",
     "Division",
+    "Errors",
     "Estimate",
     "LinearSolve",
     "Observability",
     "Prior",
     "Regularised",
+    "Solution",
     "SpectralPrior",
     "choose_parameter",
     "hilgers_prior",
+    "minimise",
     "observability",
     "observable_components",
 ]

@@ -13,15 +13,18 @@ varies from place to place, is learned from the frame itself:
    2003, 2156-2162; with the posterior variance kept, the EM iteration of sparse Bayesian learning, M. E. Tipping, J. Mach.
    Learn. Res. 1, 2001, 211-244): edges become sharp where there are edges, the outside becomes quiet, the inside
    stays smooth;
-4. the mean over weights of different reach, from none (step 2) to one cell, because one frame cannot say which is right: their
-   spread is part of the error bar.
+4. the mean over three accounts of the same readings: an even penalty on the first and second derivative (weighed by
+   evidence), and local weights of a wide and a narrow reach. One frame cannot say which is right: their spread is part of the
+   error bar;
+5. readings that no contact explains (dead, stuck or saturated taxels) are left out and named.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,36 +33,49 @@ import scipy.sparse
 from palpate._arrays import from_numpy, to_numpy
 from palpate.elastic.half_space import Floats
 from palpate.errors import Unsupported
-from palpate.inverse.cone import Cone, Solution, minimise
+from palpate.inverse.cone import TOLERANCE, Cone, Solution, minimise
 from palpate.inverse.parameter import tikhonov
 from palpate.inverse.priors import DifferencePrior
-from palpate.inverse.regularised import Regularised
+from palpate.inverse.regularised import Estimate, Regularised
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Operator
 
-__all__ = ["Adaptive", "AdaptiveEstimate", "refined"]
+__all__ = ["Adaptive", "Errors", "refined"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
+Sparse = scipy.sparse.csr_array
 
-#: Fine cells per surface cell and axis, on a line and on an area.
-REFINEMENT = {1: 3, 2: 2}
+#: Fine cells per surface cell on a line, by how many taxels stand for one degree of freedom of the data.
+LINE_REFINEMENT = ((1.75, 5), (math.inf, 3))
+#: The same on an area, per axis: where noise is high, detail finer than the taxels cannot be seen.
+AREA_REFINEMENT = ((1.75, 2), (math.inf, 1))
 #: Unknowns of one frame up to which the finer grid is used, and at all.
-FINE_UNKNOWNS, LARGEST_UNKNOWNS = 3600, 9000
+FINE_UNKNOWNS, LARGEST_UNKNOWNS = 4000, 9000
+#: Readings up to which the second derivative is tried too (its spectrum costs as much again to prepare).
+SECOND_ORDER_READINGS = 4096
 #: Gain in log evidence over noise alone below which a frame counts as empty.
 CONTACT_EVIDENCE = 6.0
 #: Reach of the local mean of |grad t|^2, in depths (0: one fine cell), and whether posterior variance is added.
-MEMBERS: tuple[tuple[float, bool], ...] = ((1.0 / 3.0, False), (0.0, True))
-#: Weights are relearned this many times.
-ROUNDS = 5
-#: Cells whose local scale tau is below this part of the largest are outside the contact.
-QUIET = 1e-3
-#: Smallest tau, as a part of the largest.
+REACHES: tuple[tuple[float, bool], ...] = ((1.0 / 3.0, False), (0.0, True))
+#: Local weights are relearned this many times.
+ROUNDS = 4
+#: Relative residual of the rounds before the last.
+ROUGH = 1e-4
+#: Cells below this part of the largest local scale, and of the peak pressure, are outside the contact; more where there is
+#: more noise (times noise over signal).
+QUIET, NOISY = 1e-3, 0.3
+#: Smallest local scale, as a part of the largest.
 FLOOR = 1e-6
+#: A reading is left out if it is this many standard deviations, and this part of the largest reading, from what the
+#: contact explains (a coarse cell alone explains a per cent); up to this part of all readings.
+OUTLIER, GROSS, LARGEST_OUTLIERS = 6.0, 0.05, 0.2
 
 
 def refined(grid: Grid, ratio: int) -> Grid:
     """The same surface in cells ``ratio`` times finer along each axis."""
+    if ratio == 1:
+        return grid
     if isinstance(grid, LineGrid):
         return LineGrid(count=grid.count * ratio, spacing=grid.spacing / ratio, center=grid.center)
     shape, spacings = grid.shape, grid.spacings
@@ -71,17 +87,33 @@ def refined(grid: Grid, ratio: int) -> Grid:
 
 
 @dataclass(frozen=True)
-class AdaptiveEstimate:
-    """One frame: traction (component, *surface), its covariance summary and how it went."""
+class Errors:
+    """Standard deviations, in closed form, before calibration (`palpate.touch`).
+
+    ``traction`` (*batch, component, *surface) [Pa]; ``force`` (*batch, component) [N or N/m]; ``moment`` (*batch, 3 or 1);
+    ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa].
+    """
 
     traction: Floats
-    std: Floats
-    force_std: Floats
+    force: Floats
+    moment: Floats
+    center: Floats
+    peak: Floats
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """One frame's result."""
+
+    traction: Floats
+    errors: Errors
     parameter: float
     noise_scale: float
     residual: float
     converged: bool
     contact: bool
+    outliers: Flags
+    draws: Floats | None
 
 
 class _Stencil:
@@ -89,287 +121,533 @@ class _Stencil:
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid
-        self.differences = []
+        self.differences: list[Sparse] = []
         for axis, dx in enumerate(grid.spacings):
-            factors = []
+            product = None
             for other, n in enumerate(grid.shape):
                 if other == axis:
-                    factors.append(scipy.sparse.diags_array([np.ones(n), -np.ones(n)], offsets=[0, -1], shape=(n + 1, n)) / dx)
+                    factor = scipy.sparse.diags_array([np.ones(n), -np.ones(n)], offsets=[0, -1], shape=(n + 1, n)) / dx
                 else:
-                    factors.append(scipy.sparse.eye_array(n))
-            product = factors[0]
-            for factor in factors[1:]:
-                product = scipy.sparse.kron(product, factor)
-            self.differences.append(product.tocsr())
+                    factor = scipy.sparse.eye_array(n)
+                product = factor if product is None else scipy.sparse.kron(product, factor)
+            self.differences.append(scipy.sparse.csr_array(product))
+        self.laplacian: Sparse = self._sum([d.T @ d for d in self.differences])
 
-    def precision(self, weights: Sequence[Floats]) -> scipy.sparse.csr_array:
-        """sum over edges of weight |difference|^2 cell, as a matrix over all cells."""
-        total = None
-        for d, w in zip(self.differences, weights):
-            term = d.T @ scipy.sparse.diags_array(w.ravel() * self.grid.cell) @ d
-            total = term if total is None else total + term
+    @staticmethod
+    def _sum(terms: Sequence[Sparse]) -> Sparse:
+        total = terms[0]
+        for term in terms[1:]:
+            total = total + term
         return scipy.sparse.csr_array(total)
+
+    def even(self, order: int, weight: float) -> Sparse:
+        """weight * int |D^order t|^2, as a matrix."""
+        power = self.laplacian if order == 1 else self.laplacian @ self.laplacian
+        return scipy.sparse.csr_array(power * (weight * self.grid.cell))
+
+    def local(self, tau: Floats) -> Sparse:
+        """sum over edges of |difference|^2/tau, tau being given on cells."""
+        return self._sum(
+            [d.T @ scipy.sparse.diags_array(1.0 / e.ravel()) @ d for d, e in zip(self.differences, self.on_edges(tau))]
+        )
 
     def energy(self, squares: Sequence[Floats]) -> Floats:
         """Mean over the axes of squared differences on edges, brought to the cells."""
         total: Floats = np.zeros(self.grid.shape)
         for axis, s in enumerate(squares):
             n = self.grid.shape[axis]
-            total = total + 0.5 * (s.take(range(n), axis=axis) + s.take(range(1, n + 1), axis=axis))
+            edges = s.reshape(tuple(m + (a == axis) for a, m in enumerate(self.grid.shape)))
+            total = total + 0.5 * (edges.take(range(n), axis=axis) + edges.take(range(1, n + 1), axis=axis))
         return total / len(squares)
 
     def on_edges(self, cells: Floats) -> list[Floats]:
         """A field on cells brought to the edges of each axis."""
         out = []
-        for axis in range(cells.ndim):
+        for axis, n in enumerate(cells.shape):
             width = [(0, 0)] * cells.ndim
             width[axis] = (1, 1)
             padded = np.pad(cells, width, mode="edge")
-            n = cells.shape[axis]
             out.append(0.5 * (padded.take(range(n + 1), axis=axis) + padded.take(range(1, n + 2), axis=axis)))
         return out
 
-    def edge_shape(self, axis: int) -> tuple[int, ...]:
-        return tuple(n + (a == axis) for a, n in enumerate(self.grid.shape))
+
+class _Level:
+    """The operator and the differences on one grid."""
+
+    def __init__(self, operator: Operator, ratio: int, columns: tuple[int, ...]) -> None:
+        self.ratio, self.columns = ratio, columns
+        self.grid = refined(operator.surface, ratio)
+        self.operator = (
+            operator if ratio == 1 else Operator(operator.pad, operator.planes_of, self.grid, operator.boundary)
+        )
+        self.stencil = _Stencil(self.grid)
+
+    def matrix(self, cells: Index, noise: Floats, heard: Flags) -> Floats:
+        """Whitened columns (reading, component * cell) of the readings that are heard."""
+        full = self.operator.columns(self.columns, cells)[heard]
+        return np.asarray(full.reshape(len(full), -1) / noise[heard, None])
 
 
 @dataclass
-class _Level:
-    """The operator on one grid."""
+class _Normal:
+    """Whitened columns of some cells of a level, their normal matrix and right-hand side (component, cell)."""
 
-    operator: Operator
-    stencil: _Stencil
-    columns: tuple[int, ...]
+    level: _Level
+    cells: Index
+    matrix: Floats
+    gram: Floats
+    linear: Floats
 
-    def matrix(self, cells: Index, noise: Floats) -> Floats:
-        """Whitened columns (reading, component * cell)."""
-        full = self.operator.columns(self.columns, cells)
-        return np.asarray(full.reshape(len(full), -1) / noise[:, None])
+    def part(self, position: Index) -> _Normal:
+        """The same for some of the cells."""
+        c, n = self.linear.shape
+        picks = (np.arange(c)[:, None] * n + position[None, :]).ravel()
+        return _Normal(
+            self.level,
+            self.cells[position],
+            self.matrix[:, picks],
+            self.gram[np.ix_(picks, picks)],
+            self.linear[:, position],
+        )
+
+
+@dataclass
+class _Member:
+    """One account of a frame: a solution on some cells of a level."""
+
+    data: _Normal
+    hessian: Floats
+    solution: Solution
+    weight: float = 0.0
+
+    @property
+    def level(self) -> _Level:
+        return self.data.level
+
+    @property
+    def cells(self) -> Index:
+        return self.data.cells
+
+    @property
+    def pressure(self) -> Floats:
+        """Pressure on the cells of the level's grid."""
+        return _scattered(self.solution.traction[-1], self.cells, self.level.grid.shape)
 
 
 class Adaptive:
     """The adaptive estimator, prepared once for an operator, the components sought and the constraints."""
 
     def __init__(self, operator: Operator, columns: Sequence[int], cone: Cone) -> None:
-        self.cone, self.columns = cone, tuple(columns)
         if cone.free:
             raise Unsupported(
-                'method="adaptive" lives on pressure that cannot pull: seek component z without tension, or use '
-                'method="tikhonov".'
+                'method="adaptive" lives on pressure that cannot pull: seek component z as well, or use method="tikhonov".'
             )
+        self.operator, self.cone, self.columns = operator, cone, tuple(columns)
         grid = operator.surface
-        self.linear = Regularised(operator, [DifferencePrior(grid, 1)] * len(columns), columns, tikhonov, "evidence")
-        self.scales = self.linear.scales
-        self.coarse = _Level(operator, _Stencil(grid), self.columns)
-        self.ratio = REFINEMENT[grid.dimensions]
-        fine = refined(grid, self.ratio)
-        self.fine = _Level(
-            Operator(operator.pad, operator.planes_of, fine, operator.boundary), _Stencil(fine), self.columns
-        )
+        readings = sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)
+        orders = (1, 2) if readings <= SECOND_ORDER_READINGS else (1,)
+        self.orders = {
+            order: Regularised(operator, [DifferencePrior(grid, order)] * len(columns), columns, tikhonov, "evidence")
+            for order in orders
+        }
+        self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
+        self._levels: dict[int, _Level] = {1: _Level(operator, 1, self.columns)}
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
-        self._rows = np.concatenate(
-            [np.repeat(s, int(a.valid.sum())) for a, s in zip(operator.planes_of, self.scales)]
+        self._rows = np.concatenate([np.repeat(s, int(a.valid.sum())) for a, s in zip(operator.planes_of, self.scales)])
+        self._taxels = max(int(a.valid.sum()) for a in operator.planes_of)
+
+    def _level(self, ratio: int) -> _Level:
+        if ratio not in self._levels:
+            self._levels[ratio] = _Level(self.operator, ratio, self.columns)
+        return self._levels[ratio]
+
+    # -- batches -------------------------------------------------------------------------------------------------------
+
+    def solve(self, readings: Sequence[Any], draws: int = 0, rng: np.random.Generator | None = None) -> Estimate:
+        """Traction from one readings array (*batch, channel, *array) per plane."""
+        like = readings[0]
+        planes = self.operator.planes_of
+        batch = tuple(like.shape[: -1 - len(planes[0].shape)])
+        arrays = [
+            to_numpy(r).astype(np.float64).reshape(-1, len(a.channels), *a.shape) for r, a in zip(readings, planes)
+        ]
+        frames = [self.frame([a[i] for a in arrays], draws, rng) for i in range(math.prod(batch))]
+
+        def gathered(name: str) -> Floats:
+            parts = np.stack([getattr(f.errors, name) for f in frames])
+            return np.asarray(parts.reshape((*batch, *parts.shape[1:])))
+
+        def numbers(name: str, kind: type = np.float64) -> npt.NDArray[Any]:
+            return np.array([getattr(f, name) for f in frames], dtype=kind).reshape(batch)
+
+        values = np.stack([f.traction for f in frames])
+        sampled = None
+        if draws:
+            sampled = np.stack([f.draws for f in frames if f.draws is not None])
+            sampled = sampled.reshape((*batch, *sampled.shape[1:]))
+        outliers = np.stack([f.outliers for f in frames])
+        return Estimate(
+            from_numpy(values.reshape((*batch, *values.shape[1:])), like),
+            numbers("parameter"),
+            numbers("noise_scale"),
+            numbers("residual"),
+            Errors(*(gathered(n) for n in ("traction", "force", "moment", "center", "peak"))),
+            numbers("converged", bool),
+            numbers("contact", bool),
+            outliers.reshape((*batch, -1)),
+            sampled,
         )
 
     # -- one frame -----------------------------------------------------------------------------------------------------
 
-    def frame(self, readings: Sequence[Floats]) -> AdaptiveEstimate:
+    def frame(self, readings: Sequence[Floats], draws: int = 0, rng: np.random.Generator | None = None) -> _Frame:
         """Contact in one frame of readings, (channel, *array) per plane."""
-        planes = self.coarse.operator.planes_of
-        rows = self.coarse.operator.heard(readings)
-        data = np.concatenate(
-            [r.reshape(len(a.channels), -1)[:, a.valid.ravel()].ravel() for a, r in zip(planes, rows)]
+        rows = self.operator.heard(readings)
+        data = self._flat(rows)
+        heard = np.ones(len(data), dtype=bool)
+        first = None
+        for attempt in range(4):
+            evidence = {order: self._evidence(linear, rows) for order, linear in self.orders.items()}
+            gain, parameter, scale, linear = evidence[1]
+            if not (gain > CONTACT_EVIDENCE and scale > 0):
+                return self._nothing(parameter, scale, data, ~heard, draws)
+            noise = self._rows * scale
+            first, explained = self._first(linear, data / noise, noise, heard, parameter / scale**2)
+            wrong = self._outliers(data, explained, noise)
+            if attempt == 3 or not (wrong & heard).any() or (wrong | ~heard).mean() > LARGEST_OUTLIERS:
+                break
+            heard &= ~wrong
+            # what is left out is filled with what the contact explains, so that the linear model can go on
+            rows = self._unflat(np.where(heard, data, explained), rows)
+        assert first is not None
+        members = self._members(first, data / noise, noise, heard, evidence)
+        return self._combined(members, data / noise, heard, parameter, scale, draws, rng)
+
+    def _flat(self, rows: Sequence[Floats]) -> Floats:
+        return np.concatenate(
+            [r.reshape(len(a.channels), -1)[:, a.valid.ravel()].ravel() for a, r in zip(self.operator.planes_of, rows)]
         )
-        estimate = self.linear.solve(rows)
+
+    def _unflat(self, data: Floats, rows: Sequence[Floats]) -> list[Floats]:
+        out, start = [], 0
+        for array, row in zip(self.operator.planes_of, rows):
+            size = int(array.valid.sum()) * len(array.channels)
+            part = np.zeros((len(array.channels), array.valid.size))
+            part[:, array.valid.ravel()] = data[start : start + size].reshape(len(array.channels), -1)
+            out.append(part.reshape(row.shape))
+            start += size
+        return out
+
+    def _evidence(self, linear: Regularised, rows: Sequence[Floats]) -> tuple[float, float, float, Floats]:
+        """Log marginal likelihood over that of noise alone, parameter, noise scale and traction of a linear model."""
+        estimate = linear.solve(rows)
         parameter, scale = float(np.ravel(estimate.parameter)[0]), float(np.ravel(estimate.noise_scale)[0])
-        gain = self._gain(rows, parameter)
-        if not (gain > CONTACT_EVIDENCE and scale > 0):
-            return self._nothing(parameter, scale, data)
-        noise = self._rows * scale
-        y = data / noise
-        weight = parameter / scale**2
-        first = self._first(to_numpy(estimate.traction)[list(self.columns)], y, noise, weight)
-        return self._second(first, y, noise, weight, parameter, scale)
-
-    def _gain(self, rows: Sequence[Floats], parameter: float) -> float:
-        """Log marginal likelihood of contact over that of noise alone."""
-        values, counts = self.linear.spectrum.eigenvalues, self.linear.spectrum.multiplicity
-        c2 = np.abs(to_numpy(self.linear.spectrum.project(rows)).astype(np.complex128)) ** 2 * counts
+        values, counts = linear.spectrum.eigenvalues, linear.spectrum.multiplicity
+        power = np.abs(to_numpy(linear.spectrum.project(rows)).astype(np.complex128)) ** 2 * counts
         ratio = values / parameter
-        left, logdet = float((c2 / (1.0 + ratio)).sum()), float(counts @ np.log1p(ratio))
-        total, m = float(c2.sum()), float(counts.sum())
+        left, total = float((power / (1.0 + ratio)).sum()), float(power.sum())
+        logdet = float(counts @ np.log1p(ratio))
         if total == 0.0:
-            return 0.0
-        if self.linear.noise_known:
-            return 0.5 * (total - left - logdet)
-        return 0.5 * (m * math.log(total / left) - logdet)
+            gain = 0.0
+        elif self.noise_known:
+            gain = 0.5 * (total - left - logdet)
+        else:
+            gain = 0.5 * (float(counts.sum()) * math.log(total / left) - logdet)
+        return gain, parameter, scale, np.asarray(estimate.traction)[list(self.columns)]
 
-    def _nothing(self, parameter: float, scale: float, data: Floats) -> AdaptiveEstimate:
-        shape = (len(self.coarse.operator.surface.components), *self.coarse.operator.surface.shape)
+    def _outliers(self, data: Floats, explained: Floats, noise: Floats) -> Flags:
+        """Readings that the contact does not explain: far beyond the noise and beyond most other residuals."""
+        residual = np.abs(data - explained) / noise
+        typical = max(1.0, float(np.median(residual)) / 0.6745)
+        gross = GROSS * float(np.abs(explained / noise).max())
+        return np.asarray(residual > max(OUTLIER * typical, gross))
+
+    def _nothing(self, parameter: float, scale: float, data: Floats, outliers: Flags, draws: int) -> _Frame:
+        """No contact. The error is that of the pressure of a patch as wide as the depth, the least that would show."""
+        grid, names = self.operator.surface, self.operator.surface.components
+        shape = (len(names), *grid.shape)
+        radius = np.zeros(grid.shape)
+        for axis, x in enumerate(grid.axes):
+            offset = x - x[len(x) // 2]
+            radius = radius + (offset**2).reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
+        patch = radius <= max(self.depth, max(grid.spacings)) ** 2
+        response = self._levels[1].operator.columns(self.columns, np.flatnonzero(patch)).sum(axis=2)
+        # from the readings themselves: the residual is all noise
+        noise = self._rows * (scale if self.noise_known else float(np.sqrt(np.mean((data / self._rows) ** 2))))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sharp = np.where(noise[:, None] > 0, response / noise[:, None], np.inf)
+        amplitude = 1.0 / np.sqrt((sharp**2).sum(axis=0))
+        area = float(patch.sum()) * grid.cell
+        std, force = np.zeros(shape), np.zeros(len(names))
+        for i, c in enumerate(self.columns):
+            std[c], force[c] = amplitude[i], amplitude[i] * area
+        reach = max(float(np.abs(x).max()) for x in grid.axes)
+        errors = Errors(
+            std,
+            force,
+            np.full(1 if grid.dimensions == 1 else 3, force.max() * reach),
+            np.full(grid.dimensions, math.nan),
+            np.asarray(std[-1].max()),
+        )
         residual = float(np.sqrt(np.mean((data / self._rows) ** 2)))
-        zero = np.zeros(shape)
-        return AdaptiveEstimate(zero, zero, np.zeros(shape[0]), parameter, scale, residual, True, False)
+        empty = np.zeros((draws, *shape)) if draws else None
+        return _Frame(np.zeros(shape), errors, parameter, scale, residual, True, False, outliers, empty)
 
-    def _first(self, linear: Floats, y: Floats, noise: Floats, weight: float) -> Floats:
-        """The constrained solution on the surface grid (component, cell); cells are added until none is missing."""
-        grid = self.coarse.operator.surface
-        count = math.prod(grid.shape)
-        precision = self.coarse.stencil.precision([np.full(self.coarse.stencil.edge_shape(a), weight) for a in range(grid.dimensions)])
+    def _first(self, linear: Floats, y: Floats, noise: Floats, heard: Flags, weight: float) -> tuple[Floats, Floats]:
+        """The constrained solution on the surface grid (component, cell), and the readings that it explains.
+
+        It is solved over cells where pressure is likely; cells are added until none is missing.
+        """
+        level = self._levels[1]
+        grid = level.grid
+        precision = level.stencil.even(1, weight)
         pressure = linear[-1]
         region = _grown(pressure > 0.15 * pressure.max(), 1).ravel()
         start = linear.reshape(len(linear), -1)
+        slope = self._misfit_gradient(y * heard, noise)
+        reference = self._quiet(y) * float(np.abs(slope).max())
+        traction = np.zeros_like(start)
+        explained = np.zeros_like(y)
         for _ in range(12):
             cells = np.flatnonzero(region)
             self._check(len(cells) * len(self.columns))
-            matrix = self.coarse.matrix(cells, noise)
-            solution = self._minimise(matrix, precision, cells, y, start[:, cells])
-            traction = np.zeros((len(self.columns), count))
-            traction[:, cells] = solution.traction
+            member = self._member(self._normal(level, cells, y, noise, heard), precision, start[:, cells])
+            traction = np.zeros((len(self.columns), math.prod(grid.shape)))
+            traction[:, cells] = member.solution.traction
+            explained = self._explained(traction)
             # a cell left out is missing if pressure there would lower the objective
-            missing = self._misfit_gradient(matrix @ solution.traction.ravel() - y, noise)
-            slope = missing - (precision @ traction.T).T
+            slope = self._misfit_gradient((y - explained / noise) * heard, noise) - (precision @ traction.T).T
             pull = np.abs(self.cone.project(slope * self.cone.scales[:, None])[-1])
             pull[region] = 0.0
-            reference = 1e-3 * float(np.abs(self._misfit_gradient(-y, noise)).max())
-            wrong = pull > reference
-            if not wrong.any():
+            if not (pull > reference).any():
                 break
-            region |= wrong
+            region |= pull > reference
             start = traction
-        return traction
+        return traction, explained
+
+    @staticmethod
+    def _quiet(y: Floats) -> float:
+        """The part of the peak below which pressure is not told from none, for whitened readings."""
+        return float(np.clip(NOISY / max(float(np.abs(y).max()), 1e-300), QUIET, 0.03))
+
+    def _explained(self, traction: Floats) -> Floats:
+        grid = self.operator.surface
+        full = np.zeros((len(grid.components), *grid.shape))
+        full[list(self.columns)] = traction.reshape(len(traction), *grid.shape)
+        return self._flat(self.operator.forward(full))
 
     def _misfit_gradient(self, residual: Floats, noise: Floats) -> Floats:
-        """A' N^-1 (y - A x) for every surface cell, (component, cell)."""
-        parts, start = [], 0
-        for array in self.coarse.operator.planes_of:
-            working = int(array.valid.sum()) * len(array.channels)
-            part = np.zeros((len(array.channels), array.valid.size))
-            part[:, array.valid.ravel()] = (-residual / noise)[start : start + working].reshape(len(array.channels), -1)
-            parts.append(part.reshape(len(array.channels), *array.shape))
-            start += working
-        adjoint = self.coarse.operator.adjoint(parts)
+        """A' N^-1 residual for every surface cell, (component, cell)."""
+        shapes = [np.empty((len(a.channels), *a.shape)) for a in self.operator.planes_of]
+        adjoint = self.operator.adjoint(self._unflat(residual / noise, shapes))
         return np.asarray(adjoint.reshape(len(adjoint), -1)[list(self.columns)])
 
     def _check(self, unknowns: int) -> None:
         if unknowns > LARGEST_UNKNOWNS:
             raise Unsupported(
-                f"the contact covers {unknowns} unknowns, too many for method=\"adaptive\" (limit {LARGEST_UNKNOWNS}). Give a "
+                f'the contact covers {unknowns} unknowns, too many for method="adaptive" (limit {LARGEST_UNKNOWNS}). Give a '
                 'coarser surface (Skin(..., surface=...)), or use method="tikhonov".'
             )
 
-    def _minimise(
+    def _member(
         self,
-        matrix: Floats,
-        precision: scipy.sparse.csr_array | Sequence[scipy.sparse.csr_array],
-        cells: Index,
-        y: Floats,
+        data: _Normal,
+        precision: Sparse | Sequence[Sparse],
         start: Floats,
         *,
         keep_face: bool = False,
-    ) -> Solution:
-        c, n = len(self.columns), len(cells)
-        hessian = matrix.T @ matrix
-        per_component = [precision] * c if isinstance(precision, scipy.sparse.csr_array) else list(precision)
-        for i, q in enumerate(per_component):
-            hessian[i * n : (i + 1) * n, i * n : (i + 1) * n] += q[cells][:, cells].toarray()
-        return minimise(hessian, (matrix.T @ y).reshape(c, n), self.cone, start, keep_face=keep_face)
+        tolerance: float = TOLERANCE,
+    ) -> _Member:
+        c, n = len(self.columns), len(data.cells)
+        hessian = data.gram.copy()
+        each = [precision] * c if isinstance(precision, scipy.sparse.csr_array) else list(precision)
+        for i, q in enumerate(each):
+            hessian[i * n : (i + 1) * n, i * n : (i + 1) * n] += q[data.cells][:, data.cells].toarray()
+        solution = minimise(hessian, data.linear, self.cone, start, tolerance=tolerance, keep_face=keep_face)
+        return _Member(data, hessian, solution)
 
-    def _second(
-        self, first: Floats, y: Floats, noise: Floats, weight: float, parameter: float, scale: float
-    ) -> AdaptiveEstimate:
-        grid = self.coarse.operator.surface
+    def _normal(self, level: _Level, cells: Index, y: Floats, noise: Floats, heard: Flags) -> _Normal:
+        matrix = level.matrix(cells, noise, heard)
+        return _Normal(level, cells, matrix, matrix.T @ matrix, (matrix.T @ y[heard]).reshape(-1, len(cells)))
+
+    def _ratio(self, parameter: float, unknowns: int) -> int:
+        """How much finer than the surface the problem is worth solving."""
+        spectrum = self.orders[1].spectrum
+        seen = float(spectrum.multiplicity @ (spectrum.eigenvalues / (spectrum.eigenvalues + parameter)))
+        d = self.operator.surface.dimensions
+        spacing = (self._taxels * len(self.columns) / max(seen, 1.0)) ** (1.0 / d)
+        table = LINE_REFINEMENT if d == 1 else AREA_REFINEMENT
+        ratio = next(r for limit, r in table if spacing <= limit)
+        return ratio if unknowns * ratio**d <= FINE_UNKNOWNS else 1
+
+    def _members(
+        self,
+        first: Floats,
+        y: Floats,
+        noise: Floats,
+        heard: Flags,
+        evidence: Mapping[int, tuple[float, float, float, Floats]],
+    ) -> list[_Member]:
+        """The accounts of a frame, with their weights."""
+        grid = self.operator.surface
         size = np.abs(first[-1]).reshape(grid.shape)
-        region = _grown(size > 1e-3 * size.max(), 1)
-        level, ratio = self.fine, self.ratio
-        if int(region.sum()) * ratio**grid.dimensions * len(self.columns) > FINE_UNKNOWNS:
-            level, ratio = self.coarse, 1
-        cells = np.flatnonzero(_repeated(region, ratio))
-        fine_grid = level.operator.surface
-        count = math.prod(fine_grid.shape)
-        start = np.stack([_repeated(t.reshape(grid.shape), ratio).ravel() for t in first])
-        matrix = level.matrix(cells, noise)
-        plain = level.stencil.precision([np.full(level.stencil.edge_shape(a), weight) for a in range(fine_grid.dimensions)])
-        solution = self._minimise(matrix, plain, cells, y, start[:, cells], keep_face=True)
-        converged = solution.converged
-        summaries = [_summary(solution, cells, ratio, fine_grid, grid)]
-        residuals = [matrix @ solution.traction.ravel() - y]
-        for reach, keep_variance in MEMBERS:
-            current, inside, columns = solution, cells, matrix
-            width = max(reach * self.depth / min(fine_grid.spacings), 1.0)
-            for _ in range(ROUNDS):
-                tau = self._local_scales(level, current, inside, width, keep_variance)
-                loud = tau.max(axis=0).ravel()
-                pressure = current.traction[-1]
-                keep = (loud[inside] > QUIET * loud.max()) | (pressure > QUIET * pressure.max())
-                if not self.cone.coupled and len(self.columns) > 1:
-                    # no shear outside contact
-                    keep &= _grown(_scattered(current.traction[-1], inside, fine_grid.shape) > 0, 1).ravel()[inside]
-                position = np.flatnonzero(keep)
-                picks = (np.arange(len(self.columns))[:, None] * len(inside) + position[None, :]).ravel()
-                columns, inside = columns[:, picks], inside[position]
-                precisions = [
-                    level.stencil.precision([1.0 / e / fine_grid.cell for e in level.stencil.on_edges(t)])
-                    for t in np.maximum(tau, FLOOR * loud.max())
-                ]
-                current = self._minimise(
-                    columns, precisions, inside, y, current.traction[:, position], keep_face=True
-                )
-            converged = converged and current.converged
-            summaries.append(_summary(current, inside, ratio, fine_grid, grid))
-            residuals.append(columns @ current.traction.ravel() - y)
-        means = np.stack([s[0] for s in summaries])
-        forces = np.stack([m.reshape(len(self.columns), -1).sum(axis=1) * grid.cell for m in means])
-        variance = np.mean([s[1] for s in summaries], axis=0) + means.var(axis=0)
-        force_variance = np.mean([s[2] for s in summaries], axis=0) + forces.var(axis=0)
-        shape = (len(self.coarse.operator.surface.components), *grid.shape)
-        traction, std, force_std = np.zeros(shape), np.zeros(shape), np.zeros(shape[0])
-        traction[list(self.columns)] = means.mean(axis=0)
-        std[list(self.columns)] = np.sqrt(variance)
-        force_std[list(self.columns)] = np.sqrt(force_variance)
-        misfit = float(np.sqrt(np.mean(np.mean(residuals, axis=0) ** 2)))
-        del count
-        return AdaptiveEstimate(traction, std, force_std, parameter, scale, misfit, converged, True)
+        region = _grown(size > self._quiet(y) * size.max(), 1)
+        level = self._level(self._ratio(evidence[1][1], int(region.sum()) * len(self.columns)))
+        cells = np.flatnonzero(_repeated(region, level.ratio))
+        start = np.stack([_repeated(t.reshape(grid.shape), level.ratio).ravel() for t in first])[:, cells]
+        data = self._normal(level, cells, y, noise, heard)
+        members = []
+        best = max(e[0] for e in evidence.values())
+        odds = {order: math.exp(max(e[0] - best, -50.0)) for order, e in evidence.items()}
+        for order, (_, parameter, scale, _) in evidence.items():
+            if order > 1 and odds[order] < 0.01:
+                continue
+            precision = level.stencil.even(order, parameter / scale**2)
+            member = self._member(data, precision, start, keep_face=True)
+            member.weight = odds[order]
+            members.append(member)
+        total = sum(m.weight for m in members)
+        for m in members:
+            m.weight /= total * (1 + len(REACHES))
+        for reach, variance in REACHES:
+            member = self._relearned(members[0], reach, variance, self._quiet(y))
+            member.weight = 1.0 / (1 + len(REACHES))
+            members.append(member)
+        return [m for m in members if m.weight > 1e-3]
 
-    def _local_scales(self, level: _Level, solution: Solution, cells: Index, width: float, variance: bool) -> Floats:
-        """tau (component, *fine): local mean of the squared gradient."""
+    def _relearned(self, member: _Member, reach: float, variance: bool, quiet: float) -> _Member:
+        """The penalty learned from its own result, over and over."""
+        level = member.level
+        width = max(reach * self.depth / min(level.grid.spacings), 1.0)
+        c = len(self.columns)
+        for i in range(ROUNDS):
+            tau = self._local_scales(member, width, variance)
+            loud = tau.max(axis=0).ravel()
+            pressure = member.solution.traction[-1]
+            keep = (loud[member.cells] > QUIET * loud.max()) | (pressure > quiet * pressure.max())
+            if not self.cone.coupled and c > 1:
+                # no shear outside contact
+                keep &= _grown(member.pressure > 0, 1).ravel()[member.cells]
+            position = np.flatnonzero(keep)
+            member = self._member(
+                member.data.part(position),
+                [level.stencil.local(t) for t in np.maximum(tau, FLOOR * loud.max())],
+                member.solution.traction[:, position],
+                keep_face=variance or i == ROUNDS - 1,
+                tolerance=TOLERANCE if i == ROUNDS - 1 else ROUGH,
+            )
+        return member
+
+    def _local_scales(self, member: _Member, width: float, variance: bool) -> Floats:
+        """tau (component, *grid): local mean of the squared gradient."""
         import scipy.ndimage
 
-        grid = level.operator.surface
+        level, n = member.level, len(member.cells)
         out = []
-        spread = _covariance(solution) if variance else None
-        n = len(cells)
-        for i in range(len(self.columns)):
-            field = np.zeros(math.prod(grid.shape))
-            field[cells] = solution.traction[i]
+        for i, values in enumerate(member.solution.traction):
+            field = _scattered(values, member.cells, level.grid.shape).ravel()
             squares = []
-            for axis, d in enumerate(level.stencil.differences):
+            for d in level.stencil.differences:
                 square = (d @ field) ** 2
-                if spread is not None:
-                    local = d[:, cells]
-                    block = spread[i * n : (i + 1) * n, i * n : (i + 1) * n]
-                    square = square + _edge_variance(local, block)
-                squares.append(square.reshape(level.stencil.edge_shape(axis)))
-            energy = level.stencil.energy(squares)
-            sigma = [width * min(grid.spacings) / dx for dx in grid.spacings]
-            out.append(scipy.ndimage.gaussian_filter(energy, sigma, mode="constant"))
+                if variance:
+                    local = d[:, member.cells]
+                    touched = np.flatnonzero(np.diff(local.indptr))
+                    rows = np.zeros((len(touched), len(self.columns) * n))
+                    rows[:, i * n : (i + 1) * n] = local[touched].toarray()
+                    square[touched] += (_spread(member.solution, rows) ** 2).sum(axis=0)
+                squares.append(square)
+            sigma = [width * min(level.grid.spacings) / dx for dx in level.grid.spacings]
+            out.append(scipy.ndimage.gaussian_filter(level.stencil.energy(squares), sigma, mode="constant"))
         return np.stack(out)
 
-    # -- batches -------------------------------------------------------------------------------------------------------
+    def _combined(
+        self,
+        members: Sequence[_Member],
+        y: Floats,
+        heard: Flags,
+        parameter: float,
+        scale: float,
+        draws: int,
+        rng: np.random.Generator | None,
+    ) -> _Frame:
+        grid = self.operator.surface
+        parts = [_account(m, grid) for m in members]
+        weights = np.array([m.weight for m in members])
+
+        def mixed(index: int) -> tuple[Floats, Floats]:
+            """Mean and total variance of a quantity over the accounts."""
+            values = np.stack([p[index][0] for p in parts])
+            spread = np.stack([p[index][1] for p in parts])
+            mean = np.tensordot(weights, values, 1)
+            return mean, np.tensordot(weights, spread + (values - mean) ** 2, 1)
+
+        mean, variance = mixed(0)
+        shape = (len(grid.components), *grid.shape)
+        traction, std = np.zeros(shape), np.zeros(shape)
+        traction[list(self.columns)] = mean
+        std[list(self.columns)] = np.sqrt(_spread_out(variance))
+        force = np.zeros(len(grid.components))
+        force[list(self.columns)] = np.sqrt(mixed(1)[1])
+        errors = Errors(
+            traction=std,
+            force=force,
+            **{name: np.sqrt(mixed(i)[1]) for i, name in ((2, "moment"), (3, "center"), (4, "peak"))},
+        )
+        misfit = sum(w * (m.data.matrix @ m.solution.traction.ravel()) for w, m in zip(weights, members)) - y[heard]
+        sampled = None
+        if draws:
+            sampled = self._draws(members, weights, draws, rng or np.random.default_rng(0))
+        return _Frame(
+            traction,
+            errors,
+            parameter,
+            scale,
+            float(np.sqrt(np.mean(misfit**2))),
+            all(m.solution.converged for m in members),
+            True,
+            ~heard,
+            sampled,
+        )
+
+    def _draws(self, members: Sequence[_Member], weights: Floats, count: int, rng: np.random.Generator) -> Floats:
+        """Samples of the traction: each minimises the problem of one account with readings and prior perturbed.
+
+        The minimiser of 1/2 x'Hx - (h + H^{1/2} z)'x over the cone is a projection of a Gaussian posterior sample onto
+        the cone (J. M. Everink, Y. Dong, M. S. Andersen, SIAM/ASA J. Uncertainty Quantification 11, 2023), so that samples
+        respect the constraints and leave cells empty with finite probability.
+        """
+        import scipy.linalg
+
+        grid = self.operator.surface
+        out = np.zeros((count, len(grid.components), *grid.shape))
+        picks = rng.choice(len(members), size=count, p=weights / weights.sum())
+        for i, member in enumerate(members):
+            chosen = np.flatnonzero(picks == i)
+            if not len(chosen):
+                continue
+            root = scipy.linalg.cholesky(member.hessian, lower=True, check_finite=False)
+            for j in chosen:
+                linear = member.data.linear + (root @ rng.standard_normal(len(root))).reshape(member.data.linear.shape)
+                x = minimise(member.hessian, linear, self.cone, member.solution.traction).traction
+                for k, column in enumerate(self.columns):
+                    out[j, column] = _averaged(
+                        _scattered(x[k], member.cells, member.level.grid.shape), member.level.ratio
+                    )
+        return out
 
 
-def _edge_variance(difference: scipy.sparse.csr_array, covariance: Floats) -> Floats:
-    """Diagonal of D S D' for a sparse D with at most two entries in a row."""
-    coo = (difference @ covariance)
-    return np.asarray(difference.multiply(coo).sum(axis=1)).ravel()
+def _spread(solution: Solution, rows: Any) -> Floats:
+    """Z (free, row) with Z'Z the posterior covariance of rows' x, on the face of the cone that the solution lies on.
 
-
-def _covariance(solution: Solution) -> Floats:
-    """Posterior covariance (component * cell, component * cell) on the face of the cone that the solution lies on."""
+    ``rows`` (row, component * cell), dense or sparse.
+    """
     import scipy.linalg
 
-    assert solution.face is not None and solution.factor is not None
-    half = scipy.linalg.solve_triangular(solution.factor, solution.face.T, lower=True, check_finite=False)
-    return np.asarray(half.T @ half)
+    if solution.face is None or solution.factor is None:
+        raise RuntimeError("the solution was found without its face")
+    dense = rows.toarray() if scipy.sparse.issparse(rows) else rows
+    right = solution.face.columns(np.asarray(dense)).T
+    return np.asarray(scipy.linalg.solve_triangular(solution.factor, right, lower=True, check_finite=False))
 
 
 def _scattered(values: Floats, cells: Index, shape: tuple[int, ...]) -> Floats:
@@ -378,9 +656,17 @@ def _scattered(values: Floats, cells: Index, shape: tuple[int, ...]) -> Floats:
     return out.reshape(shape)
 
 
-def _repeated(field: npt.NDArray[np.generic], ratio: int) -> npt.NDArray[np.generic]:
+def _repeated(field: npt.NDArray[Any], ratio: int) -> npt.NDArray[Any]:
     for axis in range(field.ndim):
         field = np.repeat(field, ratio, axis=axis)
+    return field
+
+
+def _averaged(field: Floats, ratio: int) -> Floats:
+    """Means over blocks of ``ratio`` cells along each axis."""
+    for axis in range(field.ndim):
+        shape = (*field.shape[:axis], field.shape[axis] // ratio, ratio, *field.shape[axis + 1 :])
+        field = field.reshape(shape).mean(axis=axis + 1)
     return field
 
 
@@ -391,23 +677,62 @@ def _grown(region: Flags, cells: int) -> Flags:
     return np.asarray(scipy.ndimage.binary_dilation(region, structure, iterations=cells))
 
 
-def _summary(solution: Solution, cells: Index, ratio: int, fine: Grid, grid: Grid) -> tuple[Floats, Floats, Floats]:
-    """Mean traction and its variance on the surface's own cells, and the variance of the net force."""
-    import scipy.linalg
+def _spread_out(variance: Floats) -> Floats:
+    """The error of where the contact ends belongs to the cells just outside it too."""
+    import scipy.ndimage
 
-    assert solution.face is not None and solution.factor is not None
-    c, n = solution.traction.shape
-    places = np.unravel_index(cells, fine.shape)
+    size = (1,) + (3,) * (variance.ndim - 1)
+    return np.asarray(np.maximum(variance, scipy.ndimage.uniform_filter(variance, size, mode="nearest")))
+
+
+Quantity = tuple[Floats, Floats]
+
+
+def _account(member: _Member, grid: Grid) -> tuple[Quantity, Quantity, Quantity, Quantity, Quantity]:
+    """(value, variance) of traction on the surface's cells, net force, moment, centre of pressure and peak pressure."""
+    level, ratio = member.level, member.level.ratio
+    c, n = member.solution.traction.shape
+    places = np.unravel_index(member.cells, level.grid.shape)
     flat = np.ravel_multi_index(tuple(p // ratio for p in places), grid.shape)
-    coarse, inverse = np.unique(flat, return_inverse=True)
+    surface_cells, inverse = np.unique(flat, return_inverse=True)
     share = scipy.sparse.csr_array(
-        (np.full(n, 1.0 / ratio**fine.dimensions), (inverse, np.arange(n))), shape=(len(coarse), n)
+        (np.full(n, 1.0 / ratio**grid.dimensions), (inverse, np.arange(n))), shape=(len(surface_cells), n)
     )
-    mean, variance, force = np.zeros((c, math.prod(grid.shape))), np.zeros((c, math.prod(grid.shape))), np.zeros(c)
+    mean, variance = np.zeros((2, c, math.prod(grid.shape)))
     for i in range(c):
-        rows = share @ solution.face[i * n : (i + 1) * n]
-        half = scipy.linalg.solve_triangular(solution.factor, rows.T, lower=True, check_finite=False)
-        mean[i, coarse] = share @ solution.traction[i]
-        variance[i, coarse] = (half**2).sum(axis=0)
-        force[i] = float((half.sum(axis=1) ** 2).sum()) * grid.cell**2
-    return mean.reshape(c, *grid.shape), variance.reshape(c, *grid.shape), force
+        mean[i, surface_cells] = share @ member.solution.traction[i]
+        rows = np.zeros((len(surface_cells), c * n))
+        rows[:, i * n : (i + 1) * n] = share.toarray()
+        variance[i, surface_cells] = (_spread(member.solution, rows) ** 2).sum(axis=0)
+    cell = level.grid.cell
+    axes = [axis[p] for axis, p in zip(level.grid.axes, places)][::-1]  # x, then y
+
+    def linear(weights: Floats) -> Quantity:
+        """Of sums of traction (quantity, component, cell)."""
+        rows = weights.reshape(len(weights), -1)
+        return rows @ member.solution.traction.ravel(), (_spread(member.solution, rows) ** 2).sum(axis=0)
+
+    force_rows = np.zeros((c, c, n))
+    force_rows[np.arange(c), np.arange(c)] = cell
+    p = member.solution.traction[-1]
+    total = max(float(p.sum()), 1e-300)
+    center = np.array([float((x * p).sum()) / total for x in axes])
+    center_rows = np.zeros((len(axes), c, n))
+    for i, x in enumerate(axes):
+        center_rows[i, -1] = (x - center[i]) / total
+    if len(axes) == 1:
+        moment_rows = np.zeros((1, c, n))
+        moment_rows[0, -1] = -axes[0] * cell
+    else:
+        moment_rows = np.zeros((3, c, n))
+        moment_rows[0, -1], moment_rows[1, -1] = axes[1] * cell, -axes[0] * cell
+        if c == 3:
+            moment_rows[2, 0], moment_rows[2, 1] = -axes[1] * cell, axes[0] * cell
+    top = int(np.argmax(mean[-1]))
+    return (
+        (mean.reshape(c, *grid.shape), variance.reshape(c, *grid.shape)),
+        linear(force_rows),
+        linear(moment_rows),
+        (center, linear(center_rows)[1]),
+        (mean[-1, top], variance[-1, top]),
+    )

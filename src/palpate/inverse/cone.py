@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from palpate.elastic.half_space import Floats
 
-__all__ = ["Cone", "Solution", "minimise"]
+__all__ = ["TOLERANCE", "Cone", "Face", "Solution", "minimise"]
 
 
 @dataclass(frozen=True)
@@ -107,15 +107,16 @@ class Cone:
 class Solution:
     """Minimiser (component, cell), and how it was reached.
 
-    ``residual`` is the largest entry of x - P_K(x - d (Hx - h)) over the largest entry of x; ``covariance_root`` solves
-    posterior questions on the face of K that the solution lies on (None if not asked for).
+    ``residual`` is the largest entry of x - P_K(x - d (Hx - h)) over the largest entry of x. ``face`` and ``factor``, where
+    asked for, are the directions free to move on the face of K that the solution lies on, and the Cholesky factor of H there:
+    their covariance is the inverse.
     """
 
     traction: Floats
     residual: float
     steps: int
     converged: bool
-    face: Floats | None = None
+    face: Face | None = None
     factor: Floats | None = None
 
 
@@ -144,7 +145,7 @@ def minimise(
     start : array (component, cell), optional
         A guess; a good one saves steps and changes nothing else.
     keep_face : bool
-        Return the directions of the face (dense, (component * cell, free)) and the Cholesky factor of H on it.
+        Return the face that the solution lies on and the Cholesky factor of H on it.
 
     Returns
     -------
@@ -162,7 +163,8 @@ def minimise(
     reference = max(float(np.abs(step_size * h_vector).max()), 1e-300)
     best, best_size, since, taken = x, np.inf, 0, 0
     rescues = 0
-    face = factor = None
+    face: Face | None = None
+    factor: Floats | None = None
     while True:
         v = x - step_size * gradient
         residual = x - cone.project(v)
@@ -180,76 +182,92 @@ def minimise(
             rescues, since = rescues + 1, 0
             gradient = (h_matrix @ x.ravel()).reshape(c, n) - h_vector
             continue
-        x, face, factor = _newton(h_matrix, cone, x, v, residual, step_size)
+        x = _newton(h_matrix, cone, x, v, residual, step_size)[0]
         gradient = (h_matrix @ x.ravel()).reshape(c, n) - h_vector
         taken += 1
     converged = best_size <= tolerance
     if keep_face:
         v = best - step_size * ((h_matrix @ best.ravel()).reshape(c, n) - h_vector)
         _, face, factor = _newton(h_matrix, cone, best, v, np.zeros_like(best), step_size)
-        face = face * rows[:, None]
+        face.scales = scale
     return Solution(
-        cone.project(best) * scale[:, None], best_size, taken, converged, *((face, factor) if keep_face else (None, None))
+        cone.project(best) * scale[:, None],
+        best_size,
+        taken,
+        converged,
+        *((face, factor) if keep_face else (None, None)),
     )
 
 
 def _newton(
     hessian: Floats, cone: Cone, x: Floats, v: Floats, residual: Floats, step_size: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """One semismooth Newton step; also the directions that stay free and the factor of H on them."""
+) -> tuple[Floats, Face, Floats]:
+    """One semismooth Newton step; also the directions that stay free and the factor of H on them.
+
+    In the eigenvectors W of the projection's derivative, with eigenvalues m: where m = 0 the step is known at once,
+    s_w = -r_w; elsewhere (W'H s)_w + (1 - m)/(m d) s_w = -r_w/(m d).
+    """
     import scipy.linalg
 
     c, n = x.shape
     basis, values = cone.directions(v)
-    if cone.coupled:
-        # in the eigenvectors W of the projection's derivative M: M = 0 gives the step at once, s = -r; elsewhere
-        # (H s)_w + (1 - m)/(m d) s_w = -r_w/(m d)
-        local = np.einsum("idk,di->ki", basis, residual)
-        free = values.ravel() > 1e-10
-        columns = np.zeros((c * n, c * n))
-        cells = np.arange(n)
-        for d in range(c):
-            for k in range(c):
-                columns[d * n + cells, k * n + cells] = basis[:, d, k]
-        face = columns[:, free]
-        fixed = -columns[:, ~free] @ local.ravel()[~free]
-        reduced = face.T @ _banded_product(hessian, basis, free, c, n)
-        m = values.ravel()[free]
-        reach = np.tile(step_size, c)[free]
-        reduced[np.diag_indices(len(reduced))] += (1.0 - m) / (m * reach)
-        right = -local.ravel()[free] / (m * reach) - face.T @ (hessian @ fixed)
-        factor = scipy.linalg.cholesky(reduced, lower=True, check_finite=False, overwrite_a=True)
-        step = fixed + face @ scipy.linalg.cho_solve((factor, True), right, check_finite=False)
-        return x + step.reshape(c, n), face, factor
-    index = np.flatnonzero(values.ravel() > 0)
-    lost = np.flatnonzero(values.ravel() == 0)
-    step = np.zeros(c * n)
-    step[lost] = -residual.ravel()[lost]
-    reduced = hessian[np.ix_(index, index)]
-    right = -(residual / step_size).ravel()[index]
-    if len(lost) and step[lost].any():
-        moved = lost[step[lost] != 0]
-        right -= hessian[np.ix_(index, moved)] @ step[moved]
-    factor = scipy.linalg.cholesky(reduced, lower=True, check_finite=False)
-    step[index] = scipy.linalg.cho_solve((factor, True), right, check_finite=False)
-    face = np.zeros((c * n, len(index)))
-    face[index, np.arange(len(index))] = 1.0
-    return x + step.reshape(c, n), face, factor
+    face = Face(basis, values > 1e-10, cone.coupled)
+    local = face.rotate(residual)
+    m = values.ravel()[face.index]
+    reach = np.tile(step_size, c)[face.index]
+    known = np.where(face.free, 0.0, -local).reshape(c, n)
+    fixed = face.unrotate(known)
+    reduced = face.restrict(hessian)
+    reduced[np.diag_indices(len(reduced))] += (1.0 - m) / (m * reach)
+    right = -local.ravel()[face.index] / (m * reach)
+    if fixed.any():
+        right -= face.rotate((hessian @ fixed.ravel()).reshape(c, n)).ravel()[face.index]
+    factor = scipy.linalg.cholesky(reduced, lower=True, check_finite=False, overwrite_a=True)
+    found = np.zeros(c * n)
+    found[face.index] = scipy.linalg.cho_solve((factor, True), right, check_finite=False)
+    return x + fixed + face.unrotate(found.reshape(c, n)), face, factor
 
 
-def _banded_product(hessian: Floats, basis: Floats, free: npt.NDArray[np.bool_], c: int, n: int) -> Floats:
-    """H times the free directions, which mix only the components of one cell."""
-    blocks = hessian.reshape(c * n, c, n)
-    out = np.empty((c * n, int(free.sum())))
-    start = 0
-    for k in range(c):
-        cells = np.flatnonzero(free[k * n : (k + 1) * n])
-        part = out[:, start : start + len(cells)]
-        part[:] = blocks[:, 0, cells] * basis[cells, 0, k]
-        for d in range(1, c):
-            part += blocks[:, d, cells] * basis[cells, d, k]
-        start += len(cells)
-    return out
+class Face:
+    """Free directions of every cell: some of the columns of an orthogonal matrix that mixes the components of one cell."""
+
+    def __init__(self, basis: Floats, free: npt.NDArray[np.bool_], mixed: bool) -> None:
+        self.basis, self.free, self.mixed = basis, free, mixed
+        self.index = np.flatnonzero(free.ravel())
+        self.scales = np.ones(len(free))
+
+    def rotate(self, x: Floats) -> Floats:
+        """W'x of (component, cell)."""
+        return np.einsum("idk,di->ki", self.basis, x) if self.mixed else x
+
+    def unrotate(self, x: Floats) -> Floats:
+        """W x of (direction, cell)."""
+        return np.einsum("idk,ki->di", self.basis, x) if self.mixed else x
+
+    def columns(self, rows: Floats) -> Floats:
+        """rows W, free directions only, of an array (m, component * cell), with the cone's scales taken out."""
+        c, n = self.free.shape
+        if (self.scales != 1.0).any():
+            rows = rows * np.repeat(self.scales, n)
+        if not self.mixed:
+            return np.asarray(rows[:, self.index])
+        blocks = rows.reshape(len(rows), c, n)
+        out = np.empty((len(rows), len(self.index)))
+        start = 0
+        for k in range(c):
+            cells = np.flatnonzero(self.free[k])
+            part = out[:, start : start + len(cells)]
+            np.multiply(blocks[:, 0, cells], self.basis[cells, 0, k], out=part)
+            for d in range(1, c):
+                part += blocks[:, d, cells] * self.basis[cells, d, k]
+            start += len(cells)
+        return out
+
+    def restrict(self, matrix: Floats) -> Floats:
+        """W' matrix W on the free directions of a symmetric matrix."""
+        if not self.mixed:
+            return np.asarray(matrix[np.ix_(self.index, self.index)])
+        return np.ascontiguousarray(self.columns(self.columns(matrix).T))
 
 
 def _alternate(hessian: Floats, linear: Floats, cone: Cone, x: Floats, count: int) -> Floats:

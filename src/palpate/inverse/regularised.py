@@ -45,13 +45,20 @@ class Estimate:
     """What an inversion returns: the traction and how it was chosen.
 
     ``parameter``, ``noise_scale`` (noise in units of the whitening; 1 where the noise was given) and ``residual`` (root mean
-    square misfit in the same units) have the batch shape; None from methods that have no such thing.
+    square misfit in the same units) have the batch shape; None from methods that have no such thing. Likewise ``errors``
+    (`palpate.inverse.adaptive.Errors`), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
+    (*batch, reading) and ``draws`` (*batch, draw, component, *surface).
     """
 
     traction: Any
     parameter: Floats | None
     noise_scale: Floats | None
     residual: Floats | None
+    errors: Any = None
+    converged: npt.NDArray[np.bool_] | None = None
+    contact: npt.NDArray[np.bool_] | None = None
+    outliers: npt.NDArray[np.bool_] | None = None
+    draws: Floats | None = None
 
 
 def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Floats], bool]:
