@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,6 +20,7 @@ from palpate.inverse.adaptive import Adaptive
 from palpate.inverse.cone import Cone
 from palpate.inverse.constant_friction import ConstantFriction
 from palpate.inverse.direct import Division, LinearSolve
+from palpate.inverse.family import FAMILY, Family
 from palpate.inverse.observability import (
     Observability,
     blind_to_force,
@@ -68,6 +70,11 @@ METHODS: dict[str, tuple[str, ...]] = {
     "dft": (),
     "linear": (),
     "constant_friction": ("order", "parameter", "friction"),
+    "nnls": (),
+    "elastic_net": ("parameter",),
+    "tv": ("parameter",),
+    "maxent": ("parameter",),
+    "network": ("parameter",),
 }
 
 _SPOKEN = {"x": "shear along x", "y": "shear along y", "z": "pressure"}
@@ -353,14 +360,17 @@ class Skin:
             "adaptive" (default where pressure is sought on a free boundary; learned, constrained, with error bars),
             "tikhonov" (default elsewhere; linear, milliseconds a frame), "hilgers" (Sobolev kernel), "truncated" (spectral cut-off), "wiener" (given spectrum),
             "dft" and "linear" (the founding paper's division, and the linear system it stands for; on the array's own
-            grid), "constant_friction" (the paper's sliding contact, line contact only).
+            grid), "constant_friction" (the paper's sliding contact, line contact only); and for comparison "nnls", "elastic_net",
+            "tv" (total variation), "maxent" (maximum entropy), "network" (analog network), see
+            `palpate.inverse.family`.
         components : sequence of str, optional
             What is sought, e.g. ["z"]; the rest is taken as zero. Default: `Skin.components`.
         order : 0, 1 or 2
             Derivative that Tikhonov's method keeps small (default 1).
         parameter : float or str
             Regularisation parameter, or the rule that chooses it for each frame: "evidence" (default), "gcv" (default of
-            "truncated"), "lcurve", "discrepancy" (needs the array's noise).
+            "truncated"), "lcurve", "discrepancy" (needs the array's noise; the comparison methods know no other and learn
+            the noise where it is not given).
         spectrum : callable, or a mapping from component to callable
             For "wiener": power spectral density of the traction as a function of |k| [rad/m], in Pa^2 m (line) or
             Pa^2 m^2 (area). The array's noise must be given.
@@ -399,6 +409,7 @@ class Skin:
             "draws": draws,
             "rng": rng,
         }
+        automatic = method is None
         if method is None:
             method = self._default_method(components, options)
         if method not in METHODS:
@@ -417,6 +428,15 @@ class Skin:
             if draws is not None and not (isinstance(draws, int) and draws >= 0):
                 raise InvalidInput(f"draws must be a whole number >= 0; got {draws!r}.")
             estimate: Estimate = solver.solve(parts, draws or 0, rng)
+            if (
+                automatic
+                and friction is None
+                and estimate.pushed is not None
+                and 2 * estimate.pushed.sum() < estimate.pushed.size
+            ):
+                # adhesion or cells that pull: the assumption that contact only pushes is wrong here
+                method, solver = "tikhonov", self._solver("tikhonov", names, {**options, "draws": None, "rng": None})
+                estimate = replace(solver.solve(parts), pushed=estimate.pushed)
         else:
             estimate = solver.solve(parts)
         grid = solver.grid if isinstance(solver, Division | LinearSolve) else self._surface
@@ -458,6 +478,20 @@ class Skin:
             names = ", ".join(self._reading_name(int(r)) for r in rows[:4])
             more = f" and {len(rows) - 4} more" if len(rows) > 4 else ""
             notes.append(f"left out as unexplained by any contact (dead, stuck or saturated?): {names}{more}")
+        if estimate.pushed is not None and not estimate.pushed.all():
+            bad = int((~estimate.pushed).sum())
+            notes.append(
+                f"contact that only pushes does not explain {bad} of {estimate.pushed.size} frames (adhesion, cells that pull, a wrong "
+                "pad or unit?)"
+                + (
+                    "; the linear method was used"
+                    if estimate.errors is None
+                    else '; method="tikhonov" assumes nothing of the kind'
+                )
+            )
+        if estimate.settling is not None:
+            times = np.atleast_1d(estimate.settling)
+            notes.append(f"the network settled in {float(np.median(times)):.3g} RC (its units' time constant)")
         if estimate.converged is not None and not estimate.converged.all():
             bad = int((~estimate.converged).sum())
             notes.append(
@@ -542,6 +576,12 @@ class Skin:
                 )
             return Adaptive(self.operator, columns, self._cone(names, options["friction"]))
         parameter = options["parameter"]
+        if method in FAMILY:
+            if self._boundary == "periodic":
+                raise Unsupported(
+                    f'method="{method}" needs boundary="free"; use method="tikhonov" on a periodic surface.'
+                )
+            return Family(self.operator, columns, method, parameter)
         if parameter is None:
             parameter = "gcv" if method == "truncated" else "evidence"
         grid = self._surface
@@ -599,7 +639,7 @@ class Skin:
 
     def _noise(self, solver: Any, estimate: Estimate) -> Floats | None:
         inner = solver.inner if isinstance(solver, ConstantFriction) else solver
-        if not isinstance(inner, Regularised | Adaptive) or estimate.noise_scale is None:
+        if not isinstance(inner, Regularised | Adaptive | Family) or estimate.noise_scale is None:
             return None
         return estimate.noise_scale[..., None] * np.concatenate(inner.scales)
 

@@ -355,15 +355,17 @@ class Touch:
         """Slip margin and its standard deviation, that of mu p - |q| in the cell that is nearest to slip."""
         value = to_numpy(self.slip_margin(friction))
         d = self.surface.dimensions
-        tail = (slice(None),) * d
+        tail: tuple[Any, ...] = (slice(None),) * d
+        components: tuple[Any, ...] = (..., slice(0, -1), *tail)
         variance = self._errors().traction ** 2
-        shear = to_numpy(self.values)[(..., slice(0, -1), *tail)]
+        shear = to_numpy(self.values)[components]
         size = np.sqrt((shear**2).sum(axis=-1 - d))
-        along = (shear**2 * variance[(..., slice(0, -1), *tail)]).sum(axis=-1 - d)
-        across = variance[(..., slice(0, -1), *tail)].mean(axis=-1 - d)
+        along = (shear**2 * variance[components]).sum(axis=-1 - d)
+        across = variance[components].mean(axis=-1 - d)
         with np.errstate(divide="ignore", invalid="ignore"):
             along = np.where(size > 0, along / size**2, across)
-        total = friction**2 * variance[(..., -1, *tail)] + along
+        last: tuple[Any, ...] = (..., -1, *tail)
+        total = friction**2 * variance[last] + along
         p = to_numpy(self._component("z"))
         margin = np.where(to_numpy(self.contact()), friction * p - size, math.inf)
         flat = margin.reshape(*margin.shape[: margin.ndim - d], -1)

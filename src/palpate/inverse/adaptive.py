@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,7 @@ from palpate.inverse.cone import TOLERANCE, Cone, Solution, minimise
 from palpate.inverse.parameter import tikhonov
 from palpate.inverse.priors import DifferencePrior
 from palpate.inverse.regularised import Estimate, Regularised
+from palpate.inverse.stencil import Sparse, Stencil
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Operator
 
@@ -44,7 +45,6 @@ __all__ = ["Adaptive", "Errors", "refined"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
-Sparse = scipy.sparse.csr_array
 
 #: Fine cells per surface cell on a line, by how many taxels stand for one degree of freedom of the data.
 LINE_REFINEMENT = ((1.75, 5), (math.inf, 3))
@@ -70,6 +70,8 @@ FLOOR = 1e-6
 #: A reading is left out if it is this many standard deviations, and this part of the largest reading, from what the
 #: contact explains (a coarse cell alone explains a per cent); up to this part of all readings.
 OUTLIER, GROSS, LARGEST_OUTLIERS = 6.0, 0.05, 0.2
+#: Contact that only pushes does not explain a frame if this many standard deviations of misfit remain, and this part of the signal.
+UNEXPLAINED, UNEXPLAINED_SIGNAL = 3.0, 0.1
 
 
 def refined(grid: Grid, ratio: int) -> Grid:
@@ -114,61 +116,7 @@ class _Frame:
     contact: bool
     outliers: Flags
     draws: Floats | None
-
-
-class _Stencil:
-    """Differences along each axis of a grid, traction being zero beyond its edge."""
-
-    def __init__(self, grid: Grid) -> None:
-        self.grid = grid
-        self.differences: list[Sparse] = []
-        for axis, dx in enumerate(grid.spacings):
-            product = None
-            for other, n in enumerate(grid.shape):
-                if other == axis:
-                    factor = scipy.sparse.diags_array([np.ones(n), -np.ones(n)], offsets=[0, -1], shape=(n + 1, n)) / dx
-                else:
-                    factor = scipy.sparse.eye_array(n)
-                product = factor if product is None else scipy.sparse.kron(product, factor)
-            self.differences.append(scipy.sparse.csr_array(product))
-        self.laplacian: Sparse = self._sum([d.T @ d for d in self.differences])
-
-    @staticmethod
-    def _sum(terms: Sequence[Sparse]) -> Sparse:
-        total = terms[0]
-        for term in terms[1:]:
-            total = total + term
-        return scipy.sparse.csr_array(total)
-
-    def even(self, order: int, weight: float) -> Sparse:
-        """weight * int |D^order t|^2, as a matrix."""
-        power = self.laplacian if order == 1 else self.laplacian @ self.laplacian
-        return scipy.sparse.csr_array(power * (weight * self.grid.cell))
-
-    def local(self, tau: Floats) -> Sparse:
-        """sum over edges of |difference|^2/tau, tau being given on cells."""
-        return self._sum(
-            [d.T @ scipy.sparse.diags_array(1.0 / e.ravel()) @ d for d, e in zip(self.differences, self.on_edges(tau))]
-        )
-
-    def energy(self, squares: Sequence[Floats]) -> Floats:
-        """Mean over the axes of squared differences on edges, brought to the cells."""
-        total: Floats = np.zeros(self.grid.shape)
-        for axis, s in enumerate(squares):
-            n = self.grid.shape[axis]
-            edges = s.reshape(tuple(m + (a == axis) for a, m in enumerate(self.grid.shape)))
-            total = total + 0.5 * (edges.take(range(n), axis=axis) + edges.take(range(1, n + 1), axis=axis))
-        return total / len(squares)
-
-    def on_edges(self, cells: Floats) -> list[Floats]:
-        """A field on cells brought to the edges of each axis."""
-        out = []
-        for axis, n in enumerate(cells.shape):
-            width = [(0, 0)] * cells.ndim
-            width[axis] = (1, 1)
-            padded = np.pad(cells, width, mode="edge")
-            out.append(0.5 * (padded.take(range(n + 1), axis=axis) + padded.take(range(1, n + 2), axis=axis)))
-        return out
+    pushed: bool = True
 
 
 class _Level:
@@ -180,7 +128,7 @@ class _Level:
         self.operator = (
             operator if ratio == 1 else Operator(operator.pad, operator.planes_of, self.grid, operator.boundary)
         )
-        self.stencil = _Stencil(self.grid)
+        self.stencil = Stencil(self.grid)
 
     def matrix(self, cells: Index, noise: Floats, heard: Flags) -> Floats:
         """Whitened columns (reading, component * cell) of the readings that are heard."""
@@ -296,6 +244,7 @@ class Adaptive:
             numbers("contact", bool),
             outliers.reshape((*batch, -1)),
             sampled,
+            pushed=numbers("pushed", bool),
         )
 
     # -- one frame -----------------------------------------------------------------------------------------------------
@@ -320,8 +269,11 @@ class Adaptive:
             # what is left out is filled with what the contact explains, so that the linear model can go on
             rows = self._unflat(np.where(heard, data, explained), rows)
         assert first is not None
+        signal = data[heard] / noise[heard]
+        left = float(np.sqrt(np.mean((signal - (explained / noise)[heard]) ** 2)))
+        pushed = left <= max(UNEXPLAINED, UNEXPLAINED_SIGNAL * float(np.sqrt(np.mean(signal**2))))
         members = self._members(first, data / noise, noise, heard, evidence)
-        return self._combined(members, data / noise, heard, parameter, scale, draws, rng)
+        return replace(self._combined(members, data / noise, heard, parameter, scale, draws, rng), pushed=pushed)
 
     def _flat(self, rows: Sequence[Floats]) -> Floats:
         return np.concatenate(
@@ -329,7 +281,8 @@ class Adaptive:
         )
 
     def _unflat(self, data: Floats, rows: Sequence[Floats]) -> list[Floats]:
-        out, start = [], 0
+        out: list[Floats] = []
+        start = 0
         for array, row in zip(self.operator.planes_of, rows):
             size = int(array.valid.sum()) * len(array.channels)
             part = np.zeros((len(array.channels), array.valid.size))
@@ -341,7 +294,7 @@ class Adaptive:
     def _evidence(self, linear: Regularised, rows: Sequence[Floats]) -> tuple[float, float, float, Floats]:
         """Log marginal likelihood over that of noise alone, parameter, noise scale and traction of a linear model."""
         estimate = linear.solve(rows)
-        parameter, scale = float(np.ravel(estimate.parameter)[0]), float(np.ravel(estimate.noise_scale)[0])
+        parameter, scale = (float(np.asarray(v).ravel()[0]) for v in (estimate.parameter, estimate.noise_scale))
         values, counts = linear.spectrum.eigenvalues, linear.spectrum.multiplicity
         power = np.abs(to_numpy(linear.spectrum.project(rows)).astype(np.complex128)) ** 2 * counts
         ratio = values / parameter
@@ -402,7 +355,8 @@ class Adaptive:
         grid = level.grid
         precision = level.stencil.even(1, weight)
         pressure = linear[-1]
-        region = _grown(pressure > 0.15 * pressure.max(), 1).ravel()
+        region = _grown(pressure >= max(0.15 * float(pressure.max()), 1e-300), 1).ravel()
+        region[int(np.argmax(pressure))] = True
         start = linear.reshape(len(linear), -1)
         slope = self._misfit_gradient(y * heard, noise)
         reference = self._quiet(y) * float(np.abs(slope).max())

@@ -234,7 +234,7 @@ class Face:
     def __init__(self, basis: Floats, free: npt.NDArray[np.bool_], mixed: bool) -> None:
         self.basis, self.free, self.mixed = basis, free, mixed
         self.index = np.flatnonzero(free.ravel())
-        self.scales = np.ones(len(free))
+        self.scales: Floats = np.ones(len(free))
 
     def rotate(self, x: Floats) -> Floats:
         """W'x of (component, cell)."""

@@ -47,7 +47,8 @@ class Estimate:
     ``parameter``, ``noise_scale`` (noise in units of the whitening; 1 where the noise was given) and ``residual`` (root mean
     square misfit in the same units) have the batch shape; None from methods that have no such thing. Likewise ``errors``
     (`palpate.inverse.adaptive.Errors`), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
-    (*batch, reading) and ``draws`` (*batch, draw, component, *surface).
+    (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
+    analog network takes in units of its RC, and ``pushed`` (False: contact that only pushes does not explain the frame).
     """
 
     traction: Any
@@ -59,6 +60,8 @@ class Estimate:
     contact: npt.NDArray[np.bool_] | None = None
     outliers: npt.NDArray[np.bool_] | None = None
     draws: Floats | None = None
+    settling: Floats | None = None
+    pushed: npt.NDArray[np.bool_] | None = None
 
 
 def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Floats], bool]:

@@ -158,7 +158,7 @@ class _Convolution:
         flat: npt.NDArray[np.intp] = np.zeros((1, len(cells)), dtype=np.intp)
         for m, r, n, place, size in zip(self.taxels, self.ratios, self.cells, places, self.kernel.shape[2:]):
             index = np.arange(m)[:, None] * r - place[None, :] + (n - 1)
-            flat = (flat[:, None, :] * size + index[None, :, :]).reshape(-1, len(cells))
+            flat = (flat[:, None, :] * size + index[None, :, :]).reshape(len(flat) * m, len(cells))
         kernel = self.kernel[:, component].reshape(self.rows, -1)
         return np.asarray(np.take(kernel, flat, axis=1))
 
