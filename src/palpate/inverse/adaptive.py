@@ -33,7 +33,7 @@ import scipy.sparse
 from palpate._arrays import from_numpy, to_numpy
 from palpate.elastic.half_space import Floats
 from palpate.errors import Unsupported
-from palpate.inverse.cone import TOLERANCE, Cone, Solution, minimise
+from palpate.inverse.cone import TOLERANCE, Cone, Solution, cholesky, minimise
 from palpate.inverse.parameter import tikhonov
 from palpate.inverse.priors import DifferencePrior
 from palpate.inverse.regularised import Estimate, Regularised
@@ -49,7 +49,7 @@ Index = npt.NDArray[np.intp]
 #: Fine cells per surface cell on a line, by how many taxels stand for one degree of freedom of the data.
 LINE_REFINEMENT = ((1.75, 5), (math.inf, 3))
 #: The same on an area, per axis: where noise is high, detail finer than the taxels cannot be seen.
-AREA_REFINEMENT = ((1.75, 2), (math.inf, 1))
+AREA_REFINEMENT = ((1.2, 3), (1.75, 2), (math.inf, 1))
 #: Unknowns of one frame up to which the finer grid is used, and at all.
 FINE_UNKNOWNS, LARGEST_UNKNOWNS = 4000, 9000
 #: Readings up to which the second derivative is tried too (its spectrum costs as much again to prepare).
@@ -58,6 +58,10 @@ SECOND_ORDER_READINGS = 4096
 CONTACT_EVIDENCE = 6.0
 #: Reach of the local mean of |grad t|^2, in depths (0: one fine cell), and whether posterior variance is added.
 REACHES: tuple[tuple[float, bool], ...] = ((1.0 / 3.0, False), (0.0, True))
+#: Size of shear next to pressure where friction is not known.
+SHEAR = 0.7
+#: With shear sought, the amplitude of each component is learned this many times.
+AMPLITUDE_ROUNDS = 3
 #: Local weights are relearned this many times.
 ROUNDS = 4
 #: Relative residual of the rounds before the last.
@@ -70,8 +74,10 @@ FLOOR = 1e-6
 #: A reading is left out if it is this many standard deviations, and this part of the largest reading, from what the
 #: contact explains (a coarse cell alone explains a per cent); up to this part of all readings.
 OUTLIER, GROSS, LARGEST_OUTLIERS = 6.0, 0.05, 0.2
+#: No pad and no grid is known better than this part of the largest reading: the least noise that is assumed.
+MODEL_ERROR = 2e-4
 #: Contact that only pushes does not explain a frame if this many standard deviations of misfit remain, and this part of the signal.
-UNEXPLAINED, UNEXPLAINED_SIGNAL = 3.0, 0.1
+UNEXPLAINED, UNEXPLAINED_SIGNAL = 3.0, 0.03
 
 
 def refined(grid: Grid, ratio: int) -> Grid:
@@ -192,10 +198,15 @@ class Adaptive:
             )
         self.operator, self.cone, self.columns = operator, cone, tuple(columns)
         grid = operator.surface
+        # shear varies less than pressure, by what friction allows, shared between its components
+        shear = 0.5 * (cone.friction or SHEAR) ** 2
+        self._variances = [1.0 if c == len(columns) - 1 else shear for c in range(len(columns))]
         readings = sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)
         orders = (1, 2) if readings <= SECOND_ORDER_READINGS else (1,)
         self.orders = {
-            order: Regularised(operator, [DifferencePrior(grid, order)] * len(columns), columns, tikhonov, "evidence")
+            order: Regularised(
+                operator, [DifferencePrior(grid, order, v) for v in self._variances], columns, tikhonov, "evidence"
+            )
             for order in orders
         }
         self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
@@ -260,7 +271,7 @@ class Adaptive:
             gain, parameter, scale, linear = evidence[1]
             if not (gain > CONTACT_EVIDENCE and scale > 0):
                 return self._nothing(parameter, scale, data, ~heard, draws)
-            noise = self._rows * scale
+            noise = self._rows * max(scale, MODEL_ERROR * float(np.abs(data / self._rows).max()))
             first, explained = self._first(linear, data / noise, noise, heard, parameter / scale**2)
             wrong = self._outliers(data, explained, noise)
             if attempt == 3 or not (wrong & heard).any() or (wrong | ~heard).mean() > LARGEST_OUTLIERS:
@@ -272,6 +283,8 @@ class Adaptive:
         signal = data[heard] / noise[heard]
         left = float(np.sqrt(np.mean((signal - (explained / noise)[heard]) ** 2)))
         pushed = left <= max(UNEXPLAINED, UNEXPLAINED_SIGNAL * float(np.sqrt(np.mean(signal**2))))
+        if not first[-1].any():
+            return replace(self._nothing(parameter, scale, data, ~heard, draws), pushed=pushed)
         members = self._members(first, data / noise, noise, heard, evidence)
         return replace(self._combined(members, data / noise, heard, parameter, scale, draws, rng), pushed=pushed)
 
@@ -353,7 +366,8 @@ class Adaptive:
         """
         level = self._levels[1]
         grid = level.grid
-        precision = level.stencil.even(1, weight)
+        even = level.stencil.even(1, weight)
+        precisions = [even / v for v in self._variances]
         pressure = linear[-1]
         region = _grown(pressure >= max(0.15 * float(pressure.max()), 1e-300), 1).ravel()
         region[int(np.argmax(pressure))] = True
@@ -365,12 +379,14 @@ class Adaptive:
         for _ in range(12):
             cells = np.flatnonzero(region)
             self._check(len(cells) * len(self.columns))
-            member = self._member(self._normal(level, cells, y, noise, heard), precision, start[:, cells])
+            member = self._member(self._normal(level, cells, y, noise, heard), precisions, start[:, cells])
             traction = np.zeros((len(self.columns), math.prod(grid.shape)))
             traction[:, cells] = member.solution.traction
             explained = self._explained(traction)
             # a cell left out is missing if pressure there would lower the objective
-            slope = self._misfit_gradient((y - explained / noise) * heard, noise) - (precision @ traction.T).T
+            slope = self._misfit_gradient((y - explained / noise) * heard, noise) - np.stack(
+                [q @ t for q, t in zip(precisions, traction)]
+            )
             pull = np.abs(self.cone.project(slope * self.cone.scales[:, None])[-1])
             pull[region] = 0.0
             if not (pull > reference).any():
@@ -431,8 +447,8 @@ class Adaptive:
         d = self.operator.surface.dimensions
         spacing = (self._taxels * len(self.columns) / max(seen, 1.0)) ** (1.0 / d)
         table = LINE_REFINEMENT if d == 1 else AREA_REFINEMENT
-        ratio = next(r for limit, r in table if spacing <= limit)
-        return ratio if unknowns * ratio**d <= FINE_UNKNOWNS else 1
+        wanted = [r for limit, r in table if r == 1 or unknowns * r**d <= FINE_UNKNOWNS]
+        return min(next(r for limit, r in table if spacing <= limit), max([*wanted, 1]))
 
     def _members(
         self,
@@ -456,18 +472,50 @@ class Adaptive:
         for order, (_, parameter, scale, _) in evidence.items():
             if order > 1 and odds[order] < 0.01:
                 continue
-            precision = level.stencil.even(order, parameter / scale**2)
-            member = self._member(data, precision, start, keep_face=True)
+            even = level.stencil.even(order, parameter / scale**2)
+            member = self._even(data, even, start)
             member.weight = odds[order]
             members.append(member)
         total = sum(m.weight for m in members)
+        # an even penalty gets a third, and half where the second derivative is what the frame speaks for
+        smooth = sum(m.weight for m in members[1:]) / total
+        even = (1.0 - smooth) / (1 + len(REACHES)) + smooth / 2.0
         for m in members:
-            m.weight /= total * (1 + len(REACHES))
+            m.weight *= even / total
         for reach, variance in REACHES:
             member = self._relearned(members[0], reach, variance, self._quiet(y))
-            member.weight = 1.0 / (1 + len(REACHES))
+            member.weight = (1.0 - even) / len(REACHES)
             members.append(member)
         return [m for m in members if m.weight > 1e-3]
+
+    def _even(self, data: _Normal, even: Sparse, start: Floats) -> _Member:
+        """An even penalty, the amplitude of each component learned where there are several.
+
+        The EM step for the variance v of a component with prior precision Q/v: v = E[t'Qt]/n, over the n cells in contact.
+        """
+        variances = list(self._variances)
+        member = self._member(data, [even / v for v in variances], start, keep_face=True)
+        if len(variances) == 1:
+            return member
+        n = len(data.cells)
+        part = even[data.cells][:, data.cells].tocoo()
+        for _ in range(AMPLITUDE_ROUNDS):
+            touching = np.flatnonzero(member.solution.traction[-1] > 0)
+            if not len(touching):
+                break
+            inside = np.isin(part.row, touching) & np.isin(part.col, touching)
+            row, column, value = part.row[inside], part.col[inside], part.data[inside]
+            for i, t in enumerate(member.solution.traction):
+                rows = np.zeros((len(touching), len(variances) * n))
+                rows[np.arange(len(touching)), i * n + touching] = 1.0
+                spread = _spread(member.solution, rows)
+                place = np.zeros(n, dtype=np.intp)
+                place[touching] = np.arange(len(touching))
+                covariance = np.einsum("fe,fe->e", spread[:, place[row]], spread[:, place[column]])
+                energy = float(t @ (even[data.cells][:, data.cells] @ t)) + float(value @ covariance)
+                variances[i] = max(energy / len(touching), 1e-6)
+            member = self._member(data, [even / v for v in variances], member.solution.traction, keep_face=True)
+        return member
 
     def _relearned(self, member: _Member, reach: float, variance: bool, quiet: float) -> _Member:
         """The penalty learned from its own result, over and over."""
@@ -570,8 +618,6 @@ class Adaptive:
         the cone (J. M. Everink, Y. Dong, M. S. Andersen, SIAM/ASA J. Uncertainty Quantification 11, 2023), so that samples
         respect the constraints and leave cells empty with finite probability.
         """
-        import scipy.linalg
-
         grid = self.operator.surface
         out = np.zeros((count, len(grid.components), *grid.shape))
         picks = rng.choice(len(members), size=count, p=weights / weights.sum())
@@ -579,7 +625,7 @@ class Adaptive:
             chosen = np.flatnonzero(picks == i)
             if not len(chosen):
                 continue
-            root = scipy.linalg.cholesky(member.hessian, lower=True, check_finite=False)
+            root = cholesky(member.hessian.copy())
             for j in chosen:
                 linear = member.data.linear + (root @ rng.standard_normal(len(root))).reshape(member.data.linear.shape)
                 x = minimise(member.hessian, linear, self.cone, member.solution.traction).traction
@@ -669,7 +715,7 @@ def _account(member: _Member, grid: Grid) -> tuple[Quantity, Quantity, Quantity,
     force_rows = np.zeros((c, c, n))
     force_rows[np.arange(c), np.arange(c)] = cell
     p = member.solution.traction[-1]
-    total = max(float(p.sum()), 1e-300)
+    total = float(p.sum()) or 1.0
     center = np.array([float((x * p).sum()) / total for x in axes])
     center_rows = np.zeros((len(axes), c, n))
     for i, x in enumerate(axes):

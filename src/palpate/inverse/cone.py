@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from palpate.elastic.half_space import Floats
 
-__all__ = ["TOLERANCE", "Cone", "Face", "Solution", "minimise"]
+__all__ = ["TOLERANCE", "Cone", "Face", "Solution", "cholesky", "minimise"]
 
 
 @dataclass(frozen=True)
@@ -222,10 +222,24 @@ def _newton(
     right = -local.ravel()[face.index] / (m * reach)
     if fixed.any():
         right -= face.rotate((hessian @ fixed.ravel()).reshape(c, n)).ravel()[face.index]
-    factor = scipy.linalg.cholesky(reduced, lower=True, check_finite=False, overwrite_a=True)
+    factor = cholesky(reduced)
     found = np.zeros(c * n)
     found[face.index] = scipy.linalg.cho_solve((factor, True), right, check_finite=False)
     return x + fixed + face.unrotate(found.reshape(c, n)), face, factor
+
+
+def cholesky(matrix: Floats) -> Floats:
+    """Lower factor; where rounding makes the matrix indefinite, of the matrix plus as little of the identity as helps."""
+    import scipy.linalg
+
+    diagonal = np.diagonal(matrix).copy()
+    for jitter in (0.0, 1e-14, 1e-12, 1e-10):
+        matrix[np.diag_indices(len(matrix))] = diagonal * (1.0 + jitter) + jitter * diagonal.max(initial=0.0)
+        try:
+            return np.asarray(scipy.linalg.cholesky(matrix, lower=True, check_finite=False))
+        except np.linalg.LinAlgError:
+            continue
+    raise np.linalg.LinAlgError("the quadratic program is not positive definite")
 
 
 class Face:

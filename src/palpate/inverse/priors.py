@@ -34,13 +34,13 @@ class Prior(Protocol):
 
 
 class DifferencePrior:
-    """Tikhonov's penalty: int |D^m t|^2 over the surface, of order m = 0, 1 or 2, and t = 0 beyond its edge.
+    """Tikhonov's penalty: int |D^m t|^2/scale over the surface, of order m = 0, 1 or 2, and t = 0 beyond its edge.
 
     With the second difference and zero beyond the edge the penalty is diagonal in the sine transform (DST-I), with
     eigenvalues (sum over axes of (2/dx sin(pi j/(2(n+1))))^2)^m per cell.
     """
 
-    def __init__(self, grid: Grid, order: int) -> None:
+    def __init__(self, grid: Grid, order: int, scale: float = 1.0) -> None:
         if order not in (0, 1, 2):
             raise InvalidInput(f"order must be 0, 1 or 2; got {order!r}.")
         self.grid, self.order = grid, order
@@ -51,7 +51,8 @@ class DifferencePrior:
             shape = [1] * grid.dimensions
             shape[axis] = n
             total = total + ((2 / dx * np.sin(np.pi * j / (2 * (n + 1)))) ** 2).reshape(shape)
-        self._variance = 1.0 / (grid.cell * total**order)
+        self._variance = scale / (grid.cell * total**order)
+        self._scale = scale
         self._copies: dict[tuple[Any, ...], tuple[list[Any], Any]] = {}
 
     def covariance(self, x: Any) -> Any:
@@ -77,7 +78,7 @@ class DifferencePrior:
     def spectrum(self, k: Floats) -> Floats:
         """1/(cell k^{2m}); the mean (k = 0), which no derivative sees, is left practically free."""
         smallest = k[k > 0].min()
-        return np.asarray(1.0 / (self.grid.cell * np.where(k > 0, k, 1e-4 * smallest) ** (2 * self.order)))
+        return np.asarray(self._scale / (self.grid.cell * np.where(k > 0, k, 1e-4 * smallest) ** (2 * self.order)))
 
 
 class SpectralPrior:
