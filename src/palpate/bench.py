@@ -270,8 +270,8 @@ class Layout:
 def _layouts() -> dict[str, Layout]:
     soft = HalfSpace(youngs_modulus=1.0, poissons_ratio=0.49)
     line = LineArray(count=121, pitch=0.5, depth=1.5, channels=["stress_zz"])
-    area = AreaArray(shape=(20, 20), pitch=1.0, depth=2.0, channels=["stress_zz"])
-    three = AreaArray(shape=(20, 20), pitch=1.0, depth=2.0, channels=["stress_xz", "stress_yz", "stress_zz"])
+    area = AreaArray(shape=(32, 32), pitch=1.0, depth=2.0, channels=["stress_zz"])
+    three = AreaArray(shape=(32, 32), pitch=1.0, depth=2.0, channels=["stress_xz", "stress_yz", "stress_zz"])
     gel = BondedLayers([Layer(thickness=3.0, youngs_modulus=1.0, poissons_ratio=0.48)])
     markers = AreaArray(
         shape=(20, 20), pitch=1.0, depth=1.5, channels=["displacement_x", "displacement_y", "displacement_z"]

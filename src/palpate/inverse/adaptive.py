@@ -60,8 +60,8 @@ CONTACT_EVIDENCE = 6.0
 REACHES: tuple[tuple[float, bool], ...] = ((1.0 / 3.0, False), (0.0, True))
 #: Size of shear next to pressure where friction is not known.
 SHEAR = 0.7
-#: With shear sought, the amplitude of each component is learned this many times.
-AMPLITUDE_ROUNDS = 3
+#: Pressure below this many times noise over signal, as a part of the peak, is noise; never more than the second part.
+TRIM, LARGEST_TRIM = 1.5, 0.05
 #: Local weights are relearned this many times.
 ROUNDS = 4
 #: Relative residual of the rounds before the last.
@@ -473,79 +473,74 @@ class Adaptive:
             if order > 1 and odds[order] < 0.01:
                 continue
             even = level.stencil.even(order, parameter / scale**2)
-            member = self._even(data, even, start)
+            precisions = [even / v for v in self._variances]
+            member = self._trimmed(self._member(data, precisions, start), precisions, y)
             member.weight = odds[order]
             members.append(member)
         total = sum(m.weight for m in members)
         # an even penalty gets a third, and half where the second derivative is what the frame speaks for
+        reaches = self._reaches(level)
         smooth = sum(m.weight for m in members[1:]) / total
-        even = (1.0 - smooth) / (1 + len(REACHES)) + smooth / 2.0
+        even = (1.0 - smooth) / 3.0 + smooth / 2.0
         for m in members:
             m.weight *= even / total
-        for reach, variance in REACHES:
-            member = self._relearned(members[0], reach, variance, self._quiet(y))
-            member.weight = (1.0 - even) / len(REACHES)
+        for width, variance in reaches:
+            member = self._relearned(members[0], width, variance, y)
+            member.weight = (1.0 - even) / len(reaches)
             members.append(member)
         return [m for m in members if m.weight > 1e-3]
 
-    def _even(self, data: _Normal, even: Sparse, start: Floats) -> _Member:
-        """An even penalty, the amplitude of each component learned where there are several.
+    def _trimmed(self, member: _Member, precision: Sparse | Sequence[Sparse], y: Floats) -> _Member:
+        """Without the cells whose pressure is not told from none: all of it pushes, so that noise there would add up."""
+        pressure = member.solution.traction[-1]
+        limit = min(TRIM / max(float(np.abs(y).max()), 1e-300), LARGEST_TRIM)
+        position = np.flatnonzero(pressure > limit * pressure.max())
+        return self._member(
+            member.data.part(position), precision, member.solution.traction[:, position], keep_face=True
+        )
 
-        The EM step for the variance v of a component with prior precision Q/v: v = E[t'Qt]/n, over the n cells in contact.
-        """
-        variances = list(self._variances)
-        member = self._member(data, [even / v for v in variances], start, keep_face=True)
-        if len(variances) == 1:
-            return member
-        n = len(data.cells)
-        part = even[data.cells][:, data.cells].tocoo()
-        for _ in range(AMPLITUDE_ROUNDS):
-            touching = np.flatnonzero(member.solution.traction[-1] > 0)
-            if not len(touching):
-                break
-            inside = np.isin(part.row, touching) & np.isin(part.col, touching)
-            row, column, value = part.row[inside], part.col[inside], part.data[inside]
-            for i, t in enumerate(member.solution.traction):
-                rows = np.zeros((len(touching), len(variances) * n))
-                rows[np.arange(len(touching)), i * n + touching] = 1.0
-                spread = _spread(member.solution, rows)
-                place = np.zeros(n, dtype=np.intp)
-                place[touching] = np.arange(len(touching))
-                covariance = np.einsum("fe,fe->e", spread[:, place[row]], spread[:, place[column]])
-                energy = float(t @ (even[data.cells][:, data.cells] @ t)) + float(value @ covariance)
-                variances[i] = max(energy / len(touching), 1e-6)
-            member = self._member(data, [even / v for v in variances], member.solution.traction, keep_face=True)
-        return member
+    def _reaches(self, level: _Level) -> list[tuple[float, bool]]:
+        """Widths in cells of the local means that differ on this grid; without the variance weak shear would be lost."""
+        cell = min(level.grid.spacings)
+        out = [(max(reach * self.depth / cell, 1.0), variance or len(self.columns) > 1) for reach, variance in REACHES]
+        return out if out[0] != out[1] else out[:1]
 
-    def _relearned(self, member: _Member, reach: float, variance: bool, quiet: float) -> _Member:
+    def _relearned(self, member: _Member, width: float, variance: bool, y: Floats) -> _Member:
         """The penalty learned from its own result, over and over."""
         level = member.level
-        width = max(reach * self.depth / min(level.grid.spacings), 1.0)
         c = len(self.columns)
+        precisions: list[Sparse] = []
         for i in range(ROUNDS):
             tau = self._local_scales(member, width, variance)
             loud = tau.max(axis=0).ravel()
             pressure = member.solution.traction[-1]
-            keep = (loud[member.cells] > QUIET * loud.max()) | (pressure > quiet * pressure.max())
+            keep = (loud[member.cells] > QUIET * loud.max()) | (pressure > self._quiet(y) * pressure.max())
             if not self.cone.coupled and c > 1:
                 # no shear outside contact
                 keep &= _grown(member.pressure > 0, 1).ravel()[member.cells]
             position = np.flatnonzero(keep)
+            least = FLOOR * tau.max(axis=tuple(range(1, tau.ndim)), keepdims=True)
+            precisions = [level.stencil.local(t) for t in np.maximum(tau, least)]
+            last = i == ROUNDS - 1
             member = self._member(
                 member.data.part(position),
-                [level.stencil.local(t) for t in np.maximum(tau, FLOOR * loud.max())],
+                precisions,
                 member.solution.traction[:, position],
-                keep_face=variance or i == ROUNDS - 1,
-                tolerance=TOLERANCE if i == ROUNDS - 1 else ROUGH,
+                keep_face=variance and not last,
+                tolerance=TOLERANCE if last else ROUGH,
             )
-        return member
+        return self._trimmed(member, precisions, y)
 
     def _local_scales(self, member: _Member, width: float, variance: bool) -> Floats:
-        """tau (component, *grid): local mean of the squared gradient."""
+        """tau (component, *grid): local mean of the squared gradient.
+
+        Its course is common to all components, because shear has its edges where pressure has; so is its size, up to
+        the fixed ratio of shear to pressure. Learned one by one, weak shear would learn that it is nothing.
+        """
         import scipy.ndimage
 
         level, n = member.level, len(member.cells)
-        out = []
+        total: Floats = np.zeros(level.grid.shape)
         for i, values in enumerate(member.solution.traction):
             field = _scattered(values, member.cells, level.grid.shape).ravel()
             squares = []
@@ -558,9 +553,10 @@ class Adaptive:
                     rows[:, i * n : (i + 1) * n] = local[touched].toarray()
                     square[touched] += (_spread(member.solution, rows) ** 2).sum(axis=0)
                 squares.append(square)
-            sigma = [width * min(level.grid.spacings) / dx for dx in level.grid.spacings]
-            out.append(scipy.ndimage.gaussian_filter(level.stencil.energy(squares), sigma, mode="constant"))
-        return np.stack(out)
+            total = total + level.stencil.energy(squares) / (self._variances[i] * len(self._variances))
+        sigma = [width * min(level.grid.spacings) / dx for dx in level.grid.spacings]
+        tau = scipy.ndimage.gaussian_filter(total, sigma, mode="constant")
+        return np.stack([v * tau for v in self._variances])
 
     def _combined(
         self,
