@@ -25,6 +25,7 @@ ROOMS = [
     "skin",
     "pads",
     "paper",
+    "bench",
     "cli",
     "__main__",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
     from palpate.touch import Touch
 
-__all__ = ["INK", "plot_touch", "scaled"]
+__all__ = ["INK", "plot_accuracy", "plot_touch", "scaled"]
 
 #: Colours that stay apart in print and for colour-blind readers.
 INK = {"pressure": "#0b5394", "shear": "#c55a11", "truth": "#444444", "error": "#8e1b3a", "other": "#2a7f62"}
@@ -121,4 +122,31 @@ def _plot_area(touch: Touch, values: Floats, true: Floats | None, title: str | N
             figure.colorbar(image, ax=axes, label=f"{name} [{unit}]")
     if title:
         figure.suptitle(title)
+    return figure
+
+
+def plot_accuracy(records: Sequence[Any]) -> Figure:
+    """Error over the clairvoyant filter's, one panel per layout, one dot per contact, method and noise."""
+    from matplotlib.figure import Figure
+
+    layouts = list(dict.fromkeys(r.layout for r in records))
+    figure = Figure(figsize=(10, 2.2 + 1.9 * len(layouts)), layout="constrained")
+    axes = figure.subplots(len(layouts), 1, squeeze=False)[:, 0]
+    noises = sorted({r.noise for r in records})
+    for ax, layout in zip(axes, layouts):
+        methods = list(dict.fromkeys(r.method for r in records if r.layout == layout))
+        for i, method in enumerate(methods):
+            for j, noise in enumerate(noises):
+                ratios = [r.ratio for r in records if (r.layout, r.method, r.noise) == (layout, method, noise)]
+                place = i + 0.22 * (j - 0.5 * (len(noises) - 1))
+                ax.plot([place] * len(ratios), ratios, ".", color=f"C{j}", alpha=0.5, markersize=4)
+                mean = float(np.exp(np.mean(np.log(ratios))))
+                label = f"noise {noise:g}" if i == 0 else None
+                ax.plot([place - 0.08, place + 0.08], [mean, mean], color=f"C{j}", linewidth=2.5, label=label)
+        ax.axhline(1.0, color="0.5", linewidth=0.8)
+        ax.set_yscale("log")
+        ax.set_xticks(range(len(methods)), methods)
+        ax.set_title(layout, loc="left", fontsize=10)
+        ax.set_ylabel("error / clairvoyant")
+    axes[0].legend(fontsize=8, ncols=3, title="bar: geometric mean", title_fontsize=8)
     return figure

@@ -100,7 +100,7 @@ def demo(
         readings=readings[None], channels=tuple(names), meta={"made by": f"palpate demo --seed {seed}"}
     )
     write_recording(recording, folder / "recording.nc")
-    touch = skin.reconstruct(readings)
+    touch = skin.reconstruct(readings, friction=friction)
     write_touch(touch, folder / "touch.nc", provenance=_provenance(_DEMO_SKIN))
     figure = touch.plot(
         truth=truth, title="A ball pressed and dragged: recovered from noisy stress 2 mm below the surface"
@@ -183,8 +183,12 @@ def reconstruct(
     plot: Annotated[Path | None, typer.Option(help="Picture of one frame to write (.png, .pdf or .svg).")] = None,
     frame: Annotated[int, typer.Option(help="Frame to draw and to print; -1 is the last.")] = -1,
     method: Annotated[
-        str, typer.Option(help="tikhonov, hilgers, truncated, dft, linear or constant_friction.")
-    ] = "tikhonov",
+        str | None,
+        typer.Option(
+            help="adaptive (default where pressure is sought), tikhonov, hilgers, truncated, dft, linear, constant_friction, "
+            "nnls, elastic_net, tv, maxent or network."
+        ),
+    ] = None,
     components: Annotated[
         str | None, typer.Option(help="What is sought, e.g. z or x,z; default: what the channels can tell apart.")
     ] = None,
@@ -193,7 +197,8 @@ def reconstruct(
         str | None, typer.Option(help="Regularisation parameter, or evidence, gcv, lcurve, discrepancy.")
     ] = None,
     friction: Annotated[
-        float | None, typer.Option(help="Coefficient of friction, for the slip margin (and for constant_friction).")
+        float | None,
+        typer.Option(help="Coefficient of friction: bounds the shear (adaptive), and gives the slip margin."),
     ] = None,
     drop_missing: Annotated[
         bool, typer.Option("--drop-missing", help="Leave out taxels with missing readings instead of refusing them.")
@@ -203,6 +208,7 @@ def reconstruct(
     import numpy as np
 
     from palpate.elastic import Viscoelastic
+    from palpate.inverse import Errors
     from palpate.recordings import read_recording, write_touch
     from palpate.recordings.formats import file_format
     from palpate.skin import METHODS, Skin
@@ -212,7 +218,7 @@ def reconstruct(
     file_format(target)
     if plot is not None:
         _check_picture(plot)
-    if method not in METHODS or method == "wiener":
+    if method is not None and (method not in METHODS or method == "wiener"):
         raise InvalidInput(f"method must be one of {', '.join(m for m in METHODS if m != 'wiener')}; got {method!r}.")
     if friction is not None and not (np.isfinite(friction) and friction != 0):
         raise InvalidInput(f"friction must be a finite number other than 0; got {friction:g}.")
@@ -234,8 +240,13 @@ def reconstruct(
     }
     if parameter is not None:
         options["parameter"] = _number_or_rule(parameter)
-    if method == "constant_friction":
-        options["friction"] = friction
+    takes_friction = method == "constant_friction" or (
+        method in (None, "adaptive") and order is None and parameter is None and skin.boundary == "free"
+    )
+    if takes_friction and friction is not None:
+        sought = skin.components if components is None else components.split(",")
+        if method == "constant_friction" or ("z" in sought and len(sought) > 1):
+            options["friction"] = friction
     count = len(recording.readings)
     if not -count <= frame < count:
         raise InvalidInput(f"frame {frame} is not among the {count} frames of {recording_file}.")
@@ -249,19 +260,29 @@ def reconstruct(
     first = parts[0]
 
     def join(name: str) -> Any:
-        return None if getattr(first, name) is None else np.concatenate([getattr(p, name) for p in parts])
+        return (
+            None if any(getattr(p, name) is None for p in parts) else np.concatenate([getattr(p, name) for p in parts])
+        )
 
+    errors = None
+    if all(p.errors is not None for p in parts):
+        names = ("traction", "force", "moment", "center", "peak")
+        errors = Errors(*(np.concatenate([getattr(p.errors, n) for p in parts]) for n in names))
     touch = Touch(
         join("values"),
         first.surface,
         first.components,
         first.method,
-        first.notes,
+        tuple(dict.fromkeys(n for p in parts for n in p.notes)),
         join("parameter"),
         join("noise_std"),
         join("residual"),
         first.unseen_force,
         recording.time,
+        errors=errors,
+        converged=join("converged"),
+        touching=join("touching"),
+        outliers=join("outliers"),
     )
     figure = touch.plot(frame=frame) if plot is not None else None
     write_touch(touch, target, provenance=_provenance(skin_file.read_text(encoding="utf-8"), str(recording_file)))
@@ -375,6 +396,81 @@ def pad(
     if "z" in skin.components:
         typer.echo(f"taken for a half-space     peak pressure x {found.peak:.2f}   net force x {found.force:.2f}")
     typer.echo(f"picture                    {plot}")
+
+
+bench_app = typer.Typer(
+    help="Measure the inversion on simulated contacts.", no_args_is_help=True, rich_markup_mode=None
+)
+app.add_typer(bench_app, name="bench")
+
+
+@bench_app.command("accuracy")
+def bench_accuracy(
+    layouts: Annotated[str | None, typer.Option(help="Layouts, separated by commas; default: all.")] = None,
+    draws: Annotated[int, typer.Option(min=1, help="Noise draws of each contact.")] = 2,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    family: Annotated[bool, typer.Option(help="Also the methods for comparison.")] = True,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the table of every case (accuracy.csv) and the picture (accuracy.png)."),
+    ] = None,
+) -> None:
+    """Error of every method against the clairvoyant Wiener filter, and coverage of the error bars."""
+    import csv
+
+    from palpate import bench
+
+    names = tuple(bench.LAYOUTS) if layouts is None else tuple(n.strip() for n in layouts.split(","))
+    unknown = [n for n in names if n not in bench.LAYOUTS]
+    if unknown:
+        raise InvalidInput(f"layouts must be among {', '.join(bench.LAYOUTS)}; got {', '.join(unknown)}.")
+    folder = _folder(out) if out is not None else None
+    total = sum(
+        len(bench.LAYOUTS[n].contacts)
+        * len(bench.NOISES)
+        * draws
+        * (1 + (len(bench.LAYOUTS[n].methods) if family else 0))
+        for n in names
+    )
+    with _bar("contacts", total) as step:
+        records = bench.accuracy(
+            names, draws=draws, seed=seed, family=family, jobs=jobs, report=lambda record: step(record.contact)
+        )
+    typer.echo("error over that of the clairvoyant Wiener filter, which knows the contact's spectrum and the noise")
+    typer.echo(f"{'layout':<21}{'method':<13}{'noise':>7}{'geometric mean':>16}{'worst':>8}{'contacts':>10}")
+    for layout, method, noise, mean, worst, count in bench.table(records):
+        level = "all" if noise != noise else f"{noise:g}"
+        typer.echo(f"{layout:<21}{method:<13}{level:>7}{mean:>16.3f}{worst:>8.3f}{count:>10}")
+    typer.echo("part of true values inside the intervals (adaptive)")
+    half, most = bench.coverage(records, 0.5), bench.coverage(records, 0.95)
+    for quantity, value in half.items():
+        typer.echo(f"{quantity:<21}50 %: {value:.3f}   95 %: {most[quantity]:.3f}")
+    if folder is not None:
+        with open(folder / "accuracy.csv", "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(["layout", "contact", "noise", "method", "error", "clairvoyant"])
+            writer.writerows([r.layout, r.contact, r.noise, r.method, r.error, r.clairvoyant] for r in records)
+        from palpate._plot import plot_accuracy
+
+        _save(plot_accuracy(records), folder / "accuracy.png")
+        typer.echo(f"wrote           {folder / 'accuracy.csv'}, {folder / 'accuracy.png'}")
+
+
+@bench_app.command("calibration")
+def bench_calibration(
+    frames: Annotated[int, typer.Option(min=20, help="Random contacts.")] = 500,
+    seed: Annotated[int, typer.Option(help="Seed of the contacts and the noise.")] = 12345,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+) -> None:
+    """The constants of the error bars, from a random population of contacts."""
+    from palpate import bench
+
+    with _bar("contacts", frames) as step:
+        found = bench.calibration(frames, seed=seed, jobs=jobs, report=lambda i: step(f"{i}"))
+    typer.echo(f"{'quantity':<21}{'shift':>8}{'scale':>8}{'freedom':>9}")
+    for quantity, (shift, scale, freedom) in found.items():
+        typer.echo(f"{quantity:<21}{shift:>8.3f}{scale:>8.3f}{freedom:>9.2f}")
 
 
 @app.command()

@@ -40,22 +40,26 @@ class Calibration:
 
         return float(scipy.special.stdtrit(self.freedom, probability))
 
-    def bounds(self, level: float, value: Floats, std: Floats, floor: Floats) -> tuple[Floats, Floats]:
-        """Ends of the central interval, none below ``floor``."""
+    def bounds(
+        self, level: float, value: Floats, std: Floats, floor: Floats, *, away: bool = False
+    ) -> tuple[Floats, Floats]:
+        """Ends of the central interval, none below ``floor``; with ``away`` the shift is away from zero."""
         half = self.scale * self._quantile(0.5 * (1.0 + level))
-        low = value + std * (self.shift - half)
-        high = value + std * (self.shift + half)
+        shift = self.shift * np.sign(value) if away else self.shift
+        low = value + std * (shift - half)
+        high = value + std * (shift + half)
         return np.maximum(low, floor), np.maximum(high, floor)
 
 
 #: Fixed by ``palpate bench calibration``.
 CALIBRATION: dict[str, Calibration] = {
-    "traction": Calibration(),
-    "force": Calibration(),
-    "moment": Calibration(),
-    "center_of_pressure": Calibration(),
-    "peak_pressure": Calibration(),
-    "slip_margin": Calibration(),
+    "traction": Calibration(0.0, 0.700, 1.93),
+    "force": Calibration(-0.999, 0.815, 1.27),
+    "shear_force": Calibration(0.608, 1.297, 8.12),
+    "moment": Calibration(0.0, 0.756, 1.42),
+    "center_of_pressure": Calibration(0.0, 0.836, 0.83),
+    "peak_pressure": Calibration(0.209, 1.501, 3.99),
+    "slip_margin": Calibration(0.0, 0.700, 1.93),
 }
 
 
@@ -319,12 +323,18 @@ class Touch:
         """
         if not (isinstance(level, int | float) and 0 < level < 1):
             raise InvalidInput(f"level must lie between 0 and 1; got {level!r}.")
-        if of not in CALIBRATION:
-            raise InvalidInput(f"of must be one of {', '.join(CALIBRATION)}; got {of!r}.")
+        known = [q for q in CALIBRATION if q != "shear_force"]
+        if of not in known:
+            raise InvalidInput(f"of must be one of {', '.join(known)}; got {of!r}.")
         if (friction is not None) != (of == "slip_margin"):
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
         value, std, floor = self._quantity(of, friction)
         low, high = CALIBRATION[of].bounds(level, value, std, floor)
+        if of == "force":
+            # pressure only adds up, so that its sum is biased where that of shear is not
+            sides = CALIBRATION["shear_force"].bounds(level, value, std, floor, away=True)
+            for side, shear in zip((low, high), sides):
+                side[..., :-1] = shear[..., :-1]
         if of != "traction":
             return low, high
         return tuple(

@@ -61,7 +61,7 @@ REACHES: tuple[tuple[float, bool], ...] = ((1.0 / 3.0, False), (0.0, True))
 #: Size of shear next to pressure where friction is not known.
 SHEAR = 0.7
 #: Pressure below this many times noise over signal, as a part of the peak, is noise; never more than the second part.
-TRIM, LARGEST_TRIM = 1.5, 0.05
+TRIM, LARGEST_TRIM = 2.5, 0.05
 #: Local weights are relearned this many times.
 ROUNDS = 4
 #: Relative residual of the rounds before the last.

@@ -44,6 +44,14 @@ def _netcdf(touch: Touch, name: str, record: Mapping[str, str]) -> None:
     for key, value in (("parameter", touch.parameter), ("residual", touch.residual)):
         if value is not None:
             dataset[key] = (tuple(batch), np.asarray(value))
+    if touch.errors is not None:
+        dataset["std"] = touch.std
+        low, high = touch.interval(0.95, "force")
+        dataset["force_low"] = ((*batch, "component"), low, {"units": unit, "long_name": "net force, 95 % interval"})
+        dataset["force_high"] = ((*batch, "component"), high, {"units": unit, "long_name": "net force, 95 % interval"})
+    for key, flag in (("touching", touch.touching), ("converged", touch.converged)):
+        if flag is not None:
+            dataset[key] = (tuple(batch), np.asarray(flag))
     dataset.attrs.update({k: str(v) for k, v in record.items()})
     dataset.attrs["sought"] = ",".join(touch.components)
     dataset.to_netcdf(name, engine="h5netcdf")
@@ -56,6 +64,8 @@ def _npz(touch: Touch, name: str, record: Mapping[str, str]) -> None:
         "force": to_numpy(touch.force),
         "record": np.array(json.dumps({**record, "sought": ",".join(touch.components)})),
     }
+    if touch.errors is not None:
+        arrays["std"] = to_numpy(touch.std.values)
     arrays.update(zip(("x",) if touch.surface.dimensions == 1 else ("y", "x"), touch.surface.axes))
     if touch.time is not None:
         arrays["time"] = touch.time
