@@ -266,7 +266,7 @@ def reconstruct(
 
     errors = None
     if all(p.errors is not None for p in parts):
-        names = ("traction", "force", "moment", "center", "peak")
+        names = ("traction", "force", "moment", "center", "peak", "detail")
         errors = Errors(*(np.concatenate([getattr(p.errors, n) for p in parts]) for n in names))
     touch = Touch(
         join("values"),

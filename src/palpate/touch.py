@@ -53,13 +53,13 @@ class Calibration:
 
 #: Fixed by ``palpate bench calibration``.
 CALIBRATION: dict[str, Calibration] = {
-    "traction": Calibration(0.0, 0.700, 1.93),
-    "force": Calibration(-0.999, 0.815, 1.27),
-    "shear_force": Calibration(0.608, 1.297, 8.12),
-    "moment": Calibration(0.0, 0.756, 1.42),
-    "center_of_pressure": Calibration(0.0, 0.836, 0.83),
-    "peak_pressure": Calibration(0.209, 1.501, 3.99),
-    "slip_margin": Calibration(0.0, 0.700, 1.93),
+    "traction": Calibration(0.0, 0.675, 2.05),
+    "force": Calibration(-0.789, 0.792, 4.68),
+    "shear_force": Calibration(0.466, 1.531, 16.11),
+    "moment": Calibration(0.0, 0.773, 2.72),
+    "center_of_pressure": Calibration(0.0, 0.762, 0.87),
+    "peak_pressure": Calibration(0.323, 1.481, 3.90),
+    "slip_margin": Calibration(0.0, 0.675, 2.05),  # that of the traction in the cell nearest to slip
 }
 
 
@@ -318,7 +318,7 @@ class Touch:
         Notes
         -----
         value + std (b -+ s t), with t the quantile of Student's distribution and b, s and its degrees of freedom fixed
-        once for each quantity on simulated contacts (`palpate bench calibration`), so that the intervals hold the truth as often
+        once for each quantity on simulated contacts (`palpate bench calibration --frames 1600`), so that the intervals hold the truth as often
         as they say. That is a statement about contacts like those: a mean over contacts and noise, not a promise about one.
         """
         if not (isinstance(level, int | float) and 0 < level < 1):
@@ -400,6 +400,16 @@ class Touch:
         lines = ["net force       " + ", ".join(f"{c} {v:.4g} {unit}" for c, v in zip(self.surface.components, force))]
         if "z" in self.components:
             lines.append(f"peak pressure   {float(one.peak_pressure):.4g} Pa")
+            if one.errors is not None:
+                low, high = one.interval(0.95, "force")
+                ends = ", ".join(
+                    f"{c} {a:.3g} to {b:.3g}"
+                    for c, a, b in zip(self.surface.components, low, high)
+                    if c in self.components
+                )
+                lines.insert(1, f"  95 %          {ends} {unit}")
+                low, high = one.interval(0.95, "peak_pressure")
+                lines.append(f"  95 %          {float(low):.3g} to {float(high):.3g} Pa")
             lines.append(
                 "centre          " + ", ".join(f"{1e3 * float(v):.4g} mm" for v in to_numpy(one.center_of_pressure))
             )
@@ -439,7 +449,9 @@ class Touch:
             self.meta,
             None
             if self.errors is None
-            else Errors(*(pick(getattr(self.errors, n)) for n in ("traction", "force", "moment", "center", "peak"))),
+            else Errors(
+                *(pick(getattr(self.errors, n)) for n in ("traction", "force", "moment", "center", "peak", "detail"))
+            ),
             pick(self.converged),
             pick(self.touching),
             pick(self.outliers),

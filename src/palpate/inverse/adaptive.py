@@ -34,7 +34,7 @@ from palpate._arrays import from_numpy, to_numpy
 from palpate.elastic.half_space import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.cone import TOLERANCE, Cone, Solution, cholesky, minimise
-from palpate.inverse.parameter import tikhonov
+from palpate.inverse.parameter import choose_parameter, tikhonov
 from palpate.inverse.priors import DifferencePrior
 from palpate.inverse.regularised import Estimate, Regularised
 from palpate.inverse.stencil import Sparse, Stencil
@@ -74,8 +74,12 @@ FLOOR = 1e-6
 #: A reading is left out if it is this many standard deviations, and this part of the largest reading, from what the
 #: contact explains (a coarse cell alone explains a per cent); up to this part of all readings.
 OUTLIER, GROSS, LARGEST_OUTLIERS = 6.0, 0.05, 0.2
+#: The noise is learned again where the constrained misfit is this many times what the linear model called noise.
+QUIETER = 1.2
 #: No pad and no grid is known better than this part of the largest reading: the least noise that is assumed.
 MODEL_ERROR = 2e-4
+#: The same for the net force.
+MODEL_FORCE = 5e-4
 #: Contact that only pushes does not explain a frame if this many standard deviations of misfit remain, and this part of the signal.
 UNEXPLAINED, UNEXPLAINED_SIGNAL = 3.0, 0.03
 
@@ -99,7 +103,8 @@ class Errors:
     """Standard deviations, in closed form, before calibration (`palpate.touch`).
 
     ``traction`` (*batch, component, *surface) [Pa]; ``force`` (*batch, component) [N or N/m]; ``moment`` (*batch, 3 or 1);
-    ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa].
+    ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa]. ``detail`` is shaped like ``traction``: 1 - posterior over prior
+    variance of each cell in contact, NaN elsewhere.
     """
 
     traction: Floats
@@ -107,6 +112,7 @@ class Errors:
     moment: Floats
     center: Floats
     peak: Floats
+    detail: Floats
 
 
 @dataclass(frozen=True)
@@ -250,7 +256,7 @@ class Adaptive:
             numbers("parameter"),
             numbers("noise_scale"),
             numbers("residual"),
-            Errors(*(gathered(n) for n in ("traction", "force", "moment", "center", "peak"))),
+            Errors(*(gathered(n) for n in ("traction", "force", "moment", "center", "peak", "detail"))),
             numbers("converged", bool),
             numbers("contact", bool),
             outliers.reshape((*batch, -1)),
@@ -265,27 +271,35 @@ class Adaptive:
         rows = self.operator.heard(readings)
         data = self._flat(rows)
         heard = np.ones(len(data), dtype=bool)
-        first = None
-        for attempt in range(4):
-            evidence = {order: self._evidence(linear, rows) for order, linear in self.orders.items()}
+        known: float | None = None
+        learned = 0
+        for attempt in range(8):
+            evidence = {order: self._evidence(linear, rows, known) for order, linear in self.orders.items()}
             gain, parameter, scale, linear = evidence[1]
             if not (gain > CONTACT_EVIDENCE and scale > 0):
                 return self._nothing(parameter, scale, data, ~heard, draws)
-            noise = self._rows * max(scale, MODEL_ERROR * float(np.abs(data / self._rows).max()))
+            floor = MODEL_ERROR * float(np.abs(data / self._rows).max())
+            noise = self._rows * max(scale, floor)
             first, explained = self._first(linear, data / noise, noise, heard, parameter / scale**2)
             wrong = self._outliers(data, explained, noise)
-            if attempt == 3 or not (wrong & heard).any() or (wrong | ~heard).mean() > LARGEST_OUTLIERS:
+            if attempt < 4 and (wrong & heard).any() and (wrong | ~heard).mean() <= LARGEST_OUTLIERS:
+                heard &= ~wrong
+                # what is left out is filled with what the contact explains, so that the linear model can go on
+                rows = self._unflat(np.where(heard, data, explained), rows)
+                continue
+            if not first[-1].any():
                 break
-            heard &= ~wrong
-            # what is left out is filled with what the contact explains, so that the linear model can go on
-            rows = self._unflat(np.where(heard, data, explained), rows)
-        assert first is not None
+            members = self._members(first, data / noise, noise, heard, evidence)
+            # what pressure that only pushes cannot follow is noise, even where a linear model could
+            left = self._noise_left(members[0], first, data / noise, heard, parameter) * noise[0] / self._rows[0]
+            if self.noise_known or learned == 2 or max(left, floor) < QUIETER * max(scale, floor):
+                break
+            known, learned = left, learned + 1
         signal = data[heard] / noise[heard]
         left = float(np.sqrt(np.mean((signal - (explained / noise)[heard]) ** 2)))
         pushed = left <= max(UNEXPLAINED, UNEXPLAINED_SIGNAL * float(np.sqrt(np.mean(signal**2))))
         if not first[-1].any():
             return replace(self._nothing(parameter, scale, data, ~heard, draws), pushed=pushed)
-        members = self._members(first, data / noise, noise, heard, evidence)
         return replace(self._combined(members, data / noise, heard, parameter, scale, draws, rng), pushed=pushed)
 
     def _flat(self, rows: Sequence[Floats]) -> Floats:
@@ -304,22 +318,42 @@ class Adaptive:
             start += size
         return out
 
-    def _evidence(self, linear: Regularised, rows: Sequence[Floats]) -> tuple[float, float, float, Floats]:
-        """Log marginal likelihood over that of noise alone, parameter, noise scale and traction of a linear model."""
-        estimate = linear.solve(rows)
-        parameter, scale = (float(np.asarray(v).ravel()[0]) for v in (estimate.parameter, estimate.noise_scale))
-        values, counts = linear.spectrum.eigenvalues, linear.spectrum.multiplicity
-        power = np.abs(to_numpy(linear.spectrum.project(rows)).astype(np.complex128)) ** 2 * counts
+    def _noise_left(self, member: _Member, first: Floats, y: Floats, heard: Flags, parameter: float) -> float:
+        """Root mean square of the whitened misfit, for the freedom that the contact took: the modes seen, over its area."""
+        spectrum = self.orders[1].spectrum
+        seen = float(spectrum.multiplicity @ (spectrum.eigenvalues / (spectrum.eigenvalues + parameter)))
+        share = float(np.count_nonzero(first[-1])) / self._taxels
+        free = max(float(heard.sum()) - min(share, 1.0) * seen, 1.0)
+        misfit = member.data.matrix @ member.solution.traction.ravel() - y[heard]
+        return float(np.sqrt((misfit**2).sum() / free))
+
+    def _evidence(
+        self, linear: Regularised, rows: Sequence[Floats], known: float | None
+    ) -> tuple[float, float, float, Floats]:
+        """Log marginal likelihood over that of noise alone, parameter, noise scale and traction of a linear model.
+
+        ``known`` fixes the noise scale where it is not the arrays' own.
+        """
+        spectrum = linear.spectrum
+        values, counts = spectrum.eigenvalues, spectrum.multiplicity
+        coefficients = spectrum.project(rows) / (known or 1.0)
+        power = np.abs(np.asarray(coefficients)) ** 2
+        certain = self.noise_known or known is not None
+        chosen, variance = choose_parameter("evidence", tikhonov, values, counts, power[None], noise_known=certain)
+        parameter, scale = float(chosen[0]), math.sqrt(float(variance[0])) * (known or 1.0)
         ratio = values / parameter
-        left, total = float((power / (1.0 + ratio)).sum()), float(power.sum())
+        left, total = float((counts * power / (1.0 + ratio)).sum()), float((counts * power).sum())
         logdet = float(counts @ np.log1p(ratio))
         if total == 0.0:
             gain = 0.0
-        elif self.noise_known:
+        elif certain:
             gain = 0.5 * (total - left - logdet)
         else:
             gain = 0.5 * (float(counts.sum()) * math.log(total / left) - logdet)
-        return gain, parameter, scale, np.asarray(estimate.traction)[list(self.columns)]
+        phi = tikhonov(values, chosen)
+        filtered = coefficients * np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
+        traction = np.asarray(spectrum.solve(filtered * (known or 1.0)))
+        return gain, parameter, scale, traction[list(self.columns)]
 
     def _outliers(self, data: Floats, explained: Floats, noise: Floats) -> Flags:
         """Readings that the contact does not explain: far beyond the noise and beyond most other residuals."""
@@ -354,6 +388,7 @@ class Adaptive:
             np.full(1 if grid.dimensions == 1 else 3, force.max() * reach),
             np.full(grid.dimensions, math.nan),
             np.asarray(std[-1].max()),
+            np.full(shape, math.nan),
         )
         residual = float(np.sqrt(np.mean((data / self._rows) ** 2)))
         empty = np.zeros((draws, *shape)) if draws else None
@@ -585,8 +620,12 @@ class Adaptive:
         traction[list(self.columns)] = mean
         std[list(self.columns)] = np.sqrt(_spread_out(variance))
         force = np.zeros(len(grid.components))
-        force[list(self.columns)] = np.sqrt(mixed(1)[1])
+        total, spread = mixed(1)
+        force[list(self.columns)] = np.sqrt(spread + (MODEL_FORCE * total) ** 2)
+        detail = np.full(shape, math.nan)
+        detail[list(self.columns)] = _detail(members[0], grid)
         errors = Errors(
+            detail=detail,
             traction=std,
             force=force,
             **{name: np.sqrt(mixed(i)[1]) for i, name in ((2, "moment"), (3, "center"), (4, "peak"))},
@@ -681,19 +720,47 @@ def _spread_out(variance: Floats) -> Floats:
     return np.asarray(np.maximum(variance, scipy.ndimage.uniform_filter(variance, size, mode="nearest")))
 
 
-Quantity = tuple[Floats, Floats]
+def _detail(member: _Member, grid: Grid) -> Floats:
+    """1 - posterior over prior variance of traction on the surface's cells (component, *surface); NaN out of contact."""
+    import scipy.linalg
 
-
-def _account(member: _Member, grid: Grid) -> tuple[Quantity, Quantity, Quantity, Quantity, Quantity]:
-    """(value, variance) of traction on the surface's cells, net force, moment, centre of pressure and peak pressure."""
-    level, ratio = member.level, member.level.ratio
+    face = member.solution.face
     c, n = member.solution.traction.shape
+    out = np.full((c, math.prod(grid.shape)), math.nan)
+    if face is None or not len(face.index):
+        return out.reshape(c, *grid.shape)
+    prior = cholesky(face.restrict(member.hessian - member.data.gram))
+    share, surface_cells = _shares(member, grid)
+    for i in range(c):
+        rows = np.zeros((len(surface_cells), c * n))
+        rows[:, i * n : (i + 1) * n] = share.toarray()
+        before = scipy.linalg.solve_triangular(prior, face.columns(rows).T, lower=True, check_finite=False)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            out[i, surface_cells] = 1.0 - (_spread(member.solution, rows) ** 2).sum(axis=0) / (before**2).sum(axis=0)
+    return out.reshape(c, *grid.shape)
+
+
+def _shares(member: _Member, grid: Grid) -> tuple[Sparse, Index]:
+    """Means over the fine cells of each surface cell, and which surface cells those are."""
+    level, ratio, n = member.level, member.level.ratio, len(member.cells)
     places = np.unravel_index(member.cells, level.grid.shape)
     flat = np.ravel_multi_index(tuple(p // ratio for p in places), grid.shape)
     surface_cells, inverse = np.unique(flat, return_inverse=True)
     share = scipy.sparse.csr_array(
         (np.full(n, 1.0 / ratio**grid.dimensions), (inverse, np.arange(n))), shape=(len(surface_cells), n)
     )
+    return share, surface_cells
+
+
+Quantity = tuple[Floats, Floats]
+
+
+def _account(member: _Member, grid: Grid) -> tuple[Quantity, Quantity, Quantity, Quantity, Quantity]:
+    """(value, variance) of traction on the surface's cells, net force, moment, centre of pressure and peak pressure."""
+    level = member.level
+    c, n = member.solution.traction.shape
+    places = np.unravel_index(member.cells, level.grid.shape)
+    share, surface_cells = _shares(member, grid)
     mean, variance = np.zeros((2, c, math.prod(grid.shape)))
     for i in range(c):
         mean[i, surface_cells] = share @ member.solution.traction[i]

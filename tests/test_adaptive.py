@@ -1,0 +1,395 @@
+"""The automatic method, its constraints and its error bars, and the methods to compare with."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import clarabel
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate import bench, solutions
+from palpate.inverse import Cone, minimise
+
+PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+BALL = solutions.hertz_point(radius=4e-3, force=1.0)
+
+
+def area(
+    channels: tuple[str, ...] = ("stress_zz",), shape: tuple[int, int] = (14, 14), noise: float | None = None
+) -> pp.AreaArray:
+    return pp.AreaArray(shape=shape, pitch=1e-3, depth=1.5e-3, channels=list(channels), noise=noise)
+
+
+THREE = ("stress_xz", "stress_yz", "stress_zz")
+
+
+# -- the optimiser against a general conic solver ------------------------------------------------------------------------
+
+
+def conic(matrix: Any, weight: Any, data: Any, components: int, friction: float | None) -> Any:
+    """minimise 1/2 |A x - y|^2 + 1/2 x' W x by Clarabel; x is component-major, pressure last."""
+    import scipy.sparse as sparse
+
+    n = len(weight) // components
+    order = np.array(
+        [[(components - 1) * n + i, *(d * n + i for d in range(components - 1))] for i in range(n)]
+    ).ravel()
+    hessian = (matrix.T @ matrix + weight)[np.ix_(order, order)]
+    linear = -(matrix.T @ data)[order]
+    size = np.abs(linear).max()
+    hessian, linear = hessian / size, linear / size
+    if friction is None:
+        rows = -sparse.csc_matrix(
+            (np.ones(n), (np.arange(n), np.arange(0, components * n, components))), (n, components * n)
+        )
+        cones = [clarabel.NonnegativeConeT(n)]
+    else:
+        rows = -sparse.diags(np.tile([friction, *[1.0] * (components - 1)], n)).tocsc()
+        cones = [clarabel.SecondOrderConeT(components)] * n
+    upper = sparse.triu(sparse.csc_matrix(hessian)).tocsc()
+    best, lowest = None, np.inf
+    for tolerance in (1e-10, 1e-12, 1e-14):  # the tightest may stop early, where rounding lets it go no further
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+        solution = clarabel.DefaultSolver(upper, linear, rows, np.zeros(rows.shape[0]), cones, settings).solve()
+        x = np.array(solution.x)
+        residual = max(solution.r_prim, solution.r_dual, abs(solution.obj_val - solution.obj_val_dual))
+        if residual < lowest:
+            best, lowest = x, residual
+    assert best is not None
+    found = np.empty(components * n)
+    found[order] = best
+    return found.reshape(components, n)
+
+
+def small_problem(kind: str, rng: np.random.Generator) -> tuple[Any, Any, Any, int, float | None]:
+    """Whitened operator, prior precision and readings of a small random problem of a real skin."""
+    channels = ("stress_zz",) if kind == "pressure" else THREE
+    if kind == "scattered":
+        positions = rng.uniform(-3e-3, 3e-3, (40, 2))
+        array: Any = pp.ScatteredArray(positions=positions, depth=1.5e-3, channels=list(channels))
+    else:
+        array = pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=1.5e-3, channels=list(channels))
+    if kind == "masked":
+        array = array.masked(rng.random((6, 6)) > 0.2)
+    surface = pp.AreaGrid(shape=(8, 8), spacing=1e-3)
+    operator = pp.Skin(PAD, array, surface=surface).operator
+    columns = [2] if kind == "pressure" else [0, 1, 2]
+    cells = np.arange(64)
+    matrix = operator.columns(columns, cells).reshape(-1, len(columns) * 64)
+    truth = np.zeros((len(columns), 64))
+    truth[-1, rng.choice(64, 12, replace=False)] = rng.random(12)
+    truth[:-1] = 0.4 * truth[-1]
+    clean = matrix @ truth.ravel()
+    noise = 0.02 * np.abs(clean).max()
+    data = clean + noise * rng.standard_normal(len(clean))
+    weight = np.diag(rng.uniform(0.5, 2.0, matrix.shape[1]))
+    friction = {"pressure": None, "masked": None, "cone": 0.5, "scattered": 0.3}[kind]
+    return matrix / noise, weight, data / noise, len(columns), friction
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"), list(itertools.product(["pressure", "cone", "masked", "scattered"], range(3)))
+)
+def test_agrees_with_a_conic_solver(kind: str, seed: int) -> None:
+    matrix, weight, data, components, friction = small_problem(kind, np.random.default_rng(seed))
+    names = ("z",) if components == 1 else ("x", "y", "z")
+    n = len(weight) // components
+    found = minimise(matrix.T @ matrix + weight, (matrix.T @ data).reshape(components, n), Cone(names, friction))
+    assert found.converged
+    true = conic(matrix, weight, data, components, friction)
+    assert np.abs(found.traction - true).max() < 1e-6 * np.abs(true).max()
+    assert (found.traction[-1] >= 0).all()
+    assert 0 < (found.traction[-1] > 0).sum() < n  # the constraint matters
+
+
+def test_optimality_without_any_solver(rng: np.random.Generator) -> None:
+    """Stationary along the cone: the negative gradient lies in the polar cone and is orthogonal to the solution."""
+    root = rng.standard_normal((30, 60))
+    hessian, linear = root.T @ root + 0.1 * np.eye(60), rng.standard_normal((3, 20))
+    cone = Cone(("x", "y", "z"), 0.7)
+    x = minimise(hessian, linear, cone).traction
+    pull = linear - (hessian @ x.ravel()).reshape(3, 20)
+    assert abs((pull * x).sum()) < 1e-8
+    # polar of |q| <= mu p: mu |pull_q| + pull_p <= 0
+    assert (0.7 * np.hypot(pull[0], pull[1]) + pull[2] < 1e-8).all()
+    assert (np.hypot(x[0], x[1]) <= 0.7 * x[2] + 1e-12).all()
+
+
+# -- physics -------------------------------------------------------------------------------------------------------------
+
+
+def pressed(skin: pp.Skin, contact: Any, noise: float, seed: int = 0) -> tuple[Any, Any]:
+    truth = skin.sample(contact)
+    readings = skin.sense(truth)
+    rng = np.random.default_rng(seed)
+    size = noise * np.nanmax(np.abs(readings))
+    return readings + size * rng.standard_normal(readings.shape), truth
+
+
+def test_default_never_pulls_and_keeps_friction() -> None:
+    skin = pp.Skin(PAD, area(THREE))
+    readings, truth = pressed(skin, BALL.partial_slip(0.5, 0.3), 0.02)
+    touch = skin.reconstruct(readings, friction=0.5)
+    assert touch.method == "adaptive"
+    assert (touch.values[2] >= 0).all()
+    assert (np.hypot(*touch.values[:2]) <= 0.5 * touch.values[2] * (1 + 1e-9)).all()
+    np.testing.assert_allclose(touch.force, [0.3, 0, 1.0], atol=0.05)
+    assert touch.converged
+    linear = skin.reconstruct(readings, method="tikhonov")
+    assert np.linalg.norm(touch.values - truth) < 0.7 * np.linalg.norm(linear.values - truth)
+
+
+def test_no_shear_outside_contact_without_friction_given() -> None:
+    skin = pp.Skin(PAD, area(THREE))
+    readings, _ = pressed(skin, BALL.sliding(0.4), 0.02)
+    touch = skin.reconstruct(readings)
+    import scipy.ndimage
+
+    near = scipy.ndimage.binary_dilation(touch.values[2] > 0, np.ones((3, 3)), iterations=2)
+    assert np.abs(touch.values[:2][:, ~near]).max() == 0
+
+
+def test_mirror_images_give_mirror_images() -> None:
+    skin = pp.Skin(PAD, area(THREE))
+    readings, _ = pressed(skin, BALL.sliding(0.4).shifted(2e-3, 1e-3), 0.02)
+    one = skin.reconstruct(readings, friction=0.5).values
+    flipped = readings[:, :, ::-1] * np.array([-1.0, 1.0, 1.0])[:, None, None]
+    two = skin.reconstruct(flipped, friction=0.5).values
+    back = two[:, :, ::-1] * np.array([-1.0, 1.0, 1.0])[:, None, None]
+    np.testing.assert_allclose(back, one, atol=2e-5 * np.abs(one).max())
+
+
+def test_units_do_not_matter() -> None:
+    """Stiffer pads and larger loads of stress give the same picture in other units."""
+    skin = pp.Skin(PAD, area())
+    readings, _ = pressed(skin, BALL, 0.02)
+    one = skin.reconstruct(readings).values
+    np.testing.assert_allclose(skin.reconstruct(1e-3 * readings).values * 1e3, one, atol=1e-6 * one.max())
+
+
+def test_batches_are_frames() -> None:
+    skin = pp.Skin(PAD, area())
+    frames = np.stack([pressed(skin, BALL.shifted(1e-3 * i, 0), 0.02, seed=i)[0] for i in range(3)])
+    batch = skin.reconstruct(frames)
+    for i in range(3):
+        np.testing.assert_array_equal(batch.values[i], skin.reconstruct(frames[i]).values)
+        assert batch.frame(i).errors is not None
+        np.testing.assert_array_equal(batch.frame(i).std.values, batch.std.values[i])
+
+
+def test_single_precision_is_kept() -> None:
+    skin = pp.Skin(PAD, area())
+    readings, _ = pressed(skin, BALL, 0.02)
+    touch = skin.reconstruct(readings.astype(np.float32))
+    assert touch.values.dtype == np.float32
+    np.testing.assert_allclose(touch.values, skin.reconstruct(readings).values, atol=2e-4 * touch.values.max())
+
+
+@pytest.mark.parametrize("noise", [None, 30.0])
+def test_nothing_touches(noise: float | None) -> None:
+    """Pure noise, and no reading at all: no contact is made up, and the force's interval holds zero."""
+    skin = pp.Skin(PAD, area(noise=noise))
+    rng = np.random.default_rng(3)
+    frames = np.concatenate([np.zeros((1, 1, 14, 14)), 30.0 * rng.standard_normal((39, 1, 14, 14))])
+    touch = skin.reconstruct(frames)
+    assert touch.touching is not None
+    assert (~touch.touching).mean() >= 0.95
+    low, high = touch.interval(0.95, "force")
+    assert ((low <= 0) & (high >= 0))[:, 2].mean() >= 0.95
+    if not touch.touching.all():
+        assert any("no contact" in n for n in touch.notes)
+
+
+def test_the_force_that_would_go_unnoticed_is_about_the_interval() -> None:
+    """A contact a few times heavier than the empty frame's interval allows is found."""
+    skin = pp.Skin(PAD, area(noise=30.0))
+    empty = skin.reconstruct(30.0 * np.random.default_rng(0).standard_normal((1, 14, 14)))
+    limit = float(empty.interval(0.95, "force")[1][2])
+    assert 0 < limit < 0.2
+    heavier = solutions.hertz_point(radius=1.5e-3, force=5 * limit)
+    readings = skin.sense(heavier, rng=np.random.default_rng(1))
+    assert skin.reconstruct(readings).touching
+
+
+def test_saturated_and_dead_taxels_are_noticed() -> None:
+    skin = pp.Skin(PAD, area())
+    readings, truth = pressed(skin, BALL, 0.01)
+    clean = np.linalg.norm(skin.reconstruct(readings).values - truth)
+    broken = readings.copy()
+    peak = np.abs(readings).max()
+    broken[0, 2, 2], broken[0, 7, 7], broken[0, 11, 4] = peak, 0.0, -peak
+    touch = skin.reconstruct(broken)
+    assert touch.outliers is not None
+    assert {7 * 14 + 7, 2 * 14 + 2, 11 * 14 + 4} <= set(np.flatnonzero(touch.outliers))
+    assert touch.outliers.sum() <= 6
+    assert np.linalg.norm(touch.values - truth) < 1.6 * clean
+    assert any("taxel (2, 2)" in n for n in touch.notes)
+
+
+def test_masked_taxels_cost_little() -> None:
+    rng = np.random.default_rng(5)
+    errors = []
+    for mask in (None, rng.random((14, 14)) > 0.1):
+        array = area() if mask is None else area().masked(mask)
+        skin = pp.Skin(PAD, array)
+        errors.append(
+            np.mean([
+                np.linalg.norm(skin.reconstruct(r).values - t)
+                for r, t in (pressed(skin, BALL, 0.02, seed=s) for s in range(6))
+            ])
+        )  # fmt: skip
+    assert errors[1] < 1.15 * errors[0]
+
+
+def test_pulling_is_said_not_hidden() -> None:
+    """Cells pull a substrate up: contact that only pushes cannot explain it, and the linear method is used."""
+    skin = pp.Skin(PAD, area(noise=30.0))
+    up = -skin.sample(BALL)
+    touch = skin.reconstruct(skin.sense(up, rng=np.random.default_rng(0)))
+    assert touch.method == "tikhonov"
+    assert any("only pushes" in n for n in touch.notes)
+    np.testing.assert_allclose(touch.force[2], -1.0, atol=0.1)
+
+
+def test_periodic_and_shear_only_stay_linear() -> None:
+    array = pp.AreaArray(shape=(8, 8), pitch=1e-3, depth=0.0, channels=["displacement_x", "displacement_y"])
+    readings = 1e-6 * np.random.default_rng(0).standard_normal((2, 8, 8))
+    assert pp.Skin(PAD, array).reconstruct(readings).method == "tikhonov"
+    periodic = pp.Skin(PAD, area(shape=(8, 8)), boundary="periodic")
+    assert periodic.reconstruct(np.ones((1, 8, 8))).method == "tikhonov"
+    with pytest.raises(pp.Unsupported, match='boundary="free"'):
+        periodic.reconstruct(np.ones((1, 8, 8)), method="adaptive")
+    with pytest.raises(pp.Unsupported, match="seek component z"):
+        pp.Skin(PAD, array).reconstruct(readings, method="adaptive")
+    with pytest.raises(pp.Unsupported, match="friction ties"):
+        pp.Skin(PAD, area()).reconstruct(np.ones((1, 14, 14)), friction=0.5)
+
+
+# -- how good, how sure --------------------------------------------------------------------------------------------------
+
+
+def test_better_than_the_clairvoyant_filter() -> None:
+    records = bench.accuracy(["line"], draws=3, family=False)
+    ratios = np.array(list(bench.ratios(records).values()))
+    assert len(ratios) == 39
+    assert np.exp(np.log(ratios).mean()) < 0.6
+    assert ratios.max() < 1.1
+
+
+def test_clairvoyant_filter_by_simulation() -> None:
+    """The closed form against the filter applied to readings, on one contact at random places."""
+    layout = bench.LAYOUTS["line"]
+    traction = layout.contacts["cylinder"]
+    readings, _ = layout.make(traction)
+    noise = 0.01 * np.abs(readings).max()
+    expected = layout.clairvoyant(traction, noise)
+    assert 0.05 < expected < 0.1
+    # an oracle Tikhonov filter on the same array is linear and shift-invariant but for its edges
+    noisy, truth = readings + noise * np.random.default_rng(0).standard_normal(readings.shape), layout.make(traction)[1]
+    best = min(
+        np.linalg.norm(layout.skin.reconstruct(noisy, method="tikhonov", parameter=p).values - truth)
+        for p in np.geomspace(1e-8, 1e2, 60)
+    ) / np.linalg.norm(truth)
+    assert expected < 1.15 * best
+
+
+def test_paper_at_40_decibels() -> None:
+    """Cylinder and punch at 1 % noise: better than any linear filter or plain non-negativity (0.084, 0.45; 0.71, 0.37)."""
+    layout = bench.LAYOUTS["line"]
+    for name, limit in (("cylinder", 0.085), ("punch", 0.33)):
+        records = [
+            bench.run(layout, name, layout.contacts[name], 1e-2, np.random.default_rng(s))[0].error for s in range(10)
+        ]
+        assert np.mean(records) < limit
+
+
+def test_intervals_hold_what_they_say() -> None:
+    records = bench.accuracy(["line"], draws=6, seed=1, family=False)
+    for level, low, high in ((0.95, 0.9, 1.0), (0.5, 0.4, 0.65)):
+        found = bench.coverage(records, level)
+        for quantity in ("traction", "force", "peak_pressure"):
+            assert low <= found[quantity] <= high, (level, quantity, found[quantity])
+
+
+def test_intervals_respect_the_constraints() -> None:
+    skin = pp.Skin(PAD, area(THREE))
+    readings, _ = pressed(skin, BALL.sliding(0.4), 0.02)
+    touch = skin.reconstruct(readings, friction=0.5)
+    low, high = touch.interval(0.95)
+    assert low.dims == touch.traction.dims
+    assert (low.sel(component="z") >= 0).all()
+    assert (high >= low).all()
+    for of in ("force", "moment", "center_of_pressure", "peak_pressure"):
+        a, b = touch.interval(0.95, of)
+        c, d = touch.interval(0.5, of)
+        assert (a <= c).all()
+        assert (d <= b).all()
+    a, b = touch.interval(0.95, "slip_margin", friction=0.5)
+    assert a <= touch.slip_margin(0.5) <= b
+    with pytest.raises(pp.InvalidInput, match="level"):
+        touch.interval(1.5)
+    with pytest.raises(pp.InvalidInput, match="of must be"):
+        touch.interval(0.5, "mass")
+    with pytest.raises(pp.InvalidInput, match="friction"):
+        touch.interval(0.5, "slip_margin")
+    with pytest.raises(pp.Unsupported, match="no error bars"):
+        _ = skin.reconstruct(readings, method="tikhonov").std
+
+
+def test_draws_lie_in_the_cone_and_spread_like_the_closed_form() -> None:
+    skin = pp.Skin(PAD, area())
+    readings, _ = pressed(skin, BALL, 0.02)
+    touch = skin.reconstruct(readings, draws=60, rng=np.random.default_rng(0))
+    assert touch.draws is not None
+    assert touch.errors is not None
+    assert touch.draws.shape == (60, *touch.values.shape)
+    assert (touch.draws[:, 2] >= 0).all()
+    force = touch.draws[:, 2].sum(axis=(1, 2)) * skin.surface.cell
+    assert 0.4 < force.std() / touch.errors.force[2] < 2.5
+    inside = touch.values[2] > 0.3 * touch.values[2].max()
+    ratio = touch.draws[:, 2].std(axis=0)[inside] / touch.errors.traction[2][inside]
+    assert 0.5 < np.median(ratio) < 1.5
+    with pytest.raises(pp.InvalidInput, match="draws"):
+        skin.reconstruct(readings, draws=-1)
+
+
+# -- the family ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["nnls", "elastic_net", "tv", "maxent", "network"])
+def test_family(method: Any) -> None:
+    layout = bench.LAYOUTS["line"]
+    record = bench.run(
+        layout, "two cylinders", layout.contacts["two cylinders"], 1e-2, np.random.default_rng(0), [method]
+    )[1]
+    assert record.method == method
+    assert record.error < (1.2 if method == "nnls" else 0.3)
+    readings, _ = layout.make(layout.contacts["strip"])
+    noisy = readings + 0.01 * readings.max() * np.random.default_rng(0).standard_normal(readings.shape)
+    touch = layout.skin.reconstruct(noisy, method=method)
+    assert (touch.values[1] >= 0).all()
+    if method != "nnls":
+        assert touch.parameter is not None
+        assert touch.noise_std is not None
+        noise = float(np.ravel(touch.noise_std)[0])
+        misfit = float(np.sqrt(np.mean((layout.skin.sense(touch.values) - noisy) ** 2)))
+        assert misfit == pytest.approx(noise, rel=0.08)
+    if method == "network":
+        assert any("settled in" in n for n in touch.notes)
+    assert not layout.skin.reconstruct(np.zeros_like(readings), method=method).values.any()
+
+
+def test_family_says_what_it_cannot_do() -> None:
+    skin = pp.Skin(PAD, area(THREE))
+    with pytest.raises(pp.Unsupported, match="pressure alone"):
+        skin.reconstruct(np.ones((3, 14, 14)), method="maxent")
+    with pytest.raises(pp.Unsupported, match="discrepancy"):
+        skin.reconstruct(np.ones((3, 14, 14)), method="tv", parameter="gcv")
+    big = pp.Skin(PAD, pp.AreaArray(shape=(70, 70), pitch=1e-3, depth=2e-3, channels=["stress_zz"]))
+    with pytest.raises(pp.Unsupported, match="too many"):
+        big.reconstruct(np.ones((1, 70, 70)), method="nnls")
