@@ -13,6 +13,7 @@ better. Data are made on a surface ten (line) or six (area) times finer than the
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -395,7 +396,7 @@ def _one_contact(task: tuple[str, float, str, int, int, bool]) -> list[Record]:
     layout = LAYOUTS[name]
     out = []
     for draw in range(draws):
-        rng = np.random.default_rng([seed, draw])
+        rng = np.random.default_rng([seed, draw, zlib.crc32(f"{name} {contact} {noise}".encode())])
         out += run(layout, contact, layout.contacts[contact], noise, rng, layout.methods if family else ())
     return out
 
