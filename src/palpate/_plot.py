@@ -130,8 +130,8 @@ def plot_accuracy(records: Sequence[Any]) -> Figure:
     from matplotlib.figure import Figure
 
     layouts = list(dict.fromkeys(r.layout for r in records))
-    figure = Figure(figsize=(10, 2.2 + 1.9 * len(layouts)), layout="constrained")
-    axes = figure.subplots(len(layouts), 1, squeeze=False)[:, 0]
+    figure = Figure(figsize=(10, 1.0 + 1.8 * len(layouts)), layout="constrained")
+    axes = figure.subplots(len(layouts), 1, squeeze=False, sharey=True)[:, 0]
     noises = sorted({r.noise for r in records})
     for ax, layout in zip(axes, layouts):
         methods = list(dict.fromkeys(r.method for r in records if r.layout == layout))
@@ -145,8 +145,12 @@ def plot_accuracy(records: Sequence[Any]) -> Figure:
                 ax.plot([place - 0.08, place + 0.08], [mean, mean], color=f"C{j}", linewidth=2.5, label=label)
         ax.axhline(1.0, color="0.5", linewidth=0.8)
         ax.set_yscale("log")
+        ax.yaxis.set_major_formatter("{x:g}")
         ax.set_xticks(range(len(methods)), methods)
         ax.set_title(layout, loc="left", fontsize=10)
         ax.set_ylabel("error / clairvoyant")
-    axes[0].legend(fontsize=8, ncols=3, title="bar: geometric mean", title_fontsize=8)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside upper right", fontsize=8, ncols=3, title="bar: geometric mean", title_fontsize=8
+    )
     return figure

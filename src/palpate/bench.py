@@ -152,6 +152,13 @@ AREA_PATCHES: dict[str, tuple[_Patch, ...]] = {
     ),
     "bar": (_Patch("block", (0, 0), (7.5, 1.2), angle=0.3),),
 }
+#: Contacts whose middle lies two units inside the edge of the line array (at 30), and the same in its middle.
+CROSSING: dict[str, tuple[str, float, float]] = {
+    "cylinder": ("cylinder", 28, 3.5),
+    "strip": ("strip", 28, 3.5),
+    "punch": ("punch", 28, 3.5),
+    "wedge": ("wedge", 28, 4.5),
+}
 FRICTION = 0.5
 SHEARED: dict[str, tuple[str, str]] = {
     "sliding ball": ("ball", "slide"),
@@ -170,7 +177,10 @@ SHEARED: dict[str, tuple[str, str]] = {
 
 @dataclass
 class Layout:
-    """An array on a pad, the contacts it meets, and what is asked of it."""
+    """An array on a pad, the contacts it meets, and what is asked of it.
+
+    ``middle`` holds the same contacts in the middle of the array, for the yardstick, where they cross its edge.
+    """
 
     name: str
     pad: Pad
@@ -179,6 +189,7 @@ class Layout:
     components: tuple[str, ...] = ("z",)
     friction: float | None = None
     methods: tuple[str, ...] = ("tikhonov",)
+    middle: dict[str, Traction] = field(default_factory=dict)
     yardsticks: dict[tuple[str, float], float] = field(default_factory=dict)
 
     @cached_property
@@ -283,8 +294,14 @@ def _layouts() -> dict[str, Layout]:
     sheared = {name: _area(*AREA_PATCHES[p], shear=s, friction=FRICTION) for name, (p, s) in SHEARED.items()}
     few = {k: sheared[k] for k in ("sliding ball", "sticking ball", "sliding block", "pressed cone")}
     family = ("tikhonov", "nnls", "elastic_net", "tv", "maxent", "network")
+    rubber = HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)
+    dead = line.masked(np.random.default_rng(0).random(line.shape) > 0.1)
+    crossing = {name: _line((kind, x, w, 1.0)) for name, (kind, x, w) in CROSSING.items()}
+    middle = {name: _line((kind, 0.0, w, 1.0)) for name, (kind, x, w) in CROSSING.items()}
     return {
-        "line": Layout("line", HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5), line, LINE_CONTACTS, methods=family),
+        "line": Layout("line", rubber, line, LINE_CONTACTS, methods=family),
+        "dead taxels": Layout("dead taxels", rubber, dead, LINE_CONTACTS),
+        "across the edge": Layout("across the edge", rubber, line, crossing, middle=middle),
         "area": Layout("area", soft, area, pressed),
         "three channels": Layout("three channels", soft, three, sheared, ("x", "y", "z"), FRICTION),
         "bonded displacement": Layout("bonded displacement", gel, markers, few, ("x", "y", "z"), FRICTION),
@@ -349,7 +366,7 @@ def run(
     noisy = readings + std * rng.standard_normal(readings.shape)
     key = (name, noise)
     if key not in layout.yardsticks or name == "random":
-        layout.yardsticks[key] = layout.clairvoyant(traction, std)
+        layout.yardsticks[key] = layout.clairvoyant(layout.middle.get(name, traction), std)
     yardstick = layout.yardsticks[key]
     columns = [layout.skin.surface.components.index(c) for c in layout.components]
     size = float(np.linalg.norm(truth[columns]))
