@@ -116,7 +116,11 @@ def methods(n: int) -> None:
         ("truncated", {"method": "truncated"}),
         ("adaptive", {"method": "adaptive"}),
         ("adaptive, friction", {"method": "adaptive", "friction": 0.5}),
-        *((m, {"method": m}) for m in ("nnls", "elastic_net", "tv", "network")),
+        # these keep the whole map: pressure alone
+        *(
+            (f"{m}, pressure", {"method": m, "components": ["z"]})
+            for m in ("nnls", "elastic_net", "tv", "maxent", "network")
+        ),
     ]
     print(f"{'method':<22}{'first s':>10}{'frame s':>10}{'batch s':>10}")
     for name, options in cases:
