@@ -1,11 +1,12 @@
 """Methods for those who compare: each through the same call, each with its parameter chosen by itself.
 
-    nnls          least squares with p >= 0 and nothing else (C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, 1974)
-    elastic_net   lambda |t|_1 and lambda |t|^2 (H. Zou, T. Hastie, J. R. Stat. Soc. B 67, 2005, 301-320), p >= 0
-    tv            lambda int |grad t| (L. Rudin, S. Osher, E. Fatemi, Physica D 60, 1992, 259-268), p >= 0
-    maxent        lambda sum p ln(p/m) - p + m (J. Skilling, R. K. Bryan, Mon. Not. R. Astron. Soc. 211, 1984, 111-124), m the mean
-    network       the analog network: units with saturating outputs V = g(u) whose potentials u run down the regularised
-                  misfit, du/dt = -dE/dV (J. J. Hopfield, PNAS 81, 1984, 3088-3092), until they settle
+- nnls: least squares with p >= 0 and nothing else (C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, 1974);
+- elastic_net: lambda times the first norm of t and lambda times its square (H. Zou, T. Hastie, J. R. Stat. Soc. B 67, 2005,
+  301-320), p >= 0;
+- tv: lambda times the integral of the size of grad t (L. Rudin, S. Osher, E. Fatemi, Physica D 60, 1992, 259-268), p >= 0;
+- maxent: lambda sum p ln(p/m) - p + m, m the mean (J. Skilling, R. K. Bryan, Mon. Not. R. Astron. Soc. 211, 1984, 111-124);
+- network: the analog network: units with saturating outputs V = g(u) whose potentials u run down the regularised misfit,
+  du/dt = -dE/dV (J. J. Hopfield, PNAS 81, 1984, 3088-3092), until they settle.
 
 The parameter of all but nnls is the largest whose misfit still equals the noise (V. A. Morozov's discrepancy principle, 1966), the
 noise being the array's own or, where not given, the one that makes the linear model most likely.
