@@ -393,3 +393,49 @@ def test_family_says_what_it_cannot_do() -> None:
     big = pp.Skin(PAD, pp.AreaArray(shape=(70, 70), pitch=1e-3, depth=2e-3, channels=["stress_zz"]))
     with pytest.raises(pp.Unsupported, match="too many"):
         big.reconstruct(np.ones((1, 70, 70)), method="nnls")
+
+
+def test_detail_says_what_is_prior() -> None:
+    """Deep taxels fix less of each cell than shallow ones; outside contact there is nothing to fix."""
+    shares = []
+    for depth in (1e-3, 4e-3):
+        array = pp.AreaArray(shape=(14, 14), pitch=1e-3, depth=depth, channels=["stress_zz"])
+        skin = pp.Skin(PAD, array)
+        touch = skin.reconstruct(pressed(skin, BALL, 0.01)[0])
+        pressure = touch.pressure.values
+        detail = touch.detail.sel(component="z").values
+        assert np.isnan(detail[0, 0])
+        core = detail[pressure > 0.5 * pressure.max()]
+        assert ((core > 0) & (core < 1)).all()
+        shares.append(float(np.median(core)))
+    assert shares[1] < shares[0]
+
+
+def test_bench_from_the_shell(tmp_path: Any) -> None:
+    import csv
+    import subprocess
+    import sys
+
+    command = [sys.executable, "-m", "palpate", "bench", "accuracy", "--no-family", "--draws", "1"]
+    done = subprocess.run(
+        [*command, "--layouts", "across the edge", "--out", str(tmp_path)], capture_output=True, text=True, check=True
+    )
+    assert "clairvoyant" in done.stdout
+    assert "peak_pressure" in done.stdout
+    with open(tmp_path / "accuracy.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 12
+    assert all(0 < float(r["error"]) < 1 for r in rows)
+    assert (tmp_path / "accuracy.png").stat().st_size > 10_000
+    wrong = subprocess.run([*command, "--layouts", "sphere"], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 2
+    assert "layouts must be among" in wrong.stderr
+
+
+def test_calibration_is_reproducible_and_sane() -> None:
+    found = bench.calibration(24, seed=3)
+    assert found == bench.calibration(24, seed=3)
+    for quantity in ("traction", "force", "peak_pressure"):
+        _, scale, freedom = found[quantity]
+        assert 0.2 < scale < 4
+        assert freedom > 0.5

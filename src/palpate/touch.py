@@ -299,6 +299,15 @@ class Touch:
         spread = from_numpy(self._errors().traction * scale, self.values)
         return replace(self, values=spread).traction.rename("std")
 
+    @property
+    def detail(self) -> xarray.DataArray:
+        """How much of the traction in each cell is measured (1) rather than assumed (0): 1 - posterior over prior variance.
+
+        NaN where there is no contact. Low values are where the map shows what the prior expects between what the data fix:
+        features much finer than the depth, and cells beyond the array.
+        """
+        return replace(self, values=from_numpy(self._errors().detail, self.values)).traction.rename("detail")
+
     def interval(self, level: float = 0.95, of: str = "traction", *, friction: float | None = None) -> tuple[Any, Any]:
         """Lower and upper end of the interval that holds the true value with probability ``level``.
 
