@@ -621,7 +621,7 @@ def section_robust() -> None:
         errors = []
         for center in (0.0, 30.0):
             layout = bench.Layout("line", pad, line, {})
-            readings, truth = layout.make(bench._line((kind, center, width, 1.0)))
+            readings, truth = layout.make(bench.line_contact((kind, center, width, 1.0)))
             inside = np.abs(layout.skin.surface.x) <= 30.0
             found = []
             for draw in range(10):
@@ -632,6 +632,23 @@ def section_robust() -> None:
         print(
             f"  {kind} of half-width {width:g}: {errors[0]:.3f} in the middle, {errors[1]:.3f} inside the array when half of it "
             f"lies beyond the edge: x {errors[1] / errors[0]:.2f}"
+        )
+    for kind, radius in (("ball", 4.0), ("block", 3.0), ("punch", 4.0), ("ball", 6.0)):
+        errors = []
+        for center in (0.3, 9.3):
+            layout = bench.Layout("area", pad, area, {})
+            readings, truth = layout.make(bench.area_contact(bench.Patch(kind, (center, -0.2), (radius, radius))))
+            inside = np.abs(layout.skin.surface.x) <= 9.5
+            found = []
+            for draw in range(10):
+                noise = 0.01 * np.abs(readings).max() * np.random.default_rng(draw).standard_normal(readings.shape)
+                touch = layout.skin.reconstruct(readings + noise, components=["z"])
+                miss, true = (touch.values - truth)[-1][:, inside], truth[-1][:, inside]
+                found.append(np.linalg.norm(miss) / np.linalg.norm(true))
+            errors.append(float(np.mean(found)))
+        print(
+            f"  area {kind} of radius {radius:g}: {errors[0]:.3f} in the middle, {errors[1]:.3f} inside the array when half of "
+            f"it lies beyond the edge: x {errors[1] / errors[0]:.2f}"
         )
 
 

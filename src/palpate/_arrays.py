@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from palpate.errors import InvalidInput
 
-__all__ = ["as_real", "device_of", "from_numpy", "irfftn", "is_numpy", "namespace", "rfftn", "to_numpy"]
+__all__ = ["as_real", "device_of", "fftn", "from_numpy", "irfftn", "is_numpy", "namespace", "rfftn", "to_numpy"]
 
 
 def namespace(x: Any) -> Any:
@@ -110,3 +110,10 @@ def irfftn(x: Any, shape: Sequence[int]) -> Any:
 
         return scipy.fft.irfftn(x, s=tuple(shape), axes=axes)
     return namespace(x).fft.irfftn(x, s=tuple(shape), axes=axes)
+
+
+def fftn(x: npt.NDArray[Any], axes: int) -> npt.NDArray[np.complex128]:
+    """Complex FFT of a NumPy array over its last ``axes`` axes."""
+    import scipy.fft
+
+    return np.asarray(scipy.fft.fftn(x, axes=tuple(range(-axes, 0))))

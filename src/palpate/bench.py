@@ -21,16 +21,30 @@ from typing import Any
 
 import numpy as np
 
+from palpate._arrays import fftn
 from palpate.elastic import BondedLayers, HalfSpace, Layer
 from palpate.elastic.half_space import Floats, Pad
 from palpate.elastic.quantities import transfer
-from palpate.sensing import AreaArray, AreaGrid, LineArray, LineGrid
+from palpate.errors import InvalidInput, Unsupported
+from palpate.sensing import AreaArray, LineArray, LineGrid, ScatteredArray
 from palpate.sensing.arrays import Array
-from palpate.sensing.grids import Grid
+from palpate.sensing.grids import Grid, block_means, refined
 from palpate.skin import Skin
 from palpate.touch import CALIBRATION, Touch
 
-__all__ = ["LAYOUTS", "NOISES", "Layout", "Record", "accuracy", "calibration", "coverage", "population"]
+__all__ = [
+    "LAYOUTS",
+    "NOISES",
+    "Layout",
+    "Patch",
+    "Record",
+    "accuracy",
+    "area_contact",
+    "calibration",
+    "coverage",
+    "line_contact",
+    "population",
+]
 
 #: Noise levels, as parts of the largest reading.
 NOISES = (1e-3, 1e-2, 5e-2)
@@ -45,11 +59,12 @@ Traction = Callable[[Grid], Floats]
 # -- contacts ----------------------------------------------------------------------------------------------------------
 
 
-def _line(*parts: tuple[str, float, float, float]) -> Traction:
+def line_contact(*parts: tuple[str, float, float, float]) -> Traction:
     """Sum of (kind, centre, half-width, size) on a line, as exact cell means."""
 
     def cells(grid: Grid) -> Floats:
-        assert isinstance(grid, LineGrid)
+        if not isinstance(grid, LineGrid):
+            raise InvalidInput(f"a line contact needs a LineGrid; got {type(grid).__name__}.")
         out = np.zeros((2, grid.count))
         for kind, center, half_width, size in parts:
             u = np.clip((grid.edges - center) / half_width, -1, 1)
@@ -68,7 +83,7 @@ def _line(*parts: tuple[str, float, float, float]) -> Traction:
 
 
 @dataclass(frozen=True)
-class _Patch:
+class Patch:
     """One contact patch on an area."""
 
     kind: str
@@ -93,7 +108,7 @@ class _Patch:
         return self.peak * shapes[self.kind]()
 
 
-def _area(*patches: _Patch, shear: str = "", friction: float = 0.0) -> Traction:
+def area_contact(*patches: Patch, shear: str = "", friction: float = 0.0) -> Traction:
     """Patches on an area, with shear inside the friction cone: "slide", "stick" (growing outwards) or "twist"."""
 
     def cells(grid: Grid) -> Floats:
@@ -120,37 +135,37 @@ def _area(*patches: _Patch, shear: str = "", friction: float = 0.0) -> Traction:
 
 
 LINE_CONTACTS: dict[str, Traction] = {
-    "cylinder": _line(("cylinder", 0, 3.5, 1)),
-    "punch": _line(("punch", 0, 3.5, 1)),
-    "small cylinder": _line(("cylinder", 4.3, 1.2, 1)),
-    "large cylinder": _line(("cylinder", -3.1, 9, 1)),
-    "strip": _line(("strip", 1.17, 2, 1)),
-    "wide punch": _line(("punch", 2.2, 8.1, 1)),
-    "two cylinders": _line(("cylinder", -6, 3, 1), ("cylinder", 5, 4, 0.6)),
-    "two punches": _line(("punch", -4, 1.5, 1), ("punch", 4.2, 1.5, 1)),
-    "wedge": _line(("wedge", 0.4, 5, 1)),
-    "tilted": _line(("tilted", 0, 4, 1)),
-    "three": _line(("strip", -8, 1, 1), ("strip", 0, 1, 0.5), ("cylinder", 8, 2, 1)),
-    "narrow": _line(("strip", 0.3, 0.6, 1)),
-    "bump on cylinder": _line(("cylinder", -2, 6, 1), ("strip", 1.5, 1, 1)),
+    "cylinder": line_contact(("cylinder", 0, 3.5, 1)),
+    "punch": line_contact(("punch", 0, 3.5, 1)),
+    "small cylinder": line_contact(("cylinder", 4.3, 1.2, 1)),
+    "large cylinder": line_contact(("cylinder", -3.1, 9, 1)),
+    "strip": line_contact(("strip", 1.17, 2, 1)),
+    "wide punch": line_contact(("punch", 2.2, 8.1, 1)),
+    "two cylinders": line_contact(("cylinder", -6, 3, 1), ("cylinder", 5, 4, 0.6)),
+    "two punches": line_contact(("punch", -4, 1.5, 1), ("punch", 4.2, 1.5, 1)),
+    "wedge": line_contact(("wedge", 0.4, 5, 1)),
+    "tilted": line_contact(("tilted", 0, 4, 1)),
+    "three": line_contact(("strip", -8, 1, 1), ("strip", 0, 1, 0.5), ("cylinder", 8, 2, 1)),
+    "narrow": line_contact(("strip", 0.3, 0.6, 1)),
+    "bump on cylinder": line_contact(("cylinder", -2, 6, 1), ("strip", 1.5, 1, 1)),
 }
 
-AREA_PATCHES: dict[str, tuple[_Patch, ...]] = {
-    "ball": (_Patch("ball", (0.3, -0.2), (5, 5)),),
-    "small ball": (_Patch("ball", (-3.1, 2.3), (2.5, 2.5)),),
-    "large ball": (_Patch("ball", (0, 0.5), (7.5, 7.5)),),
-    "punch": (_Patch("punch", (0.2, 0.4), (4, 4)),),
-    "block": (_Patch("block", (1, -2), (3, 5), angle=0.4),),
-    "ellipse": (_Patch("ball", (0, 0), (7, 3), angle=0.6),),
-    "ring": (_Patch("ring", (0, 0), (6, 6)),),
-    "two balls": (_Patch("ball", (-4, -2), (3, 3)), _Patch("ball", (4, 3), (4, 4), 0.6)),
-    "cone": (_Patch("cone", (0.5, 0), (6, 6)),),
+AREA_PATCHES: dict[str, tuple[Patch, ...]] = {
+    "ball": (Patch("ball", (0.3, -0.2), (5, 5)),),
+    "small ball": (Patch("ball", (-3.1, 2.3), (2.5, 2.5)),),
+    "large ball": (Patch("ball", (0, 0.5), (7.5, 7.5)),),
+    "punch": (Patch("punch", (0.2, 0.4), (4, 4)),),
+    "block": (Patch("block", (1, -2), (3, 5), angle=0.4),),
+    "ellipse": (Patch("ball", (0, 0), (7, 3), angle=0.6),),
+    "ring": (Patch("ring", (0, 0), (6, 6)),),
+    "two balls": (Patch("ball", (-4, -2), (3, 3)), Patch("ball", (4, 3), (4, 4), 0.6)),
+    "cone": (Patch("cone", (0.5, 0), (6, 6)),),
     "dots": (
-        _Patch("block", (-5, -5), (1, 1)),
-        _Patch("block", (4, -4), (1.5, 1.5)),
-        _Patch("ball", (0, 5), (2.5, 2.5), 0.5),
+        Patch("block", (-5, -5), (1, 1)),
+        Patch("block", (4, -4), (1.5, 1.5)),
+        Patch("ball", (0, 5), (2.5, 2.5), 0.5),
     ),
-    "bar": (_Patch("block", (0, 0), (7.5, 1.2), angle=0.3),),
+    "bar": (Patch("block", (0, 0), (7.5, 1.2), angle=0.3),),
 }
 #: Contacts whose middle lies two units inside the edge of the line array (at 30), and the same in its middle.
 CROSSING: dict[str, tuple[str, float, float]] = {
@@ -201,57 +216,28 @@ class Layout:
     def maker(self) -> Skin:
         """The finer and wider skin that makes the data."""
         grid = self.skin.surface
-        d = grid.dimensions
-        ratio = FINER[d]
-        if isinstance(grid, LineGrid):
-            return Skin(
-                self.pad,
-                self.array,
-                surface=LineGrid(
-                    count=(grid.count + 2 * WIDER) * ratio, spacing=grid.spacing / ratio, center=grid.center
-                ),
-            )
-        shape, spacings = grid.shape, grid.spacings
-        fine = AreaGrid(
-            shape=((shape[0] + 2 * WIDER) * ratio, (shape[1] + 2 * WIDER) * ratio),
-            spacing=(spacings[0] / ratio, spacings[1] / ratio),
-            center=grid.center,
-        )
-        return Skin(self.pad, self.array, surface=fine)
+        return Skin(self.pad, self.array, surface=refined(grid, FINER[grid.dimensions], WIDER))
 
     def make(self, traction: Traction) -> tuple[Floats, Floats]:
         """Noise-free readings, and the mean traction (component, *surface) of each cell sought."""
         fine = traction(self.maker.surface)
-        ratio = FINER[self.skin.surface.dimensions]
-        mean = fine
-        for axis in range(1, fine.ndim):
-            mean = mean.reshape(*mean.shape[:axis], mean.shape[axis] // ratio, ratio, *mean.shape[axis + 1 :])
-            mean = mean.mean(axis=axis + 1)
-            mean = mean.take(range(WIDER, mean.shape[axis] - WIDER), axis=axis)
+        d = self.skin.surface.dimensions
+        middle: tuple[Any, ...] = (..., *(slice(WIDER, -WIDER),) * d)
+        mean = block_means(fine, FINER[d], d)[middle]
         return np.nan_to_num(np.asarray(self.maker.sense(fine))), mean
 
     def clairvoyant(self, traction: Traction, noise: float) -> float:
         """Least expected relative error of a linear shift-invariant filter told the truth (see the module)."""
-        import scipy.fft
-
         array = self.array
-        assert isinstance(array, LineArray | AreaArray)
+        if isinstance(array, ScatteredArray):
+            raise Unsupported("the clairvoyant filter needs a regular array; got a ScatteredArray.")
         grid = array.grid
         ratio, d = FINER[grid.dimensions], grid.dimensions
-        if isinstance(grid, LineGrid):
-            fine: Grid = LineGrid(count=grid.count * ratio, spacing=grid.spacing / ratio, center=grid.center)
-        else:
-            shape, spacings = grid.shape, grid.spacings
-            fine = AreaGrid(
-                shape=(shape[0] * ratio, shape[1] * ratio),
-                spacing=(spacings[0] / ratio, spacings[1] / ratio),
-                center=grid.center,
-            )
+        fine = refined(grid, ratio)
         columns = [grid.components.index(c) for c in self.components]
         values = traction(fine)[columns]
-        axes = tuple(range(1, 1 + d))
-        power = np.abs(scipy.fft.fftn(values, axes=axes) / ratio**d) ** 2
-        waves = [2 * np.pi * scipy.fft.fftfreq(n, dx) for n, dx in zip(fine.shape, fine.spacings)]
+        power = np.abs(fftn(values, d) / ratio**d) ** 2
+        waves = [2 * np.pi * np.fft.fftfreq(n, dx) for n, dx in zip(fine.shape, fine.spacings)]
         ky, kx = (np.zeros(1), waves[0]) if d == 1 else (waves[0][:, None], waves[1][None, :])
         response = transfer(self.pad, kx, ky, array.depth, array.channels, line=d == 1)
         response = np.nan_to_num(response)
@@ -290,14 +276,14 @@ def _layouts() -> dict[str, Layout]:
     markers = AreaArray(
         shape=(20, 20), pitch=1.0, depth=1.5, channels=["displacement_x", "displacement_y", "displacement_z"]
     )
-    pressed = {name: _area(*patches) for name, patches in AREA_PATCHES.items()}
-    sheared = {name: _area(*AREA_PATCHES[p], shear=s, friction=FRICTION) for name, (p, s) in SHEARED.items()}
+    pressed = {name: area_contact(*patches) for name, patches in AREA_PATCHES.items()}
+    sheared = {name: area_contact(*AREA_PATCHES[p], shear=s, friction=FRICTION) for name, (p, s) in SHEARED.items()}
     few = {k: sheared[k] for k in ("sliding ball", "sticking ball", "sliding block", "pressed cone")}
     family = ("tikhonov", "nnls", "elastic_net", "tv", "maxent", "network")
     rubber = HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)
     dead = line.masked(np.random.default_rng(0).random(line.shape) > 0.1)
-    crossing = {name: _line((kind, x, w, 1.0)) for name, (kind, x, w) in CROSSING.items()}
-    middle = {name: _line((kind, 0.0, w, 1.0)) for name, (kind, x, w) in CROSSING.items()}
+    crossing = {name: line_contact((kind, x, w, 1.0)) for name, (kind, x, w) in CROSSING.items()}
+    middle = {name: line_contact((kind, 0.0, w, 1.0)) for name, (kind, x, w) in CROSSING.items()}
     return {
         "line": Layout("line", rubber, line, LINE_CONTACTS, methods=family),
         "dead taxels": Layout("dead taxels", rubber, dead, LINE_CONTACTS),
@@ -335,7 +321,8 @@ class Record:
 def _standardised(touch: Touch, truth: Floats) -> dict[str, Floats]:
     """(true - found)/std of the model for every quantity; cells are those in contact, in truth or as found."""
     errors = touch.errors
-    assert errors is not None
+    if errors is None:
+        raise Unsupported(f'method="{touch.method}" gives no error bars.')
     grid = touch.surface
     columns = [grid.components.index(c) for c in touch.components]
     found = np.asarray(touch.values)
@@ -456,7 +443,7 @@ def population(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
             kind = str(rng.choice(["cylinder", "punch", "strip", "wedge", "tilted", "bump"]))
             width = float(np.exp(rng.uniform(math.log(0.6), math.log(min(9.0, 0.8 * reach)))))
             parts.append((kind, float(rng.uniform(-1, 1) * (reach - width)), width, float(rng.uniform(0.4, 1.0))))
-        return Layout("line", modulus, array, {}), _line(*parts), noise
+        return Layout("line", modulus, array, {}), line_contact(*parts), noise
     shear = rng.random() < 0.3
     channels = ["stress_xz", "stress_yz", "stress_zz"] if shear else ["stress_zz"]
     size = 14 if shear else 18
@@ -467,10 +454,12 @@ def population(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
         kind = str(rng.choice(["ball", "ball", "punch", "block", "ring", "cone", "tilted"]))
         center = (float(rng.uniform(-0.15, 0.15) * size), float(rng.uniform(-0.15, 0.15) * size))
         patches.append(
-            _Patch(kind, center, (float(a), float(b)), float(rng.uniform(0.4, 1.0)), float(rng.uniform(0, 3)))
+            Patch(kind, center, (float(a), float(b)), float(rng.uniform(0.4, 1.0)), float(rng.uniform(0, 3)))
         )
     mu = float(rng.uniform(0.2, 0.9))
-    traction = _area(*patches, shear=str(rng.choice(["slide", "stick", "twist", ""])) if shear else "", friction=mu)
+    traction = area_contact(
+        *patches, shear=str(rng.choice(["slide", "stick", "twist", ""])) if shear else "", friction=mu
+    )
     components = ("x", "y", "z") if shear else ("z",)
     return Layout("area", modulus, area, {}, components, mu if shear else None), traction, noise
 

@@ -228,7 +228,7 @@ def reconstruct(
     if drop_missing and recording.missing.any():
         if len(skin.planes) != 1:
             raise InvalidInput("--drop-missing serves skins of one plane.")
-        skin = Skin(skin.pad, skin.planes[0].masked(~recording.missing), surface=skin.surface, boundary=skin.boundary)  # type: ignore[arg-type]
+        skin = skin.masked(~recording.missing)
         typer.echo(
             f"left out {int(recording.missing.sum())} of {recording.missing.size} taxels with missing readings",
             err=True,

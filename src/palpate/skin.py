@@ -77,6 +77,9 @@ METHODS: dict[str, tuple[str, ...]] = {
     "network": ("parameter",),
 }
 
+#: The adaptive method seeks contact this many depths past the array, where no surface is given.
+WIDE = 4.0
+
 _SPOKEN = {"x": "shear along x", "y": "shear along y", "z": "pressure"}
 
 
@@ -128,6 +131,7 @@ class Skin:
             pad.material(p.depth)  # refuses a depth below a rigid base
         if boundary not in ("free", "periodic"):
             raise InvalidInput(f'boundary must be "free" or "periodic"; got {boundary!r}.')
+        self._given = surface is not None
         if surface is None:
             if boundary == "periodic" and not isinstance(planes[0], ScatteredArray):
                 surface = planes[0].grid
@@ -182,6 +186,14 @@ class Skin:
         return self._operator
 
     @property
+    def _wide(self) -> Operator:
+        """The operator on a surface that reaches far enough to explain what presses beyond the array's edge."""
+        if self._given:
+            return self.operator
+        wide = default_surface(self._planes, depths=WIDE)
+        return Operator(self._elastic, self._planes, wide, self._boundary)
+
+    @property
     def components(self) -> tuple[str, ...]:
         """What `reconstruct` seeks by default, the traction components that these channels can tell apart."""
         if self._default is None:
@@ -191,6 +203,17 @@ class Skin:
     def observability(self, wavelength: npt.ArrayLike, *, components: Sequence[str] | None = None) -> Observability:
         """How well each ``wavelength`` [m] of the traction is seen: the condition of its matrix."""
         return observability(self._elastic, self._planes, wavelength, self._names(components))
+
+    def masked(self, working: npt.ArrayLike | Sequence[npt.ArrayLike]) -> Skin:
+        """The same skin without the taxels where ``working`` is False; of several planes, one mask for each."""
+        masks = [working] if len(self._planes) == 1 else list(working)  # type: ignore[arg-type]
+        if len(masks) != len(self._planes):
+            raise InvalidInput(f"working must hold one mask for each of {len(self._planes)} planes; got {len(masks)}.")
+        planes = [p.masked(m) for p, m in zip(self._planes, masks)]
+        # missing taxels do not move the surface, so that results stay comparable
+        out = Skin(self._pad, planes, surface=self._surface, boundary=self._boundary)
+        out._given = self._given
+        return out
 
     # -- forward -------------------------------------------------------------------------------------------------------
 
@@ -574,7 +597,7 @@ class Skin:
                 raise Unsupported(
                     'method="adaptive" needs boundary="free"; use method="tikhonov" on a periodic surface.'
                 )
-            return Adaptive(self.operator, columns, self._cone(names, options["friction"]))
+            return Adaptive(self._wide, columns, self._cone(names, options["friction"]), self._surface)
         parameter = options["parameter"]
         if method in FAMILY:
             if self._boundary == "periodic":

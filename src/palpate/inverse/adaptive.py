@@ -38,10 +38,10 @@ from palpate.inverse.parameter import choose_parameter, tikhonov
 from palpate.inverse.priors import DifferencePrior
 from palpate.inverse.regularised import Estimate, Regularised
 from palpate.inverse.stencil import Sparse, Stencil
-from palpate.sensing.grids import AreaGrid, Grid, LineGrid
+from palpate.sensing.grids import Grid, block_means, refined, repeated
 from palpate.sensing.operator import Operator
 
-__all__ = ["Adaptive", "Errors", "refined"]
+__all__ = ["Adaptive", "Errors"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -84,20 +84,6 @@ MODEL_FORCE = 5e-4
 UNEXPLAINED, UNEXPLAINED_SIGNAL = 3.0, 0.03
 
 
-def refined(grid: Grid, ratio: int) -> Grid:
-    """The same surface in cells ``ratio`` times finer along each axis."""
-    if ratio == 1:
-        return grid
-    if isinstance(grid, LineGrid):
-        return LineGrid(count=grid.count * ratio, spacing=grid.spacing / ratio, center=grid.center)
-    shape, spacings = grid.shape, grid.spacings
-    return AreaGrid(
-        shape=(shape[0] * ratio, shape[1] * ratio),
-        spacing=(spacings[0] / ratio, spacings[1] / ratio),
-        center=grid.center,
-    )
-
-
 @dataclass(frozen=True)
 class Errors:
     """Standard deviations, in closed form, before calibration (`palpate.touch`).
@@ -136,7 +122,7 @@ class _Level:
 
     def __init__(self, operator: Operator, ratio: int, columns: tuple[int, ...]) -> None:
         self.ratio, self.columns = ratio, columns
-        self.grid = refined(operator.surface, ratio)
+        self.grid = operator.surface if ratio == 1 else refined(operator.surface, ratio)
         self.operator = (
             operator if ratio == 1 else Operator(operator.pad, operator.planes_of, self.grid, operator.boundary)
         )
@@ -195,15 +181,24 @@ class _Member:
 
 
 class Adaptive:
-    """The adaptive estimator, prepared once for an operator, the components sought and the constraints."""
+    """The adaptive estimator, prepared once for an operator, the components sought and the constraints.
 
-    def __init__(self, operator: Operator, columns: Sequence[int], cone: Cone) -> None:
+    ``surface``, where given, is the middle of the operator's grid that the result is cut to: a contact across the array's
+    edge is explained by cells farther out than anyone wants to see.
+    """
+
+    def __init__(self, operator: Operator, columns: Sequence[int], cone: Cone, surface: Grid | None = None) -> None:
         if cone.free:
             raise Unsupported(
                 'method="adaptive" lives on pressure that cannot pull: seek component z as well, or use method="tikhonov".'
             )
         self.operator, self.cone, self.columns = operator, cone, tuple(columns)
         grid = operator.surface
+        self.surface = grid if surface is None else surface
+        # the cells of the operator's grid that the result is made of
+        self.window = tuple(slice((n - m) // 2, (n - m) // 2 + m) for n, m in zip(grid.shape, self.surface.shape))
+        self.inside = np.zeros(grid.shape, dtype=bool)
+        self.inside[self.window] = True
         # shear varies less than pressure, by what friction allows, shared between its components
         shear = 0.5 * (cone.friction or SHEAR) ** 2
         self._variances = [1.0 if c == len(columns) - 1 else shear for c in range(len(columns))]
@@ -239,16 +234,17 @@ class Adaptive:
         frames = [self.frame([a[i] for a in arrays], draws, rng) for i in range(math.prod(batch))]
 
         def gathered(name: str) -> Floats:
-            parts = np.stack([getattr(f.errors, name) for f in frames])
+            cut = self._cut if name in ("traction", "detail") else np.asarray
+            parts = np.stack([cut(getattr(f.errors, name)) for f in frames])
             return np.asarray(parts.reshape((*batch, *parts.shape[1:])))
 
         def numbers(name: str, kind: type = np.float64) -> npt.NDArray[Any]:
             return np.array([getattr(f, name) for f in frames], dtype=kind).reshape(batch)
 
-        values = np.stack([f.traction for f in frames])
+        values = np.stack([self._cut(f.traction) for f in frames])
         sampled = None
         if draws:
-            sampled = np.stack([f.draws for f in frames if f.draws is not None])
+            sampled = np.stack([self._cut(f.draws) for f in frames if f.draws is not None])
             sampled = sampled.reshape((*batch, *sampled.shape[1:]))
         outliers = np.stack([f.outliers for f in frames])
         return Estimate(
@@ -263,6 +259,11 @@ class Adaptive:
             sampled,
             pushed=numbers("pushed", bool),
         )
+
+    def _cut(self, field: Floats) -> Floats:
+        """The part of a field (..., *grid) that lies on the surface."""
+        place: tuple[Any, ...] = (..., *self.window)
+        return np.asarray(field[place])
 
     # -- one frame -----------------------------------------------------------------------------------------------------
 
@@ -498,8 +499,8 @@ class Adaptive:
         size = np.abs(first[-1]).reshape(grid.shape)
         region = _grown(size > self._quiet(y) * size.max(), 1)
         level = self._level(self._ratio(evidence[1][1], int(region.sum()) * len(self.columns)))
-        cells = np.flatnonzero(_repeated(region, level.ratio))
-        start = np.stack([_repeated(t.reshape(grid.shape), level.ratio).ravel() for t in first])[:, cells]
+        cells = np.flatnonzero(repeated(region, level.ratio))
+        start = np.stack([repeated(t.reshape(grid.shape), level.ratio).ravel() for t in first])[:, cells]
         data = self._normal(level, cells, y, noise, heard)
         members = []
         best = max(e[0] for e in evidence.values())
@@ -604,7 +605,7 @@ class Adaptive:
         rng: np.random.Generator | None,
     ) -> _Frame:
         grid = self.operator.surface
-        parts = [_account(m, grid) for m in members]
+        parts = [_account(m, grid, self.inside) for m in members]
         weights = np.array([m.weight for m in members])
 
         def mixed(index: int) -> tuple[Floats, Floats]:
@@ -665,8 +666,8 @@ class Adaptive:
                 linear = member.data.linear + (root @ rng.standard_normal(len(root))).reshape(member.data.linear.shape)
                 x = minimise(member.hessian, linear, self.cone, member.solution.traction).traction
                 for k, column in enumerate(self.columns):
-                    out[j, column] = _averaged(
-                        _scattered(x[k], member.cells, member.level.grid.shape), member.level.ratio
+                    out[j, column] = block_means(
+                        _scattered(x[k], member.cells, member.level.grid.shape), member.level.ratio, grid.dimensions
                     )
         return out
 
@@ -689,20 +690,6 @@ def _scattered(values: Floats, cells: Index, shape: tuple[int, ...]) -> Floats:
     out = np.zeros(math.prod(shape))
     out[cells] = values
     return out.reshape(shape)
-
-
-def _repeated(field: npt.NDArray[Any], ratio: int) -> npt.NDArray[Any]:
-    for axis in range(field.ndim):
-        field = np.repeat(field, ratio, axis=axis)
-    return field
-
-
-def _averaged(field: Floats, ratio: int) -> Floats:
-    """Means over blocks of ``ratio`` cells along each axis."""
-    for axis in range(field.ndim):
-        shape = (*field.shape[:axis], field.shape[axis] // ratio, ratio, *field.shape[axis + 1 :])
-        field = field.reshape(shape).mean(axis=axis + 1)
-    return field
 
 
 def _grown(region: Flags, cells: int) -> Flags:
@@ -755,8 +742,11 @@ def _shares(member: _Member, grid: Grid) -> tuple[Sparse, Index]:
 Quantity = tuple[Floats, Floats]
 
 
-def _account(member: _Member, grid: Grid) -> tuple[Quantity, Quantity, Quantity, Quantity, Quantity]:
-    """(value, variance) of traction on the surface's cells, net force, moment, centre of pressure and peak pressure."""
+def _account(member: _Member, grid: Grid, inside: Flags) -> tuple[Quantity, Quantity, Quantity, Quantity, Quantity]:
+    """(value, variance) of traction on the surface's cells, net force, moment, centre of pressure and peak pressure.
+
+    The numbers are those of the cells ``inside``.
+    """
     level = member.level
     c, n = member.solution.traction.shape
     places = np.unravel_index(member.cells, level.grid.shape)
@@ -767,7 +757,8 @@ def _account(member: _Member, grid: Grid) -> tuple[Quantity, Quantity, Quantity,
         rows = np.zeros((len(surface_cells), c * n))
         rows[:, i * n : (i + 1) * n] = share.toarray()
         variance[i, surface_cells] = (_spread(member.solution, rows) ** 2).sum(axis=0)
-    cell = level.grid.cell
+    kept = inside[tuple(p // level.ratio for p in places)].astype(np.float64)
+    cell = level.grid.cell * kept
     axes = [axis[p] for axis, p in zip(level.grid.axes, places)][::-1]  # x, then y
 
     def linear(weights: Floats) -> Quantity:
@@ -777,12 +768,12 @@ def _account(member: _Member, grid: Grid) -> tuple[Quantity, Quantity, Quantity,
 
     force_rows = np.zeros((c, c, n))
     force_rows[np.arange(c), np.arange(c)] = cell
-    p = member.solution.traction[-1]
+    p = member.solution.traction[-1] * kept
     total = float(p.sum()) or 1.0
     center = np.array([float((x * p).sum()) / total for x in axes])
     center_rows = np.zeros((len(axes), c, n))
     for i, x in enumerate(axes):
-        center_rows[i, -1] = (x - center[i]) / total
+        center_rows[i, -1] = kept * (x - center[i]) / total
     if len(axes) == 1:
         moment_rows = np.zeros((1, c, n))
         moment_rows[0, -1] = -axes[0] * cell
@@ -791,7 +782,7 @@ def _account(member: _Member, grid: Grid) -> tuple[Quantity, Quantity, Quantity,
         moment_rows[0, -1], moment_rows[1, -1] = axes[1] * cell, -axes[0] * cell
         if c == 3:
             moment_rows[2, 0], moment_rows[2, 1] = -axes[1] * cell, axes[0] * cell
-    top = int(np.argmax(mean[-1]))
+    top = int(np.argmax(np.where(inside.ravel(), mean[-1], -1.0)))
     return (
         (mean.reshape(c, *grid.shape), variance.reshape(c, *grid.shape)),
         linear(force_rows),

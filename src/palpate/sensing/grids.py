@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.elastic.half_space import Floats
 from palpate.elastic.quantities import COMPONENTS
 from palpate.errors import InvalidInput
 
-__all__ = ["AreaGrid", "Grid", "LineGrid", "check_count", "check_length"]
+__all__ = ["AreaGrid", "Grid", "LineGrid", "block_means", "check_count", "check_length", "refined", "repeated"]
 
 
 def check_count(name: str, value: object, minimum: int = 2) -> int:
@@ -154,3 +156,27 @@ class AreaGrid:
 
 
 Grid = LineGrid | AreaGrid
+
+
+def refined(grid: Grid, ratio: int, margin: int = 0) -> Grid:
+    """The same surface, ``margin`` cells wider on each side, in cells ``ratio`` times finer along each axis."""
+    counts = [(n + 2 * margin) * ratio for n in grid.shape]
+    if isinstance(grid, LineGrid):
+        return LineGrid(count=counts[0], spacing=grid.spacing / ratio, center=grid.center)
+    dy, dx = grid.spacings
+    return AreaGrid(shape=(counts[0], counts[1]), spacing=(dy / ratio, dx / ratio), center=grid.center)
+
+
+def block_means(field: Floats, ratio: int, axes: int) -> Floats:
+    """Means over blocks of ``ratio`` cells along each of the last ``axes`` axes."""
+    for axis in range(field.ndim - axes, field.ndim):
+        shape = (*field.shape[:axis], field.shape[axis] // ratio, ratio, *field.shape[axis + 1 :])
+        field = field.reshape(shape).mean(axis=axis + 1)
+    return field
+
+
+def repeated(field: npt.NDArray[Any], ratio: int) -> npt.NDArray[Any]:
+    """Each cell of a field as ``ratio`` cells along each axis."""
+    for axis in range(field.ndim):
+        field = np.repeat(field, ratio, axis=axis)
+    return field

@@ -10,7 +10,10 @@ import numpy as np
 from palpate.sensing.arrays import Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 
-__all__ = ["default_surface"]
+__all__ = ["DEPTHS", "default_surface"]
+
+#: The surface reaches past the array by this many times the greatest depth.
+DEPTHS = 2.0
 
 #: At most this many surface cells to a taxel pitch.
 FINEST = 4
@@ -18,12 +21,12 @@ FINEST = 4
 FAR = 0.15
 
 
-def default_surface(planes: Sequence[Array]) -> Grid:
+def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS) -> Grid:
     """Cells no wider than the taxel pitch nor (down to a quarter of the pitch) than the depth, and a margin.
 
     Detail finer than the depth is damped by more than exp(-2 pi) and cannot be recovered, so finer cells would only
-    cost time. A cell's centre lies above each taxel of the first plane. The grid reaches past the arrays by twice the
-    greatest depth and at least one pitch, so that a contact beyond the edge is not pushed inside; where displacement
+    cost time. A cell's centre lies above each taxel of the first plane. The grid reaches past the arrays by ``depths``
+    times the greatest depth and at least one pitch, so that a contact beyond the edge is not pushed inside; where displacement
     is measured, also by 15 % of the array's width, because displacement reaches that far.
     """
     first = planes[0]
@@ -37,7 +40,7 @@ def default_surface(planes: Sequence[Array]) -> Grid:
         pitch = _pitch(first, axis)
         ratio = 1 if depth == 0 else min(FINEST, max(1, math.ceil(pitch / depth - 1e-9)))
         spacing = pitch / ratio
-        reach = max(2 * max(p.depth for p in planes), pitch, FAR * (high - low) if far else 0.0)
+        reach = max(depths * max(p.depth for p in planes), pitch, FAR * (high - low) if far else 0.0)
         margin = math.ceil(reach / spacing - 1e-9)
         inside = (high - low) / spacing
         if not isinstance(first, ScatteredArray) and abs(inside - round(inside)) < 1e-6:
