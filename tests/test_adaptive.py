@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from typing import Any
 
 import clarabel
@@ -435,7 +436,107 @@ def test_bench_from_the_shell(tmp_path: Any) -> None:
 def test_calibration_is_reproducible_and_sane() -> None:
     found = bench.calibration(24, seed=3)
     assert found == bench.calibration(24, seed=3)
-    for quantity in ("traction", "force", "peak_pressure"):
-        _, scale, freedom = found[quantity]
+    for key in itertools.product((1, 2), ("traction", "force", "peak_pressure")):
+        _, scale, freedom = found[key]
         assert 0.2 < scale < 4
         assert freedom > 0.5
+
+
+# -- noise that is shared, and contacts that are not whole ---------------------------------------------------------------
+
+
+def test_frames_share_their_noise() -> None:
+    """Many frames tell the noise better than one; a frame with gross errors does not spoil it for the others."""
+    layout = bench.LAYOUTS["line"]
+    clean, _ = layout.make(layout.contacts["small cylinder"])
+    std = 0.02 * float(np.abs(clean).max())
+    rng = np.random.default_rng(0)
+    frames = clean + std * rng.standard_normal((12, *clean.shape))
+    single = np.array([float(layout.skin.reconstruct(f).noise_std[0]) for f in frames]) / std  # type: ignore[index]
+    together = layout.skin.reconstruct(frames).noise_std / std
+    assert np.abs(together - 1.0).max() < 0.05
+    assert np.abs(together - 1.0).max() < 0.7 * np.abs(single - 1.0).max()
+    frames[5, 0, ::3] = 0.4 * np.abs(clean).max()
+    spoiled = layout.skin.reconstruct(frames).noise_std / std
+    assert np.abs(np.delete(spoiled, 5) - 1.0).max() < 0.08
+
+
+def test_correlated_noise_in_mirror_blocks_and_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The whitening commutes with the mirror symmetry: both ways to the spectrum agree, and on scattered positions too."""
+    from palpate.inverse import regularised
+
+    array = pp.AreaArray(
+        shape=(27, 27), pitch=1e-3, depth=1.5e-3, channels=["stress_zz"], noise=30.0, noise_correlation=2e-3
+    )
+    rng = np.random.default_rng(0)
+    readings = pp.Skin(PAD, array).sense(BALL, rng=rng)
+    blocks = pp.Skin(PAD, array).reconstruct(readings, method="tikhonov")
+    monkeypatch.setattr(regularised, "_is_symmetric", lambda operator: False)
+    whole = pp.Skin(PAD, array).reconstruct(readings, method="tikhonov")
+    np.testing.assert_allclose(whole.values, blocks.values, atol=1e-6 * blocks.values.max())
+    scattered = pp.ScatteredArray(
+        positions=array.points[:, ::-1], depth=1.5e-3, channels=["stress_zz"], noise=30.0, noise_correlation=2e-3
+    )
+    skin = pp.Skin(PAD, scattered, surface=pp.Skin(PAD, array).surface)
+    alike = skin.reconstruct(readings.reshape(1, -1), method="tikhonov")
+    np.testing.assert_allclose(alike.values, blocks.values, atol=1e-6 * blocks.values.max())
+
+
+def test_noise_has_the_correlation_it_is_said_to_have() -> None:
+    array = pp.LineArray(
+        count=30, pitch=1.0, depth=1.0, channels=["stress_zz", "stress_xz"], noise=[2.0, 3.0], noise_correlation=2.0
+    )
+    sample = array.sample_noise(np.random.default_rng(0), (20000,))
+    np.testing.assert_allclose(sample.std(axis=(0, 2)), [2.0, 3.0], rtol=0.01)
+    for lag in (1, 2, 5):
+        alike = (sample[..., lag:] * sample[..., :-lag]).mean(axis=(0, 2)) / [4.0, 9.0]
+        np.testing.assert_allclose(alike, np.exp(-lag / 2.0), atol=0.01)
+    assert abs((sample[:, 0] * sample[:, 1]).mean()) < 0.05
+
+
+def test_error_bars_know_of_correlated_noise() -> None:
+    """Taking correlated noise as independent makes the force's interval miss; saying so makes it hold."""
+    array = area(shape=(18, 18), noise=250.0)
+    known = replace(array, noise_correlation=3e-3)
+    skin, naive = pp.Skin(PAD, known), pp.Skin(PAD, array)
+    readings, rng = skin.sense(BALL), np.random.default_rng(0)
+    truth = skin.sample(BALL)[2].sum() * skin.surface.cell
+    inside = np.zeros(2)
+    for _ in range(30):
+        noisy = readings + known.sample_noise(rng)
+        for i, s in enumerate((skin, naive)):
+            low, high = s.reconstruct(noisy).interval(0.95, "force")
+            inside[i] += low[2] <= truth <= high[2]
+    assert inside[0] >= 27
+    assert inside[1] <= 24
+    with pytest.raises(pp.Unsupported, match="independent"):
+        pp.Skin(PAD, known, boundary="periodic").reconstruct(readings)
+
+
+@pytest.mark.parametrize("kind", ["cylinder", "strip"])
+def test_contact_across_the_edge(kind: str) -> None:
+    """A wide contact, half of it beyond the array, comes out inside the array as well as it does in the middle."""
+    layout = bench.LAYOUTS["line"]
+    errors = []
+    for center in (0.0, 30.0):
+        readings, truth = layout.make(bench.line_contact((kind, center, 7.0, 1.0)))
+        inside = np.abs(layout.skin.surface.x) <= 30.0
+        found = []
+        for draw in range(4):
+            noise = 0.01 * np.abs(readings).max() * np.random.default_rng(draw).standard_normal(readings.shape)
+            touch = layout.skin.reconstruct(readings + noise, components=["z"])
+            assert touch.values.shape == (2, *layout.skin.surface.shape)
+            found.append(np.linalg.norm((touch.values - truth)[-1][inside]) / np.linalg.norm(truth[-1][inside]))
+        errors.append(float(np.mean(found)))
+    assert errors[1] < 1.3 * errors[0]
+
+
+def test_masked_skin_keeps_its_surface() -> None:
+    skin = pp.Skin(PAD, area())
+    working = np.ones((14, 14), dtype=bool)
+    working[3, 4:6] = False
+    fewer = skin.masked(working)
+    assert fewer.surface == skin.surface
+    assert not fewer.planes[0].valid[3, 4]
+    with pytest.raises(pp.InvalidInput, match="mask"):
+        skin.masked(np.ones((3, 3), dtype=bool))

@@ -51,7 +51,7 @@ NOISES = (1e-3, 1e-2, 5e-2)
 #: Cells of the surface the data are made on, per cell sought, and how many cells it is wider on each side.
 FINER, WIDER = {1: 10, 2: 6}, 3
 #: Quantities whose error has a sign: pressure only adds up, edges are rounded, weak shear is drawn to zero.
-SHIFTED = ("force", "peak_pressure", "shear_force")
+SHIFTED = ("force", "peak_pressure", "shear_force", "slip_margin")
 
 Traction = Callable[[Grid], Floats]
 
@@ -318,27 +318,30 @@ class Record:
         return self.error / self.clairvoyant
 
 
-def _standardised(touch: Touch, truth: Floats) -> dict[str, Floats]:
+def _standardised(touch: Touch, truth: Floats, friction: float | None) -> dict[str, Floats]:
     """(true - found)/std of the model for every quantity; cells are those in contact, in truth or as found."""
-    errors = touch.errors
-    if errors is None:
-        raise Unsupported(f'method="{touch.method}" gives no error bars.')
     grid = touch.surface
     columns = [grid.components.index(c) for c in touch.components]
-    found = np.asarray(touch.values)
-    cells = (truth[-1] > 0) | (found[-1] > 0)
     true = Touch(truth, grid, touch.components, "truth")
-    with np.errstate(divide="ignore", invalid="ignore"):
-        out = {
-            "traction": ((truth - found) / errors.traction)[columns][:, cells].ravel(),
-            "force": ((true.force - touch.force) / errors.force)[-1:],
-            "shear_force": (np.sign(touch.force) * (true.force - touch.force) / errors.force)[columns[:-1]],
-            "moment": np.atleast_1d((true.moment - touch.moment) / errors.moment),
-            "center_of_pressure": np.atleast_1d((true.center_of_pressure - touch.center_of_pressure) / errors.center),
-            "peak_pressure": np.atleast_1d((true.peak_pressure - touch.peak_pressure) / errors.peak),
-        }
+
+    def z(of: str, value: Any, mu: float | None = None) -> Floats:
+        found, std, _ = touch.uncalibrated(of, mu)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray((np.asarray(value) - found) / std)
+
+    force = z("force", true.force)
+    out = {
+        "traction": z("traction", truth)[columns][:, (truth[-1] > 0) | (np.asarray(touch.values)[-1] > 0)],
+        "force": force[-1:],
+        "shear_force": (np.sign(touch.force) * force)[columns[:-1]],
+        "moment": z("moment", true.moment),
+        "center_of_pressure": z("center_of_pressure", true.center_of_pressure),
+        "peak_pressure": z("peak_pressure", true.peak_pressure),
+    }
+    if friction is not None:
+        out["slip_margin"] = z("slip_margin", true.slip_margin(friction), friction)
     return {
-        k: np.nan_to_num(np.asarray(v, dtype=np.float64), nan=0.0, posinf=99.0, neginf=-99.0)
+        k: np.nan_to_num(np.ravel(v).astype(np.float64), nan=0.0, posinf=99.0, neginf=-99.0)
         for k, v in out.items()
         if np.size(v)
     }
@@ -364,7 +367,7 @@ def run(
             options["method"] = method
         touch = layout.skin.reconstruct(noisy, components=list(layout.components), **options)
         error = float(np.linalg.norm((np.asarray(touch.values) - truth)[columns])) / size
-        z = _standardised(touch, truth) if touch.errors is not None else {}
+        z = _standardised(touch, truth, layout.friction) if touch.errors is not None else {}
         records.append(Record(layout.name, name, noise, method, error, yardstick, z))
     return records
 
@@ -416,15 +419,15 @@ def ratios(records: Sequence[Record], method: str = "adaptive") -> dict[tuple[st
 
 def coverage(records: Sequence[Record], level: float) -> dict[str, float]:
     """Part of true values inside the interval of that level, for each quantity."""
-    out = {}
-    for quantity, c in CALIBRATION.items():
-        zero = np.asarray(-math.inf)
-        low, high = (float(v) for v in c.bounds(level, np.asarray(0.0), np.asarray(1.0), zero))
-        z = [r.z[quantity] for r in records if quantity in r.z]
-        if z:
+    inside: dict[str, list[float]] = {}
+    zero = np.asarray(-math.inf)
+    for record in records:
+        table = CALIBRATION[LAYOUTS[record.layout].array.dimensions]
+        for quantity, z in record.z.items():
+            low, high = (float(v) for v in table[quantity].bounds(level, np.asarray(0.0), np.asarray(1.0), zero))
             # every frame counts once, however many cells it has
-            out[quantity] = float(np.mean([np.mean((v >= low) & (v <= high)) for v in z]))
-    return out
+            inside.setdefault(quantity, []).append(float(np.mean((z >= low) & (z <= high))))
+    return {quantity: float(np.mean(v)) for quantity, v in inside.items()}
 
 
 # -- calibration -------------------------------------------------------------------------------------------------------
@@ -466,21 +469,24 @@ def population(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
 
 def calibration(
     frames: int = 400, *, seed: int = 12345, jobs: int = 1, report: Callable[[int], None] | None = None
-) -> dict[str, tuple[float, float, float]]:
-    """Shift, scale and degrees of freedom that make the intervals of 50 and 95 % hold on a random population."""
-    z: dict[str, list[Floats]] = {}
-    for i, found in enumerate(_spread_over(_one_frame, [(seed, i) for i in range(frames)], jobs)):
+) -> dict[tuple[int, str], tuple[float, float, float]]:
+    """(dimensions, quantity): shift, scale and degrees of freedom that make the intervals of 50 and 95 % hold.
+
+    From a random population of contacts.
+    """
+    z: dict[tuple[int, str], list[Floats]] = {}
+    for i, (dimensions, found) in enumerate(_spread_over(_one_frame, [(seed, i) for i in range(frames)], jobs)):
         for quantity, values in found.items():
-            z.setdefault(quantity, []).append(values)
+            z.setdefault((dimensions, quantity), []).append(values)
         if report is not None:
             report(i + 1)
-    return {quantity: _fit(values, shifted=quantity in SHIFTED) for quantity, values in z.items()}
+    return {key: _fit(values, shifted=key[1] in SHIFTED) for key, values in sorted(z.items())}
 
 
-def _one_frame(task: tuple[int, int]) -> dict[str, Floats]:
+def _one_frame(task: tuple[int, int]) -> tuple[int, dict[str, Floats]]:
     rng = np.random.default_rng(task)
     layout, traction, noise = population(rng)
-    return run(layout, "random", traction, noise, rng)[0].z
+    return layout.array.dimensions, run(layout, "random", traction, noise, rng)[0].z
 
 
 def _spread_over(function: Callable[[Any], Any], tasks: Sequence[Any], jobs: int) -> Iterable[Any]:

@@ -264,10 +264,8 @@ class Skin:
         noisy = []
         for array, part in zip(self._planes, out):
             if rng is not None:
-                if array.noise_std is None:
-                    raise InvalidInput("rng was given but the array has no noise; give the array noise=....")
-                std = np.asarray(array.noise_std).reshape(-1, *(1,) * len(array.shape))
-                part = part + from_numpy(std * rng.standard_normal(tuple(part.shape)), part)
+                batch = tuple(part.shape[: -1 - len(array.shape)])
+                part = part + from_numpy(array.sample_noise(rng, batch), part)
             if array.mask is not None:
                 gaps = np.where(array.valid, 0.0, np.nan)
                 part = part + from_numpy(gaps, part)

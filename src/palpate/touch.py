@@ -51,15 +51,27 @@ class Calibration:
         return np.maximum(low, floor), np.maximum(high, floor)
 
 
-#: Fixed by ``palpate bench calibration``.
-CALIBRATION: dict[str, Calibration] = {
-    "traction": Calibration(0.0, 0.675, 2.05),
-    "force": Calibration(-0.789, 0.792, 4.68),
-    "shear_force": Calibration(0.466, 1.531, 16.11),
-    "moment": Calibration(0.0, 0.773, 2.72),
-    "center_of_pressure": Calibration(0.0, 0.762, 0.87),
-    "peak_pressure": Calibration(0.323, 1.481, 3.90),
-    "slip_margin": Calibration(0.0, 0.675, 2.05),  # that of the traction in the cell nearest to slip
+#: Line (1) and area (2) contact; fixed by ``palpate bench calibration --frames 1600``.
+CALIBRATION: dict[int, dict[str, Calibration]] = {
+    1: {
+        "traction": Calibration(0.0, 0.675, 2.05),
+        "force": Calibration(-0.789, 0.792, 4.68),
+        "moment": Calibration(0.0, 0.773, 2.72),
+        "center_of_pressure": Calibration(0.0, 0.762, 0.87),
+        "peak_pressure": Calibration(0.323, 1.481, 3.90),
+        # few arrays see shear on a line: as on an area
+        "shear_force": Calibration(0.466, 1.531, 16.11),
+        "slip_margin": Calibration(0.0, 0.675, 2.05),
+    },
+    2: {
+        "traction": Calibration(0.0, 0.675, 2.05),
+        "force": Calibration(-0.789, 0.792, 4.68),
+        "shear_force": Calibration(0.466, 1.531, 16.11),
+        "moment": Calibration(0.0, 0.773, 2.72),
+        "center_of_pressure": Calibration(0.0, 0.762, 0.87),
+        "peak_pressure": Calibration(0.323, 1.481, 3.90),
+        "slip_margin": Calibration(0.0, 0.675, 2.05),
+    },
 }
 
 
@@ -295,7 +307,7 @@ class Touch:
     @property
     def std(self) -> xarray.DataArray:
         """Standard deviation of the traction [Pa], labelled like `traction`."""
-        scale = CALIBRATION["traction"].std
+        scale = CALIBRATION[self.surface.dimensions]["traction"].std
         spread = from_numpy(self._errors().traction * scale, self.values)
         return replace(self, values=spread).traction.rename("std")
 
@@ -332,16 +344,17 @@ class Touch:
         """
         if not (isinstance(level, int | float) and 0 < level < 1):
             raise InvalidInput(f"level must lie between 0 and 1; got {level!r}.")
-        known = [q for q in CALIBRATION if q != "shear_force"]
+        table = CALIBRATION[self.surface.dimensions]
+        known = [q for q in table if q != "shear_force"]
         if of not in known:
             raise InvalidInput(f"of must be one of {', '.join(known)}; got {of!r}.")
         if (friction is not None) != (of == "slip_margin"):
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
-        value, std, floor = self._quantity(of, friction)
-        low, high = CALIBRATION[of].bounds(level, value, std, floor)
+        value, std, floor = self.uncalibrated(of, friction)
+        low, high = table[of].bounds(level, value, std, floor)
         if of == "force":
             # pressure only adds up, so that its sum is biased where that of shear is not
-            sides = CALIBRATION["shear_force"].bounds(level, value, std, floor, away=True)
+            sides = table["shear_force"].bounds(level, value, std, floor, away=True)
             for side, shear in zip((low, high), sides):
                 side[..., :-1] = shear[..., :-1]
         if of != "traction":
@@ -351,8 +364,8 @@ class Touch:
             for side, name in ((low, "low"), (high, "high"))
         )  # type: ignore[return-value]
 
-    def _quantity(self, of: str, friction: float | None) -> tuple[Floats, Floats, Floats]:
-        """Value, raw standard deviation and lower limit of a quantity."""
+    def uncalibrated(self, of: str, friction: float | None = None) -> tuple[Floats, Floats, Floats]:
+        """Value of a quantity of `interval`, its standard deviation as the model has it, and what it cannot go below."""
         errors = self._errors()
         sign = np.full(len(self.surface.components), -math.inf)
         sign[-1] = 0.0 if "z" in self.components and self.method == "adaptive" else -math.inf

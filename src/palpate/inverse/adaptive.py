@@ -34,10 +34,11 @@ from palpate._arrays import from_numpy, to_numpy
 from palpate.elastic.half_space import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.cone import TOLERANCE, Cone, Solution, cholesky, minimise
-from palpate.inverse.parameter import choose_parameter, tikhonov
+from palpate.inverse.parameter import choose_parameter, shared_variance, tikhonov
 from palpate.inverse.priors import DifferencePrior
 from palpate.inverse.regularised import Estimate, Regularised
 from palpate.inverse.stencil import Sparse, Stencil
+from palpate.inverse.whitening import Readings
 from palpate.sensing.grids import Grid, block_means, refined, repeated
 from palpate.sensing.operator import Operator
 
@@ -120,8 +121,8 @@ class _Frame:
 class _Level:
     """The operator and the differences on one grid."""
 
-    def __init__(self, operator: Operator, ratio: int, columns: tuple[int, ...]) -> None:
-        self.ratio, self.columns = ratio, columns
+    def __init__(self, operator: Operator, ratio: int, columns: tuple[int, ...], readings: Readings) -> None:
+        self.ratio, self.columns, self.readings = ratio, columns, readings
         self.grid = operator.surface if ratio == 1 else refined(operator.surface, ratio)
         self.operator = (
             operator if ratio == 1 else Operator(operator.pad, operator.planes_of, self.grid, operator.boundary)
@@ -131,7 +132,7 @@ class _Level:
     def matrix(self, cells: Index, noise: Floats, heard: Flags) -> Floats:
         """Whitened columns (reading, component * cell) of the readings that are heard."""
         full = self.operator.columns(self.columns, cells)[heard]
-        return np.asarray(full.reshape(len(full), -1) / noise[heard, None])
+        return self.readings.white(full.reshape(len(full), -1) / noise[heard, None], heard)
 
 
 @dataclass
@@ -211,15 +212,18 @@ class Adaptive:
             for order in orders
         }
         self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
-        self._levels: dict[int, _Level] = {1: _Level(operator, 1, self.columns)}
+        self.readings = Readings(operator, self.scales)
+        self._levels: dict[int, _Level] = {1: self._make_level(1)}
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
-        self._rows = np.concatenate([np.repeat(s, int(a.valid.sum())) for a, s in zip(operator.planes_of, self.scales)])
         self._taxels = max(int(a.valid.sum()) for a in operator.planes_of)
 
     def _level(self, ratio: int) -> _Level:
         if ratio not in self._levels:
-            self._levels[ratio] = _Level(self.operator, ratio, self.columns)
+            self._levels[ratio] = self._make_level(ratio)
         return self._levels[ratio]
+
+    def _make_level(self, ratio: int) -> _Level:
+        return _Level(self.operator, ratio, self.columns, self.readings)
 
     # -- batches -------------------------------------------------------------------------------------------------------
 
@@ -231,7 +235,8 @@ class Adaptive:
         arrays = [
             to_numpy(r).astype(np.float64).reshape(-1, len(a.channels), *a.shape) for r, a in zip(readings, planes)
         ]
-        frames = [self.frame([a[i] for a in arrays], draws, rng) for i in range(math.prod(batch))]
+        known = self._shared_noise(arrays)
+        frames = [self.frame([a[i] for a in arrays], draws, rng, known) for i in range(math.prod(batch))]
 
         def gathered(name: str) -> Floats:
             cut = self._cut if name in ("traction", "detail") else np.asarray
@@ -260,6 +265,18 @@ class Adaptive:
             pushed=numbers("pushed", bool),
         )
 
+    def _shared_noise(self, arrays: Sequence[Floats]) -> float | None:
+        """The noise scale of all frames together, where it is not given and there is more than one."""
+        if self.noise_known or len(arrays[0]) < 2:
+            return None
+        spectrum = self.orders[1].spectrum
+        rows = self.operator.heard(arrays)
+        power = np.abs(np.asarray(spectrum.project(rows))) ** 2
+        if not power.any():
+            return None
+        variance = shared_variance(spectrum.eigenvalues, spectrum.multiplicity, power)
+        return math.sqrt(variance)
+
     def _cut(self, field: Floats) -> Floats:
         """The part of a field (..., *grid) that lies on the surface."""
         place: tuple[Any, ...] = (..., *self.window)
@@ -267,57 +284,46 @@ class Adaptive:
 
     # -- one frame -----------------------------------------------------------------------------------------------------
 
-    def frame(self, readings: Sequence[Floats], draws: int = 0, rng: np.random.Generator | None = None) -> _Frame:
-        """Contact in one frame of readings, (channel, *array) per plane."""
+    def frame(
+        self,
+        readings: Sequence[Floats],
+        draws: int = 0,
+        rng: np.random.Generator | None = None,
+        known: float | None = None,
+    ) -> _Frame:
+        """Contact in one frame of readings, (channel, *array) per plane; ``known`` is the noise scale learned elsewhere."""
         rows = self.operator.heard(readings)
-        data = self._flat(rows)
+        data = self.readings.flat(rows)
         heard = np.ones(len(data), dtype=bool)
-        known: float | None = None
         learned = 0
         for attempt in range(8):
             evidence = {order: self._evidence(linear, rows, known) for order, linear in self.orders.items()}
             gain, parameter, scale, linear = evidence[1]
             if not (gain > CONTACT_EVIDENCE and scale > 0):
                 return self._nothing(parameter, scale, data, ~heard, draws)
-            floor = MODEL_ERROR * float(np.abs(data / self._rows).max())
-            noise = self._rows * max(scale, floor)
+            floor = MODEL_ERROR * float(np.abs(data / self.readings.std).max())
+            noise = self.readings.std * max(scale, floor)
             first, explained = self._first(linear, data / noise, noise, heard, parameter / scale**2)
             wrong = self._outliers(data, explained, noise)
             if attempt < 4 and (wrong & heard).any() and (wrong | ~heard).mean() <= LARGEST_OUTLIERS:
                 heard &= ~wrong
                 # what is left out is filled with what the contact explains, so that the linear model can go on
-                rows = self._unflat(np.where(heard, data, explained), rows)
+                rows = self.readings.planes(np.where(heard, data, explained))
                 continue
             if not first[-1].any():
                 break
             members = self._members(first, data / noise, noise, heard, evidence)
             # what pressure that only pushes cannot follow is noise, even where a linear model could
-            left = self._noise_left(members[0], first, data / noise, heard, parameter) * noise[0] / self._rows[0]
+            left = self._noise_left(members[0], first, data / noise, heard, parameter) * noise[0] / self.readings.std[0]
             if self.noise_known or learned == 2 or max(left, floor) < QUIETER * max(scale, floor):
                 break
             known, learned = left, learned + 1
-        signal = data[heard] / noise[heard]
-        left = float(np.sqrt(np.mean((signal - (explained / noise)[heard]) ** 2)))
+        signal = self.readings.white((data / noise)[heard], heard)
+        left = float(np.sqrt(np.mean((signal - self.readings.white((explained / noise)[heard], heard)) ** 2)))
         pushed = left <= max(UNEXPLAINED, UNEXPLAINED_SIGNAL * float(np.sqrt(np.mean(signal**2))))
         if not first[-1].any():
             return replace(self._nothing(parameter, scale, data, ~heard, draws), pushed=pushed)
         return replace(self._combined(members, data / noise, heard, parameter, scale, draws, rng), pushed=pushed)
-
-    def _flat(self, rows: Sequence[Floats]) -> Floats:
-        return np.concatenate(
-            [r.reshape(len(a.channels), -1)[:, a.valid.ravel()].ravel() for a, r in zip(self.operator.planes_of, rows)]
-        )
-
-    def _unflat(self, data: Floats, rows: Sequence[Floats]) -> list[Floats]:
-        out: list[Floats] = []
-        start = 0
-        for array, row in zip(self.operator.planes_of, rows):
-            size = int(array.valid.sum()) * len(array.channels)
-            part = np.zeros((len(array.channels), array.valid.size))
-            part[:, array.valid.ravel()] = data[start : start + size].reshape(len(array.channels), -1)
-            out.append(part.reshape(row.shape))
-            start += size
-        return out
 
     def _noise_left(self, member: _Member, first: Floats, y: Floats, heard: Flags, parameter: float) -> float:
         """Root mean square of the whitened misfit, for the freedom that the contact took: the modes seen, over its area."""
@@ -325,7 +331,7 @@ class Adaptive:
         seen = float(spectrum.multiplicity @ (spectrum.eigenvalues / (spectrum.eigenvalues + parameter)))
         share = float(np.count_nonzero(first[-1])) / self._taxels
         free = max(float(heard.sum()) - min(share, 1.0) * seen, 1.0)
-        misfit = member.data.matrix @ member.solution.traction.ravel() - y[heard]
+        misfit = member.data.matrix @ member.solution.traction.ravel() - self.readings.white(y[heard], heard)
         return float(np.sqrt((misfit**2).sum() / free))
 
     def _evidence(
@@ -374,9 +380,13 @@ class Adaptive:
         patch = radius <= max(self.depth, max(grid.spacings)) ** 2
         response = self._levels[1].operator.columns(self.columns, np.flatnonzero(patch)).sum(axis=2)
         # from the readings themselves: the residual is all noise
-        noise = self._rows * (scale if self.noise_known else float(np.sqrt(np.mean((data / self._rows) ** 2))))
+        noise = self.readings.std * (
+            scale if self.noise_known else float(np.sqrt(np.mean((data / self.readings.std) ** 2)))
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             sharp = np.where(noise[:, None] > 0, response / noise[:, None], np.inf)
+        if np.isfinite(sharp).all():
+            sharp = self.readings.white(sharp, np.ones(len(data), dtype=bool))
         amplitude = 1.0 / np.sqrt((sharp**2).sum(axis=0))
         area = float(patch.sum()) * grid.cell
         std, force = np.zeros(shape), np.zeros(len(names))
@@ -391,7 +401,7 @@ class Adaptive:
             np.asarray(std[-1].max()),
             np.full(shape, math.nan),
         )
-        residual = float(np.sqrt(np.mean((data / self._rows) ** 2)))
+        residual = float(np.sqrt(np.mean((data / self.readings.std) ** 2)))
         empty = np.zeros((draws, *shape)) if draws else None
         return _Frame(np.zeros(shape), errors, parameter, scale, residual, True, False, outliers, empty)
 
@@ -408,7 +418,7 @@ class Adaptive:
         region = _grown(pressure >= max(0.15 * float(pressure.max()), 1e-300), 1).ravel()
         region[int(np.argmax(pressure))] = True
         start = linear.reshape(len(linear), -1)
-        slope = self._misfit_gradient(y * heard, noise)
+        slope = self._misfit_gradient(y, noise, heard)
         reference = self._quiet(y) * float(np.abs(slope).max())
         traction = np.zeros_like(start)
         explained = np.zeros_like(y)
@@ -420,7 +430,7 @@ class Adaptive:
             traction[:, cells] = member.solution.traction
             explained = self._explained(traction)
             # a cell left out is missing if pressure there would lower the objective
-            slope = self._misfit_gradient((y - explained / noise) * heard, noise) - np.stack(
+            slope = self._misfit_gradient(y - explained / noise, noise, heard) - np.stack(
                 [q @ t for q, t in zip(precisions, traction)]
             )
             pull = np.abs(self.cone.project(slope * self.cone.scales[:, None])[-1])
@@ -440,12 +450,13 @@ class Adaptive:
         grid = self.operator.surface
         full = np.zeros((len(grid.components), *grid.shape))
         full[list(self.columns)] = traction.reshape(len(traction), *grid.shape)
-        return self._flat(self.operator.forward(full))
+        return self.readings.flat(self.operator.forward(full))
 
-    def _misfit_gradient(self, residual: Floats, noise: Floats) -> Floats:
-        """A' N^-1 residual for every surface cell, (component, cell)."""
-        shapes = [np.empty((len(a.channels), *a.shape)) for a in self.operator.planes_of]
-        adjoint = self.operator.adjoint(self._unflat(residual / noise, shapes))
+    def _misfit_gradient(self, residual: Floats, noise: Floats, heard: Flags) -> Floats:
+        """A' N^-1 residual for every surface cell, (component, cell); ``residual`` is in units of the noise."""
+        white = np.zeros(len(residual))
+        white[heard] = self.readings.white(self.readings.white(residual[heard], heard), heard)
+        adjoint = self.operator.adjoint(self.readings.planes(white / noise))
         return np.asarray(adjoint.reshape(len(adjoint), -1)[list(self.columns)])
 
     def _check(self, unknowns: int) -> None:
@@ -474,7 +485,13 @@ class Adaptive:
 
     def _normal(self, level: _Level, cells: Index, y: Floats, noise: Floats, heard: Flags) -> _Normal:
         matrix = level.matrix(cells, noise, heard)
-        return _Normal(level, cells, matrix, matrix.T @ matrix, (matrix.T @ y[heard]).reshape(-1, len(cells)))
+        return _Normal(
+            level,
+            cells,
+            matrix,
+            matrix.T @ matrix,
+            (matrix.T @ self.readings.white(y[heard], heard)).reshape(-1, len(cells)),
+        )
 
     def _ratio(self, parameter: float, unknowns: int) -> int:
         """How much finer than the surface the problem is worth solving."""
@@ -631,7 +648,8 @@ class Adaptive:
             force=force,
             **{name: np.sqrt(mixed(i)[1]) for i, name in ((2, "moment"), (3, "center"), (4, "peak"))},
         )
-        misfit = sum(w * (m.data.matrix @ m.solution.traction.ravel()) for w, m in zip(weights, members)) - y[heard]
+        found = sum(w * (m.data.matrix @ m.solution.traction.ravel()) for w, m in zip(weights, members))
+        misfit = found - self.readings.white(y[heard], heard)
         sampled = None
         if draws:
             sampled = self._draws(members, weights, draws, rng or np.random.default_rng(0))

@@ -29,6 +29,7 @@ from palpate.inverse.parameter import tikhonov
 from palpate.inverse.priors import DifferencePrior
 from palpate.inverse.regularised import Estimate, Regularised
 from palpate.inverse.stencil import Stencil
+from palpate.inverse.whitening import Readings
 from palpate.sensing.operator import Operator
 
 __all__ = ["FAMILY", "Family"]
@@ -87,8 +88,10 @@ class Family:
         self.scales, self.noise_known = self.linear.scales, self.linear.noise_known
         self.stencil = Stencil(grid)
         dense = operator.dense().reshape(-1, len(grid.components), math.prod(grid.shape))
-        self._rows = np.concatenate([np.repeat(s, int(a.valid.sum())) for a, s in zip(operator.planes_of, self.scales)])
-        self._matrix = dense[:, self.columns].reshape(len(dense), -1) / self._rows[:, None]
+        self.readings = Readings(operator, self.scales)
+        self._all = np.ones(len(dense), dtype=bool)
+        scaled = dense[:, self.columns].reshape(len(dense), -1) / self.readings.std[:, None]
+        self._matrix = self.readings.white(scaled, self._all)
         self._gram = self._matrix.T @ self._matrix
 
     def solve(self, readings: Sequence[Any]) -> Estimate:
@@ -105,13 +108,10 @@ class Family:
         converged = np.ones(count, dtype=bool)
         for i in range(count):
             rows = self.operator.heard([a[i] for a in arrays])
-            data = np.concatenate(
-                [r.reshape(len(a.channels), -1)[:, a.valid.ravel()].ravel() for a, r in zip(planes, rows)]
-            )
             start = self.linear.solve(rows)
             noise = float(np.asarray(start.noise_scale).ravel()[0])
             first = np.asarray(start.traction)[self.columns].reshape(len(self.columns), -1)
-            y = data / self._rows
+            y = self.readings.white(self.readings.flat(rows) / self.readings.std, self._all)
             shape = (len(self.columns), math.prod(grid.shape))
             problem = _Problem(self._matrix, y, self._gram, (self._matrix.T @ y).reshape(shape), shape)
             if not y.any():

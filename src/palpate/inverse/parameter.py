@@ -15,7 +15,7 @@ import numpy.typing as npt
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput, Unsupported
 
-__all__ = ["RULES", "Filter", "choose_parameter", "truncate", "tikhonov"]  # noqa: RUF022
+__all__ = ["RULES", "Filter", "choose_parameter", "shared_variance", "truncate", "tikhonov"]  # noqa: RUF022
 
 Rule = Literal["evidence", "gcv", "lcurve", "discrepancy"]
 RULES: tuple[str, ...] = ("evidence", "gcv", "lcurve", "discrepancy")
@@ -125,6 +125,36 @@ def choose_parameter(
     else:
         variance = (datum * (1.0 - phi) ** 2).sum(axis=1) / np.maximum((1.0 - phi) @ multiplicity, 1.0)
     return parameter, variance
+
+
+#: How far (in log likelihood) one frame can pull the noise shared by all.
+LOUDEST = 20.0
+
+
+def shared_variance(eigenvalues: Floats, multiplicity: Floats, power: Floats) -> float:
+    """The noise variance, relative to the whitening, that makes all frames together most likely.
+
+    Each frame has its own amplitude, as in "evidence" of `choose_parameter`; a frame that does not fit (a gross error) counts
+    no more than `LOUDEST`. ``power`` (frame, n).
+    """
+    top = float(eigenvalues.max())
+    grid = top * 10.0 ** np.linspace(2.0, -DECADES, (DECADES + 2) * PER_DECADE // 2 + 1)
+    phi = tikhonov(eigenvalues[None, :], grid[:, None])
+    logdet = -np.log(np.maximum(1.0 - phi, 1e-300)) @ multiplicity
+    explained = np.maximum((power * multiplicity) @ (1.0 - phi).T, 1e-300)  # (frame, candidate)
+    count = float(multiplicity.sum())
+    each = np.log(explained / count)
+    rows = np.arange(len(power))
+    own = each[rows, np.argmin(count * each + logdet, axis=1)]
+    loud = own > own.max() - np.log(1e12)  # a frame of zeros says nothing
+    explained, own = explained[loud], own[loud]
+    fine = np.unique(np.concatenate([own, np.linspace(own.min() - 0.5, own.max() + 0.5, 200)]))
+    for _ in range(2):
+        score = np.array([np.minimum.reduce(explained / np.exp(v) + logdet, axis=1) + count * v for v in fine])
+        miss = np.minimum(score - score.min(axis=0), LOUDEST).sum(axis=1)
+        best = float(fine[np.argmin(miss)])
+        fine = best + np.linspace(-1.0, 1.0, 81) * max(np.diff(fine).max(), 1e-3)
+    return float(np.exp(best))
 
 
 def _curvature(a: Floats, b: Floats) -> Floats:

@@ -27,6 +27,7 @@ from palpate.elastic.quantities import mirror_parity
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.parameter import Filter, choose_parameter
 from palpate.inverse.priors import Prior, wavenumbers
+from palpate.inverse.whitening import axis_roots, inverse_root
 from palpate.sensing.arrays import ScatteredArray
 from palpate.sensing.operator import Operator, periodic_transfer
 
@@ -129,6 +130,12 @@ class _DataSpectrum:
         self.operator, self.priors, self.columns, self.scales = operator, list(priors), list(columns), scales
         size = sum(math.prod(a.shape) * len(a.channels) for a in operator.planes_of)
         symmetric = size > LARGEST_SVD and _is_symmetric(operator)
+        self._roots = [
+            None
+            if symmetric or not a.noise_correlation
+            else inverse_root(a.points[a.valid.ravel()], a.noise_correlation)
+            for a in operator.planes_of
+        ]
         self.blocks = self._symmetric_blocks() if symmetric else [self._whole()]
         self.eigenvalues = np.concatenate([b.eigenvalues for b in self.blocks])
         self.multiplicity = np.ones(len(self.eigenvalues))
@@ -157,10 +164,11 @@ class _DataSpectrum:
         surface = self.operator.surface
         matrix = self.operator.dense().reshape(-1, len(surface.components), *surface.shape)[:, self.columns]
         row = 0
-        for array, scale in zip(self.operator.planes_of, self.scales):
+        for array, scale, root in zip(self.operator.planes_of, self.scales, self._roots):
             working = int(array.valid.sum())
             for value in scale:
-                matrix[row : row + working] /= value
+                part = matrix[row : row + working] / value
+                matrix[row : row + working] = part if root is None else np.tensordot(root, part, 1)
                 row += working
         rooted = [prior.root(matrix[:, i]).reshape(len(matrix), -1) for i, prior in enumerate(self.priors)]
         values, vectors = _svd(np.concatenate(rooted, axis=1))
@@ -179,8 +187,11 @@ class _DataSpectrum:
             rows: list[Floats] = []
             for array, fold, matrix, scale in zip(self.operator.planes_of, plane_folds, dense, self.scales):
                 bases.append([])
+                roots = axis_roots(array)
                 for c, channel in enumerate(array.channels):
                     basis = fold.matrix([s * mirror_parity(channel, ax) for s, ax in zip(signs, axes)])
+                    if roots is not None:
+                        basis = [b @ r for b, r in zip(basis, roots)]
                     bases[-1].append(basis)
                     parts = []
                     for column in self.columns:
@@ -204,7 +215,7 @@ class _DataSpectrum:
     def project(self, readings: Sequence[Any]) -> Any:
         """U^T N^{-1/2} readings: (..., n)."""
         xp = namespace(readings[0])
-        bases, vectors, scales, picks, _ = self._prepared(readings[0])
+        bases, vectors, scales, picks, roots, _ = self._prepared(readings[0])
         scaled = [r / s for r, s in zip(readings, scales)]
         out = []
         for block, basis, vector in zip(self.blocks, bases, vectors):
@@ -216,6 +227,8 @@ class _DataSpectrum:
                     flat = xp.reshape(part, (*batch, part.shape[-1 - d], -1))
                     if picks[plane] is not None:
                         flat = xp.take(flat, picks[plane], axis=-1)
+                    if roots[plane] is not None:
+                        flat = xp.matmul(flat, roots[plane])
                     parts.append(xp.reshape(flat, (*batch, -1)))
                     continue
                 for c, mats in enumerate(basis[plane]):
@@ -238,7 +251,7 @@ class _DataSpectrum:
             out = self._adjoint(wide * from_numpy(self._inverse_root(), wide))
             return xp.astype(out, weights.dtype)
         surface = self.operator.surface
-        modes = self._prepared(weights)[4]
+        modes = self._prepared(weights)[5]
         batch = weights.shape[:-1]
         images = xp.reshape(xp.matmul(weights, modes), (*batch, len(self.columns), *surface.shape))
         tail = (slice(None),) * surface.dimensions
@@ -252,7 +265,7 @@ class _DataSpectrum:
     def _adjoint(self, weights: Any) -> Any:
         """W A^T N^{-1/2} U weights."""
         xp = namespace(weights)
-        bases, vectors, scales, picks, _ = self._prepared(weights)
+        bases, vectors, scales, picks, roots, _ = self._prepared(weights)
         planes = self.operator.planes_of
         batch = weights.shape[:-1]
         totals: list[Any] = [None] * len(planes)
@@ -269,6 +282,8 @@ class _DataSpectrum:
                     size = working * len(array.channels)
                     part = xp.reshape(flat[..., row : row + size], (*batch, len(array.channels), working))
                     row += size
+                    if roots[plane] is not None:
+                        part = xp.matmul(part, roots[plane])
                     if picks[plane] is not None:
                         part = _scatter(xp, part, array.valid)
                     image = xp.reshape(part, (*batch, len(array.channels), *array.shape))
@@ -321,7 +336,8 @@ class _DataSpectrum:
                 for a in self.operator.planes_of
             ]
             modes = None if self._modes is None else from_numpy(self._modes, like)
-            self._copies[key] = bases, vectors, scales, picks, modes
+            roots = [None if r is None else from_numpy(r, like) for r in self._roots]
+            self._copies[key] = bases, vectors, scales, picks, roots, modes
         return self._copies[key]
 
 
@@ -380,6 +396,10 @@ class _FourierSpectrum:
         grid = operator.surface
         if any(a.mask is not None for a in operator.planes_of):
             raise Unsupported('boundary="periodic" cannot leave out taxels; use boundary="free", or fill them first.')
+        if any(a.noise_correlation for a in operator.planes_of):
+            raise Unsupported(
+                'boundary="periodic" takes noise as independent; use boundary="free" for correlated noise.'
+            )
         matrices = [
             periodic_transfer(operator.pad, grid, a) / s.reshape(-1, *(1,) * (1 + grid.dimensions))
             for a, s in zip(operator.planes_of, scales)

@@ -13,6 +13,7 @@ depth = "2 mm"                   # of the taxels below the surface
 channels = ["stress_xz", "stress_yz", "stress_zz"]
 aperture = "0.8 mm"              # optional
 noise = "50 Pa"                  # optional; or one per channel
+noise_correlation = "1 mm"       # optional; length over which the noise of neighbours is alike
 
 [surface]                        # optional
 shape = [48, 48]
@@ -96,6 +97,7 @@ class _Plane(_Strict):
     depth: Depth
     aperture: Lengths = 0.0
     noise: str | list[str] | None = None
+    noise_correlation: Length = 0.0
     count: int | None = None
     shape: tuple[int, int] | None = None
     pitch: Lengths | None = None
@@ -223,6 +225,7 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
             channels=plane.channels,
             aperture=plane.aperture,
             noise=_noise(plane, 1),
+            noise_correlation=plane.noise_correlation,
             center=_center(plane.center, 1),
         )
     if plane.kind == "area":
@@ -238,6 +241,7 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
             channels=plane.channels,
             aperture=plane.aperture,
             noise=_noise(plane, 2),
+            noise_correlation=plane.noise_correlation,
             center=_center(plane.center, 2),
         )
     _refuse(plane, ("count", "shape", "pitch", "center"))
@@ -252,6 +256,7 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
         channels=plane.channels,
         aperture=plane.aperture,
         noise=_noise(plane, positions.shape[1]),
+        noise_correlation=plane.noise_correlation,
     )
 
 

@@ -62,9 +62,15 @@ class _Common:
     channels: Sequence[str]
     depth: Any  # metres, or "base" until the array is put into a skin
     noise: Noise
+    noise_correlation: float
     mask: Any
     aperture: Any
     if TYPE_CHECKING:
+
+        @property
+        def points(self) -> Floats:
+            """Positions (taxel, axis) [m]."""
+            ...
 
         @property
         def shape(self) -> tuple[int, ...]:
@@ -75,6 +81,16 @@ class _Common:
     def noise_std(self) -> tuple[float, ...] | None:
         """Standard deviation of the noise of each channel, or None where it was not given."""
         return _check_noise(self.noise, tuple(self.channels))
+
+    def sample_noise(self, rng: np.random.Generator, batch: tuple[int, ...] = ()) -> Floats:
+        """Noise (*batch, channel, *shape) of the array's own size and correlation."""
+        if self.noise_std is None:
+            raise InvalidInput("rng was given but the array has no noise; give the array noise=....")
+        out = rng.standard_normal((*batch, len(self.channels), int(np.prod(self.shape))))
+        if self.noise_correlation:
+            distance = np.abs(self.points[:, None, :] - self.points[None, :, :]).sum(axis=-1)
+            out = out @ np.linalg.cholesky(np.exp(-distance / self.noise_correlation)).T
+        return (out * np.asarray(self.noise_std)[:, None]).reshape(*batch, len(self.channels), *self.shape)
 
     @property
     def valid(self) -> Mask:
@@ -116,6 +132,9 @@ class LineArray(_Common):
         Width over which a taxel averages [m]; 0 samples a point.
     noise : float or sequence of float, optional
         Standard deviation of the noise in the unit of the channel, one for all channels or one each.
+    noise_correlation : float
+        Length l [m] over which the noise of neighbouring taxels is alike, as where image windows overlap: its correlation is
+        exp(-(|dx| + |dy|)/l). 0 (default): independent.
     center : float
         Position of the middle of the array [m].
     mask : boolean array (count,), optional
@@ -128,6 +147,7 @@ class LineArray(_Common):
     channels: Sequence[str]
     aperture: float = 0.0
     noise: Noise = None
+    noise_correlation: float = 0.0
     center: float = 0.0
     mask: Any = None
 
@@ -139,6 +159,7 @@ class LineArray(_Common):
         check_length("center", self.center, sign=True)
         object.__setattr__(self, "channels", check_channels(self.channels, 1))
         _check_noise(self.noise, tuple(self.channels))
+        check_length("noise_correlation", self.noise_correlation, zero=True)
         object.__setattr__(self, "mask", _check_mask(self.mask, (self.count,)))
 
     @property
@@ -184,7 +205,7 @@ class AreaArray(_Common):
     aperture : float or (float, float)
         Side of the square, or (y, x) sides of the rectangle, over which a taxel averages [m]. For a round taxel take
         0.886 of its diameter (equal area).
-    noise, mask
+    noise, noise_correlation, mask
         As for `LineArray`; ``mask`` has shape (ny, nx).
     center : (float, float)
         Position (x, y) of the middle of the array [m].
@@ -196,6 +217,7 @@ class AreaArray(_Common):
     channels: Sequence[str]
     aperture: float | tuple[float, float] = 0.0
     noise: Noise = None
+    noise_correlation: float = 0.0
     center: tuple[float, float] = (0.0, 0.0)
     mask: Any = None
 
@@ -209,6 +231,7 @@ class AreaArray(_Common):
         pair("center", self.center, sign=True)
         object.__setattr__(self, "channels", check_channels(self.channels, 2))
         _check_noise(self.noise, tuple(self.channels))
+        check_length("noise_correlation", self.noise_correlation, zero=True)
         object.__setattr__(self, "mask", _check_mask(self.mask, self.shape))
 
     @property
@@ -241,7 +264,7 @@ class ScatteredArray(_Common):
     ----------
     positions : array (n, 2) or (n,)
         Positions (x, y) [m] for area contact, or x [m] for line contact.
-    depth, channels, aperture, noise
+    depth, channels, aperture, noise, noise_correlation
         As for `AreaArray`.
     mask : boolean array (n,), optional
         True where a marker is good.
@@ -252,6 +275,7 @@ class ScatteredArray(_Common):
     channels: Sequence[str]
     aperture: float | tuple[float, float] = 0.0
     noise: Noise = None
+    noise_correlation: float = 0.0
     mask: Any = None
 
     def __post_init__(self) -> None:
@@ -274,6 +298,7 @@ class ScatteredArray(_Common):
         object.__setattr__(self, "channels", check_channels(self.channels, found.shape[1]))
         pair("aperture", self.aperture, zero=True)
         _check_noise(self.noise, tuple(self.channels))
+        check_length("noise_correlation", self.noise_correlation, zero=True)
         object.__setattr__(self, "mask", _check_mask(self.mask, (len(found),)))
 
     @property

@@ -1,0 +1,93 @@
+"""Noise that neighbouring taxels share, taken out of readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats
+from palpate.sensing.arrays import Array, ScatteredArray
+from palpate.sensing.operator import Operator
+
+__all__ = ["Readings", "axis_roots", "inverse_root"]
+
+Flags = npt.NDArray[np.bool_]
+
+
+def inverse_root(points: Floats, length: float) -> Floats:
+    """R^{-1/2}, symmetric, of the correlation R = exp(-sum |dx|/length) between ``points`` (taxel, axis)."""
+    distance = np.abs(points[:, None, :] - points[None, :, :]).sum(axis=-1)
+    values, vectors = np.linalg.eigh(np.exp(-distance / length))
+    return np.asarray((vectors / np.sqrt(values)) @ vectors.T)
+
+
+def axis_roots(array: Array) -> list[Floats] | None:
+    """R^{-1/2} of each axis of a regular array, whose product is that of the whole; None where noise is independent.
+
+    Being symmetric and stationary they commute with the array's mirror symmetry.
+    """
+    if not array.noise_correlation or isinstance(array, ScatteredArray):
+        return None
+    return [inverse_root(x[:, None], array.noise_correlation) for x in array.grid.axes]
+
+
+class Readings:
+    """One vector of all working readings (plane, channel, taxel), and its whitening.
+
+    ``scales`` are the standard deviations of each channel of each plane; ``std`` holds them for every reading.
+    """
+
+    def __init__(self, operator: Operator, scales: Sequence[Floats]) -> None:
+        self.arrays = operator.planes_of
+        self.sizes = [int(a.valid.sum()) for a in self.arrays]
+        self.std = np.concatenate([np.repeat(s, n) for s, n in zip(scales, self.sizes)])
+        self.independent = not any(a.noise_correlation for a in self.arrays)
+        self._roots: dict[tuple[int, bytes], Floats] = {}
+
+    def flat(self, rows: Sequence[Floats]) -> Floats:
+        """One vector from one array (channel, *array) per plane."""
+        return np.concatenate(
+            [r.reshape(len(a.channels), -1)[:, a.valid.ravel()].ravel() for a, r in zip(self.arrays, rows)]
+        )
+
+    def planes(self, data: Floats) -> list[Floats]:
+        """Inverse of `flat`; zero where taxels are missing."""
+        out: list[Floats] = []
+        start = 0
+        for array, n in zip(self.arrays, self.sizes):
+            size = n * len(array.channels)
+            part = np.zeros((len(array.channels), array.valid.size))
+            part[:, array.valid.ravel()] = data[start : start + size].reshape(len(array.channels), n)
+            out.append(part.reshape(len(array.channels), *array.shape))
+            start += size
+        return out
+
+    def white(self, scaled: Floats, heard: Flags) -> Floats:
+        """R^{-1/2} of the readings that are ``heard``, applied to rows (heard reading, ...) already divided by their noise."""
+        if self.independent:
+            return scaled
+        out = np.array(scaled)
+        first, start = 0, 0
+        for i, (array, n) in enumerate(zip(self.arrays, self.sizes)):
+            for _ in array.channels:
+                chosen = heard[first : first + n]
+                count = int(chosen.sum())
+                if array.noise_correlation and count:
+                    out[start : start + count] = self._root(i, chosen) @ out[start : start + count]
+                first, start = first + n, start + count
+        return out
+
+    def _root(self, plane: int, chosen: Flags) -> Floats:
+        key = (plane, chosen.tobytes())
+        if key not in self._roots:
+            array = self.arrays[plane]
+            axes = axis_roots(array)
+            if axes is not None and array.mask is None and chosen.all():
+                self._roots[key] = reduce(np.kron, axes)
+            else:
+                points = array.points[array.valid.ravel()][chosen]
+                self._roots[key] = inverse_root(points, array.noise_correlation)
+        return self._roots[key]
