@@ -174,11 +174,13 @@ def test_units_do_not_matter() -> None:
 
 
 def test_batches_are_frames() -> None:
-    skin = pp.Skin(PAD, area())
+    """Where the noise is given; where it is not, the frames of a batch share what they tell of it."""
+    skin = pp.Skin(PAD, area(noise=300.0))
     frames = np.stack([pressed(skin, BALL.shifted(1e-3 * i, 0), 0.02, seed=i)[0] for i in range(3)])
     batch = skin.reconstruct(frames)
     for i in range(3):
-        np.testing.assert_array_equal(batch.values[i], skin.reconstruct(frames[i]).values)
+        single = skin.reconstruct(frames[i]).values
+        np.testing.assert_allclose(batch.values[i], single, atol=1e-8 * single.max())
         assert batch.frame(i).errors is not None
         np.testing.assert_array_equal(batch.frame(i).std.values, batch.std.values[i])
 
@@ -497,7 +499,7 @@ def test_noise_has_the_correlation_it_is_said_to_have() -> None:
 def test_error_bars_know_of_correlated_noise() -> None:
     """Taking correlated noise as independent makes the force's interval miss; saying so makes it hold."""
     array = area(shape=(18, 18), noise=250.0)
-    known = replace(array, noise_correlation=3e-3)
+    known = replace(array, noise_correlation=4e-3)
     skin, naive = pp.Skin(PAD, known), pp.Skin(PAD, array)
     readings, rng = skin.sense(BALL), np.random.default_rng(0)
     truth = skin.sample(BALL)[2].sum() * skin.surface.cell

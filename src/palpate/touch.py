@@ -54,23 +54,23 @@ class Calibration:
 #: Line (1) and area (2) contact; fixed by ``palpate bench calibration --frames 1600``.
 CALIBRATION: dict[int, dict[str, Calibration]] = {
     1: {
-        "traction": Calibration(0.0, 0.675, 2.05),
-        "force": Calibration(-0.789, 0.792, 4.68),
-        "moment": Calibration(0.0, 0.773, 2.72),
-        "center_of_pressure": Calibration(0.0, 0.762, 0.87),
-        "peak_pressure": Calibration(0.323, 1.481, 3.90),
+        "traction": Calibration(0.0, 0.621, 2.02),
+        "force": Calibration(-0.414, 0.827, 11.63),
+        "moment": Calibration(0.0, 1.018, 11.36),
+        "center_of_pressure": Calibration(0.0, 0.785, 0.89),
+        "peak_pressure": Calibration(0.711, 1.502, 3.49),
         # few arrays see shear on a line: as on an area
-        "shear_force": Calibration(0.466, 1.531, 16.11),
-        "slip_margin": Calibration(0.0, 0.675, 2.05),
+        "shear_force": Calibration(0.470, 1.525, 16.83),
+        "slip_margin": Calibration(0.154, 0.163, 1.14),
     },
     2: {
-        "traction": Calibration(0.0, 0.675, 2.05),
-        "force": Calibration(-0.789, 0.792, 4.68),
-        "shear_force": Calibration(0.466, 1.531, 16.11),
-        "moment": Calibration(0.0, 0.773, 2.72),
-        "center_of_pressure": Calibration(0.0, 0.762, 0.87),
-        "peak_pressure": Calibration(0.323, 1.481, 3.90),
-        "slip_margin": Calibration(0.0, 0.675, 2.05),
+        "traction": Calibration(0.0, 0.755, 2.19),
+        "force": Calibration(-1.208, 0.721, 4.52),
+        "shear_force": Calibration(0.470, 1.525, 16.83),
+        "moment": Calibration(0.0, 0.502, 1.39),
+        "center_of_pressure": Calibration(0.0, 0.729, 0.86),
+        "peak_pressure": Calibration(-0.076, 1.652, 8.25),
+        "slip_margin": Calibration(0.154, 0.163, 1.14),
     },
 }
 
@@ -357,6 +357,11 @@ class Touch:
             sides = table["shear_force"].bounds(level, value, std, floor, away=True)
             for side, shear in zip((low, high), sides):
                 side[..., :-1] = shear[..., :-1]
+        if self.touching is not None and not self.touching.all():
+            # an empty frame's error is that of what would not show: nothing was found that could be biased
+            empty = ~self.touching.reshape(*self.touching.shape, *(1,) * (low.ndim - self.touching.ndim))
+            plain = Calibration().bounds(level, value, std, floor)
+            low, high = np.where(empty, plain[0], low), np.where(empty, plain[1], high)
         if of != "traction":
             return low, high
         return tuple(
