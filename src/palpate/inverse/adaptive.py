@@ -70,6 +70,8 @@ ROUGH = 1e-4
 #: Cells below this part of the largest local scale, and of the peak pressure, are outside the contact; more where there is
 #: more noise (times noise over signal).
 QUIET, NOISY = 1e-3, 0.3
+#: Weight of a contact that ends on the surface against one that reaches twice as far, where the frame could be either.
+ENDS = 0.35
 #: Smallest local scale, as a part of the largest.
 FLOOR = 1e-6
 #: A reading is left out if it is this many standard deviations, and this part of the largest reading, from what the
@@ -511,10 +513,35 @@ class Adaptive:
         heard: Flags,
         evidence: Mapping[int, tuple[float, float, float, Floats]],
     ) -> list[_Member]:
-        """The accounts of a frame, with their weights."""
-        grid = self.operator.surface
-        size = np.abs(first[-1]).reshape(grid.shape)
+        """The accounts of a frame, with their weights.
+
+        Where a contact that crosses the array's edge ends is not in the data (the objectives differ by a nat or less): some
+        of the weight goes to accounts that end it on the surface.
+        """
+        size = np.abs(first[-1]).reshape(self.operator.surface.shape)
         region = _grown(size > self._quiet(y) * size.max(), 1)
+        regions = [region]
+        if (first[-1].reshape(size.shape)[~self.inside] > 0).any() and (region & self.inside).any():
+            regions.append(region & self.inside)
+        shares = [1.0] if len(regions) == 1 else [1.0 - ENDS, ENDS]
+        members = []
+        for r, share in zip(regions, shares):
+            for member in self._ensemble(r, first, y, noise, heard, evidence):
+                member.weight *= share
+                members.append(member)
+        return members
+
+    def _ensemble(
+        self,
+        region: Flags,
+        first: Floats,
+        y: Floats,
+        noise: Floats,
+        heard: Flags,
+        evidence: Mapping[int, tuple[float, float, float, Floats]],
+    ) -> list[_Member]:
+        """The accounts of a frame with contact in a region, with their weights."""
+        grid = self.operator.surface
         level = self._level(self._ratio(evidence[1][1], int(region.sum()) * len(self.columns)))
         cells = np.flatnonzero(repeated(region, level.ratio))
         start = np.stack([repeated(t.reshape(grid.shape), level.ratio).ravel() for t in first])[:, cells]
