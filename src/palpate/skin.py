@@ -19,6 +19,7 @@ from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.adaptive import Adaptive
 from palpate.inverse.cone import Cone
 from palpate.inverse.constant_friction import ConstantFriction
+from palpate.inverse.constrained import Constrained
 from palpate.inverse.direct import Division, LinearSolve
 from palpate.inverse.family import FAMILY, Family
 from palpate.inverse.observability import (
@@ -45,6 +46,7 @@ __all__ = ["METHODS", "Skin"]
 
 Method = Literal[
     "adaptive",
+    "constrained",
     "tikhonov",
     "hilgers",
     "truncated",
@@ -63,6 +65,7 @@ Spectrum = Callable[[Floats], npt.ArrayLike]
 #: Every method of `Skin.reconstruct` with the options that it takes besides ``components``.
 METHODS: dict[str, tuple[str, ...]] = {
     "adaptive": ("friction", "draws", "rng"),
+    "constrained": ("friction", "parameter", "draws", "rng"),
     "tikhonov": ("order", "parameter"),
     "hilgers": ("parameter", "length"),
     "truncated": ("parameter",),
@@ -379,6 +382,7 @@ class Skin:
             In SI units, compression positive. Missing taxels (``mask``) may hold anything.
         method : str
             "adaptive" (default where pressure is sought on a free boundary; learned, constrained, with error bars),
+            "constrained" (one even penalty with the same constraints: less sharp, faster, what a `Tracker` does),
             "tikhonov" (default elsewhere; linear, milliseconds a frame), "hilgers" (Sobolev kernel), "truncated" (spectral cut-off), "wiener" (given spectrum),
             "dft" and "linear" (the founding paper's division, and the linear system it stands for; on the array's own
             grid), "constant_friction" (the paper's sliding contact, line contact only); and for comparison "nnls", "elastic_net",
@@ -398,10 +402,10 @@ class Skin:
         length : float
             For "hilgers": correlation length [m] (default: the depth, or the pitch at depth 0).
         friction : float
-            Coefficient mu. For "adaptive": |shear| <= mu * pressure in every cell. For "constant_friction": its sign is the
+            Coefficient mu. For "adaptive" and "constrained": |shear| <= mu * pressure in every cell. For "constant_friction": its sign is the
             direction of sliding.
         draws : int
-            For "adaptive": samples of the posterior kept in `Touch.draws` (slow: each is an optimisation).
+            For "adaptive" and "constrained": samples of the posterior kept in `Touch.draws` (slow: each is an optimisation).
         rng : numpy Generator
             Source of the draws (default: a fixed seed).
         time : array (frame,), optional
@@ -445,7 +449,7 @@ class Skin:
             parts = self._creep(parts, time, "remove")
         names = ("z",) if method == "constant_friction" and components is None else self._names(components)
         solver = self._solver(method, names, options)
-        if method == "adaptive":
+        if method in ("adaptive", "constrained"):
             if draws is not None and not (isinstance(draws, int) and draws >= 0):
                 raise InvalidInput(f"draws must be a whole number >= 0; got {draws!r}.")
             estimate: Estimate = solver.solve(parts, draws or 0, rng)
@@ -590,13 +594,16 @@ class Skin:
             return Division(self._elastic, self._planes, columns)
         if method == "linear":
             return LinearSolve(self._elastic, self._planes, columns)
-        if method == "adaptive":
+        parameter = options["parameter"]
+        if method in ("adaptive", "constrained"):
             if self._boundary == "periodic":
                 raise Unsupported(
-                    'method="adaptive" needs boundary="free"; use method="tikhonov" on a periodic surface.'
+                    f'method="{method}" needs boundary="free"; use method="tikhonov" on a periodic surface.'
                 )
-            return Adaptive(self._wide, columns, self._cone(names, options["friction"]), self._surface)
-        parameter = options["parameter"]
+            cone = self._cone(names, options["friction"])
+            if method == "adaptive":
+                return Adaptive(self._wide, columns, cone, self._surface)
+            return Constrained(self.operator, columns, cone, parameter="evidence" if parameter is None else parameter)
         if method in FAMILY:
             if self._boundary == "periodic":
                 raise Unsupported(
@@ -660,7 +667,7 @@ class Skin:
 
     def _noise(self, solver: Any, estimate: Estimate) -> Floats | None:
         inner = solver.inner if isinstance(solver, ConstantFriction) else solver
-        if not isinstance(inner, Regularised | Adaptive | Family) or estimate.noise_scale is None:
+        if not isinstance(inner, Regularised | Constrained | Family) or estimate.noise_scale is None:
             return None
         return estimate.noise_scale[..., None] * np.concatenate(inner.scales)
 

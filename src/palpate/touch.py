@@ -12,7 +12,7 @@ import numpy.typing as npt
 from palpate._arrays import from_numpy, namespace, to_numpy
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput, NotObservable, Unsupported
-from palpate.inverse.adaptive import Errors
+from palpate.inverse.account import Errors
 from palpate.sensing.grids import Grid
 
 if TYPE_CHECKING:

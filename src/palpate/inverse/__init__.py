@@ -1,8 +1,10 @@
 """From readings to traction: direct division, regularised inversion, and what can be observed at all."""
 
-from palpate.inverse.adaptive import Adaptive, Errors
+from palpate.inverse.account import Errors
+from palpate.inverse.adaptive import Adaptive
 from palpate.inverse.cone import Cone, Solution, minimise
 from palpate.inverse.constant_friction import ConstantFriction
+from palpate.inverse.constrained import Constrained
 from palpate.inverse.direct import Division, LinearSolve
 from palpate.inverse.observability import Observability, observability, observable_components
 from palpate.inverse.parameter import RULES, choose_parameter
@@ -14,6 +16,7 @@ __all__ = [
     "Adaptive",
     "Cone",
     "ConstantFriction",
+    "Constrained",
     "DifferencePrior",
     "Division",
     "Errors",

@@ -1,0 +1,219 @@
+"""One account of a frame: traction that solves a constrained problem on some cells, and what follows from it.
+
+Values and closed-form variances of every quantity, on the face of the constraints that the solution lies on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from palpate.elastic.half_space import Floats
+from palpate.inverse.cone import Solution, cholesky
+from palpate.inverse.stencil import Sparse, Stencil
+from palpate.inverse.whitening import Readings
+from palpate.sensing.grids import Grid, refined
+from palpate.sensing.operator import Operator
+
+__all__ = ["Account", "Errors", "Level", "Normal"]
+
+Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Standard deviations, in closed form, before calibration (`palpate.touch`).
+
+    ``traction`` (*batch, component, *surface) [Pa]; ``force`` (*batch, component) [N or N/m]; ``moment`` (*batch, 3 or 1);
+    ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa]. ``detail`` is shaped like ``traction``: 1 - posterior over prior
+    variance of each cell in contact, NaN elsewhere.
+    """
+
+    traction: Floats
+    force: Floats
+    moment: Floats
+    center: Floats
+    peak: Floats
+    detail: Floats
+
+
+class Level:
+    """The operator and the differences on one grid."""
+
+    def __init__(self, operator: Operator, ratio: int, columns: tuple[int, ...], readings: Readings) -> None:
+        self.ratio, self.columns, self.readings = ratio, columns, readings
+        self.grid = operator.surface if ratio == 1 else refined(operator.surface, ratio)
+        self.operator = (
+            operator if ratio == 1 else Operator(operator.pad, operator.planes_of, self.grid, operator.boundary)
+        )
+        self.stencil = Stencil(self.grid)
+
+    def matrix(self, cells: Index, noise: Floats, heard: Flags) -> Floats:
+        """Whitened columns (reading, component * cell) of the readings that are heard."""
+        full = self.operator.columns(self.columns, cells)[heard]
+        return self.readings.white(full.reshape(len(full), -1) / noise[heard, None], heard)
+
+
+@dataclass
+class Normal:
+    """Whitened columns of some cells of a level, their normal matrix and right-hand side (component, cell)."""
+
+    level: Level
+    cells: Index
+    matrix: Floats
+    gram: Floats
+    linear: Floats
+
+    def part(self, position: Index) -> Normal:
+        """The same for some of the cells."""
+        c, n = self.linear.shape
+        picks = (np.arange(c)[:, None] * n + position[None, :]).ravel()
+        return Normal(
+            self.level,
+            self.cells[position],
+            self.matrix[:, picks],
+            self.gram[np.ix_(picks, picks)],
+            self.linear[:, position],
+        )
+
+
+@dataclass
+class Account:
+    """One account of a frame: a solution on some cells of a level."""
+
+    data: Normal
+    hessian: Floats
+    solution: Solution
+    weight: float = 0.0
+
+    @property
+    def level(self) -> Level:
+        return self.data.level
+
+    @property
+    def cells(self) -> Index:
+        return self.data.cells
+
+    @property
+    def pressure(self) -> Floats:
+        """Pressure on the cells of the level's grid."""
+        return scattered(self.solution.traction[-1], self.cells, self.level.grid.shape)
+
+
+def spread(solution: Solution, rows: Any) -> Floats:
+    """Z (free, row) with Z'Z the posterior covariance of rows' x, on the face of the cone that the solution lies on.
+
+    ``rows`` (row, component * cell), dense or sparse.
+    """
+    import scipy.linalg
+
+    if solution.face is None or solution.factor is None:
+        raise RuntimeError("the solution was found without its face")
+    dense = rows.toarray() if scipy.sparse.issparse(rows) else rows
+    right = solution.face.columns(np.asarray(dense)).T
+    return np.asarray(scipy.linalg.solve_triangular(solution.factor, right, lower=True, check_finite=False))
+
+
+def scattered(values: Floats, cells: Index, shape: tuple[int, ...]) -> Floats:
+    out = np.zeros(math.prod(shape))
+    out[cells] = values
+    return out.reshape(shape)
+
+
+def spread_out(variance: Floats) -> Floats:
+    """The error of where the contact ends belongs to the cells just outside it too."""
+    import scipy.ndimage
+
+    size = (1,) + (3,) * (variance.ndim - 1)
+    return np.asarray(np.maximum(variance, scipy.ndimage.uniform_filter(variance, size, mode="nearest")))
+
+
+def detail_of(account: Account, grid: Grid) -> Floats:
+    """1 - posterior over prior variance of traction on the surface's cells (component, *surface); NaN out of contact."""
+    import scipy.linalg
+
+    face = account.solution.face
+    c, n = account.solution.traction.shape
+    out = np.full((c, math.prod(grid.shape)), math.nan)
+    if face is None or not len(face.index):
+        return out.reshape(c, *grid.shape)
+    prior = cholesky(face.restrict(account.hessian - account.data.gram))
+    share, surface_cells = shares(account, grid)
+    for i in range(c):
+        rows = np.zeros((len(surface_cells), c * n))
+        rows[:, i * n : (i + 1) * n] = share.toarray()
+        before = scipy.linalg.solve_triangular(prior, face.columns(rows).T, lower=True, check_finite=False)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            out[i, surface_cells] = 1.0 - (spread(account.solution, rows) ** 2).sum(axis=0) / (before**2).sum(axis=0)
+    return out.reshape(c, *grid.shape)
+
+
+def shares(account: Account, grid: Grid) -> tuple[Sparse, Index]:
+    """Means over the fine cells of each surface cell, and which surface cells those are."""
+    level, ratio, n = account.level, account.level.ratio, len(account.cells)
+    places = np.unravel_index(account.cells, level.grid.shape)
+    flat = np.ravel_multi_index(tuple(p // ratio for p in places), grid.shape)
+    surface_cells, inverse = np.unique(flat, return_inverse=True)
+    share = scipy.sparse.csr_array(
+        (np.full(n, 1.0 / ratio**grid.dimensions), (inverse, np.arange(n))), shape=(len(surface_cells), n)
+    )
+    return share, surface_cells
+
+
+Quantity = tuple[Floats, Floats]
+
+
+def quantities(account: Account, grid: Grid, inside: Flags) -> tuple[Quantity, Quantity, Quantity, Quantity, Quantity]:
+    """(value, variance) of traction on the surface's cells, net force, moment, centre of pressure and peak pressure.
+
+    The numbers are those of the cells ``inside``.
+    """
+    level = account.level
+    c, n = account.solution.traction.shape
+    places = np.unravel_index(account.cells, level.grid.shape)
+    share, surface_cells = shares(account, grid)
+    mean, variance = np.zeros((2, c, math.prod(grid.shape)))
+    for i in range(c):
+        mean[i, surface_cells] = share @ account.solution.traction[i]
+        rows = np.zeros((len(surface_cells), c * n))
+        rows[:, i * n : (i + 1) * n] = share.toarray()
+        variance[i, surface_cells] = (spread(account.solution, rows) ** 2).sum(axis=0)
+    kept = inside[tuple(p // level.ratio for p in places)].astype(np.float64)
+    cell = level.grid.cell * kept
+    axes = [axis[p] for axis, p in zip(level.grid.axes, places)][::-1]  # x, then y
+
+    def linear(weights: Floats) -> Quantity:
+        """Of sums of traction (quantity, component, cell)."""
+        rows = weights.reshape(len(weights), -1)
+        return rows @ account.solution.traction.ravel(), (spread(account.solution, rows) ** 2).sum(axis=0)
+
+    force_rows = np.zeros((c, c, n))
+    force_rows[np.arange(c), np.arange(c)] = cell
+    p = account.solution.traction[-1] * kept
+    total = float(p.sum()) or 1.0
+    center = np.array([float((x * p).sum()) / total for x in axes])
+    center_rows = np.zeros((len(axes), c, n))
+    for i, x in enumerate(axes):
+        center_rows[i, -1] = kept * (x - center[i]) / total
+    if len(axes) == 1:
+        moment_rows = np.zeros((1, c, n))
+        moment_rows[0, -1] = -axes[0] * cell
+    else:
+        moment_rows = np.zeros((3, c, n))
+        moment_rows[0, -1], moment_rows[1, -1] = axes[1] * cell, -axes[0] * cell
+        if c == 3:
+            moment_rows[2, 0], moment_rows[2, 1] = -axes[1] * cell, axes[0] * cell
+    top = int(np.argmax(np.where(inside.ravel(), mean[-1], -1.0)))
+    return (
+        (mean.reshape(c, *grid.shape), variance.reshape(c, *grid.shape)),
+        linear(force_rows),
+        linear(moment_rows),
+        (center, linear(center_rows)[1]),
+        (mean[-1, top], variance[-1, top]),
+    )
