@@ -21,6 +21,7 @@ ROOMS = [
     "inverse",
     "_plot",
     "touch",
+    "tracking",
     "recordings",
     "skin",
     "pads",

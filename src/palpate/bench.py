@@ -449,7 +449,7 @@ def population(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
         return Layout("line", modulus, array, {}), line_contact(*parts), noise
     shear = rng.random() < 0.3
     channels = ["stress_xz", "stress_yz", "stress_zz"] if shear else ["stress_zz"]
-    size = 14 if shear else 18
+    size = int(rng.integers(14, 25 if shear else 33))
     area = AreaArray(shape=(size, size), pitch=1.0, depth=float(rng.uniform(1.0, 3.0)), channels=channels)
     patches = []
     for _ in range(1 if shear else int(rng.choice([1, 1, 2]))):

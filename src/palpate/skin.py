@@ -38,6 +38,7 @@ from palpate.sensing.operator import Boundary, Operator
 from palpate.sensing.surface import default_surface
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
+from palpate.tracking import Tracker
 
 if TYPE_CHECKING:
     from palpate.recordings.recording import Recording
@@ -337,22 +338,25 @@ class Skin:
         """Readings far outside linear elasticity are a unit mistake."""
         xp = namespace(values)
         d = len(array.shape)
-        modulus = 2.0 * self._elastic.material(array.depth)[0] * (1.0 + self._elastic.material(array.depth)[1])
-        extent = float(np.ptp(array.points, axis=0).max())
-        for i, channel in enumerate(array.channels):
+        for i, (channel, (limit, what)) in enumerate(zip(array.channels, self._limits(array))):
             largest = float(xp.max(xp.abs(values[(..., i, *(slice(None),) * d)])))
-            kind = channel.split("_")[0]
-            limit = {"stress": 30.0 * modulus, "strain": 3.0, "displacement": extent}[kind]
             if largest > limit:
-                what = {
-                    "stress": f"30 times the pad's Young's modulus ({modulus:g} Pa)",
-                    "strain": "3 (300 %)",
-                    "displacement": f"the width of the array ({extent:g} m)",
-                }[kind]
                 raise InvalidInput(
                     f"{channel} reaches {largest:g} {channel_unit(channel)}, more than {what}: no elastic pad does that. Check the "
                     f"units: readings are in {channel_unit(channel)}, lengths in m, moduli in Pa."
                 )
+
+    def _limits(self, array: Array) -> list[tuple[float, str]]:
+        """What no reading of each channel can exceed, with the reason."""
+        shear, nu = self._elastic.material(array.depth)
+        modulus = 2.0 * shear * (1.0 + nu)
+        extent = float(np.ptp(array.points, axis=0).max())
+        kinds = {
+            "stress": (30.0 * modulus, f"30 times the pad's Young's modulus ({modulus:g} Pa)"),
+            "strain": (3.0, "3 (300 %)"),
+            "displacement": (extent, f"the width of the array ({extent:g} m)"),
+        }
+        return [kinds[c.split("_")[0]] for c in array.channels]
 
     # -- inverse -------------------------------------------------------------------------------------------------------
 
@@ -482,6 +486,68 @@ class Skin:
             touching=estimate.contact,
             outliers=estimate.outliers,
             draws=estimate.draws,
+        )
+
+    def track(
+        self,
+        *,
+        components: Sequence[str] | None = None,
+        friction: float | None = None,
+        parameter: float | str | None = None,
+        baseline: Any = 0,
+        tolerance: float = 1e-3,
+        budget: float | None = None,
+        rezero: float | None = 2.0,
+        rate: float = 100.0,
+    ) -> Tracker:
+        """Contact followed from frame to frame: what ``reconstruct(method="constrained")`` finds, at the rate of a sensor.
+
+        Parameters
+        ----------
+        components, friction, parameter
+            As for `reconstruct`.
+        baseline : int or array
+            Frames at the start, without contact, whose mean is zero and whose spread is the noise; or that zero itself, one frame
+            of readings (channel, *array). 0 (default): the readings are zero already.
+        tolerance : float
+            Change of traction, as a part of its peak, at which a frame's iteration ends.
+        budget : float, optional
+            Seconds that a frame may take. Without it every frame is finished; with it the iteration ends early where it must
+            (`Touch.converged` is then False), and what takes longer runs in a thread beside the stream.
+        rezero : float, optional
+            Time constant [s] with which the zero follows drift while nothing touches; None keeps it. Contact that grows by less
+            than a few standard deviations of noise in this time is taken for drift.
+        rate : float
+            Frames a second, for frames that are given without a time.
+
+        Returns
+        -------
+        Tracker
+            Its ``step(reading, time)`` takes one frame and returns a `Touch`.
+        """
+        options = dict.fromkeys(("order", "spectrum", "length", "draws", "rng"))
+        names = self._names(components)
+        solver = self._solver("constrained", names, {**options, "friction": friction, "parameter": parameter})
+        limits = [np.array([limit for limit, _ in self._limits(a)]) for a in self._planes]
+        filters: Callable[[], list[CreepFilter | None]] | None = None
+        if isinstance(self._pad, Viscoelastic):
+            prony = self._pad.prony
+            creeping = [any(not c.startswith("stress") for c in a.channels) for a in self._planes]
+
+            def filters() -> list[CreepFilter | None]:
+                return [CreepFilter(prony) if c else None for c in creeping]
+
+        return Tracker(
+            solver,
+            names,
+            np.concatenate([np.repeat(v, int(a.valid.sum())) for v, a in zip(limits, self._planes)]),
+            notes=self._notes(names, "constrained", solver),
+            creep=filters,
+            baseline=baseline,
+            tolerance=tolerance,
+            budget=budget,
+            rezero=rezero,
+            rate=rate,
         )
 
     def _default_method(self, components: Sequence[str] | None, options: Mapping[str, Any]) -> Method:

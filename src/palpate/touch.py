@@ -100,7 +100,7 @@ class Touch:
         Root mean square misfit in units of `noise_std` as used for weighting (1 is perfect where the noise was given).
     unseen_force : tuple of str
         Components whose net force leaves no trace in the readings; `force` is NaN there.
-    time : array or None
+    time : array (*batch) or None
         Time of each frame [s].
     errors : Errors or None
         Standard deviations in closed form, as the model gives them; `std` and `interval` put them to use.
@@ -145,6 +145,8 @@ class Touch:
         coords: dict[str, Any] = {"component": list(self.surface.components)}
         if len(batch) == 1:
             coords["time"] = np.arange(batch[0], dtype=np.float64) if self.time is None else self.time
+        elif not batch and self.time is not None:
+            coords["time"] = float(self.time)
         for name, axis in zip(("x",) if d == 1 else ("y", "x"), self.surface.axes):
             coords[name] = axis
         out = xarray.DataArray(

@@ -55,7 +55,7 @@ ROUGH = 1e-4
 #: Smallest local scale, as a part of the largest.
 FLOOR = 1e-6
 #: Weight of a contact that ends on the surface against one that reaches twice as far, where the frame could be either.
-ENDS = 0.35
+ENDS = 0.2
 
 
 class Adaptive(Constrained):

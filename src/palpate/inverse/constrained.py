@@ -35,6 +35,8 @@ __all__ = ["Constrained"]
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
+#: Cells of less than this part of the peak pressure do not make a contact; cells so near to one are part of its problem.
+FAINT, MARGIN = 0.05, 2
 #: Most unknowns of one frame.
 LARGEST_UNKNOWNS = 9000
 #: Readings up to which the second derivative is tried too (its spectrum costs as much again to prepare).
@@ -148,10 +150,13 @@ class Constrained:
         heard: Flags,
         evidence: Mapping[int, tuple[float, float, float, Floats]],
     ) -> list[Account]:
-        """The accounts of a frame, with their weights: here the constrained solution itself, on the cells in contact."""
+        """The accounts of a frame, with their weights: here one, the constrained solution on the contact and a margin.
+
+        What is farther from it is noise, of which pressure that only pushes would keep half.
+        """
         level = self.level(1)
         _, parameter, scale, _ = evidence[1]
-        cells = np.flatnonzero(first[-1] > 0)
+        cells = np.flatnonzero(grown((first[-1] > FAINT * first[-1].max()).reshape(level.grid.shape), MARGIN))
         account = self.account(
             self.normal(level, cells, y, noise, heard),
             self.precisions(level, 1, parameter / scale**2),
@@ -364,7 +369,7 @@ class Constrained:
         explained = np.zeros_like(y)
         for _ in range(12):
             cells = np.flatnonzero(region)
-            self._check(len(cells) * len(self.columns))
+            self.check_size(len(cells) * len(self.columns))
             member = self.account(self.normal(level, cells, y, noise, heard), precisions, start[:, cells])
             traction = np.zeros((len(self.columns), math.prod(grid.shape)))
             traction[:, cells] = member.solution.traction
@@ -399,7 +404,8 @@ class Constrained:
         adjoint = self.operator.adjoint(self.readings.planes(white / noise))
         return np.asarray(adjoint.reshape(len(adjoint), -1)[list(self.columns)])
 
-    def _check(self, unknowns: int) -> None:
+    def check_size(self, unknowns: int) -> None:
+        """Refuse a problem that is too large."""
         if unknowns > LARGEST_UNKNOWNS:
             raise Unsupported(
                 f"the contact covers {unknowns} unknowns, too many (limit {LARGEST_UNKNOWNS}). Give a "
@@ -433,16 +439,8 @@ class Constrained:
             (matrix.T @ self.readings.white(y[heard], heard)).reshape(-1, len(cells)),
         )
 
-    def _combined(
-        self,
-        members: Sequence[Account],
-        y: Floats,
-        heard: Flags,
-        parameter: float,
-        scale: float,
-        draws: int,
-        rng: np.random.Generator | None,
-    ) -> _Frame:
+    def summed_up(self, members: Sequence[Account]) -> tuple[Floats, Errors]:
+        """Mean traction (component, *grid) of the accounts by their weights, and the closed-form errors of every quantity."""
         grid = self.operator.surface
         parts = [quantities(m, grid, self.inside) for m in members]
         weights = np.array([m.weight for m in members])
@@ -470,6 +468,20 @@ class Constrained:
             force=force,
             **{name: np.sqrt(mixed(i)[1]) for i, name in ((2, "moment"), (3, "center"), (4, "peak"))},
         )
+        return traction, errors
+
+    def _combined(
+        self,
+        members: Sequence[Account],
+        y: Floats,
+        heard: Flags,
+        parameter: float,
+        scale: float,
+        draws: int,
+        rng: np.random.Generator | None,
+    ) -> _Frame:
+        traction, errors = self.summed_up(members)
+        weights = np.array([m.weight for m in members])
         found = sum(w * (m.data.matrix @ m.solution.traction.ravel()) for w, m in zip(weights, members))
         misfit = found - self.readings.white(y[heard], heard)
         sampled = None
