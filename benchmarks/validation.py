@@ -567,7 +567,8 @@ def section_decibels() -> None:
     layout = bench.LAYOUTS["line"]
     for name in ("cylinder", "punch"):
         errors = [
-            bench.run(layout, name, layout.contacts[name], 1e-2, np.random.default_rng(s))[0].error for s in range(40)
+            bench.run(layout, name, layout.contacts[name], 1e-2, np.random.default_rng(s), ("adaptive",))[0].error
+            for s in range(40)
         ]
         print(f"  {name:<10} {np.mean(errors):.3f} (worst draw {max(errors):.3f})")
 
@@ -617,7 +618,7 @@ def section_robust() -> None:
             grown.append(errors[1] / errors[0])
             print(f"  {name:<5} {contact:<18} {errors[0]:.3f} whole, {errors[1]:.3f} with 10 % dead: x {grown[-1]:.2f}")
         print(f"  {name:<5} geometric mean x {np.exp(np.mean(np.log(grown))):.3f}")
-    for kind, width in (("cylinder", 3.5), ("strip", 3.5), ("punch", 3.5), ("cylinder", 7.0)):
+    for kind, width in itertools.product(("cylinder", "strip", "punch", "wedge"), (3.5, 5.0, 7.0, 10.0)):
         errors = []
         for center in (0.0, 30.0):
             layout = bench.Layout("line", pad, line, {})

@@ -306,7 +306,8 @@ def test_paper_at_40_decibels() -> None:
     layout = bench.LAYOUTS["line"]
     for name, limit in (("cylinder", 0.085), ("punch", 0.33)):
         records = [
-            bench.run(layout, name, layout.contacts[name], 1e-2, np.random.default_rng(s))[0].error for s in range(10)
+            bench.run(layout, name, layout.contacts[name], 1e-2, np.random.default_rng(s), ("adaptive",))[0].error
+            for s in range(10)
         ]
         assert np.mean(records) < limit
 
@@ -369,7 +370,7 @@ def test_family(method: Any) -> None:
     layout = bench.LAYOUTS["line"]
     record = bench.run(
         layout, "two cylinders", layout.contacts["two cylinders"], 1e-2, np.random.default_rng(0), [method]
-    )[1]
+    )[0]
     assert record.method == method
     assert record.error < (1.2 if method == "nnls" else 0.3)
     readings, _ = layout.make(layout.contacts["strip"])
@@ -515,13 +516,13 @@ def test_error_bars_know_of_correlated_noise() -> None:
         pp.Skin(PAD, known, boundary="periodic").reconstruct(readings)
 
 
-@pytest.mark.parametrize("kind", ["cylinder", "strip"])
-def test_contact_across_the_edge(kind: str) -> None:
+@pytest.mark.parametrize(("kind", "width"), [("cylinder", 5.0), ("strip", 3.5), ("punch", 7.0)])
+def test_contact_across_the_edge(kind: str, width: float) -> None:
     """A wide contact, half of it beyond the array, comes out inside the array as well as it does in the middle."""
     layout = bench.LAYOUTS["line"]
     errors = []
     for center in (0.0, 30.0):
-        readings, truth = layout.make(bench.line_contact((kind, center, 7.0, 1.0)))
+        readings, truth = layout.make(bench.line_contact((kind, center, width, 1.0)))
         inside = np.abs(layout.skin.surface.x) <= 30.0
         found = []
         for draw in range(4):

@@ -28,8 +28,10 @@ _PUBLIC = {
     "PalpateError": "errors",
     "Recording": "recordings",
     "ScatteredArray": "sensing",
+    "GraspMonitor": "grasp",
     "Skin": "skin",
     "Touch": "touch",
+    "Tracker": "tracking",
     "Unsupported": "errors",
     "Viscoelastic": "elastic",
     "stress_from_strains": "elastic",
@@ -47,10 +49,12 @@ if TYPE_CHECKING:
         stress_from_strains,
     )
     from palpate.errors import InvalidInput, NotObservable, PalpateError, Unsupported
+    from palpate.grasp import GraspMonitor
     from palpate.recordings import Recording
     from palpate.sensing import AreaArray, AreaGrid, LineArray, LineGrid, ScatteredArray
     from palpate.skin import METHODS, Skin
     from palpate.touch import Touch
+    from palpate.tracking import Tracker
 
 __all__ = [
     "AREA_CHANNELS",
@@ -59,6 +63,7 @@ __all__ = [
     "AreaArray",
     "AreaGrid",
     "BondedLayers",
+    "GraspMonitor",
     "HalfSpace",
     "InvalidInput",
     "Layer",
@@ -70,6 +75,7 @@ __all__ = [
     "ScatteredArray",
     "Skin",
     "Touch",
+    "Tracker",
     "Unsupported",
     "Viscoelastic",
     "__version__",

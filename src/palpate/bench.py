@@ -30,7 +30,7 @@ from palpate.sensing import AreaArray, LineArray, LineGrid, ScatteredArray
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid, block_means, refined
 from palpate.skin import Skin
-from palpate.touch import CALIBRATION, Touch
+from palpate.touch import Touch, calibrated
 
 __all__ = [
     "LAYOUTS",
@@ -49,7 +49,7 @@ __all__ = [
 #: Noise levels, as parts of the largest reading.
 NOISES = (1e-3, 1e-2, 5e-2)
 #: Cells of the surface the data are made on, per cell sought, and how many cells it is wider on each side.
-FINER, WIDER = {1: 10, 2: 6}, 3
+FINER, WIDER = {1: 10, 2: 6}, {1: 24, 2: 3}
 #: Quantities whose error has a sign: pressure only adds up, edges are rounded, weak shear is drawn to zero.
 SHIFTED = ("force", "peak_pressure", "shear_force", "slip_margin")
 
@@ -216,13 +216,13 @@ class Layout:
     def maker(self) -> Skin:
         """The finer and wider skin that makes the data."""
         grid = self.skin.surface
-        return Skin(self.pad, self.array, surface=refined(grid, FINER[grid.dimensions], WIDER))
+        return Skin(self.pad, self.array, surface=refined(grid, FINER[grid.dimensions], WIDER[grid.dimensions]))
 
     def make(self, traction: Traction) -> tuple[Floats, Floats]:
         """Noise-free readings, and the mean traction (component, *surface) of each cell sought."""
         fine = traction(self.maker.surface)
         d = self.skin.surface.dimensions
-        middle: tuple[Any, ...] = (..., *(slice(WIDER, -WIDER),) * d)
+        middle: tuple[Any, ...] = (..., *(slice(WIDER[d], -WIDER[d]),) * d)
         mean = block_means(fine, FINER[d], d)[middle]
         return np.nan_to_num(np.asarray(self.maker.sense(fine))), mean
 
@@ -348,9 +348,9 @@ def _standardised(touch: Touch, truth: Floats, friction: float | None) -> dict[s
 
 
 def run(
-    layout: Layout, name: str, traction: Traction, noise: float, rng: np.random.Generator, methods: Iterable[str] = ()
+    layout: Layout, name: str, traction: Traction, noise: float, rng: np.random.Generator, methods: Iterable[str]
 ) -> list[Record]:
-    """One noise draw of one contact, by the automatic method and the others asked for."""
+    """One noise draw of one contact, by the methods asked for."""
     readings, truth = layout.make(traction)
     std = noise * float(np.abs(readings).max())
     noisy = readings + std * rng.standard_normal(readings.shape)
@@ -361,8 +361,8 @@ def run(
     columns = [layout.skin.surface.components.index(c) for c in layout.components]
     size = float(np.linalg.norm(truth[columns]))
     records = []
-    for method in ("adaptive", *methods):
-        options: dict[str, Any] = {"friction": layout.friction} if method == "adaptive" else {}
+    for method in methods:
+        options: dict[str, Any] = {"friction": layout.friction} if method in ("adaptive", "constrained") else {}
         if method != "adaptive":
             options["method"] = method
         touch = layout.skin.reconstruct(noisy, components=list(layout.components), **options)
@@ -404,7 +404,9 @@ def _one_contact(task: tuple[str, float, str, int, int, bool]) -> list[Record]:
     out = []
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw, zlib.crc32(f"{name} {contact} {noise}".encode())])
-        out += run(layout, contact, layout.contacts[contact], noise, rng, layout.methods if family else ())
+        out += run(
+            layout, contact, layout.contacts[contact], noise, rng, ("adaptive", *(layout.methods if family else ()))
+        )
     return out
 
 
@@ -417,17 +419,20 @@ def ratios(records: Sequence[Record], method: str = "adaptive") -> dict[tuple[st
     return {k: float(np.mean(v)) for k, v in groups.items()}
 
 
-def coverage(records: Sequence[Record], level: float) -> dict[str, float]:
-    """Part of true values inside the interval of that level, for each quantity."""
-    inside: dict[str, list[float]] = {}
+def coverage(records: Sequence[Record], level: float, method: str = "adaptive") -> dict[str, float]:
+    """Part of true values inside the interval of that level, for each quantity; every contact and noise counts alike."""
+    inside: dict[str, dict[tuple[str, str, float], list[float]]] = {}
     zero = np.asarray(-math.inf)
     for record in records:
-        table = CALIBRATION[LAYOUTS[record.layout].array.dimensions]
+        if record.method != method:
+            continue
         for quantity, z in record.z.items():
-            low, high = (float(v) for v in table[quantity].bounds(level, np.asarray(0.0), np.asarray(1.0), zero))
+            known = calibrated(method, LAYOUTS[record.layout].array.dimensions, quantity)
+            low, high = (float(v) for v in known.bounds(level, np.asarray(0.0), np.asarray(1.0), zero))
             # every frame counts once, however many cells it has
-            inside.setdefault(quantity, []).append(float(np.mean((z >= low) & (z <= high))))
-    return {quantity: float(np.mean(v)) for quantity, v in inside.items()}
+            group = inside.setdefault(quantity, {}).setdefault((record.layout, record.contact, record.noise), [])
+            group.append(float(np.mean((z >= low) & (z <= high))))
+    return {quantity: float(np.mean([np.mean(v) for v in groups.values()])) for quantity, groups in inside.items()}
 
 
 # -- calibration -------------------------------------------------------------------------------------------------------
@@ -468,14 +473,20 @@ def population(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
 
 
 def calibration(
-    frames: int = 400, *, seed: int = 12345, jobs: int = 1, report: Callable[[int], None] | None = None
+    frames: int = 400,
+    *,
+    method: str = "adaptive",
+    seed: int = 12345,
+    jobs: int = 1,
+    report: Callable[[int], None] | None = None,
 ) -> dict[tuple[int, str], tuple[float, float, float]]:
     """(dimensions, quantity): shift, scale and degrees of freedom that make the intervals of 50 and 95 % hold.
 
     From a random population of contacts.
     """
     z: dict[tuple[int, str], list[Floats]] = {}
-    for i, (dimensions, found) in enumerate(_spread_over(_one_frame, [(seed, i) for i in range(frames)], jobs)):
+    tasks = [(seed, i, method) for i in range(frames)]
+    for i, (dimensions, found) in enumerate(_spread_over(_one_frame, tasks, jobs)):
         for quantity, values in found.items():
             z.setdefault((dimensions, quantity), []).append(values)
         if report is not None:
@@ -483,10 +494,11 @@ def calibration(
     return {key: _fit(values, shifted=key[1] in SHIFTED) for key, values in sorted(z.items())}
 
 
-def _one_frame(task: tuple[int, int]) -> tuple[int, dict[str, Floats]]:
-    rng = np.random.default_rng(task)
+def _one_frame(task: tuple[int, int, str]) -> tuple[int, dict[str, Floats]]:
+    seed, index, method = task
+    rng = np.random.default_rng((seed, index))
     layout, traction, noise = population(rng)
-    return layout.array.dimensions, run(layout, "random", traction, noise, rng)[0].z
+    return layout.array.dimensions, run(layout, "random", traction, noise, rng, (method,))[0].z
 
 
 def _spread_over(function: Callable[[Any], Any], tasks: Sequence[Any], jobs: int) -> Iterable[Any]:

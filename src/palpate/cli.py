@@ -460,14 +460,17 @@ def bench_accuracy(
 @bench_app.command("calibration")
 def bench_calibration(
     frames: Annotated[int, typer.Option(min=20, help="Random contacts.")] = 500,
+    method: Annotated[str, typer.Option(help="adaptive or constrained.")] = "adaptive",
     seed: Annotated[int, typer.Option(help="Seed of the contacts and the noise.")] = 12345,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
 ) -> None:
     """The constants of the error bars, from a random population of contacts."""
     from palpate import bench
 
+    if method not in ("adaptive", "constrained"):
+        raise InvalidInput(f"method must be adaptive or constrained; got {method!r}.")
     with _bar("contacts", frames) as step:
-        found = bench.calibration(frames, seed=seed, jobs=jobs, report=lambda i: step(f"{i}"))
+        found = bench.calibration(frames, method=method, seed=seed, jobs=jobs, report=lambda i: step(f"{i}"))
     typer.echo(f"{'contact':<9}{'quantity':<21}{'shift':>8}{'scale':>8}{'freedom':>9}")
     for (dimensions, quantity), (shift, scale, freedom) in found.items():
         kind = "line" if dimensions == 1 else "area"

@@ -486,6 +486,7 @@ class Skin:
             touching=estimate.contact,
             outliers=estimate.outliers,
             draws=estimate.draws,
+            resolution=estimate.resolution,
         )
 
     def track(
@@ -548,6 +549,7 @@ class Skin:
             budget=budget,
             rezero=rezero,
             rate=rate,
+            label=self._reading_name,
         )
 
     def _default_method(self, components: Sequence[str] | None, options: Mapping[str, Any]) -> Method:

@@ -60,9 +60,9 @@ ITERATIONS = 300
 class Health:
     """What became of the frames so far, and of the taxels.
 
-    ``frames`` were given; ``late`` came with a time not after the last one and were not used; ``approximate`` were answered before the
+    ``str()`` of it says it in words. ``frames`` were given; ``late`` came with a time not after the last one and were not used; ``approximate`` were answered before the
     tolerance was reached; ``repeated`` were the same as the frame before, bit by bit. ``left_out`` (reading) is True for readings
-    that are not used now, with ``reasons`` (reading): "", "missing", "stuck", "out of range" or "unexplained".
+    that are not used now, with ``reasons`` (reading): "", "missing", "stuck", "out of range" or "unexplained"; ``label`` names a reading.
     """
 
     frames: int = 0
@@ -70,8 +70,19 @@ class Health:
     approximate: int = 0
     repeated: int = 0
     rezeroed: int = 0
-    left_out: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    reasons: npt.NDArray[np.str_] = field(default_factory=lambda: np.zeros(0, dtype="<U12"))
+    left_out: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool), repr=False)
+    reasons: npt.NDArray[np.str_] = field(default_factory=lambda: np.zeros(0, dtype="<U12"), repr=False)
+    label: Callable[[int], str] = field(default=str, repr=False)
+
+    def __str__(self) -> str:
+        rows = np.flatnonzero(self.left_out)
+        named = [f"{self.label(int(r))} ({self.reasons[r]})" for r in rows[:8]]
+        if len(rows) > 8:
+            named.append(f"{len(rows) - 8} more")
+        return (
+            f"{self.frames} frames, {self.late} late, {self.approximate} approximate, {self.repeated} repeated; left out: "
+            f"{', '.join(named) or 'none'}"
+        )
 
 
 @dataclass
@@ -123,6 +134,7 @@ class Tracker:
         budget: float | None = None,
         rezero: float | None = 2.0,
         rate: float = 100.0,
+        label: Callable[[int], str] = str,
     ) -> None:
         for name, value in (("tolerance", tolerance), ("rate", rate), ("budget", budget), ("rezero", rezero)):
             if value is not None and not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
@@ -130,7 +142,7 @@ class Tracker:
         self.estimator, self.names, self.notes = estimator, names, notes
         self.tolerance, self.budget, self.rezero, self.rate = tolerance, budget, rezero, rate
         self._make_creep = creep
-        self._limits = limits
+        self._limits, self._label = limits, label
         self._std = estimator.readings.std
         self._arrays = estimator.readings.arrays
         self._all = np.ones(len(self._std), dtype=bool)
@@ -176,13 +188,14 @@ class Tracker:
     def reset(self) -> None:
         """Forget contact, drift, penalty and the state of the taxels, as before the first frame."""
         n = len(self._std)
-        self.health = Health(left_out=np.zeros(n, dtype=bool), reasons=np.zeros(n, dtype="<U12"))
+        self.health = Health(left_out=np.zeros(n, dtype=bool), reasons=np.zeros(n, dtype="<U12"), label=self._label)
         self._captured: list[Floats] = []
         self._baseline = None if self._zero is None else self._zero.copy()
         self._noise: float | None = 1.0 if self.estimator.noise_known else None
         self._noise_learned = self._noise is None  # from the frames in contact, unless the baseline tells it
         self._parameter: float | None = None
         self._learned_energy = 0.0
+        self._resolution: float | None = None
         self._region: _Region | None = None
         self._pending: dict[str, Future[Any]] = {}
         self._z: Single = np.zeros((len(self.names), 0), dtype=np.float32)
@@ -454,6 +467,8 @@ class Tracker:
             self._parameter = noise**2 * float(self._diagonal.max()) / max(energy, 1e-300) * 10.0
         changed = not (self._learned_energy / RELEARN < energy < self._learned_energy * RELEARN)
         if self.estimator.parameter is not None:
+            if self._parameter is None:
+                self._resolution = self.estimator.resolution(self.estimator.parameter)
             self._parameter = self.estimator.parameter
             return
         if not changed and "learn" not in self._pending:
@@ -470,6 +485,7 @@ class Tracker:
         if found is None:
             return
         self._parameter, scale, self._learned_energy = found
+        self._resolution = self.estimator.resolution(self._parameter)
         if self._noise_learned:
             self._noise = scale
         if self._region is not None:
@@ -586,7 +602,10 @@ class Tracker:
         heard = left[~health.left_out]
         self._residual = float(np.sqrt(np.mean(heard**2)))
         typical = max(noise, float(np.median(np.abs(heard))) / 0.6745)
-        wrong = (np.abs(left) > UNEXPLAINED * typical) & (np.abs(left) > GROSS * float(np.abs(y).max()))
+        size = np.abs(left)
+        wrong = (size > UNEXPLAINED * typical) & (size > GROSS * float(np.abs(y).max()))
+        # a wrong taxel bends the solution round it: the worst first
+        wrong &= size > 0.6 * float(size.max())
         if wrong.any() and wrong.sum() <= 0.05 * len(left):
             self._count(wrong, "unexplained")
             left[wrong] = 0.0
@@ -656,6 +675,7 @@ class Tracker:
             touching=np.asarray(self._touching),
             outliers=self.health.left_out.copy(),
             time=np.asarray(now),
+            resolution=None if self._resolution is None else np.asarray(self._resolution),
         )
         self._touch = touch
         return touch

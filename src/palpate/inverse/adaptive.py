@@ -65,8 +65,7 @@ class Adaptive(Constrained):
 
     def _ratio(self, parameter: float, unknowns: int) -> int:
         """How much finer than the surface the problem is worth solving."""
-        spectrum = self.orders[1].spectrum
-        seen = float(spectrum.multiplicity @ (spectrum.eigenvalues / (spectrum.eigenvalues + parameter)))
+        seen = self.seen(parameter)
         d = self.operator.surface.dimensions
         spacing = (self.taxels * len(self.columns) / max(seen, 1.0)) ** (1.0 / d)
         table = LINE_REFINEMENT if d == 1 else AREA_REFINEMENT

@@ -43,6 +43,8 @@ LARGEST_UNKNOWNS = 9000
 SECOND_ORDER_READINGS = 4096
 #: Gain in log evidence over noise alone below which a frame counts as empty.
 CONTACT_EVIDENCE = 6.0
+#: The same of a patch of pressure beside a larger one: there are many places where noise may look like one.
+PATCH_EVIDENCE = 15.0
 #: Size of shear next to pressure where friction is not known.
 SHEAR = 0.7
 #: Cells below this part of the largest local scale, and of the peak pressure, are outside the contact; more where there is
@@ -152,19 +154,44 @@ class Constrained:
     ) -> list[Account]:
         """The accounts of a frame, with their weights: here one, the constrained solution on the contact and a margin.
 
-        What is farther from it is noise, of which pressure that only pushes would keep half.
+        What is farther from it is noise, of which pressure that only pushes would keep half; so are patches that explain no more
+        of the readings than noise does.
         """
+        import scipy.ndimage
+
         level = self.level(1)
         _, parameter, scale, _ = evidence[1]
-        cells = np.flatnonzero(grown((first[-1] > FAINT * first[-1].max()).reshape(level.grid.shape), MARGIN))
+        region = grown((first[-1] > FAINT * first[-1].max()).reshape(level.grid.shape), MARGIN)
+        cells = np.flatnonzero(region)
+        data = self.normal(level, cells, y, noise, heard)
+        patches = scipy.ndimage.label(region, np.ones((3,) * region.ndim))[0].ravel()[cells]
+        weight = {}
+        for patch in np.unique(patches):
+            alone = np.where(patches == patch, first[:, cells], 0.0)
+            weight[patch] = 0.5 * float(((data.matrix @ alone.ravel()) ** 2).sum())
+        largest = max(weight, key=lambda patch: weight[patch])
+        kept = [patch for patch, w in weight.items() if w > PATCH_EVIDENCE or patch == largest]
+        position = np.flatnonzero(np.isin(patches, kept))
         account = self.account(
-            self.normal(level, cells, y, noise, heard),
+            data.part(position),
             self.precisions(level, 1, parameter / scale**2),
-            first[:, cells],
+            first[:, cells[position]],
             keep_face=True,
         )
         account.weight = 1.0
         return [account]
+
+    def seen(self, parameter: float) -> float:
+        """How many degrees of freedom of the traction the data tell, rather than the penalty."""
+        spectrum = self.orders[1].spectrum
+        return float(spectrum.multiplicity @ (spectrum.eigenvalues / (spectrum.eigenvalues + parameter)))
+
+    def resolution(self, parameter: float) -> float:
+        """Finest detail that the data tell [m]: the side of the area (length on a line) that has one degree of freedom."""
+        arrays = self.operator.planes_of
+        points = np.concatenate([a.points for a in arrays])
+        spans = np.ptp(points, axis=0) + np.asarray(self.operator.surface.spacings)
+        return float((np.prod(spans) * len(self.columns) / max(self.seen(parameter), 1.0)) ** (1.0 / len(spans)))
 
     # -- batches -------------------------------------------------------------------------------------------------------
 
@@ -204,6 +231,7 @@ class Constrained:
             outliers.reshape((*batch, -1)),
             sampled,
             pushed=numbers("pushed", bool),
+            resolution=np.array([self.resolution(f.parameter) for f in frames]).reshape(batch),
         )
 
     def _shared_noise(self, arrays: Sequence[Floats]) -> float | None:
@@ -268,8 +296,7 @@ class Constrained:
 
     def _noise_left(self, member: Account, first: Floats, y: Floats, heard: Flags, parameter: float) -> float:
         """Root mean square of the whitened misfit, for the freedom that the contact took: the modes seen, over its area."""
-        spectrum = self.orders[1].spectrum
-        seen = float(spectrum.multiplicity @ (spectrum.eigenvalues / (spectrum.eigenvalues + parameter)))
+        seen = self.seen(parameter)
         share = float(np.count_nonzero(first[-1])) / self.taxels
         free = max(float(heard.sum()) - min(share, 1.0) * seen, 1.0)
         misfit = member.data.matrix @ member.solution.traction.ravel() - self.readings.white(y[heard], heard)

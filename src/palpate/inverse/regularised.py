@@ -49,7 +49,7 @@ class Estimate:
     square misfit in the same units) have the batch shape; None from methods that have no such thing. Likewise ``errors``
     (`palpate.inverse.account.Errors`), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
     (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
-    analog network takes in units of its RC, and ``pushed`` (False: contact that only pushes does not explain the frame).
+    analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame) and ``resolution`` [m].
     """
 
     traction: Any
@@ -63,6 +63,7 @@ class Estimate:
     draws: Floats | None = None
     settling: Floats | None = None
     pushed: npt.NDArray[np.bool_] | None = None
+    resolution: Floats | None = None
 
 
 def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Floats], bool]:

@@ -1,0 +1,313 @@
+"""Is the grasp safe: contact made and lost, slip before it happens, too much pressure or force.
+
+How near a contact is to sliding is Q/(mu P), tangential over normal force by the friction. With the friction known it follows
+from the net forces alone. Without it the *shape* of the shear tells: where a contact is sheared, its rim slips first, and by the
+theorem of Ciavarella and Jaeger (M. Ciavarella, J. Appl. Mech. 65, 1998, 998-1003; J. Jaeger, Arch. Appl. Mech. 68, 1998, 438-451)
+
+    q(x) = mu [p(x) - p*(x)],     mu = (Q/P)/(1 - P*/P),
+
+p* being the pressure of the same contact under the smaller load P* whose area still sticks. For contact that grows like that of
+a ball p*(x) = s p(x/s) about its centre, with s the radius of the part that sticks over that of the contact, so that
+Q/(mu P) = 1 - s^3 (1 - s^2 on a line). The likelihood of s given the shear found, with its error bars, tells how near slip is and
+how sure that is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput
+from palpate.touch import Touch
+
+__all__ = ["Event", "GraspMonitor", "GraspState"]
+
+#: Parts of the contact's radius that stick, as candidates.
+STICK = np.concatenate([[0.0], np.linspace(0.15, 0.96, 20)])
+#: Friction of dry contact lies about here: mean and spread of its logarithm.
+USUAL, SPREAD = math.log(0.6), 0.7
+#: Relative spread of friction from one slip to the next.
+REPEATED = 0.1
+#: Blur of the traction found (standard deviation), as a part of its resolution.
+BLUR = 0.6
+#: Templates of pressure are themselves only found: error of the shear they predict, as a part of its largest.
+TEMPLATE = 0.05
+#: How much of what the frame before said is kept.
+MEMORY = 0.7
+#: An alarm is raised at the first probability and taken back below the second.
+RAISE, CLEAR = 0.9, 0.5
+#: Part of the friction limit beyond which a contact counts as sliding.
+SLIDING = 0.95
+#: Frames in a row of sliding from which friction is learned.
+LEARN = 5
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something began or ended.
+
+    ``kind`` is "contact", "incipient slip", "slip", "excess pressure" or "excess force"; ``probability`` how sure it is when it
+    began (or that it goes on, when it ended); ``value`` and ``limit`` in the unit of what was watched (Q/(mu P), Pa, N).
+    """
+
+    kind: str
+    began: bool
+    time: float
+    probability: float
+    value: float
+    limit: float
+
+    def __str__(self) -> str:
+        verb = "began" if self.began else "ended"
+        return f"{self.time:.3f} s  {self.kind} {verb} ({self.value:.3g}, limit {self.limit:.3g}, sure to {100 * self.probability:.0f} %)"
+
+
+@dataclass(frozen=True)
+class GraspState:
+    """Where the grasp stands in one frame.
+
+    ``utilisation`` is Q/(mu P), 0 at rest and 1 where all slides, with its standard deviation; NaN without contact. ``friction``
+    and its standard deviation are given, learned or inferred from the shape of the shear.
+    """
+
+    time: float
+    touching: bool
+    force: Floats
+    utilisation: float
+    utilisation_std: float
+    friction: float
+    friction_std: float
+    probabilities: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def slip_margin(self) -> float:
+        """1 - Q/(mu P): the part of the friction that is left."""
+        return 1.0 - self.utilisation
+
+
+class GraspMonitor:
+    """Watches the touches of a stream, one after another.
+
+    Parameters
+    ----------
+    friction : float, optional
+        Coefficient mu. Without it, it is inferred from the shape of the shear and learned from slips.
+    incipient : float
+        Part of the friction limit at which slip is announced (0.75: a Hertz contact then sticks over 0.63 of its radius).
+    max_pressure, max_force : float, optional
+        Limits of peak pressure [Pa] and normal force [N].
+    callback : callable, optional
+        Called with each `Event`.
+
+    Attributes
+    ----------
+    events : list of Event
+        All so far (the last 10,000).
+    """
+
+    def __init__(
+        self,
+        *,
+        friction: float | None = None,
+        incipient: float = 0.75,
+        max_pressure: float | None = None,
+        max_force: float | None = None,
+        callback: Callable[[Event], None] | None = None,
+    ) -> None:
+        for name, value in (("friction", friction), ("max_pressure", max_pressure), ("max_force", max_force)):
+            if value is not None and not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+                raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
+        if not 0 < incipient < SLIDING:
+            raise InvalidInput(f"incipient must lie between 0 and {SLIDING}; got {incipient!r}.")
+        self.incipient, self.max_pressure, self.max_force, self.callback = incipient, max_pressure, max_force, callback
+        self.given = friction
+        self.events: list[Event] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was learned and what is going on."""
+        self.learned: float | None = None
+        self._on: dict[str, bool] = {}
+        self._past: Floats = np.zeros(len(STICK))
+        self._slid: list[float] = []
+        self._frames = 0
+        self.state: GraspState | None = None
+
+    def update(self, touch: Touch) -> list[Event]:
+        """Take in one touch (without batch axes) and return what began or ended."""
+        if to_numpy(touch.values).ndim != 1 + touch.surface.dimensions:
+            raise InvalidInput("a GraspMonitor takes one touch at a time: Touch.frame(i) of a batch.")
+        if "z" not in touch.components:
+            raise InvalidInput("a GraspMonitor needs the pressure: seek component z.")
+        time = float(self._frames if touch.time is None else touch.time)
+        self._frames += 1
+        values = to_numpy(touch.values).astype(np.float64)
+        force = to_numpy(touch.force).astype(np.float64)
+        touching = bool(values[-1].any()) if touch.touching is None else bool(touch.touching)
+        touching = touching and force[-1] > 0
+        probabilities: dict[str, float] = {}
+        utilisation = spread = math.nan
+        friction, friction_std = self._friction()
+        if not touching:
+            self._past = np.zeros(len(STICK))
+        elif set(touch.components) == set(touch.surface.components):
+            weights, mus = self._stick(touch, values, force)
+            power = 1.0 + touch.surface.dimensions
+            used = 1.0 - STICK**power
+            ratio = float(np.linalg.norm(force[:-1])) / float(force[-1])
+            utilisation = float(weights @ used)
+            spread = math.sqrt(max(float(weights @ (used - utilisation) ** 2), 0.0))
+            probabilities["incipient slip"] = float(weights @ (used >= self.incipient))
+            probabilities["slip"] = float(weights @ (used >= SLIDING))
+            self._learn(probabilities["slip"], ratio)
+            if self.given is None and self.learned is None:
+                friction = float(weights @ mus)
+                friction_std = math.sqrt(max(float(weights @ (mus - friction) ** 2), 0.0))
+        errors = touch.errors
+        if touching and self.max_pressure is not None:
+            probabilities["excess pressure"] = _exceeds(
+                float(values[-1].max()), self.max_pressure, None if errors is None else float(errors.peak)
+            )
+        if touching and self.max_force is not None:
+            probabilities["excess force"] = _exceeds(
+                float(force[-1]), self.max_force, None if errors is None else float(errors.force[-1])
+            )
+        self.state = GraspState(time, touching, force, utilisation, spread, friction, friction_std, probabilities)
+        watched = {
+            "contact": (float(touching), float(force[-1]), 0.0),
+            "incipient slip": (probabilities.get("incipient slip", 0.0), utilisation, self.incipient),
+            "slip": (probabilities.get("slip", 0.0), utilisation, SLIDING),
+            "excess pressure": (
+                probabilities.get("excess pressure", 0.0),
+                float(values[-1].max()),
+                self.max_pressure or math.nan,
+            ),
+            "excess force": (probabilities.get("excess force", 0.0), float(force[-1]), self.max_force or math.nan),
+        }
+        found = []
+        for kind, (probability, value, limit) in watched.items():
+            was = self._on.get(kind, False)
+            now = probability >= (CLEAR if was else RAISE)
+            self._on[kind] = now
+            if now != was:
+                found.append(Event(kind, now, time, probability, value, limit))
+        for event in found:
+            self.events.append(event)
+            if self.callback is not None:
+                self.callback(event)
+        del self.events[:-10_000]
+        return found
+
+    def going_on(self) -> tuple[str, ...]:
+        """Kinds of what has begun and not ended."""
+        return tuple(kind for kind, on in self._on.items() if on)
+
+    # -- how near slip is ----------------------------------------------------------------------------------------------
+
+    def _friction(self) -> tuple[float, float]:
+        """Friction before the frame is looked at, and its standard deviation."""
+        if self.given is not None:
+            return self.given, 0.0
+        if self.learned is not None:
+            return self.learned, REPEATED * self.learned
+        return math.exp(USUAL), SPREAD * math.exp(USUAL)
+
+    def _stick(self, touch: Touch, values: Floats, force: Floats) -> tuple[Floats, Floats]:
+        """Probability of each candidate of `STICK`, and the friction that goes with it."""
+        power = 1.0 + touch.surface.dimensions
+        used = 1.0 - STICK**power
+        tangential, normal = float(np.linalg.norm(force[:-1])), float(force[-1])
+        ratio = tangential / normal
+        mus = ratio / used
+        error = self._ratio_error(touch, force)
+        # what is known of friction, with the error of the forces
+        if self.given is not None or self.learned is not None:
+            mu, own = self._friction()
+            log = -0.5 * ((mus - mu) / math.hypot(own, error / max(used.max(), 1e-9), 0.01 * mu)) ** 2
+            log = np.where(
+                mus < mu, np.maximum(log, -0.5 * ((ratio - mu) / math.hypot(own, error, 0.01 * mu)) ** 2), log
+            )
+        else:
+            wide = math.hypot(SPREAD, error / max(ratio, 1e-9))
+            log = -0.5 * ((np.log(np.maximum(mus, 1e-9)) - USUAL) / wide) ** 2
+        if tangential > 3.0 * error * normal:
+            log = log + self._shape(touch, values, force, power)
+        self._past = MEMORY * self._past + (1.0 - MEMORY) * (log - log.max())
+        # several frames of memory say more than one
+        weights = np.exp(np.minimum(1.0 / (1.0 - MEMORY), 2.0) * (self._past - self._past.max()))
+        # candidates are not evenly spread in Q/(mu P)
+        weights = weights * np.abs(np.gradient(used))
+        return weights / weights.sum(), mus
+
+    def _ratio_error(self, touch: Touch, force: Floats) -> float:
+        """Standard deviation of Q/P."""
+        if touch.errors is None:
+            return 0.05
+        std = np.asarray(touch.errors.force, dtype=np.float64)
+        ratio = float(np.linalg.norm(force[:-1])) / float(force[-1])
+        return float(math.hypot(float(np.linalg.norm(std[:-1])), ratio * float(std[-1])) / force[-1])
+
+    def _shape(self, touch: Touch, values: Floats, force: Floats, power: float) -> Floats:
+        """Log likelihood of each candidate from how shear is spread over the contact."""
+        import scipy.ndimage
+
+        grid = touch.surface
+        p = values[-1]
+        direction = force[:-1] / np.linalg.norm(force[:-1])
+        q = np.tensordot(direction, values[:-1], 1)
+        region = p > 0.02 * p.max()
+        if touch.errors is None:
+            variance = np.full(p.shape, (0.1 * float(np.abs(q).max())) ** 2)
+        else:
+            std = np.asarray(touch.errors.traction, dtype=np.float64)[:-1]
+            variance = np.tensordot(direction**2, std**2, 1)
+            # the template is made of the pressure found
+            slope = float(np.linalg.norm(force[:-1])) / float(force[-1])
+            variance = variance + (slope * np.asarray(touch.errors.traction, dtype=np.float64)[-1]) ** 2
+        variance = variance + (TEMPLATE * float(np.abs(q).max())) ** 2
+        total = float(p.sum())
+        centers = [
+            float((np.arange(n) * p.sum(axis=tuple(a for a in range(p.ndim) if a != axis))).sum()) / total
+            for axis, n in enumerate(p.shape)
+        ]
+        places = np.indices(p.shape).astype(np.float64)
+        weight = region / variance
+        # neighbouring cells are not independent: as many data as there are patches that can be told apart
+        resolution = 2.0 if touch.resolution is None else float(touch.resolution) / min(grid.spacings)
+        cells = max(1.0, resolution) ** grid.dimensions
+        blur = BLUR * resolution
+        out = np.empty(len(STICK))
+        for i, s in enumerate(STICK):
+            template = p
+            if s > 0:
+                scaled = [c + (x - c) / s for c, x in zip(centers, places)]
+                inner = scipy.ndimage.map_coordinates(p, scaled, order=1, mode="constant")
+                template = p - s * scipy.ndimage.gaussian_filter(inner, blur * math.sqrt(1.0 - s**2))
+            norm = float((weight * template**2).sum())
+            mu = float((weight * template * q).sum()) / norm if norm > 0 else 0.0
+            out[i] = -0.5 * float((weight * (q - mu * template) ** 2).sum()) / cells
+        return out
+
+    def _learn(self, sliding: float, ratio: float) -> None:
+        """Friction from what slides."""
+        if self.given is not None:
+            return
+        if sliding < RAISE:
+            self._slid = []
+            return
+        self._slid.append(ratio)
+        if len(self._slid) >= LEARN:
+            now = float(np.median(self._slid[-LEARN:]))
+            self.learned = now if self.learned is None else 0.8 * self.learned + 0.2 * now
+
+
+def _exceeds(value: float, limit: float, std: float | None) -> float:
+    """Probability that the true value is beyond a limit."""
+    if std is None or not std > 0:
+        return float(value > limit)
+    return 0.5 * math.erfc((limit - value) / (math.sqrt(2.0) * std))

@@ -1,0 +1,398 @@
+"""Frames one after another: the tracker, the simulator that feeds it, and the grasp monitor that listens."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate import simulation, solutions
+from palpate.grasp import Event, GraspMonitor
+from palpate.simulation import Stage
+
+PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+THREE = ["stress_xz", "stress_yz", "stress_zz"]
+ARRAY = pp.AreaArray(shape=(14, 14), pitch=1e-3, depth=1.5e-3, channels=THREE)
+BALL = solutions.hertz_point(radius=3e-3, force=1.0)
+MU = 0.6
+
+
+@pytest.fixture(scope="module")
+def skin() -> pp.Skin:
+    return pp.Skin(PAD, ARRAY)
+
+
+@pytest.fixture(scope="module")
+def story(skin: pp.Skin) -> tuple[list[simulation.Frame], Any]:
+    """A story with everything in it, and its readings with 1 % noise."""
+    frames = list(simulation.stream(skin, simulation.handling(1.0, 1e-3), friction=MU, radius=15e-3, rate=50.0))
+    readings = np.stack([np.asarray(f.readings) for f in frames])
+    noise = 0.01 * np.abs(readings).max() * np.random.default_rng(0).standard_normal(readings.shape)
+    return frames, readings + noise
+
+
+# -- the simulator -------------------------------------------------------------------------------------------------------
+
+
+def test_simulated_forces_are_those_of_the_story(skin: pp.Skin, story: Any) -> None:
+    frames, _ = story
+    for frame in frames:
+        p = frame.traction[2]
+        assert (p >= 0).all()
+        assert (np.hypot(*frame.traction[:2]) <= MU * p * (1 + 1e-9) + 1e-9).all()
+    held = next(f for f in frames if f.stage == "roll")
+    assert held.traction[2].sum() * skin.surface.cell == pytest.approx(1.0, rel=1e-3)
+    slid = [f for f in frames if f.sliding and np.isfinite(f.traction).all() and f.traction.any()]
+    assert slid
+    force = slid[0].traction.sum(axis=(1, 2))
+    assert np.hypot(*force[:2]) / force[2] == pytest.approx(MU, rel=1e-6)
+    assert force[0] < 0  # dragged towards -x
+    partly = next(f for f in frames if f.stage == "shear" and 0.3 < f.stick < 0.9)
+    force = partly.traction.sum(axis=(1, 2))
+    assert np.hypot(*force[:2]) / force[2] / MU == pytest.approx(1 - partly.stick**3, rel=5e-3)
+
+
+def test_simulation_on_a_line() -> None:
+    skin = pp.Skin(PAD, pp.LineArray(count=41, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"], noise=10.0))
+    stages = [Stage("press", 0.2, 100.0), Stage("drag", 0.2, 100.0, drag=0.5), Stage("slide", 0.2, 100.0, drag=1.0)]
+    frames = list(simulation.stream(skin, stages, friction=0.4, radius=0.02, rate=50.0, rng=np.random.default_rng(0)))
+    assert frames[-1].sliding
+    total = frames[-1].traction.sum(axis=1) * skin.surface.cell
+    np.testing.assert_allclose(total, [40.0, 100.0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("bad", [{"friction": 0.0}, {"radius": -1.0}, {"rate": math.nan}])
+def test_simulation_refuses(skin: pp.Skin, bad: dict[str, float]) -> None:
+    options = {"friction": 0.5, "radius": 0.01, "rate": 50.0, **bad}
+    with pytest.raises(pp.InvalidInput):
+        next(simulation.stream(skin, [Stage("press", 1.0, 1.0)], **options))
+    with pytest.raises(pp.InvalidInput):
+        Stage("press", 1.0, 1.0, drag=2.0)
+
+
+# -- the tracker ---------------------------------------------------------------------------------------------------------
+
+
+def test_tracker_agrees_with_the_batch(skin: pp.Skin, story: Any) -> None:
+    """Contact made, rolled, twisted, slipped and lost: the same traction as frame-by-frame reconstruction."""
+    frames, readings = story
+    tracker = skin.track(friction=MU, baseline=15, rate=50.0)
+    worst, forces, seen = 0.0, 0.0, 0
+    for i, (frame, reading) in enumerate(zip(frames, readings)):
+        touch = tracker.step(reading, frame.time)
+        if frame.stage == "rest" and i > 0:
+            assert not touch.touching
+            assert not np.asarray(touch.values).any()
+        if not touch.touching or i % 9:
+            continue
+        assert touch.converged
+        assert touch.time == frame.time
+        same = skin.reconstruct(reading, method="constrained", friction=MU, parameter=float(touch.parameter))  # type: ignore[arg-type]
+        if frame.traction[2].sum() * skin.surface.cell > 0.5:
+            seen += 1
+            worst = max(worst, float(np.linalg.norm(touch.values - same.values) / np.linalg.norm(same.values)))
+            forces = max(forces, float(np.abs(touch.force - same.force).max() / same.force[2]))
+    assert seen > 15
+    assert worst < 0.08  # weak patches of noise far from the contact, which only one of both may have
+    assert forces < 0.04
+    assert tracker.health.approximate == 0
+
+
+def test_tracker_solves_its_problem_exactly(skin: pp.Skin, story: Any) -> None:
+    """On its own cells a tight tolerance gives the minimiser that the exact solver finds."""
+    from palpate.inverse import Cone, minimise
+
+    frames, readings = story
+    tracker = skin.track(friction=MU, baseline=15, tolerance=1e-6, rate=50.0)
+    index = next(i for i, f in enumerate(frames) if f.stage == "shear" and f.stick < 0.8)
+    for reading in readings[: index + 1]:
+        touch = tracker.step(reading)
+    region, estimator = tracker._region, tracker.estimator
+    assert region is not None
+    level = estimator.level(1)
+    heard = np.ones(readings[0].size, dtype=bool)
+    assert tracker._baseline is not None
+    y = readings[index].ravel() - tracker._baseline
+    data = estimator.normal(level, region.cells, y, np.ones_like(y), heard)
+    hessian, n = data.gram.copy(), len(region.cells)
+    for c, q in enumerate(estimator.precisions(level, 1, region.parameter)):
+        hessian[c * n : (c + 1) * n, c * n : (c + 1) * n] += q[region.cells][:, region.cells].toarray()
+    exact = minimise(hessian, data.linear, Cone(("x", "y", "z"), MU)).traction
+    found = np.asarray(touch.values).reshape(3, -1)[:, region.cells]
+    assert np.abs(found - exact).max() < 1e-4 * exact.max()
+
+
+def test_tracker_is_as_right_as_the_truth_allows(skin: pp.Skin, story: Any) -> None:
+    frames, readings = story
+    tracker = skin.track(friction=MU, baseline=15, rate=50.0)
+    inside = []
+    for frame, reading in zip(frames, readings):
+        touch = tracker.step(reading, frame.time)
+        true = frame.traction.sum(axis=(1, 2)) * skin.surface.cell
+        if frame.stage in ("roll", "shear"):
+            assert np.abs(np.asarray(touch.force) - true).max() < 0.06 * true[2]
+            assert touch.errors is not None
+            low, high = touch.interval(0.95, "force")
+            inside.append(low[2] <= true[2] <= high[2])
+    assert np.mean(inside) > 0.8
+
+
+def test_noise_is_learned_from_the_baseline(skin: pp.Skin) -> None:
+    tracker = skin.track(baseline=40)
+    rng = np.random.default_rng(0)
+    offset = 500.0 * rng.standard_normal((3, 14, 14))
+    for _ in range(40):
+        touch = tracker.step(offset + 20.0 * rng.standard_normal((3, 14, 14)))
+        assert not touch.touching
+    truth = skin.sense(BALL)
+    touch = tracker.step(offset + truth + 20.0 * rng.standard_normal((3, 14, 14)))
+    assert touch.noise_std is not None
+    np.testing.assert_allclose(touch.noise_std, 20.0, rtol=0.03)
+    assert touch.touching
+    assert touch.force[2] == pytest.approx(1.0, abs=0.05)
+
+
+def test_drift_is_followed_only_without_contact(skin: pp.Skin) -> None:
+    """Thermal drift of ten times the noise in a minute goes into the zero; a contact held as long does not."""
+    rng = np.random.default_rng(1)
+    pattern = rng.standard_normal((3, 14, 14))
+    tracker = skin.track(baseline=20, rate=10.0, rezero=2.0)
+    pressed = skin.sense(BALL)
+    for i in range(600):
+        touch = tracker.step(20.0 * (i / 60.0) * pattern + 20.0 * rng.standard_normal(pattern.shape))
+        assert not touch.touching or i < 20
+    drift = 200.0 * pattern
+    forces = [
+        float(tracker.step(drift + pressed + 20.0 * rng.standard_normal(pattern.shape)).force[2]) for _ in range(200)
+    ]
+    assert np.mean(forces[100:]) == pytest.approx(1.0, abs=0.04)
+    assert abs(np.mean(forces[150:]) - np.mean(forces[10:60])) < 0.01
+    fixed = skin.track(baseline=20, rate=10.0, rezero=None)
+    last = [fixed.step(20.0 * (i / 60.0) * pattern + 20.0 * rng.standard_normal(pattern.shape)) for i in range(600)]
+    assert any(bool(t.touching) for t in last[-50:])  # what following the drift is for
+
+
+@pytest.mark.parametrize("how", ["nan", "stuck", "saturated", "offset"])
+def test_bad_taxels_are_noticed_and_left_out(skin: pp.Skin, how: str) -> None:
+    rng = np.random.default_rng(2)
+    tracker = skin.track(friction=MU, baseline=20)
+    pressed = skin.sense(BALL)
+    size = 0.01 * np.abs(pressed).max()
+    bad = (2, 6, 7)
+    touch = None
+    for i in range(170):
+        reading = (pressed if i > 30 else 0.0) + size * rng.standard_normal(pressed.shape)
+        if i > 60:
+            reading[bad] = {"nan": math.nan, "stuck": 123.0, "saturated": 1e9, "offset": reading[bad] + 4e4}[how]
+        touch = tracker.step(reading)
+    assert touch is not None
+    index = np.ravel_multi_index(bad, (3, 14, 14))
+    health = tracker.health
+    assert health.left_out[index]
+    assert health.left_out.sum() <= 2
+    expected = {
+        "nan": "missing",
+        "stuck": ("stuck", "unexplained"),
+        "saturated": "out of range",
+        "offset": "unexplained",
+    }
+    assert health.reasons[index] in expected[how]
+    assert "stress_zz at taxel (6, 7)" in str(health)
+    assert touch.force[2] == pytest.approx(1.0, abs=0.04)
+    assert touch.outliers is not None
+    assert touch.outliers[index]
+
+
+def test_a_taxel_comes_back(skin: pp.Skin) -> None:
+    rng = np.random.default_rng(3)
+    tracker = skin.track(baseline=10)
+    for i in range(120):
+        reading = 10.0 * rng.standard_normal((3, 14, 14))
+        if 20 < i < 40:
+            reading[0, 3, 3] = math.nan
+        tracker.step(reading)
+        if i == 39:
+            assert tracker.health.left_out.sum() == 1
+    assert not tracker.health.left_out.any()
+
+
+def test_a_glitch_is_not_a_contact(skin: pp.Skin) -> None:
+    rng = np.random.default_rng(4)
+    tracker = skin.track(baseline=10)
+    for i in range(60):
+        reading = 10.0 * rng.standard_normal((3, 14, 14))
+        if i == 40:
+            reading[2, 5, 5] = 3000.0
+        assert not tracker.step(reading).touching
+
+
+def test_late_and_uneven_frames(skin: pp.Skin, story: Any) -> None:
+    frames, readings = story
+    tracker = skin.track(friction=MU, baseline=15)
+    for frame, reading in list(zip(frames, readings))[:80]:
+        touch = tracker.step(reading, frame.time)
+    assert tracker.step(readings[10], frames[10].time) is touch
+    assert tracker.health.late == 1
+    later = tracker.step(readings[81], frames[81].time + 0.07)
+    assert later is not touch
+    with pytest.raises(pp.InvalidInput, match="finite"):
+        tracker.step(readings[82], math.nan)
+
+
+def test_creep_is_taken_out_frame_by_frame() -> None:
+    soft = pp.Viscoelastic(PAD, [(0.3, 0.5)])
+    array = pp.AreaArray(
+        shape=(12, 12), pitch=1e-3, depth=0.0, channels=["displacement_x", "displacement_y", "displacement_z"]
+    )
+    skin = pp.Skin(soft, array)
+    traction = skin.sample(BALL)
+    time = np.arange(40) / 20.0
+    held = np.where((time > 0.4)[:, None, None, None], traction[None], 0.0)
+    readings = skin.sense(held, time=time)
+    readings += 1e-3 * np.abs(readings).max() * np.random.default_rng(0).standard_normal(readings.shape)
+    tracker = skin.track(baseline=5, rezero=None)
+    forces = [float(tracker.step(r, t).force[2]) for r, t in zip(readings, time)]
+    assert forces[-1] == pytest.approx(1.0, abs=0.06)
+    assert forces[-1] == pytest.approx(forces[12], abs=0.03)  # the measured displacement grows by a fifth meanwhile
+
+
+def test_budget_gives_an_answer_in_time_and_says_so(skin: pp.Skin, story: Any) -> None:
+    frames, readings = story
+    with skin.track(friction=MU, baseline=15, budget=1e-5, rate=50.0) as tracker:
+        for frame, reading in zip(frames, readings):
+            touch = tracker.step(reading, frame.time)
+            if touch.touching:
+                assert np.isfinite(np.asarray(touch.values)).all()
+                assert (touch.values[2] >= 0).all()
+        assert tracker.health.approximate > 0
+    with skin.track(friction=MU, baseline=15, budget=1.0, rate=50.0) as tracker:
+        for frame, reading in zip(frames, readings):
+            touch = tracker.step(reading, frame.time)
+        assert tracker.health.approximate == 0
+
+
+def test_memory_is_bounded_and_reset_forgets(skin: pp.Skin, story: Any) -> None:
+    import tracemalloc
+
+    frames, readings = story
+    tracker = skin.track(friction=MU, baseline=15, rate=50.0)
+    first = [np.asarray(tracker.step(r, f.time).values) for f, r in zip(frames[:120], readings)]
+    tracemalloc.start()
+    sizes = []
+    for _ in range(3):
+        tracker.reset()
+        again = [np.asarray(tracker.step(r, f.time).values) for f, r in zip(frames[:120], readings)]
+        sizes.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
+    np.testing.assert_array_equal(again[-1], first[-1])
+    assert sizes[2] < sizes[1] + 200_000
+
+
+def test_single_precision_and_several_planes() -> None:
+    planes = [pp.AreaArray(shape=(12, 12), pitch=1e-3, depth=d, channels=["stress_zz"]) for d in (1e-3, 2e-3)]
+    skin = pp.Skin(PAD, planes)
+    reading = np.asarray(skin.sense(skin.sample(BALL)), dtype=np.float32)
+    tracker = skin.track(components=["z"])
+    touch = tracker.step(reading)
+    assert touch.values.dtype == np.float32
+    assert touch.force[2] == pytest.approx(1.0, abs=0.05)
+    parts = [reading[:1], reading[1:]]
+    np.testing.assert_allclose(skin.track(components=["z"]).step(parts).values, touch.values, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"baseline": -1}, "baseline"),
+        ({"baseline": np.zeros((2, 3))}, "shape"),
+        ({"baseline": np.full((3, 14, 14), np.nan)}, "finite"),
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"budget": -1.0}, "budget"),
+        ({"rate": 0.0}, "rate"),
+        ({"friction": -0.5}, "friction"),
+        ({"components": ["x"]}, "pressure"),
+    ],
+)
+def test_track_refuses(skin: pp.Skin, options: Any, words: str) -> None:
+    with pytest.raises(pp.PalpateError, match=words):
+        skin.track(**options)
+
+
+def test_step_refuses_another_shape_and_goes_on(skin: pp.Skin) -> None:
+    tracker = skin.track()
+    good = tracker.step(skin.sense(BALL))
+    with pytest.raises(pp.InvalidInput, match="one frame at a time"):
+        tracker.step(np.zeros((5, 3, 14, 14)))
+    assert tracker.health.frames == 1
+    np.testing.assert_allclose(tracker.step(skin.sense(BALL)).force, good.force, atol=1e-3)
+
+
+# -- the grasp -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("given", [MU, None])
+def test_slip_is_announced_before_it_happens(skin: pp.Skin, given: float | None) -> None:
+    stages = [
+        Stage("rest", 0.4, 0.0),
+        Stage("press", 0.4, 1.2),
+        Stage("load", 0.3, 1.2, drag=0.35),
+        Stage("firm", 0.8, 1.2, drag=0.35),
+        Stage("shear", 1.0, 1.2, drag=0.999),
+        Stage("slide", 0.4, 1.2, drag=1.0),
+        Stage("lift", 0.2, 0.0),
+        Stage("rest", 0.2, 0.0),
+    ]
+    frames = list(simulation.stream(skin, stages, friction=MU, radius=15e-3, rate=50.0))
+    rng = np.random.default_rng(0)
+    size = 0.01 * max(float(np.abs(np.asarray(f.readings)).max()) for f in frames)
+    heard: list[Event] = []
+    monitor = GraspMonitor(friction=given, callback=heard.append)
+    tracker = skin.track(friction=given, baseline=15, rate=50.0)
+    for frame in frames:
+        monitor.update(tracker.step(frame.readings + size * rng.standard_normal((3, 14, 14)), frame.time))
+        if frame.stage == "firm":
+            assert "incipient slip" not in monitor.going_on()
+            assert monitor.state is not None
+            assert 0.1 < monitor.state.utilisation < 0.65
+    assert heard == monitor.events
+    starts = {e.kind: e.time for e in reversed(heard) if e.began}
+    ends = {e.kind: e.time for e in heard if not e.began}
+    gross = next(f.time for f in frames if f.sliding)
+    assert 0.1 < gross - starts["incipient slip"] < 0.8
+    assert abs(gross - starts["slip"]) < 0.3
+    assert starts["contact"] < 0.6
+    assert ends["contact"] > 3.2
+    assert "contact began" in str(heard[0])
+    if given is None:
+        assert monitor.learned == pytest.approx(MU, rel=0.12)
+
+
+def test_excess_is_announced_with_its_certainty(skin: pp.Skin) -> None:
+    tracker, rng = skin.track(baseline=10), np.random.default_rng(0)
+    monitor = GraspMonitor(max_force=0.8, max_pressure=1e9)
+    for i in range(60):
+        load = min(max(i - 10, 0) / 30.0, 1.2)
+        reading = load * skin.sense(BALL) + 100.0 * rng.standard_normal((3, 14, 14))
+        monitor.update(tracker.step(reading))
+    (event,) = [e for e in monitor.events if e.kind == "excess force"]
+    assert event.began
+    assert event.probability >= 0.9
+    assert 0.78 < event.value < 0.95
+    assert not any(e.kind == "excess pressure" for e in monitor.events)
+
+
+def test_monitor_refuses() -> None:
+    with pytest.raises(pp.InvalidInput, match="friction"):
+        GraspMonitor(friction=0.0)
+    with pytest.raises(pp.InvalidInput, match="incipient"):
+        GraspMonitor(incipient=1.5)
+    skin = pp.Skin(PAD, ARRAY)
+    touch = skin.reconstruct(skin.sense(np.stack([skin.sample(BALL)] * 2)), method="tikhonov")
+    with pytest.raises(pp.InvalidInput, match="one touch"):
+        GraspMonitor().update(touch)
+    with pytest.raises(pp.InvalidInput, match="pressure"):
+        GraspMonitor().update(replace(touch.frame(0), components=("x", "y")))
