@@ -543,3 +543,17 @@ def test_masked_skin_keeps_its_surface() -> None:
     assert not fewer.planes[0].valid[3, 4]
     with pytest.raises(pp.InvalidInput, match="mask"):
         skin.masked(np.ones((3, 3), dtype=bool))
+
+
+def test_exceeding_a_limit_agrees_with_the_interval() -> None:
+    skin = pp.Skin(PAD, area())
+    readings, _ = pressed(skin, BALL, 0.02)
+    touch = skin.reconstruct(readings)
+    for of, low, high in (
+        ("force", *(v[-1] for v in touch.interval(0.9, "force"))),
+        ("peak_pressure", *touch.interval(0.9, "peak_pressure")),
+    ):
+        assert float(touch.exceeds(float(low), of)) == pytest.approx(0.95, abs=1e-6)
+        assert float(touch.exceeds(float(high), of)) == pytest.approx(0.05, abs=1e-6)
+    with pytest.raises(pp.InvalidInput, match="peak_pressure"):
+        touch.exceeds(1.0, "moment")

@@ -168,15 +168,12 @@ class GraspMonitor:
             if self.given is None and self.learned is None:
                 friction = float(weights @ mus)
                 friction_std = math.sqrt(max(float(weights @ (mus - friction) ** 2), 0.0))
-        errors = touch.errors
-        if touching and self.max_pressure is not None:
-            probabilities["excess pressure"] = _exceeds(
-                float(values[-1].max()), self.max_pressure, None if errors is None else float(errors.peak)
-            )
-        if touching and self.max_force is not None:
-            probabilities["excess force"] = _exceeds(
-                float(force[-1]), self.max_force, None if errors is None else float(errors.force[-1])
-            )
+        for kind, limit, of, value in (
+            ("excess pressure", self.max_pressure, "peak_pressure", float(values[-1].max())),
+            ("excess force", self.max_force, "force", float(force[-1])),
+        ):
+            if touching and limit is not None:
+                probabilities[kind] = float(value > limit if touch.errors is None else touch.exceeds(limit, of))
         self.state = GraspState(time, touching, force, utilisation, spread, friction, friction_std, probabilities)
         watched = {
             "contact": (float(touching), float(force[-1]), 0.0),
@@ -304,10 +301,3 @@ class GraspMonitor:
         if len(self._slid) >= LEARN:
             now = float(np.median(self._slid[-LEARN:]))
             self.learned = now if self.learned is None else 0.8 * self.learned + 0.2 * now
-
-
-def _exceeds(value: float, limit: float, std: float | None) -> float:
-    """Probability that the true value is beyond a limit."""
-    if std is None or not std > 0:
-        return float(value > limit)
-    return 0.5 * math.erfc((limit - value) / (math.sqrt(2.0) * std))

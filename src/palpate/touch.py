@@ -40,6 +40,14 @@ class Calibration:
 
         return float(scipy.special.stdtrit(self.freedom, probability))
 
+    def above(self, limit: float, value: Floats, std: Floats) -> Floats:
+        """Probability that the true value lies above ``limit``."""
+        import scipy.special
+
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = (limit - value - self.shift * std) / (self.scale * std)
+        return np.asarray(np.where(std > 0, scipy.special.stdtr(self.freedom, -z), value > limit), dtype=np.float64)
+
     def bounds(
         self, level: float, value: Floats, std: Floats, floor: Floats, *, away: bool = False
     ) -> tuple[Floats, Floats]:
@@ -398,6 +406,18 @@ class Touch:
             replace(self, values=from_numpy(side, self.values)).traction.rename(name)
             for side, name in ((low, "low"), (high, "high"))
         )  # type: ignore[return-value]
+
+    def exceeds(self, limit: float, of: str = "peak_pressure") -> Floats:
+        """Probability (*batch) that the true peak pressure [Pa], or the true normal "force" [N], exceeds ``limit``.
+
+        From the same calibrated distribution as `interval`.
+        """
+        if of not in ("peak_pressure", "force"):
+            raise InvalidInput(f'of must be "peak_pressure" or "force" (the normal force); got {of!r}.')
+        value, std, _ = self.uncalibrated(of)
+        if of == "force":
+            value, std = value[..., -1], std[..., -1]
+        return calibrated(self.method, self.surface.dimensions, of).above(limit, value, std)
 
     def uncalibrated(self, of: str, friction: float | None = None) -> tuple[Floats, Floats, Floats]:
         """Value of a quantity of `interval`, its standard deviation as the model has it, and what it cannot go below."""
