@@ -205,14 +205,15 @@ def reconstruct(
     ] = False,
 ) -> None:
     """Recover pressure and shear from a recording. Nothing to tune."""
+    from dataclasses import replace
+
     import numpy as np
 
     from palpate.elastic import Viscoelastic
-    from palpate.inverse import Errors
     from palpate.recordings import read_recording, write_touch
     from palpate.recordings.formats import file_format
     from palpate.skin import METHODS, Skin
-    from palpate.touch import Touch
+    from palpate.touch import joined
 
     target = out if out is not None else recording_file.with_name(recording_file.stem + "-touch.nc")
     file_format(target)
@@ -257,33 +258,7 @@ def reconstruct(
         skin.reconstruct(recording.readings[i : i + step], time=recording.time[i : i + step], **options)
         for i in _progress(range(0, count, step), "reconstructing")
     ]
-    first = parts[0]
-
-    def join(name: str) -> Any:
-        return (
-            None if any(getattr(p, name) is None for p in parts) else np.concatenate([getattr(p, name) for p in parts])
-        )
-
-    errors = None
-    if all(p.errors is not None for p in parts):
-        names = ("traction", "force", "moment", "center", "peak", "detail")
-        errors = Errors(*(np.concatenate([getattr(p.errors, n) for p in parts]) for n in names))
-    touch = Touch(
-        join("values"),
-        first.surface,
-        first.components,
-        first.method,
-        tuple(dict.fromkeys(n for p in parts for n in p.notes)),
-        join("parameter"),
-        join("noise_std"),
-        join("residual"),
-        first.unseen_force,
-        recording.time,
-        errors=errors,
-        converged=join("converged"),
-        touching=join("touching"),
-        outliers=join("outliers"),
-    )
+    touch = replace(joined(parts), time=recording.time)
     figure = touch.plot(frame=frame) if plot is not None else None
     write_touch(touch, target, provenance=_provenance(skin_file.read_text(encoding="utf-8"), str(recording_file)))
     if figure is not None and plot is not None:
@@ -295,6 +270,84 @@ def reconstruct(
     if touch.parameter is not None:
         typer.echo(f"parameter       {float(touch.parameter[frame]):.4g}")
     typer.echo(f"wrote           {target}" + (f", {plot}" if plot else ""))
+
+
+@app.command()
+def track(
+    recording_file: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="Recording (.nc, .h5, .npz, .csv, .mcap).")
+    ],
+    skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Result to write (.nc, .h5, .npz, .csv; .mcap with readings, touches and events, frame by frame)."
+        ),
+    ] = None,
+    friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
+    baseline: Annotated[int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches.")] = 0,
+    budget: Annotated[float | None, typer.Option(help="Milliseconds a frame may take.")] = None,
+    max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
+    max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,
+) -> None:
+    """Follow a recording frame by frame: contact, slip before it happens, excess, failing taxels."""
+    import numpy as np
+
+    from palpate.grasp import GraspMonitor
+    from palpate.recordings import read_recording, write_touch
+    from palpate.recordings.formats import file_format
+    from palpate.recordings.units import parse_quantity
+    from palpate.skin import Skin
+    from palpate.touch import joined
+
+    kind = None if out is None else file_format(out)
+    recording = read_recording(recording_file)
+    skin = Skin.from_file(skin_file, recording=recording)
+    _matching(recording, skin)
+    if not baseline < len(recording.readings):
+        raise InvalidInput(f"--baseline {baseline} leaves nothing of {len(recording.readings)} frames.")
+    line = skin.surface.dimensions == 1
+    monitor = GraspMonitor(
+        friction=friction,
+        max_pressure=None if max_pressure is None else parse_quantity(max_pressure, "pressure", "--max-pressure"),
+        max_force=None
+        if max_force is None
+        else parse_quantity(max_force, "force per length" if line else "force", "--max-force"),
+        callback=lambda event: typer.echo(str(event)),
+    )
+    bound = friction if {"z"} < set(skin.components) else None
+    touches, seconds = [], []
+    with _busy("preparing the skin"):
+        tracker = skin.track(friction=bound, baseline=baseline, budget=None if budget is None else 1e-3 * budget)
+    sink = None
+    if out is not None and kind == "mcap":
+        from palpate.recordings.mcapfile import McapRecorder
+
+        meta = _provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
+        sink = McapRecorder(out, recording.channels, positions=recording.positions, meta=meta)
+    with tracker:
+        for time, values in zip(recording.time, recording.readings):
+            touch = tracker.step(values, float(time))
+            seconds.append(tracker.seconds)
+            events = monitor.update(touch) if "z" in touch.components else []
+            if sink is not None:
+                sink.readings(float(time), values)
+                sink.touch(touch)
+                for event in events:
+                    sink.event(event)
+            elif out is not None:
+                touches.append(touch)
+    if sink is not None:
+        sink.close()
+    elif out is not None:
+        write_touch(
+            joined(touches), out, provenance=_provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
+        )
+    typer.echo(str(tracker.health))
+    ms = 1e3 * np.array(seconds)
+    typer.echo(f"a frame took    {np.median(ms):.2f} ms (median), {np.percentile(ms, 99):.2f} ms (99 %)")
+    if out is not None:
+        typer.echo(f"wrote           {out}")
 
 
 @app.command()
@@ -321,15 +374,43 @@ def convert(
     grid: Annotated[
         str | None, typer.Option(help='Interpolate scattered readings to a grid of this pitch, e.g. "8 um".')
     ] = None,
+    topic: Annotated[str | None, typer.Option(help="Topic of the readings in an MCAP file of others.")] = None,
+    path: Annotated[str, typer.Option(help="Where the taxels are in its messages, e.g. sensors[0].taxels.")] = "",
+    fields: Annotated[str | None, typer.Option(help="What to take of each taxel, e.g. x,y,z.")] = None,
+    scale: Annotated[
+        str, typer.Option(help="Multiplies the numbers to SI units: one number, or one per channel with commas.")
+    ] = "1",
+    shape: Annotated[str | None, typer.Option(help="Rows and columns of the taxels, e.g. 4x6.")] = None,
+    salvage: Annotated[bool, typer.Option("--salvage", help="Read a torn MCAP file as far as it goes.")] = False,
 ) -> None:
-    """Change the format of a recording, or read a table made elsewhere into one."""
+    """Change the format of a recording, or read a table or an MCAP file made elsewhere into one."""
     from palpate.elastic.quantities import channel_unit
     from palpate.recordings import read_recording, read_table, write_recording
     from palpate.recordings.formats import file_format
     from palpate.recordings.units import convert_factor, parse_quantity
 
     file_format(target)
-    if columns is None:
+    foreign = topic is not None or salvage
+    if foreign or path or fields or scale != "1" or shape:
+        from palpate.recordings.mcapfile import Mapping as Messages
+        from palpate.recordings.mcapfile import read_mcap
+
+        if source.suffix.lower() != ".mcap" or columns is not None:
+            raise InvalidInput("--topic, --path, --fields, --scale, --shape and --salvage describe an .mcap file.")
+        if topic is None and (path or fields or scale != "1" or shape):
+            raise InvalidInput("--path, --fields, --scale and --shape describe the messages of a --topic: name it.")
+        mapping = None
+        if topic is not None:
+            mapping = Messages(
+                topic=topic,
+                channels=channels.split(","),
+                path=path,
+                fields=fields.split(",") if fields else (),
+                scale=_numbers(scale, "--scale"),
+                shape=_shape(shape),
+            )
+        recording = read_mcap(source, mapping, salvage=salvage)
+    elif columns is None:
         if pixel or position_unit or reading_unit or follow:
             raise InvalidInput(
                 "--pixel, --position-unit, --reading-unit and --follow describe a foreign table: name its --columns too."
@@ -500,6 +581,23 @@ def paper(
 
 
 # -- help for the commands ---------------------------------------------------------------------------------------------
+
+
+def _numbers(text: str, option: str) -> list[float]:
+    try:
+        return [float(v) for v in text.split(",")]
+    except ValueError as error:
+        raise InvalidInput(f"{option} must be one number or several with commas; got {text!r}.") from error
+
+
+def _shape(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    try:
+        rows, columns = (int(v) for v in text.lower().split("x"))
+    except ValueError as error:
+        raise InvalidInput(f"--shape must be rows x columns such as 4x6; got {text!r}.") from error
+    return rows, columns
 
 
 def _check_picture(path: Path) -> None:

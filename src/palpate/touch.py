@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-__all__ = ["CALIBRATION", "Calibration", "Touch", "calibrated"]
+__all__ = ["CALIBRATION", "Calibration", "Touch", "calibrated", "joined"]
 
 
 @dataclass(frozen=True)
@@ -535,3 +536,53 @@ class Touch:
             pick(self.draws),
             pick(self.resolution),
         )
+
+
+def joined(touches: Sequence[Touch]) -> Touch:
+    """One touch of many frames, from batches (frame, ...) or from single frames of one skin and method.
+
+    Notes are those of any; of what only some have (error bars, where a stream has not got to them yet) the rest is NaN.
+    """
+    first = touches[0]
+    d = first.surface.dimensions
+    single = first.values.ndim == 1 + d
+    frames = [1 if single else len(t.values) for t in touches]
+
+    def join(parts: Sequence[Any]) -> Any:
+        known = next((p for p in parts if p is not None), None)
+        if known is None:
+            return None
+        shape = np.shape(known) if single else np.shape(known)[1:]
+        filled = [
+            np.full(shape if single else (n, *shape), math.nan) if p is None else p for p, n in zip(parts, frames)
+        ]
+        arrays = [to_numpy(p) for p in filled]
+        return np.stack(arrays) if single else np.concatenate(arrays)
+
+    def field_of(name: str) -> Any:
+        parts = [getattr(t, name) for t in touches]
+        return (
+            join(parts) if all(p is not None for p in parts) or name in ("parameter", "noise_std", "residual") else None
+        )
+
+    errors = None
+    names = ("traction", "force", "moment", "center", "peak", "detail")
+    if any(t.errors is not None for t in touches):
+        errors = Errors(*(join([None if t.errors is None else getattr(t.errors, n) for t in touches]) for n in names))
+    return Touch(
+        join([t.values for t in touches]),
+        first.surface,
+        first.components,
+        first.method,
+        tuple(dict.fromkeys(n for t in touches for n in t.notes)),
+        field_of("parameter"),
+        field_of("noise_std"),
+        field_of("residual"),
+        first.unseen_force,
+        field_of("time"),
+        errors=errors,
+        converged=field_of("converged"),
+        touching=field_of("touching"),
+        outliers=field_of("outliers"),
+        resolution=field_of("resolution"),
+    )

@@ -202,6 +202,7 @@ class Tracker:
         self._u = self._z.copy()
         self._errors: Errors | None = None
         self._errors_age, self._errors_cells = 0, 0
+        self._unnoticed: tuple[float, Errors] | None = None
         self._touching = False
         self._bad = np.zeros(n, dtype=np.int32)
         self._repeats = np.zeros(n, dtype=np.int32)
@@ -661,6 +662,11 @@ class Tracker:
             values[np.asarray(estimator.columns)[:, None], region.cells[None, :]] = self._traction()
         values = values.reshape(-1, *estimator.operator.surface.shape)
         noise = self._noise
+        errors = self._errors
+        if not self._touching and noise is not None:
+            if self._unnoticed is None or self._unnoticed[0] != noise:
+                self._unnoticed = noise, estimator.unnoticed(noise)
+            errors = self._unnoticed[1]
         touch = Touch(
             from_numpy(values, like) if hasattr(like, "dtype") else values,
             grid,
@@ -670,7 +676,7 @@ class Tracker:
             None if self._parameter is None else np.asarray(self._parameter),
             None if noise is None else noise * np.concatenate(estimator.scales),
             np.asarray(self._residual),
-            errors=self._errors if self._touching else None,
+            errors=errors,
             converged=np.asarray(converged),
             touching=np.asarray(self._touching),
             outliers=self.health.left_out.copy(),

@@ -343,7 +343,17 @@ class Constrained:
         return np.asarray(residual > max(OUTLIER * typical, gross))
 
     def _nothing(self, parameter: float, scale: float, data: Floats, outliers: Flags, draws: int) -> _Frame:
-        """No contact. The error is that of the pressure of a patch as wide as the depth, the least that would show."""
+        """No contact."""
+        grid, names = self.operator.surface, self.operator.surface.components
+        shape = (len(names), *grid.shape)
+        # from the readings themselves: the residual is all noise
+        rms = float(np.sqrt(np.mean((data / self.readings.std) ** 2)))
+        errors = self.unnoticed(scale if self.noise_known else rms)
+        empty = np.zeros((draws, *shape)) if draws else None
+        return _Frame(np.zeros(shape), errors, parameter, scale, rms, True, False, outliers, empty)
+
+    def unnoticed(self, scale: float) -> Errors:
+        """What would not be noticed: the error of the pressure of a patch as wide as the depth, the least that would show."""
         grid, names = self.operator.surface, self.operator.surface.components
         shape = (len(names), *grid.shape)
         radius = np.zeros(grid.shape)
@@ -352,21 +362,18 @@ class Constrained:
             radius = radius + (offset**2).reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
         patch = radius <= max(self.depth, max(grid.spacings)) ** 2
         response = self._levels[1].operator.columns(self.columns, np.flatnonzero(patch)).sum(axis=2)
-        # from the readings themselves: the residual is all noise
-        noise = self.readings.std * (
-            scale if self.noise_known else float(np.sqrt(np.mean((data / self.readings.std) ** 2)))
-        )
+        noise = self.readings.std * scale
         with np.errstate(divide="ignore", invalid="ignore"):
             sharp = np.where(noise[:, None] > 0, response / noise[:, None], np.inf)
         if np.isfinite(sharp).all():
-            sharp = self.readings.white(sharp, np.ones(len(data), dtype=bool))
+            sharp = self.readings.white(sharp, np.ones(len(noise), dtype=bool))
         amplitude = 1.0 / np.sqrt((sharp**2).sum(axis=0))
         area = float(patch.sum()) * grid.cell
         std, force = np.zeros(shape), np.zeros(len(names))
         for i, c in enumerate(self.columns):
             std[c], force[c] = amplitude[i], amplitude[i] * area
         reach = max(float(np.abs(x).max()) for x in grid.axes)
-        errors = Errors(
+        return Errors(
             std,
             force,
             np.full(1 if grid.dimensions == 1 else 3, force.max() * reach),
@@ -374,9 +381,6 @@ class Constrained:
             np.asarray(std[-1].max()),
             np.full(shape, math.nan),
         )
-        residual = float(np.sqrt(np.mean((data / self.readings.std) ** 2)))
-        empty = np.zeros((draws, *shape)) if draws else None
-        return _Frame(np.zeros(shape), errors, parameter, scale, residual, True, False, outliers, empty)
 
     def fit(self, linear: Floats, y: Floats, noise: Floats, heard: Flags, weight: float) -> tuple[Floats, Floats]:
         """The constrained solution on the surface grid (component, cell), and the readings that it explains.

@@ -22,7 +22,7 @@ from palpate.recordings.units import convert_factor
 __all__ = ["FORMATS", "atomically", "file_format", "read_recording", "read_table", "write_recording"]
 
 #: file name ending -> format
-FORMATS = {".nc": "netcdf", ".h5": "netcdf", ".hdf5": "netcdf", ".npz": "npz", ".csv": "csv"}
+FORMATS = {".nc": "netcdf", ".h5": "netcdf", ".hdf5": "netcdf", ".npz": "npz", ".csv": "csv", ".mcap": "mcap"}
 
 
 def file_format(path: str | Path) -> str:
@@ -77,7 +77,13 @@ def read_recording(path: str | Path) -> Recording:
     """Read a recording; the format follows the file name (`FORMATS`)."""
     kind = file_format(path)
     found = _existing(path)
-    return {"netcdf": _read_netcdf, "npz": _read_npz, "csv": _read_csv}[kind](found)
+    return {"netcdf": _read_netcdf, "npz": _read_npz, "csv": _read_csv, "mcap": _read_mcap}[kind](found)
+
+
+def _read_mcap(path: Path) -> Recording:
+    from palpate.recordings.mcapfile import read_mcap
+
+    return read_mcap(path)
 
 
 def _json(text: bytes | str, what: str) -> Any:
@@ -219,13 +225,16 @@ def _read_csv(path: Path) -> Recording:
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:
-    """Write a recording; the format follows the file name. NetCDF and NPZ keep every bit, CSV writes 17 digits."""
+    """Write a recording; the format follows the file name.
+
+    NetCDF and NPZ keep every bit, CSV writes 17 digits, MCAP single precision and nanoseconds.
+    """
     kind = file_format(path)
     if kind == "csv" and len(set(recording.channels)) != len(recording.channels):
         raise InvalidInput(
             f"{path}: a CSV names each column once, but the recording has one channel on several planes; write .nc or .npz."
         )
-    writer = {"netcdf": _write_netcdf, "npz": _write_npz, "csv": _write_csv}[kind]
+    writer = {"netcdf": _write_netcdf, "npz": _write_npz, "csv": _write_csv, "mcap": _write_mcap}[kind]
     atomically(path, lambda name: writer(recording, name))
 
 
@@ -257,6 +266,13 @@ def _write_netcdf(recording: Recording, name: str) -> None:
             positions.attrs["units"] = "m"
         file.attrs["meta"] = json.dumps(recording.meta)
         file.attrs["Conventions"] = "palpate recording 1"
+
+
+def _write_mcap(recording: Recording, name: str) -> None:
+    from palpate.recordings.mcapfile import write_mcap
+
+    os.unlink(name)  # a recorder makes its own file
+    write_mcap(recording, name)
 
 
 def _write_npz(recording: Recording, name: str) -> None:

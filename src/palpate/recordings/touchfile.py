@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,11 +22,12 @@ __all__ = ["read_touch", "write_touch"]
 def write_touch(touch: Touch, path: str | Path, *, provenance: Mapping[str, str] | None = None) -> None:
     """Write traction with coordinates and units, net force, and ``provenance`` (skin, command, version).
 
-    NetCDF (.nc, .h5) opens in xarray; .npz holds the same arrays; .csv one line per frame, cell and component.
+    NetCDF (.nc, .h5) opens in xarray; .npz holds the same arrays; .csv one line per frame, cell and component; .mcap a
+    foxglove.Grid and a WrenchStamped per frame, in single precision.
     """
     kind = file_format(path)
     record = {"method": touch.method, "notes": "\n".join(touch.notes), **touch.meta, **(provenance or {})}
-    writer = {"netcdf": _netcdf, "npz": _npz, "csv": _csv}[kind]
+    writer = {"netcdf": _netcdf, "npz": _npz, "csv": _csv, "mcap": _mcap}[kind]
     atomically(path, lambda name: writer(touch, name, record))
 
 
@@ -71,6 +73,17 @@ def _npz(touch: Touch, name: str, record: Mapping[str, str]) -> None:
         arrays["time"] = touch.time
     with open(name, "wb") as file:
         np.savez_compressed(file, **arrays)
+
+
+def _mcap(touch: Touch, name: str, record: Mapping[str, str]) -> None:
+    from palpate.recordings.mcapfile import McapRecorder
+
+    os.unlink(name)  # a recorder makes its own file
+    with McapRecorder(name, (), meta=dict(record)) as out:
+        count = 1 if touch.values.ndim == 1 + touch.surface.dimensions else len(touch.values)
+        for i in range(count):
+            one = touch.frame(i)
+            out.touch(one, float(i) if touch.time is None else float(np.atleast_1d(touch.time)[i]))
 
 
 def _csv(touch: Touch, name: str, record: Mapping[str, str]) -> None:
