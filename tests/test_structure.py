@@ -29,6 +29,7 @@ ROOMS = [
     "pads",
     "paper",
     "bench",
+    "live",
     "cli",
     "__main__",
 ]

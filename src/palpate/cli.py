@@ -351,6 +351,84 @@ def track(
 
 
 @app.command()
+def live(
+    recording_file: Annotated[
+        Path | None, typer.Argument(metavar="[RECORDING]", help="Recording to replay (.nc, .h5, .npz, .csv, .mcap).")
+    ] = None,
+    skin_file: Annotated[Path | None, typer.Option("--skin", help="skin.toml with the pad and its array.")] = None,
+    demo: Annotated[bool, typer.Option("--demo", help="A simulated finger: needs nothing else.")] = False,
+    friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
+    baseline: Annotated[int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches.")] = 0,
+    max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
+    max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,
+    speed: Annotated[float, typer.Option(help="Replay so many times faster.")] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
+    record_to: Annotated[Path | None, typer.Option(help="Folder for recordings started from the page.")] = None,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; anything but this machine needs a token.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port.")] = 8765,
+    token: Annotated[str | None, typer.Option(help="What the page must bring (made up where one is needed).")] = None,
+) -> None:
+    """Show in a browser what touches the pad, while it happens."""
+    import secrets
+    from collections.abc import Iterator
+
+    import numpy as np
+
+    from palpate.grasp import GraspMonitor
+    from palpate.live import Live, Session, serve
+    from palpate.recordings.units import parse_quantity
+    from palpate.skin import Skin
+
+    if demo == (recording_file is not None):
+        raise InvalidInput("give either a RECORDING with its --skin, or --demo.")
+    if (skin_file is None) != demo:
+        raise InvalidInput("--demo brings its own skin." if demo else "a recording needs its skin: --skin skin.toml.")
+    if not (np.isfinite(speed) and speed > 0):
+        raise InvalidInput(f"--speed must be a positive number; got {speed:g}.")
+    if record_to is not None and not record_to.is_dir():
+        raise InvalidInput(f"--record-to {record_to}: no such folder.")
+    local = host in ("127.0.0.1", "localhost", "::1")
+    if not local and token is None:
+        token = secrets.token_urlsafe(16)
+    if demo:
+        from palpate.simulation import demonstration
+
+        skin, frames = demonstration()
+        friction, baseline, loop, name = friction or 0.6, baseline or 20, True, "simulated finger"
+
+        source = frames
+    else:
+        from palpate.recordings import read_recording
+
+        recording = read_recording(recording_file)  # type: ignore[arg-type]
+        skin = Skin.from_file(skin_file, recording=recording)  # type: ignore[arg-type]
+        _matching(recording, skin)
+        name = str(recording_file)
+
+        def source() -> Iterator[tuple[float, Any]]:
+            yield from zip((recording.time / speed).tolist(), recording.readings)
+
+    line = skin.surface.dimensions == 1
+    monitor = GraspMonitor(
+        friction=friction,
+        max_pressure=None if max_pressure is None else parse_quantity(max_pressure, "pressure", "--max-pressure"),
+        max_force=None
+        if max_force is None
+        else parse_quantity(max_force, "force per length" if line else "force", "--max-force"),
+    )
+    with _busy("preparing the skin"):
+        bound = friction if {"z"} < set(skin.components) else None
+        tracker = skin.track(friction=bound, baseline=baseline, budget=0.02)
+    session = Session(skin, source, tracker, monitor, name=name, loop=loop)
+    view = Live(session, token=token, folder=record_to)
+    query = "" if token is None else f"?token={token}"
+    typer.echo(f"open http://{host if ':' not in host else f'[{host}]'}:{port}/{query}    (Ctrl-C ends)")
+    serve(view, host=host, port=port)
+
+
+@app.command()
 def convert(
     source: Annotated[
         Path,

@@ -28,7 +28,7 @@ from palpate.touch import Touch
 __all__ = ["Event", "GraspMonitor", "GraspState"]
 
 #: Parts of the contact's radius that stick, as candidates.
-STICK = np.concatenate([[0.0], np.linspace(0.15, 0.96, 20)])
+STICK = np.concatenate([[0.0], np.linspace(0.15, 0.96, 20), [0.98, 0.995]])
 #: Friction of dry contact lies about here: mean and spread of its logarithm.
 USUAL, SPREAD = math.log(0.6), 0.7
 #: Relative spread of friction from one slip to the next.
@@ -63,8 +63,11 @@ class Event:
     limit: float
 
     def __str__(self) -> str:
-        verb = "began" if self.began else "ended"
-        return f"{self.time:.3f} s  {self.kind} {verb} ({self.value:.3g}, limit {self.limit:.3g}, sure to {100 * self.probability:.0f} %)"
+        text = f"{self.time:.3f} s  {self.kind} {'began' if self.began else 'ended'}"
+        if self.kind == "contact" or not self.began:
+            return text
+        unit = {"excess pressure": " Pa", "excess force": " N"}.get(self.kind, " of the friction limit")
+        return f"{text}: {self.value:.3g}{unit}, sure to {100 * self.probability:.0f} %"
 
 
 @dataclass(frozen=True)
@@ -134,6 +137,7 @@ class GraspMonitor:
         self.learned: float | None = None
         self._on: dict[str, bool] = {}
         self._past: Floats = np.zeros(len(STICK))
+        self._smooth: float | None = None
         self._slid: list[float] = []
         self._frames = 0
         self.state: GraspState | None = None
@@ -154,20 +158,14 @@ class GraspMonitor:
         utilisation = spread = math.nan
         friction, friction_std = self._friction()
         if not touching:
-            self._past = np.zeros(len(STICK))
+            self._past, self._smooth = np.zeros(len(STICK)), None
         elif set(touch.components) == set(touch.surface.components):
-            weights, mus = self._stick(touch, values, force)
-            power = 1.0 + touch.surface.dimensions
-            used = 1.0 - STICK**power
             ratio = float(np.linalg.norm(force[:-1])) / float(force[-1])
-            utilisation = float(weights @ used)
-            spread = math.sqrt(max(float(weights @ (used - utilisation) ** 2), 0.0))
-            probabilities["incipient slip"] = float(weights @ (used >= self.incipient))
-            probabilities["slip"] = float(weights @ (used >= SLIDING))
-            self._learn(probabilities["slip"], ratio)
             if self.given is None and self.learned is None:
-                friction = float(weights @ mus)
-                friction_std = math.sqrt(max(float(weights @ (mus - friction) ** 2), 0.0))
+                utilisation, spread, friction, friction_std = self._from_shape(touch, values, force, probabilities)
+            else:
+                utilisation, spread = self._from_forces(ratio, friction, friction_std, touch, force, probabilities)
+            self._learn(probabilities["slip"], ratio)
         for kind, limit, of, value in (
             ("excess pressure", self.max_pressure, "peak_pressure", float(values[-1].max())),
             ("excess force", self.max_force, "force", float(force[-1])),
@@ -214,32 +212,45 @@ class GraspMonitor:
             return self.learned, REPEATED * self.learned
         return math.exp(USUAL), SPREAD * math.exp(USUAL)
 
-    def _stick(self, touch: Touch, values: Floats, force: Floats) -> tuple[Floats, Floats]:
-        """Probability of each candidate of `STICK`, and the friction that goes with it."""
+    def _from_forces(
+        self, ratio: float, friction: float, friction_std: float, touch: Touch, force: Floats, chances: dict[str, float]
+    ) -> tuple[float, float]:
+        """Q/(mu P) and its standard deviation where the friction is known."""
+        now = min(ratio / friction, 1.2)
+        spread = math.hypot(self._ratio_error(touch, force), now * friction_std) / friction
+        self._smooth = now if self._smooth is None else MEMORY * self._smooth + (1.0 - MEMORY) * now
+        for kind, limit in (("incipient slip", self.incipient), ("slip", SLIDING)):
+            chances[kind] = 0.5 * math.erfc((limit - self._smooth) / (math.sqrt(2.0) * max(spread, 1e-6)))
+        return min(self._smooth, 1.0), spread
+
+    def _from_shape(
+        self, touch: Touch, values: Floats, force: Floats, chances: dict[str, float]
+    ) -> tuple[float, float, float, float]:
+        """Q/(mu P) and mu, each with its standard deviation, from how shear is spread over the contact."""
         power = 1.0 + touch.surface.dimensions
         used = 1.0 - STICK**power
         tangential, normal = float(np.linalg.norm(force[:-1])), float(force[-1])
         ratio = tangential / normal
         mus = ratio / used
         error = self._ratio_error(touch, force)
-        # what is known of friction, with the error of the forces
-        if self.given is not None or self.learned is not None:
-            mu, own = self._friction()
-            log = -0.5 * ((mus - mu) / math.hypot(own, error / max(used.max(), 1e-9), 0.01 * mu)) ** 2
-            log = np.where(
-                mus < mu, np.maximum(log, -0.5 * ((ratio - mu) / math.hypot(own, error, 0.01 * mu)) ** 2), log
-            )
-        else:
-            wide = math.hypot(SPREAD, error / max(ratio, 1e-9))
-            log = -0.5 * ((np.log(np.maximum(mus, 1e-9)) - USUAL) / wide) ** 2
+        wide = math.hypot(SPREAD, error / max(ratio, 1e-9))
+        log = -0.5 * ((np.log(np.maximum(mus, 1e-9)) - USUAL) / wide) ** 2
         if tangential > 3.0 * error * normal:
             log = log + self._shape(touch, values, force, power)
         self._past = MEMORY * self._past + (1.0 - MEMORY) * (log - log.max())
         # several frames of memory say more than one
-        weights = np.exp(np.minimum(1.0 / (1.0 - MEMORY), 2.0) * (self._past - self._past.max()))
+        weights = np.exp(min(1.0 / (1.0 - MEMORY), 2.0) * (self._past - self._past.max()))
         # candidates are not evenly spread in Q/(mu P)
         weights = weights * np.abs(np.gradient(used))
-        return weights / weights.sum(), mus
+        weights = weights / weights.sum()
+        chances["incipient slip"] = float(weights @ (used >= self.incipient))
+        chances["slip"] = float(weights @ (used >= SLIDING))
+
+        def summed_up(x: Floats) -> tuple[float, float]:
+            mean = float(weights @ x)
+            return mean, math.sqrt(max(float(weights @ (x - mean) ** 2), 0.0))
+
+        return (*summed_up(used), *summed_up(mus))
 
     def _ratio_error(self, touch: Touch, force: Floats) -> float:
         """Standard deviation of Q/P."""

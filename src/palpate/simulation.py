@@ -9,18 +9,19 @@ complete. On layers the traction is what it would be on a half-space: a known tr
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.half_space import Floats, HalfSpace
 from palpate.errors import InvalidInput
+from palpate.sensing import AreaArray
 from palpate.sensing.grids import LineGrid
 from palpate.skin import Skin
 from palpate.solutions import hertz_line, hertz_point
 
-__all__ = ["Frame", "Stage", "handling", "stream"]
+__all__ = ["Frame", "Stage", "demonstration", "handling", "stream"]
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,26 @@ def handling(force: float, reach: float = 2e-3) -> list[Stage]:
         Stage("lift", 0.5, 0.0, drag=1.0, direction=math.pi),
         Stage("rest", 0.5, 0.0),
     ]
+
+
+def demonstration(rate: float = 60.0) -> tuple[Skin, Callable[[], Iterator[tuple[float, Floats]]]]:
+    """A robot's fingertip and what it feels, over and over: its skin, and a source of (time [s], readings).
+
+    16 x 16 taxels of shear and normal stress, 1.2 mm apart, 2 mm under silicone; 1 % noise; friction 0.6. Each source tells the story of
+    `handling` once, with noise of its own.
+    """
+    pad = HalfSpace(youngs_modulus=2.0e5, poissons_ratio=0.48)
+    array = AreaArray(shape=(16, 16), pitch=1.2e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
+    skin = Skin(pad, array)
+    story = list(stream(skin, handling(1.2, 2.5e-3), friction=0.6, radius=15e-3, rate=rate, start=(-2e-3, 0.0)))
+    size = 0.01 * max(float(np.abs(np.asarray(f.readings)).max()) for f in story)
+    rng = np.random.default_rng(0)
+
+    def source() -> Iterator[tuple[float, Floats]]:
+        for frame in story:
+            yield frame.time, np.asarray(frame.readings) + size * rng.standard_normal((3, 16, 16))
+
+    return skin, source
 
 
 def stream(

@@ -398,7 +398,7 @@ class Touch:
                 side[..., :-1] = shear[..., :-1]
         if self.touching is not None and not self.touching.all():
             # an empty frame's error is that of what would not show: nothing was found that could be biased
-            empty = ~self.touching.reshape(*self.touching.shape, *(1,) * (low.ndim - self.touching.ndim))
+            empty = ~self.touching.reshape((*self.touching.shape, *(1,) * (low.ndim - self.touching.ndim)))
             plain = Calibration().bounds(level, value, std, floor)
             low, high = np.where(empty, plain[0], low), np.where(empty, plain[1], high)
         if of != "traction":

@@ -1,0 +1,201 @@
+"""From source to screen: the live page in headless Chromium, its latency, and its screenshots.
+
+python benchmarks/live.py [--rate 200] [--size 32] [--seconds 60] [--shots FOLDER]
+
+Without --rate, what ``palpate live --demo`` shows. With it, a recording of --size x --size x 3 at that rate, friction known. Prints
+frames in, reconstructed and painted, and the latency from the frame's birth to the end of its painting (one clock); the last line is the
+same as JSON. Needs Chromium. One thread for arithmetic: set OPENBLAS_NUM_THREADS=1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import base64
+import contextlib
+import json
+import shutil
+import socket
+import subprocess
+import tempfile
+import threading
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import uvicorn
+import websockets
+
+import palpate as pp
+from palpate import simulation
+from palpate.live import Live, Session
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def make_session(rate: float | None, size: int) -> Session:
+    if rate is None:
+        skin, source = simulation.demonstration()
+    else:
+        pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+        array = pp.AreaArray(
+            shape=(size, size), pitch=1e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"]
+        )
+        skin = pp.Skin(pad, array)
+        story = [
+            (f.time, np.asarray(f.readings, dtype=np.float32))
+            for f in simulation.stream(
+                skin, simulation.handling(1.0, 0.05e-3 * size), friction=0.6, radius=20e-3, rate=min(rate, 200.0)
+            )
+        ]
+        noise = np.float32(0.01 * max(float(np.abs(r).max()) for _, r in story))
+        rng = np.random.default_rng(0)
+        spread = [noise * rng.standard_normal(story[0][1].shape).astype(np.float32) for _ in range(64)]
+        repeat = max(1, round(rate / 200.0))
+
+        def source() -> Iterator[tuple[float, Any]]:
+            i = 0
+            for _, reading in story:
+                for _ in range(repeat):
+                    yield i / rate, reading + spread[i % 64]
+                    i += 1
+
+    tracker = skin.track(friction=0.6, baseline=20, budget=0.02 if rate is None else 0.8 / rate)
+    return Session(skin, source, tracker, pp.GraspMonitor(friction=0.6), name="benchmark", loop=True)
+
+
+class Browser:
+    """Headless Chromium, spoken to over its debugging protocol."""
+
+    def __init__(self) -> None:
+        program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+        if program is None:
+            raise SystemExit("no Chromium on this machine.")
+        self.port, self.folder = free_port(), tempfile.mkdtemp()
+        self.process = subprocess.Popen(
+            [
+                program, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run",
+                f"--remote-debugging-port={self.port}", f"--user-data-dir={self.folder}", "about:blank",
+            ],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        self.count, self.errors = 0, []  # type: ignore[var-annotated]
+
+    async def open(self) -> None:
+        for _ in range(200):
+            with contextlib.suppress(OSError, IndexError, StopIteration):
+                with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/json/list", timeout=2) as answer:
+                    target = next(t for t in json.load(answer) if t["type"] == "page")
+                self.socket = await websockets.connect(target["webSocketDebuggerUrl"], max_size=2**26)
+                await self("Runtime.enable")
+                await self("Page.enable")
+                return
+            await asyncio.sleep(0.1)
+        raise SystemExit("Chromium did not answer.")
+
+    async def __call__(self, method: str, **params: Any) -> Any:
+        self.count += 1
+        await self.socket.send(json.dumps({"id": self.count, "method": method, "params": params}))
+        while True:
+            message = json.loads(await self.socket.recv())
+            if message.get("method") == "Runtime.exceptionThrown":
+                self.errors.append(message["params"]["exceptionDetails"].get("text", ""))
+            if message.get("id") == self.count:
+                return message.get("result", {})
+
+    async def value(self, script: str) -> Any:
+        found = await self("Runtime.evaluate", expression=script, returnByValue=True)
+        return found.get("result", {}).get("value")
+
+    async def shot(self, path: Path, address: str, width: int, height: int) -> None:
+        await self("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        await self("Page.navigate", url=address)
+        await asyncio.sleep(1.5)
+        found = await self("Page.captureScreenshot", format="png")
+        path.write_bytes(base64.b64decode(found["data"]))
+
+    def close(self) -> None:
+        self.process.terminate()
+        self.process.wait(timeout=20)
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+async def watch(address: str, session: Session, seconds: float, shots: Path | None) -> dict[str, Any]:
+    browser = Browser()
+    try:
+        await browser.open()
+        await browser("Page.navigate", url=address)
+        await asyncio.sleep(1.0)
+        before = (
+            session.count,
+            session.behind,
+            await browser.value("palpate.painted"),
+            await browser.value("palpate.received"),
+        )
+        await browser.value("palpate.latencies.length = 0")
+        await asyncio.sleep(seconds)
+        painted = await browser.value("palpate.painted")
+        found = {
+            "seconds": seconds,
+            "reconstructed": session.count - before[0],
+            "skipped": session.behind - before[1],
+            "received": await browser.value("palpate.received") - before[3],
+            "painted": painted - before[2],
+            "latency_p50_ms": await browser.value("palpate.latency(0.5)"),
+            "latency_p99_ms": await browser.value("palpate.latency(0.99)"),
+            "failures": await browser.value("palpate.failures"),
+            "approximate": session.tracker.health.approximate,
+        }
+        if shots is not None:
+            for theme in ("light", "dark"):
+                for width, height in ((1280, 680), (400, 1420)):
+                    await browser.shot(shots / f"live-{theme}-{width}.png", f"{address}?theme={theme}", width, height)
+        found["errors"] = browser.errors
+        return found
+    finally:
+        browser.close()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rate", type=float)
+    parser.add_argument("--size", type=int, default=32)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--shots", type=Path)
+    args = parser.parse_args()
+    session = make_session(args.rate, args.size)
+    port = free_port()
+    live = Live(session)
+    server = uvicorn.Server(
+        uvicorn.Config(
+            live.app, host="127.0.0.1", port=port, log_level="warning", ws_max_size=1024, ws_per_message_deflate=False
+        )
+    )
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.05)
+    if args.shots is not None:
+        time.sleep(4.0)
+    found = asyncio.run(watch(f"http://127.0.0.1:{port}/", session, args.seconds, args.shots))
+    server.should_exit = True
+    thread.join(timeout=20)
+    due = found["reconstructed"] + found["skipped"]
+    print(
+        f"{due} frames in {args.seconds:g} s, {found['reconstructed']} reconstructed ({found['approximate']} approximately), "
+        f"{found['skipped']} skipped as late, {found['received']} received, {found['painted']} painted; birth to paint p50 "
+        f"{found['latency_p50_ms']:.0f} ms, p99 {found['latency_p99_ms']:.0f} ms"
+    )
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,258 @@
+"""From a stream of readings to packets for the page: tracker, monitor and recorder in a thread of their own.
+
+A packet is the bytes "PLP1", the length of a JSON text (uint32, little-endian), that text, and the maps as float32, row by row: pressure,
+shear along x and (on an area) shear along y. The JSON holds the numbers: "frame" (count), "time" [s], "born" (clock of this machine when the
+frame came [ms]), "force", "force_low", "force_high" [N or N/m], "peak", "peak_low", "peak_high" [Pa], "utilisation" and its "spread" (Q/(mu P)),
+"friction", "touching", "converged", "ms" (time the frame took), "going_on", "events" (new ones, in words) and "health".
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import threading
+import time as clock
+from collections import deque
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate.errors import InvalidInput, PalpateError
+from palpate.grasp import Event, GraspMonitor
+from palpate.skin import Skin
+from palpate.touch import Touch
+from palpate.tracking import Tracker
+
+__all__ = ["MAGIC", "Session", "packed", "unpacked"]
+
+MAGIC = b"PLP1"
+#: Events that a page that connects late is told.
+REMEMBERED = 200
+#: Frames whose forces and slip margin it is shown.
+HISTORY = 1000
+TRAIL = ("time", "touching", "force", "force_low", "force_high", "utilisation", "spread")
+
+
+def _number(value: Any) -> float | None:
+    """JSON has no NaN."""
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def packed(
+    touch: Touch, monitor: GraspMonitor, events: Iterable[Event], health: dict[str, Any], *, born: float, ms: float
+) -> bytes:
+    """One packet."""
+    state = monitor.state
+    values = to_numpy(touch.values).astype("<f4")
+    text: dict[str, Any] = {
+        "frame": health["frames"],
+        "time": _number(touch.time),
+        "born": born,
+        "ms": round(ms, 3),
+        "touching": bool(touch.touching),
+        "converged": bool(touch.converged),
+        "force": [_number(v) for v in to_numpy(touch.force)],
+        "peak": _number(touch.peak_pressure),
+        "utilisation": None if state is None else _number(state.utilisation),
+        "spread": None if state is None else _number(state.utilisation_std),
+        "friction": None if state is None else _number(state.friction),
+        "going_on": list(monitor.going_on()),
+        "events": [str(e) for e in events],
+        "health": health,
+    }
+    if touch.errors is not None:
+        for name, of in (("force", "force"), ("peak", "peak_pressure")):
+            low, high = touch.interval(0.95, of)
+            text[f"{name}_low"] = [_number(v) for v in np.atleast_1d(low)]
+            text[f"{name}_high"] = [_number(v) for v in np.atleast_1d(high)]
+    body = json.dumps(text, separators=(",", ":")).encode()
+    maps = [values[-1], *values[:-1]]
+    return MAGIC + struct.pack("<I", len(body)) + body + b"".join(np.ascontiguousarray(m).tobytes() for m in maps)
+
+
+def unpacked(packet: bytes) -> tuple[dict[str, Any], Any]:
+    """(numbers, maps (n,) as float32 in a row) of a packet; `InvalidInput` where it is not one."""
+    if len(packet) < 8 or packet[:4] != MAGIC:
+        raise InvalidInput("not a palpate packet: it does not begin with PLP1.")
+    (size,) = struct.unpack("<I", packet[4:8])
+    if len(packet) < 8 + size or (len(packet) - 8 - size) % 4:
+        raise InvalidInput(f"a torn palpate packet of {len(packet)} bytes.")
+    try:
+        numbers = json.loads(packet[8 : 8 + size])
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InvalidInput("a palpate packet whose numbers are not JSON.") from error
+    return numbers, np.frombuffer(packet, dtype="<f4", offset=8 + size)
+
+
+class Session:
+    """Runs a stream through a tracker and a monitor and keeps the newest packet.
+
+    Parameters
+    ----------
+    skin : Skin
+    source : callable
+        Returns an iterable of (time [s], readings).
+    tracker, monitor : Tracker, GraspMonitor
+    pace : bool
+        Wait until each frame is due by its time (a recording); else take frames as they come (a sensor).
+    loop : bool
+        Begin again when the source ends.
+    """
+
+    def __init__(
+        self,
+        skin: Skin,
+        source: Callable[[], Iterable[tuple[float, Any]]],
+        tracker: Tracker,
+        monitor: GraspMonitor,
+        *,
+        name: str = "",
+        pace: bool = True,
+        loop: bool = False,
+    ) -> None:
+        self.skin, self.source, self.tracker, self.monitor = skin, source, tracker, monitor
+        self.name, self.pace, self.loop = name, pace, loop
+        self.packet: bytes | None = None
+        self.count = self.behind = 0
+        self.failure: str | None = None
+        self.past: list[str] = []
+        self.history: deque[dict[str, Any]] = deque(maxlen=HISTORY)
+        self._listeners: set[Callable[[], None]] = set()
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._recorder: Any = None
+        self.recording: str | None = None
+
+    def start(self) -> None:
+        """Begin, in a thread."""
+        self._thread = threading.Thread(target=self._run, name="palpate-session", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread and finish the recording."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(timeout=10)
+        self.record(None)
+        self.tracker.close()
+
+    def listen(self, wake: Callable[[], None]) -> Callable[[], None]:
+        """Call ``wake`` whenever there is a new packet; returns what ends it."""
+        with self._lock:
+            self._listeners.add(wake)
+
+        def end() -> None:
+            with self._lock:
+                self._listeners.discard(wake)
+
+        return end
+
+    def layout(self) -> dict[str, Any]:
+        """What does not change from packet to packet."""
+        grid = self.skin.surface
+        line = grid.dimensions == 1
+        with self._lock:
+            history = list(self.history)
+        return {
+            "name": self.name,
+            "shape": [1, *grid.shape] if line else list(grid.shape),
+            "spacing": [float(s) for s in grid.spacings],
+            "x": [float(grid.x[0]), float(grid.x[-1])],
+            "components": list(grid.components),
+            "sought": list(self.tracker.names),
+            "unit": "N/m" if line else "N",
+            "notes": list(self.tracker.notes),
+            "past": self.past[-REMEMBERED:],
+            "history": history,
+            "recording": self.recording,
+        }
+
+    def record(self, path: str | Path | None) -> str | None:
+        """Begin a recording (.mcap) at ``path``, or end the one that runs (None); returns its name."""
+        with self._lock:
+            if self._recorder is not None:
+                self._recorder.close()
+                self._recorder, self.recording = None, None
+            if path is not None:
+                from palpate.recordings.mcapfile import McapRecorder
+
+                plane = self.skin.planes[0]
+                channels = [c for p in self.skin.planes for c in p.channels]
+                positions = getattr(plane, "positions", None)
+                self._recorder = McapRecorder(path, channels, positions=positions, meta={"source": self.name})
+                self.recording = Path(path).name
+        return self.recording
+
+    def _run(self) -> None:
+        offset = 0.0
+        try:
+            while not self._stop.is_set():
+                begun = clock.perf_counter()
+                first: float | None = None
+                last = 0.0
+                for time, reading in self.source():
+                    if self._stop.is_set():
+                        return
+                    first = time if first is None else first
+                    last = time
+                    if self.pace:
+                        wait = (time - first) - (clock.perf_counter() - begun)
+                        if wait > 0:
+                            self._stop.wait(wait)
+                        elif wait < -0.1:
+                            # too late to matter: a live view shows now, not then
+                            self.behind += 1
+                            continue
+                    self._frame(offset + time - first, reading)
+                if not self.loop:
+                    return
+                offset += last - (first or 0.0) + 0.02
+        except PalpateError as error:
+            self.failure = str(error)
+            self._tell()
+
+    def _frame(self, time: float, reading: Any) -> None:
+        born = 1e3 * clock.time()
+        touch = self.tracker.step(reading, time)
+        events = self.monitor.update(touch) if "z" in touch.components else []
+        health = self.tracker.health
+        rows = np.flatnonzero(health.left_out)
+        facts = {
+            "frames": health.frames,
+            "late": health.late,
+            "approximate": health.approximate,
+            "behind": self.behind,
+            "left_out": [f"{health.label(int(r))} ({health.reasons[r]})" for r in rows[:20]],
+            "left_out_count": len(rows),
+        }
+        packet = packed(touch, self.monitor, events, facts, born=born, ms=1e3 * self.tracker.seconds)
+        with self._lock:
+            self.past += [str(e) for e in events]
+            del self.past[:-REMEMBERED]
+            if self._recorder is not None:
+                try:
+                    self._recorder.readings(time, reading)
+                    self._recorder.touch(touch, time)
+                    for event in events:
+                        self._recorder.event(event)
+                except PalpateError as error:
+                    self.failure = str(error)
+                    self._recorder, self.recording = None, None
+        self.packet = packet
+        numbers = unpacked(packet)[0]
+        with self._lock:
+            self.history.append({k: numbers[k] for k in TRAIL if k in numbers})
+        self.count += 1
+        self._tell()
+
+    def _tell(self) -> None:
+        with self._lock:
+            listeners = list(self._listeners)
+        for wake in listeners:
+            wake()
