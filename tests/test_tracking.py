@@ -220,6 +220,31 @@ def test_a_taxel_comes_back(skin: pp.Skin) -> None:
     assert not tracker.health.left_out.any()
 
 
+def test_an_offset_that_goes_away_is_forgiven(skin: pp.Skin) -> None:
+    rng = np.random.default_rng(6)
+    tracker = skin.track(friction=MU, baseline=20)
+    pressed = skin.sense(BALL)
+    size = 0.01 * np.abs(pressed).max()
+    for i in range(260):
+        reading = (pressed if i > 30 else 0.0) + size * rng.standard_normal(pressed.shape)
+        if 60 < i < 130:
+            reading[2, 6, 7] += 4e4
+        tracker.step(reading)
+        if i == 125:
+            assert tracker.health.left_out.sum() == 1
+    assert not tracker.health.left_out.any()
+
+
+def test_a_budget_blames_no_taxel(skin: pp.Skin, story: Any) -> None:
+    """While the region still grows, the solution explains little: no reason to leave taxels out."""
+    readings = story[1]
+    with skin.track(friction=MU, baseline=15, budget=2e-3, rate=50.0) as tracker:
+        for _ in range(2):
+            for reading in readings:
+                tracker.step(reading)
+        assert not tracker.health.left_out.any(), str(tracker.health)
+
+
 def test_a_glitch_is_not_a_contact(skin: pp.Skin) -> None:
     rng = np.random.default_rng(4)
     tracker = skin.track(baseline=10)

@@ -277,7 +277,9 @@ class Tracker:
         self._move(score)
         converged = self._iterate(slope, started)
         if health.frames % EVERY == 0:
-            self._look(y, noise)
+            actual = np.where(np.isfinite(scaled), scaled - self._baseline, y)
+            # a solution on its way, or on cells that are about to move, says nothing against a taxel
+            self._look(y, actual, noise, judge=converged and not self._pending)
         self._refresh_errors(y, noise)
         if not converged:
             health.approximate += 1
@@ -596,23 +598,28 @@ class Tracker:
         self._z, self._u = z, u
         return converged
 
-    def _look(self, y: Floats, noise: float) -> None:
+    def _look(self, y: Floats, actual: Floats, noise: float, *, judge: bool) -> None:
         """What the contact does not explain: pressure elsewhere, or taxels that are wrong."""
         health, grid = self.health, self.estimator.operator.surface
-        left = np.where(health.left_out, 0.0, y - self._explained())
-        heard = left[~health.left_out]
-        self._residual = float(np.sqrt(np.mean(heard**2)))
-        typical = max(noise, float(np.median(np.abs(heard))) / 0.6745)
+        out = health.left_out
+        rest = actual - self._explained()
+        left = np.where(out, 0.0, rest)
+        self._residual = float(np.sqrt(np.mean(left[~out] ** 2)))
+        typical = max(noise, float(np.median(np.abs(left[~out]))) / 0.6745)
+        limit = max(UNEXPLAINED * typical, GROSS * float(np.abs(y).max()))
         size = np.abs(left)
-        wrong = (size > UNEXPLAINED * typical) & (size > GROSS * float(np.abs(y).max()))
         # a wrong taxel bends the solution round it: the worst first
-        wrong &= size > 0.6 * float(size.max())
-        if wrong.any() and wrong.sum() <= 0.05 * len(left):
+        wrong = (size > limit) & (size > 0.6 * float(size.max()))
+        few = int(wrong.sum()) <= 0.05 * len(left)
+        if judge and few:
             self._count(wrong, "unexplained")
+            right = ~wrong & ~out & (self._repeats == 0)
+            self._bad[right] = np.minimum(self._bad[right], 0)
+            # those left out for it are taken back when contact explains them again
+            doubted = out & (health.reasons == "unexplained")
+            self._bad[doubted] = np.where(np.abs(rest[doubted]) < limit, np.minimum(self._bad[doubted], 0) - EVERY, BAD)
+        if few:
             left[wrong] = 0.0
-        self._bad = np.where(
-            ~wrong & (health.reasons != "stuck") & ~health.left_out, np.minimum(self._bad, 0), self._bad
-        )
         pull = self._adjoint(left)[-1] / np.sqrt(np.maximum(self._diagonal, 1e-300)) / typical
         if self._region is not None:
             pull[self._region.cells] = 0.0
