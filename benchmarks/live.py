@@ -118,7 +118,12 @@ class Browser:
     async def shot(self, path: Path, address: str, width: int, height: int) -> None:
         await self("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         await self("Page.navigate", url=address)
-        await asyncio.sleep(1.5)
+        await asyncio.sleep(1.0)
+        for _ in range(80):  # the moment to show is when slip is announced
+            if await self.value("!document.getElementById('alarm').hidden"):
+                break
+            await asyncio.sleep(0.1)
+        await asyncio.sleep(0.2)
         found = await self("Page.captureScreenshot", format="png")
         path.write_bytes(base64.b64decode(found["data"]))
 
