@@ -308,7 +308,11 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
     "live demo with a skin": (["live", "--demo", "--skin", "skin.toml"], None, "its own skin"),
     "live at no speed": (["live", "--demo", "--speed", "0"], None, "--speed"),
     "live to no folder": (["live", "--demo", "--record-to", "nowhere"], None, "no such folder"),
-    "track with a force in kPa": (["track", "skin.nc", "--skin", "skin.toml", "--max-force", "3 kPa"], None, "--max-force"),
+    "track with a force in kPa": (
+        ["track", "skin.nc", "--skin", "skin.toml", "--max-force", "3 kPa"],
+        None,
+        "--max-force",
+    ),
     "track into a folder": (["track", "skin.nc", "--skin", "skin.toml", "--out", "folder.nc"], None, "folder"),
     "track on no friction": (["track", "skin.nc", "--skin", "skin.toml", "--friction", "0"], None, "friction"),
     "topic of a table": (["convert", "skin.nc", "out.nc", "--topic", "/finger"], None, ".mcap"),

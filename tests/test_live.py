@@ -165,7 +165,9 @@ def test_recording_from_the_page(skin: pp.Skin, tmp_path: Path) -> None:
         names: list[Any] = []
         for stop in (False, True):
             if stop:
-                time.sleep(0.4)
+                begun = live.session.count
+                while live.session.count < begun + 30:
+                    socket.receive()
                 socket.send_text('{"record": false}')
             while len(names) < 1 + stop:
                 message = socket.receive()

@@ -421,3 +421,17 @@ def test_monitor_refuses() -> None:
         GraspMonitor().update(touch)
     with pytest.raises(pp.InvalidInput, match="pressure"):
         GraspMonitor().update(replace(touch.frame(0), components=("x", "y")))
+
+
+def test_error_bars_are_right_from_the_first_frame(skin: pp.Skin) -> None:
+    """Without a baseline the noise is learned from the first frame in contact, and its error bars go by it."""
+    rng = np.random.default_rng(0)
+    clean = skin.sense(BALL)
+    for noise in (1e-3, 1e-2):
+        reading = clean + noise * np.abs(clean).max() * rng.standard_normal(clean.shape)
+        touch = skin.track(friction=MU).step(reading)
+        same = skin.reconstruct(reading, method="constrained", friction=MU)
+        assert touch.errors is not None
+        assert same.errors is not None
+        assert 1 / 3 < touch.errors.force[2] / same.errors.force[2] < 3
+        np.testing.assert_allclose(touch.noise_std, same.noise_std, rtol=0.4)

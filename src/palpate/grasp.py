@@ -160,11 +160,14 @@ class GraspMonitor:
         if not touching:
             self._past, self._smooth = np.zeros(len(STICK)), None
         elif set(touch.components) == set(touch.surface.components):
-            ratio = float(np.linalg.norm(force[:-1])) / float(force[-1])
+            net, error = _likely(touch, force)
+            ratio = float(np.linalg.norm(net[:-1])) / float(net[-1])
             if self.given is None and self.learned is None:
-                utilisation, spread, friction, friction_std = self._from_shape(touch, values, force, probabilities)
+                utilisation, spread, friction, friction_std = self._from_shape(
+                    touch, values, net, ratio, error, probabilities
+                )
             else:
-                utilisation, spread = self._from_forces(ratio, friction, friction_std, touch, force, probabilities)
+                utilisation, spread = self._from_forces(ratio, error, friction, friction_std, probabilities)
             self._learn(probabilities["slip"], ratio)
         for kind, limit, of, value in (
             ("excess pressure", self.max_pressure, "peak_pressure", float(values[-1].max())),
@@ -213,29 +216,26 @@ class GraspMonitor:
         return math.exp(USUAL), SPREAD * math.exp(USUAL)
 
     def _from_forces(
-        self, ratio: float, friction: float, friction_std: float, touch: Touch, force: Floats, chances: dict[str, float]
+        self, ratio: float, error: float, friction: float, friction_std: float, chances: dict[str, float]
     ) -> tuple[float, float]:
         """Q/(mu P) and its standard deviation where the friction is known."""
         now = min(ratio / friction, 1.2)
-        spread = math.hypot(self._ratio_error(touch, force), now * friction_std) / friction
+        spread = math.hypot(error, now * friction_std) / friction
         self._smooth = now if self._smooth is None else MEMORY * self._smooth + (1.0 - MEMORY) * now
         for kind, limit in (("incipient slip", self.incipient), ("slip", SLIDING)):
             chances[kind] = 0.5 * math.erfc((limit - self._smooth) / (math.sqrt(2.0) * max(spread, 1e-6)))
         return min(self._smooth, 1.0), spread
 
     def _from_shape(
-        self, touch: Touch, values: Floats, force: Floats, chances: dict[str, float]
+        self, touch: Touch, values: Floats, force: Floats, ratio: float, error: float, chances: dict[str, float]
     ) -> tuple[float, float, float, float]:
         """Q/(mu P) and mu, each with its standard deviation, from how shear is spread over the contact."""
         power = 1.0 + touch.surface.dimensions
         used = 1.0 - STICK**power
-        tangential, normal = float(np.linalg.norm(force[:-1])), float(force[-1])
-        ratio = tangential / normal
         mus = ratio / used
-        error = self._ratio_error(touch, force)
         wide = math.hypot(SPREAD, error / max(ratio, 1e-9))
         log = -0.5 * ((np.log(np.maximum(mus, 1e-9)) - USUAL) / wide) ** 2
-        if tangential > 3.0 * error * normal:
+        if ratio > 3.0 * error:
             log = log + self._shape(touch, values, force, power)
         self._past = MEMORY * self._past + (1.0 - MEMORY) * (log - log.max())
         # several frames of memory say more than one
@@ -251,14 +251,6 @@ class GraspMonitor:
             return mean, math.sqrt(max(float(weights @ (x - mean) ** 2), 0.0))
 
         return (*summed_up(used), *summed_up(mus))
-
-    def _ratio_error(self, touch: Touch, force: Floats) -> float:
-        """Standard deviation of Q/P."""
-        if touch.errors is None:
-            return 0.05
-        std = np.asarray(touch.errors.force, dtype=np.float64)
-        ratio = float(np.linalg.norm(force[:-1])) / float(force[-1])
-        return float(math.hypot(float(np.linalg.norm(std[:-1])), ratio * float(std[-1])) / force[-1])
 
     def _shape(self, touch: Touch, values: Floats, force: Floats, power: float) -> Floats:
         """Log likelihood of each candidate from how shear is spread over the contact."""
@@ -312,3 +304,17 @@ class GraspMonitor:
         if len(self._slid) >= LEARN:
             now = float(np.median(self._slid[-LEARN:]))
             self.learned = now if self.learned is None else 0.8 * self.learned + 0.2 * now
+
+
+def _likely(touch: Touch, force: Floats) -> tuple[Floats, float]:
+    """Net force as it most likely is, what is known of its bias taken out, and the standard deviation of Q/P."""
+    if touch.errors is None:
+        return force, 0.05
+    low, high = touch.interval(0.6827, "force")
+    net, std = 0.5 * (low + high), 0.5 * (high - low)
+    if not net[-1] > 0:
+        return force, 0.05
+    ratio = float(np.linalg.norm(net[:-1])) / float(net[-1])
+    along = net[:-1] / max(float(np.linalg.norm(net[:-1])), 1e-300)
+    across = float(np.linalg.norm(along * std[:-1])) if ratio > 0 else float(np.linalg.norm(std[:-1]))
+    return net, math.hypot(across, ratio * float(std[-1])) / float(net[-1])

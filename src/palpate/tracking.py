@@ -274,6 +274,7 @@ class Tracker:
             self._follow_drift(scaled, elapsed)
             return self._answer(now, True, like)
         self._learn(y, noise)
+        noise = noise if self._noise is None else self._noise
         self._move(score)
         converged = self._iterate(slope, started)
         if health.frames % EVERY == 0:
@@ -488,6 +489,7 @@ class Tracker:
         if found is None:
             return
         self._parameter, scale, self._learned_energy = found
+        self._errors_age = REFRESH + 1  # the error bars go by what has been learned
         self._resolution = self.estimator.resolution(self._parameter)
         if self._noise_learned:
             self._noise = scale
@@ -634,7 +636,7 @@ class Tracker:
         if region is None:
             return
         p = self._z[-1]
-        contact = p > 0
+        contact = p > FAINT * float(p.max(initial=0.0))
         count = int(contact.sum())
         self._errors_age += 1
         stale = self._errors is None or self._errors_age > REFRESH
@@ -645,7 +647,7 @@ class Tracker:
         start = self._traction()[:, contact]
         heard = ~self.health.left_out
         std = max(noise, MODEL_ERROR * float(np.abs(y).max()))
-        weight = region.parameter / std**2
+        weight = region.parameter / noise**2 if noise > 0 else 0.0
 
         def work() -> tuple[Errors, int]:
             estimator = self.estimator

@@ -85,12 +85,17 @@ class Normal:
 
 @dataclass
 class Account:
-    """One account of a frame: a solution on some cells of a level."""
+    """One account of a frame: a solution on some cells of a level.
+
+    ``contact``, where given, is the same on the cells that are in contact beyond doubt: the errors are its. Cells where noise presses
+    now and then, beyond the array above all, are as free as any other on the face of the constraints, and would count in full.
+    """
 
     data: Normal
     hessian: Floats
     solution: Solution
     weight: float = 0.0
+    contact: Account | None = None
 
     @property
     def level(self) -> Level:

@@ -178,6 +178,14 @@ class Constrained:
             first[:, cells[position]],
             keep_face=True,
         )
+        pressure = account.solution.traction[-1]
+        sure = np.flatnonzero(pressure > FAINT * pressure.max())
+        account.contact = self.account(
+            account.data.part(sure),
+            self.precisions(level, 1, parameter / scale**2),
+            account.solution.traction[:, sure],
+            keep_face=True,
+        )
         account.weight = 1.0
         return [account]
 
@@ -474,12 +482,13 @@ class Constrained:
         """Mean traction (component, *grid) of the accounts by their weights, and the closed-form errors of every quantity."""
         grid = self.operator.surface
         parts = [quantities(m, grid, self.inside) for m in members]
+        sure = [p if m.contact is None else quantities(m.contact, grid, self.inside) for p, m in zip(parts, members)]
         weights = np.array([m.weight for m in members])
 
         def mixed(index: int) -> tuple[Floats, Floats]:
             """Mean and total variance of a quantity over the accounts."""
             values = np.stack([p[index][0] for p in parts])
-            spread = np.stack([p[index][1] for p in parts])
+            spread = np.stack([p[index][1] for p in sure])
             mean = np.tensordot(weights, values, 1)
             return mean, np.tensordot(weights, spread + (values - mean) ** 2, 1)
 
@@ -492,7 +501,7 @@ class Constrained:
         total, spread = mixed(1)
         force[list(self.columns)] = np.sqrt(spread + (MODEL_FORCE * total) ** 2)
         detail = np.full(shape, math.nan)
-        detail[list(self.columns)] = detail_of(members[0], grid)
+        detail[list(self.columns)] = detail_of(members[0].contact or members[0], grid)
         errors = Errors(
             detail=detail,
             traction=std,
