@@ -305,6 +305,8 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
     "live of nothing": (["live"], None, "--demo"),
     "live of two": (["live", "skin.nc", "--demo"], None, "either"),
     "live without a skin": (["live", "skin.nc"], None, "--skin"),
+    "live from two ports": (["live", "--udp", "9000", "--tcp", "9001", "--skin", "skin.toml"], None, "either"),
+    "live from a port without a skin": (["live", "--udp", "9000"], None, "--skin"),
     "live demo with a skin": (["live", "--demo", "--skin", "skin.toml"], None, "its own skin"),
     "live at no speed": (["live", "--demo", "--speed", "0"], None, "--speed"),
     "live to no folder": (["live", "--demo", "--record-to", "nowhere"], None, "no such folder"),

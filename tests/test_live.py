@@ -180,6 +180,30 @@ def test_recording_from_the_page(skin: pp.Skin, tmp_path: Path) -> None:
     assert "/palpate/wrench" in topics(path)
 
 
+def test_a_sensor_on_the_network(skin: pp.Skin) -> None:
+    import socket
+
+    from palpate.network import FrameListener, frame_bytes
+
+    listener = FrameListener((3, 10, 10))
+    one = Session(
+        skin, lambda: listener, skin.track(friction=0.6), pp.GraspMonitor(friction=0.6), pace=False, end=listener.close
+    )
+    reading = skin.sense(BALL) + 100.0 * np.random.default_rng(0).standard_normal((3, 10, 10))
+    with testclient.TestClient(Live(one).app) as client, client.websocket_connect("/stream") as page:
+        page.receive_text()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for i in range(5):
+                sender.sendto(b"noise", ("127.0.0.1", listener.port))
+                sender.sendto(frame_bytes(i, 0.01 * i, reading), ("127.0.0.1", listener.port))
+                numbers = unpacked(page.receive_bytes())[0]
+        assert numbers["force"][2] == pytest.approx(1.0, abs=0.05)
+        assert numbers["time"] == pytest.approx(0.04)
+        begun = time.monotonic()
+    assert time.monotonic() - begun < 5
+    assert listener.counts["malformed"] == 5
+
+
 def test_a_failing_source_is_said(skin: pp.Skin) -> None:
     live = Live(session(skin, wrong_at=30))
     with testclient.TestClient(live.app) as client, client.websocket_connect("/stream") as socket:

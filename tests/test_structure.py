@@ -24,6 +24,7 @@ ROOMS = [
     "grasp",
     "tracking",
     "recordings",
+    "network",
     "skin",
     "simulation",
     "pads",

@@ -15,6 +15,7 @@ from palpate.errors import InvalidInput, PalpateError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from palpate.grasp import GraspMonitor
     from palpate.skin import Skin
 
 __all__ = ["app", "main"]
@@ -293,10 +294,8 @@ def track(
     """Follow a recording frame by frame: contact, slip before it happens, excess, failing taxels."""
     import numpy as np
 
-    from palpate.grasp import GraspMonitor
     from palpate.recordings import read_recording, write_touch
     from palpate.recordings.formats import file_format
-    from palpate.recordings.units import parse_quantity
     from palpate.skin import Skin
     from palpate.touch import joined
 
@@ -306,15 +305,7 @@ def track(
     _matching(recording, skin)
     if not baseline < len(recording.readings):
         raise InvalidInput(f"--baseline {baseline} leaves nothing of {len(recording.readings)} frames.")
-    line = skin.surface.dimensions == 1
-    monitor = GraspMonitor(
-        friction=friction,
-        max_pressure=None if max_pressure is None else parse_quantity(max_pressure, "pressure", "--max-pressure"),
-        max_force=None
-        if max_force is None
-        else parse_quantity(max_force, "force per length" if line else "force", "--max-force"),
-        callback=lambda event: typer.echo(str(event)),
-    )
+    monitor = _monitor(skin, friction, max_pressure, max_force, lambda event: typer.echo(str(event)))
     bound = friction if {"z"} < set(skin.components) else None
     touches, seconds = [], []
     with _busy("preparing the skin"):
@@ -356,6 +347,8 @@ def live(
         Path | None, typer.Argument(metavar="[RECORDING]", help="Recording to replay (.nc, .h5, .npz, .csv, .mcap).")
     ] = None,
     skin_file: Annotated[Path | None, typer.Option("--skin", help="skin.toml with the pad and its array.")] = None,
+    udp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this UDP port.")] = None,
+    tcp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this TCP port.")] = None,
     demo: Annotated[bool, typer.Option("--demo", help="A simulated finger: needs nothing else.")] = False,
     friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
     baseline: Annotated[int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches.")] = 0,
@@ -376,19 +369,18 @@ def live(
 
     import numpy as np
 
-    from palpate.grasp import GraspMonitor
     from palpate.live import Live, Session, serve
-    from palpate.recordings.units import parse_quantity
     from palpate.skin import Skin
 
-    if demo == (recording_file is not None):
-        raise InvalidInput("give either a RECORDING with its --skin, or --demo.")
+    if sum((demo, recording_file is not None, udp is not None, tcp is not None)) != 1:
+        raise InvalidInput("give either a RECORDING, --udp or --tcp with a --skin, or --demo.")
     if (skin_file is None) != demo:
-        raise InvalidInput("--demo brings its own skin." if demo else "a recording needs its skin: --skin skin.toml.")
+        raise InvalidInput("--demo brings its own skin." if demo else "what is shown needs its skin: --skin skin.toml.")
     if not (np.isfinite(speed) and speed > 0):
         raise InvalidInput(f"--speed must be a positive number; got {speed:g}.")
     if record_to is not None and not record_to.is_dir():
         raise InvalidInput(f"--record-to {record_to}: no such folder.")
+    pace, end = True, None
     local = host in ("127.0.0.1", "localhost", "::1")
     if not local and token is None:
         token = secrets.token_urlsafe(16)
@@ -398,11 +390,25 @@ def live(
         skin, frames = demonstration()
         friction, baseline, loop, name = friction or 0.6, baseline or 20, True, "simulated finger"
 
-        source = frames
+        source: Any = frames
+    elif recording_file is None:
+        from palpate.network import FrameListener
+
+        skin = Skin.from_file(skin_file)  # type: ignore[arg-type]
+        shapes = {p.shape for p in skin.planes}
+        if len(shapes) != 1:
+            raise InvalidInput("frames from the network hold planes of one shape; this skin has several.")
+        channels = sum(len(p.channels) for p in skin.planes)
+        kind, listening = ("udp", udp) if udp is not None else ("tcp", tcp)
+        listener = FrameListener((channels, *shapes.pop()), kind=kind, port=listening or 0, host=host)
+        name, pace, end = f"{kind} port {listener.port}", False, listener.close
+
+        def source() -> FrameListener:
+            return listener
     else:
         from palpate.recordings import read_recording
 
-        recording = read_recording(recording_file)  # type: ignore[arg-type]
+        recording = read_recording(recording_file)
         skin = Skin.from_file(skin_file, recording=recording)  # type: ignore[arg-type]
         _matching(recording, skin)
         name = str(recording_file)
@@ -410,18 +416,11 @@ def live(
         def source() -> Iterator[tuple[float, Any]]:
             yield from zip((recording.time / speed).tolist(), recording.readings)
 
-    line = skin.surface.dimensions == 1
-    monitor = GraspMonitor(
-        friction=friction,
-        max_pressure=None if max_pressure is None else parse_quantity(max_pressure, "pressure", "--max-pressure"),
-        max_force=None
-        if max_force is None
-        else parse_quantity(max_force, "force per length" if line else "force", "--max-force"),
-    )
+    monitor = _monitor(skin, friction, max_pressure, max_force)
     with _busy("preparing the skin"):
         bound = friction if {"z"} < set(skin.components) else None
         tracker = skin.track(friction=bound, baseline=baseline, budget=0.02)
-    session = Session(skin, source, tracker, monitor, name=name, loop=loop)
+    session = Session(skin, source, tracker, monitor, name=name, pace=pace, loop=loop, end=end)
     view = Live(session, token=token, folder=record_to)
     query = "" if token is None else f"?token={token}"
     typer.echo(f"open http://{host if ':' not in host else f'[{host}]'}:{port}/{query}    (Ctrl-C ends)")
@@ -659,6 +658,21 @@ def paper(
 
 
 # -- help for the commands ---------------------------------------------------------------------------------------------
+
+
+def _monitor(
+    skin: Skin, friction: float | None, pressure: str | None, force: str | None, callback: Any = None
+) -> GraspMonitor:
+    from palpate.grasp import GraspMonitor
+    from palpate.recordings.units import parse_quantity
+
+    kind = "force per length" if skin.surface.dimensions == 1 else "force"
+    return GraspMonitor(
+        friction=friction,
+        max_pressure=None if pressure is None else parse_quantity(pressure, "pressure", "--max-pressure"),
+        max_force=None if force is None else parse_quantity(force, kind, "--max-force"),
+        callback=callback,
+    )
 
 
 def _numbers(text: str, option: str) -> list[float]:

@@ -102,6 +102,8 @@ class Session:
         Wait until each frame is due by its time (a recording); else take frames as they come (a sensor).
     loop : bool
         Begin again when the source ends.
+    end : callable, optional
+        Ends a source that waits for frames.
     """
 
     def __init__(
@@ -114,9 +116,10 @@ class Session:
         name: str = "",
         pace: bool = True,
         loop: bool = False,
+        end: Callable[[], None] | None = None,
     ) -> None:
         self.skin, self.source, self.tracker, self.monitor = skin, source, tracker, monitor
-        self.name, self.pace, self.loop = name, pace, loop
+        self.name, self.pace, self.loop, self._end = name, pace, loop, end
         self.packet: bytes | None = None
         self.count = self.behind = 0
         self.failure: str | None = None
@@ -137,6 +140,8 @@ class Session:
     def stop(self) -> None:
         """End the thread and finish the recording."""
         self._stop.set()
+        if self._end is not None:
+            self._end()
         if self._thread is not None:
             self._thread.join(timeout=10)
         self.record(None)
