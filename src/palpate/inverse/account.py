@@ -131,12 +131,16 @@ def scattered(values: Floats, cells: Index, shape: tuple[int, ...]) -> Floats:
     return out.reshape(shape)
 
 
-def spread_out(variance: Floats) -> Floats:
-    """The error of where the contact ends belongs to the cells just outside it too."""
+def spread_out(variance: Floats, cells: int = 1) -> Floats:
+    """The error of where the contact ends belongs to the cells just outside it too: its mean next to it, its largest farther on."""
     import scipy.ndimage
 
-    size = (1,) + (3,) * (variance.ndim - 1)
-    return np.asarray(np.maximum(variance, scipy.ndimage.uniform_filter(variance, size, mode="nearest")))
+    near = (3,) * (variance.ndim - 1)
+    out = np.maximum(variance, scipy.ndimage.uniform_filter(variance, (1, *near), mode="nearest"))
+    if cells > 1:
+        far = (2 * cells + 1,) * (variance.ndim - 1)
+        out = np.where(variance > 0, out, scipy.ndimage.maximum_filter(variance, (1, *far), mode="nearest"))
+    return np.asarray(out)
 
 
 def detail_of(account: Account, grid: Grid) -> Floats:

@@ -62,6 +62,7 @@ class Adaptive(Constrained):
     """The adaptive estimator, prepared once for an operator, the components sought and the constraints."""
 
     derivatives = (1, 2)
+    reach = 1
 
     def _ratio(self, parameter: float, unknowns: int) -> int:
         """How much finer than the surface the problem is worth solving."""

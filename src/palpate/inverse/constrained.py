@@ -86,6 +86,8 @@ class Constrained:
     edge is explained by cells farther out than anyone wants to see. ``parameter`` is the weight of the penalty, or "evidence".
     """
 
+    #: Cells round those in contact beyond doubt that share their error.
+    reach = MARGIN
     #: Derivatives whose penalties are compared by evidence.
     derivatives: tuple[int, ...] = (1,)
 
@@ -496,7 +498,7 @@ class Constrained:
         shape = (len(grid.components), *grid.shape)
         traction, std = np.zeros(shape), np.zeros(shape)
         traction[list(self.columns)] = mean
-        std[list(self.columns)] = np.sqrt(spread_out(variance))
+        std[list(self.columns)] = np.sqrt(spread_out(variance, self.reach))
         force = np.zeros(len(grid.components))
         total, spread = mixed(1)
         force[list(self.columns)] = np.sqrt(spread + (MODEL_FORCE * total) ** 2)
