@@ -218,9 +218,12 @@ class Session:
                 if not self.loop:
                     return
                 offset += last - (first or 0.0) + 0.02
-        except PalpateError as error:
-            self.failure = str(error)
+        except Exception as error:
+            # the page must say that the stream has ended, whatever ended it
+            self.failure = str(error) or type(error).__name__
             self._tell()
+            if not isinstance(error, PalpateError):
+                raise
 
     def _frame(self, time: float, reading: Any) -> None:
         born = 1e3 * clock.time()
