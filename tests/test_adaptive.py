@@ -557,3 +557,15 @@ def test_exceeding_a_limit_agrees_with_the_interval() -> None:
         assert float(touch.exceeds(float(high), of)) == pytest.approx(0.05, abs=1e-6)
     with pytest.raises(pp.InvalidInput, match="peak_pressure"):
         touch.exceeds(1.0, "moment")
+
+
+def test_no_interval_without_error_bars() -> None:
+    touch = pp.Skin(PAD, area()).reconstruct(pressed(pp.Skin(PAD, area()), BALL, 0.02)[0], method="tikhonov")
+    for ask in (
+        lambda: touch.interval(0.95),
+        lambda: touch.interval(0.95, "force"),
+        lambda: touch.exceeds(1.0),
+        lambda: touch.std,
+    ):
+        with pytest.raises(pp.Unsupported, match="gives no error bars"):
+            ask()

@@ -435,3 +435,47 @@ def test_error_bars_are_right_from_the_first_frame(skin: pp.Skin) -> None:
         assert same.errors is not None
         assert 1 / 3 < touch.errors.force[2] / same.errors.force[2] < 3
         np.testing.assert_allclose(touch.noise_std, same.noise_std, rtol=0.4)
+
+
+def test_a_given_zero_is_in_the_units_of_the_readings() -> None:
+    """Also where the noise is given, by which readings are weighed."""
+    skin = pp.Skin(PAD, replace(ARRAY, noise=[50.0, 50.0, 200.0]))
+    rng = np.random.default_rng(0)
+    offset = 2000.0 * rng.standard_normal((3, 14, 14))
+    tracker = skin.track(friction=MU, baseline=offset)
+    assert not tracker.step(offset + rng.standard_normal(offset.shape)).touching
+    touch = tracker.step(offset + skin.sense(BALL))
+    assert touch.force[2] == pytest.approx(1.0, abs=0.02)
+
+
+def test_correlated_noise_and_a_taxel_left_out() -> None:
+    """The readings that remain are whitened among themselves, on both sides of the normal equations."""
+    array = pp.AreaArray(
+        shape=(12, 12), pitch=1e-3, depth=1.5e-3, channels=["stress_zz"], noise=100.0, noise_correlation=2e-3
+    )
+    skin = pp.Skin(PAD, array)
+    clean = skin.sense(BALL)
+    rng = np.random.default_rng(0)
+    tracker = skin.track(tolerance=1e-6)
+    for _ in range(12):
+        reading = clean + array.sample_noise(rng)
+        reading[0, 6, 6] = math.nan
+        touch = tracker.step(reading)
+    assert tracker.health.left_out.sum() == 1
+    working = np.ones((12, 12), dtype=bool)
+    working[6, 6] = False
+    same = skin.masked(working).reconstruct(reading, method="constrained", parameter=float(touch.parameter))  # type: ignore[arg-type]
+    assert np.linalg.norm(touch.values - same.values) < 0.05 * np.linalg.norm(same.values)
+    assert touch.force[2] == pytest.approx(float(same.force[2]), abs=0.01)
+
+
+def test_a_new_contact_takes_nothing_over_from_the_last(skin: pp.Skin) -> None:
+    rng = np.random.default_rng(0)
+    left, right = (skin.sense(BALL.shifted(x, 0.0)) for x in (-3e-3, 3e-3))
+    with skin.track(friction=MU, baseline=10, budget=0.05) as tracker:
+        for i in range(160):
+            clean = 0.0 if i < 12 or i % 20 < 4 else left if (i // 20) % 2 else right
+            touch = tracker.step(clean + 200.0 * rng.standard_normal(left.shape))
+            if i > 60 and i % 20 == 19:
+                assert float(touch.center_of_pressure[0]) == pytest.approx(-3e-3 if (i // 20) % 2 else 3e-3, abs=3e-4)
+                assert touch.force[2] == pytest.approx(1.0, abs=0.05)

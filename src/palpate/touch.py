@@ -383,6 +383,7 @@ class Touch:
         """
         if not (isinstance(level, int | float) and 0 < level < 1):
             raise InvalidInput(f"level must lie between 0 and 1; got {level!r}.")
+        self._errors()  # says which methods have error bars
         table = CALIBRATION[self.method, self.surface.dimensions]
         known = [q for q in table if q != "shear_force"]
         if of not in known:

@@ -183,7 +183,7 @@ class Tracker:
         flat, _ = self._flat(baseline)
         if not np.isfinite(flat).all():
             raise InvalidInput("the baseline holds values that are not finite; mask dead taxels (Skin.masked).")
-        return 0, flat
+        return 0, flat / self._std
 
     def reset(self) -> None:
         """Forget contact, drift, penalty and the state of the taxels, as before the first frame."""
@@ -305,7 +305,7 @@ class Tracker:
     # -- readings ------------------------------------------------------------------------------------------------------
 
     def _flat(self, reading: Any) -> tuple[Floats, Any]:
-        """One vector of all readings, in units of `_std`, and the caller's array."""
+        """One vector of all readings, in SI units, and the caller's array."""
         arrays = self._arrays
         several = len(arrays) > 1 and isinstance(reading, list | tuple) and len(reading) == len(arrays)
         parts = [reading] if len(arrays) == 1 else list(reading) if several else self._split(reading)
@@ -430,7 +430,10 @@ class Tracker:
         """A' y of whitened readings, (component, cell)."""
         estimator = self.estimator
         if not estimator.readings.independent:
-            y = estimator.readings.white(estimator.readings.white(y, self._all), self._all)
+            heard = ~self.health.left_out
+            white = np.zeros_like(y)
+            white[heard] = estimator.readings.white(estimator.readings.white(y[heard], heard), heard)
+            y = white
         planes = [p.astype(np.float32) for p in estimator.readings.planes(y / self._std)]
         adjoint = estimator.operator.adjoint(planes)
         return np.asarray(adjoint.reshape(len(adjoint), -1)[list(estimator.columns)], dtype=np.float32)
@@ -449,6 +452,8 @@ class Tracker:
 
     def _release(self) -> None:
         self._region, self._errors = None, None
+        self._pending.clear()  # what is under way belongs to the contact that has ended
+        self._extra[:] = False
         self._z = np.zeros((len(self.names), 0), dtype=np.float32)
         self._u = self._z.copy()
 
@@ -528,7 +533,8 @@ class Tracker:
             cells = region.cells
         found = self._later("move", lambda: self._rebuilt(cells))
         if found is not None:
-            self._adopt(found)
+            # the penalty may have been learned meanwhile
+            self._adopt(found if found.parameter == self._parameter else self._rebuilt(found.cells))
 
     def _adopt(self, region: _Region) -> None:
         """Carry solution and multipliers over to another region."""

@@ -408,7 +408,7 @@ def _own(path: Path) -> dict[str, str] | None:
                     return dict(record.metadata)
                 if isinstance(record, mcap.records.Message | mcap.records.Chunk):
                     return None
-        except Exception:
+        except Exception:  # torn or foreign bytes, in the parser or a decompressor: the reading that follows says so
             return None
     return None
 
