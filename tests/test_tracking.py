@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
 
@@ -474,6 +475,10 @@ def test_a_new_contact_takes_nothing_over_from_the_last(skin: pp.Skin) -> None:
     left, right = (skin.sense(BALL.shifted(x, 0.0)) for x in (-3e-3, 3e-3))
     with skin.track(friction=MU, baseline=10, budget=0.05) as tracker:
         for i in range(160):
+            if i == 80:  # work on the contact before, that ends when it is over
+                tracker._pending["move"] = Future()
+            if i == 84:
+                assert "move" not in tracker._pending
             clean = 0.0 if i < 12 or i % 20 < 4 else left if (i // 20) % 2 else right
             touch = tracker.step(clean + 200.0 * rng.standard_normal(left.shape))
             if i > 60 and i % 20 == 19:

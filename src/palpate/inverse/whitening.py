@@ -16,6 +16,9 @@ __all__ = ["Readings", "axis_roots", "inverse_root"]
 
 Flags = npt.NDArray[np.bool_]
 
+#: Roots that are kept, one for each set of working taxels met.
+KEPT = 16
+
 
 def inverse_root(points: Floats, length: float) -> Floats:
     """R^{-1/2}, symmetric, of the correlation R = exp(-sum |dx|/length) between ``points`` (taxel, axis)."""
@@ -83,6 +86,8 @@ class Readings:
     def _root(self, plane: int, chosen: Flags) -> Floats:
         key = (plane, chosen.tobytes())
         if key not in self._roots:
+            if len(self._roots) >= KEPT:  # taxels come and go in a long stream
+                self._roots.clear()
             array = self.arrays[plane]
             axes = axis_roots(array)
             if axes is not None and array.mask is None and chosen.all():
