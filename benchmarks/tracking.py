@@ -1,6 +1,7 @@
 """The tracker: time a frame, distance from the batch reconstruction and from the truth, memory over long streams.
 
 python benchmarks/tracking.py [--frames 12000] [--size 32]
+python benchmarks/tracking.py --long 720000        an hour at 200 Hz, as fast as it goes, through tracker, monitor and live packets
 
 A simulated finger presses, rolls, twists, is dragged until it slides, and lifts, over and over (`palpate.simulation.handling`), on an
 array of shear and pressure taxels with 1 % noise, friction known. One thread for arithmetic: set OPENBLAS_NUM_THREADS=1.
@@ -11,6 +12,8 @@ from __future__ import annotations
 import argparse
 import resource
 import time
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +29,9 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=12_000)
     parser.add_argument("--size", type=int, default=32)
     parser.add_argument("--rate", type=float, default=200.0)
+    parser.add_argument(
+        "--long", type=int, default=0, help="frames of a long stream, in 12 parts, instead of the comparison"
+    )
     args = parser.parse_args()
     pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
     array = pp.AreaArray(
@@ -40,6 +46,9 @@ def main() -> None:
     clean = np.stack([np.asarray(f.readings) for f in story]).astype(np.float32)
     size = float(0.01 * np.abs(clean).max())
     print(f"{len(story)} frames of a story at {args.rate:g} Hz, {args.size} x {args.size} x 3, noise {size:.3g} Pa")
+    if args.long:
+        _long(skin, clean, size, args.long, args.rate)
+        return
     for budget in (None, 0.8 / args.rate):
         start = time.perf_counter()
         tracker = skin.track(friction=FRICTION, baseline=20, rate=args.rate, budget=budget)
@@ -87,6 +96,39 @@ def main() -> None:
                 f"{np.mean(loaded[:, 6]):.2f}, in its 50 % interval {np.mean(loaded[:, 7]):.2f}"
             )
         tracker.close()
+
+
+def _long(skin: pp.Skin, clean: Any, size: float, count: int, rate: float) -> None:
+    """Latency and memory over a long stream, part by part."""
+    from palpate.live import Session
+
+    tracker = skin.track(friction=FRICTION, baseline=20, rate=rate)
+    part = count // 12
+    seconds: list[float] = []
+
+    def frames() -> Iterator[tuple[float, Any]]:
+        rng = np.random.default_rng(0)
+        begun = time.perf_counter()
+        for i in range(count):
+            noise = rng.standard_normal(clean[0].shape, dtype=np.float32)
+            yield i / rate, clean[i % len(clean)] + size * noise
+            seconds.append(tracker.seconds)
+            if len(seconds) == part:
+                ms = np.percentile(1e3 * np.array(seconds), [50, 99, 99.9])
+                resident = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
+                now = time.perf_counter()
+                print(
+                    f"  frames to {i + 1:>7}: p50 {ms[0]:.3f}, p99 {ms[1]:.2f}, p99.9 {ms[2]:.1f} ms; {part / (now - begun):.0f} frames/s; "
+                    f"resident {resident:.1f} MB",
+                    flush=True,
+                )
+                seconds.clear()
+                begun = now
+
+    session = Session(skin, frames, tracker, pp.GraspMonitor(friction=FRICTION), pace=False)
+    session.run()
+    print(f"  {tracker.health}")
+    session.stop()
 
 
 def _compare(skin: pp.Skin, reading: Any, touch: pp.Touch, frame: simulation.Frame) -> tuple[float, ...]:

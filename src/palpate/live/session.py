@@ -134,7 +134,7 @@ class Session:
 
     def start(self) -> None:
         """Begin, in a thread."""
-        self._thread = threading.Thread(target=self._run, name="palpate-session", daemon=True)
+        self._thread = threading.Thread(target=self.run, name="palpate-session", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
@@ -194,7 +194,8 @@ class Session:
                 self.recording = Path(path).name
         return self.recording
 
-    def _run(self) -> None:
+    def run(self) -> None:
+        """The stream to its end, in this thread."""
         offset = 0.0
         try:
             while not self._stop.is_set():
