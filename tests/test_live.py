@@ -19,7 +19,7 @@ import pytest
 import palpate as pp
 from palpate import solutions
 from palpate.live import Live, Session, packed, unpacked
-from palpate.recordings.mcapfile import read_mcap, topics
+from palpate.recordings.robots import read_robot, topics
 
 testclient = pytest.importorskip("starlette.testclient")
 
@@ -176,7 +176,7 @@ def test_recording_from_the_page(skin: pp.Skin, tmp_path: Path) -> None:
     assert names[1] is None
     (path,) = tmp_path.iterdir()
     assert path.name == names[0]
-    assert len(read_mcap(path).readings) > 10
+    assert len(read_robot(path).readings) > 10
     assert "/palpate/wrench" in topics(path)
 
 

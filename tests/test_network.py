@@ -1,12 +1,13 @@
-"""Frames by UDP and TCP: what is sent arrives, and nonsense is counted, not believed."""
+"""Frames by UDP, TCP and WebSocket: what is sent arrives, and nonsense is counted, not believed."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 import socket
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -38,16 +39,27 @@ def test_round_trip() -> None:
         frame_bytes(0, 0.0, np.zeros(3))
 
 
-@pytest.mark.parametrize("kind", ["udp", "tcp"])
+@contextlib.contextmanager
+def sending(kind: str, port: int) -> Iterator[Callable[[bytes], object]]:
+    """What sends one message after another to a listener."""
+    if kind == "ws":
+        client = pytest.importorskip("websockets.sync.client")
+        with client.connect(f"ws://127.0.0.1:{port}", compression=None) as connection:
+            yield connection.send
+        return
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM) as plain:
+        plain.connect(("127.0.0.1", port))
+        yield lambda data: plain.sendall(data if kind == "udp" else struct.pack("<I", len(data)) + data)
+
+
+@pytest.mark.parametrize("kind", ["udp", "tcp", "ws"])
 def test_frames_arrive(kind: str) -> None:
     values = np.random.default_rng(0).standard_normal((50, *SHAPE)).astype(np.float32)
     with FrameListener(SHAPE, kind=kind) as listener:
         stream = iter(listener)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM) as sender:
-            sender.connect(("127.0.0.1", listener.port))
+        with sending(kind, listener.port) as send:
             for i, frame in enumerate(values):
-                data = frame_bytes(i, 0.01 * (i + 1), frame)
-                sender.sendall(data if kind == "udp" else struct.pack("<I", len(data)) + data)
+                send(frame_bytes(i, 0.01 * (i + 1), frame))
                 stamp, found = next(stream)
                 assert stamp == pytest.approx(0.01 * (i + 1))
                 np.testing.assert_array_equal(found, frame)
@@ -67,7 +79,7 @@ def test_the_newest_are_kept_and_the_order_is_watched() -> None:
         np.testing.assert_allclose(stamps, 0.1 * np.arange(20 - WAITING, 20))
 
 
-@pytest.mark.parametrize("kind", ["udp", "tcp"])
+@pytest.mark.parametrize("kind", ["udp", "tcp", "ws"])
 def test_hostile_messages(kind: str) -> None:
     """A thousand malformed, oversized, truncated, misshapen and late messages: counted by name, and the listener lives on."""
     rng = np.random.default_rng(0)
@@ -86,21 +98,34 @@ def test_hostile_messages(kind: str) -> None:
     with FrameListener(SHAPE, kind=kind) as listener:
         for what, data in made:
             before = listener.counts[what]
-            if kind == "udp":
-                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-                    sender.sendto(data, ("127.0.0.1", listener.port))
-            else:
-                with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as sender:
-                    sender.connect(("127.0.0.1", listener.port))
-                    sender.sendall(struct.pack("<I", len(data)) + data)
+            with sending(kind, listener.port) as send:
+                send(data)
             wait(lambda what=what, before=before: listener.counts[what] == before + 1)  # type: ignore[misc]
         assert listener.counts == {
-            "frames": 0, "dropped": 0, "malformed": 600, "oversized": 200, "shape": 200, "late": 0,
+            "frames": 0, "dropped": 0, "malformed": 600, "oversized": 200, "shape": 200, "late": 0, "busy": 0,
         }  # fmt: skip
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM) as sender:
-            sender.connect(("127.0.0.1", listener.port))
-            sender.sendall(good if kind == "udp" else struct.pack("<I", len(good)) + good)
+        with sending(kind, listener.port) as send:
+            send(good)
             assert next(iter(listener))[0] == 1.0
+
+
+def test_websocket_is_for_one_driver() -> None:
+    """Text is refused, a web page is refused, and so is a second sender; the first goes on."""
+    client = pytest.importorskip("websockets.sync.client")
+    from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+    with FrameListener(SHAPE, kind="ws") as listener:
+        where = f"ws://127.0.0.1:{listener.port}"
+        with client.connect(where) as first:
+            first.send("hello")
+            wait(lambda: listener.counts["malformed"] == 1)
+            with client.connect(where) as second, pytest.raises(ConnectionClosed):
+                second.recv(timeout=5)
+            assert listener.counts["busy"] == 1
+            with pytest.raises(InvalidStatus):
+                client.connect(where, origin="http://elsewhere.example")
+            first.send(frame_bytes(0, 0.5, np.zeros(SHAPE)))
+            assert next(iter(listener))[0] == 0.5
 
 
 def test_from_the_wire_to_newtons() -> None:

@@ -176,10 +176,14 @@ def simulate(
 
 @app.command()
 def reconstruct(
-    recording_file: Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (.nc, .h5, .npz or .csv).")],
+    recording_file: Annotated[
+        Path,
+        typer.Argument(metavar="RECORDING", help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag)."),
+    ],
     skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
     out: Annotated[
-        Path | None, typer.Option(help="Result to write (.nc, .h5, .npz or .csv); default: RECORDING-touch.nc.")
+        Path | None,
+        typer.Option(help="Result to write (.nc, .h5, .npz, .csv, .zarr or .mcap); default: RECORDING-touch.nc."),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of one frame to write (.png, .pdf or .svg).")] = None,
     frame: Annotated[int, typer.Option(help="Frame to draw and to print; -1 is the last.")] = -1,
@@ -211,7 +215,7 @@ def reconstruct(
     import numpy as np
 
     from palpate.elastic import Viscoelastic
-    from palpate.recordings import read_recording, write_touch
+    from palpate.recordings import read_recording, read_stream, write_touch
     from palpate.recordings.formats import file_format
     from palpate.skin import METHODS, Skin
     from palpate.touch import joined
@@ -224,7 +228,7 @@ def reconstruct(
         raise InvalidInput(f"method must be one of {', '.join(m for m in METHODS if m != 'wiener')}; got {method!r}.")
     if friction is not None and not (np.isfinite(friction) and friction != 0):
         raise InvalidInput(f"friction must be a finite number other than 0; got {friction:g}.")
-    recording = read_recording(recording_file)
+    recording = read_recording(recording_file, mapping=read_stream(skin_file))
     skin = Skin.from_file(skin_file, recording=recording)
     _matching(recording, skin)
     if drop_missing and recording.missing.any():
@@ -276,13 +280,14 @@ def reconstruct(
 @app.command()
 def track(
     recording_file: Annotated[
-        Path, typer.Argument(metavar="RECORDING", help="Recording (.nc, .h5, .npz, .csv, .mcap).")
+        Path,
+        typer.Argument(metavar="RECORDING", help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag)."),
     ],
     skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Result to write (.nc, .h5, .npz, .csv; .mcap with readings, touches and events, frame by frame)."
+            help="Readings, touches and events to write, frame by frame (.mcap, .nc, .h5, .zarr), or the touches alone (.npz, .csv)."
         ),
     ] = None,
     friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
@@ -294,13 +299,13 @@ def track(
     """Follow a recording frame by frame: contact, slip before it happens, excess, failing taxels."""
     import numpy as np
 
-    from palpate.recordings import read_recording, write_touch
+    from palpate.recordings import read_recording, read_stream, recorder, write_touch
     from palpate.recordings.formats import file_format
     from palpate.skin import Skin
     from palpate.touch import joined
 
     kind = None if out is None else file_format(out)
-    recording = read_recording(recording_file)
+    recording = read_recording(recording_file, mapping=read_stream(skin_file))
     skin = Skin.from_file(skin_file, recording=recording)
     _matching(recording, skin)
     if not baseline < len(recording.readings):
@@ -311,11 +316,9 @@ def track(
     with _busy("preparing the skin"):
         tracker = skin.track(friction=bound, baseline=baseline, budget=None if budget is None else 1e-3 * budget)
     sink = None
-    if out is not None and kind == "mcap":
-        from palpate.recordings.mcapfile import McapRecorder
-
+    if out is not None and kind in ("mcap", "netcdf", "zarr"):
         meta = _provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
-        sink = McapRecorder(out, recording.channels, positions=recording.positions, meta=meta)
+        sink = recorder(out, recording.channels, positions=recording.positions, meta=meta)
     with tracker:
         for time, values in zip(recording.time, recording.readings):
             touch = tracker.step(values, float(time))
@@ -344,11 +347,15 @@ def track(
 @app.command()
 def live(
     recording_file: Annotated[
-        Path | None, typer.Argument(metavar="[RECORDING]", help="Recording to replay (.nc, .h5, .npz, .csv, .mcap).")
+        Path | None,
+        typer.Argument(
+            metavar="[RECORDING]", help="Recording to replay (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag)."
+        ),
     ] = None,
     skin_file: Annotated[Path | None, typer.Option("--skin", help="skin.toml with the pad and its array.")] = None,
     udp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this UDP port.")] = None,
     tcp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this TCP port.")] = None,
+    ws: Annotated[int | None, typer.Option(min=1, max=65535, help="Take frames by WebSocket on this port.")] = None,
     demo: Annotated[bool, typer.Option("--demo", help="A simulated finger: needs nothing else.")] = False,
     friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
     baseline: Annotated[int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches.")] = 0,
@@ -356,6 +363,13 @@ def live(
     max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,
     speed: Annotated[float, typer.Option(help="Replay so many times faster.")] = 1.0,
     loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
+    record: Annotated[
+        Path | None, typer.Option(help="Record from the start (.mcap, .nc, .h5, .zarr): readings, touches, events.")
+    ] = None,
+    foxglove: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Serve Foxglove on this port too (ws://127.0.0.1:PORT).")
+    ] = None,
+    rerun: Annotated[bool, typer.Option("--rerun", help="Show it in Rerun's viewer too.")] = False,
     record_to: Annotated[Path | None, typer.Option(help="Folder for recordings started from the page.")] = None,
     host: Annotated[
         str, typer.Option(help="Address to listen on; anything but this machine needs a token.")
@@ -369,11 +383,15 @@ def live(
 
     import numpy as np
 
-    from palpate.live import Live, Session, serve
+    from palpate.live import FoxgloveServer, Live, RerunSink, Session, serve
+    from palpate.live.server import BUDGET, LOCAL
+    from palpate.live.session import recorded
+    from palpate.recordings import Sink, recorder
     from palpate.skin import Skin
 
-    if sum((demo, recording_file is not None, udp is not None, tcp is not None)) != 1:
-        raise InvalidInput("give either a RECORDING, --udp or --tcp with a --skin, or --demo.")
+    listening = {k: v for k, v in (("udp", udp), ("tcp", tcp), ("ws", ws)) if v is not None}
+    if sum((demo, recording_file is not None, len(listening))) != 1:
+        raise InvalidInput("give either a RECORDING, --udp, --tcp or --ws with a --skin, or --demo.")
     if (skin_file is None) != demo:
         raise InvalidInput("--demo brings its own skin." if demo else "what is shown needs its skin: --skin skin.toml.")
     if not (np.isfinite(speed) and speed > 0):
@@ -381,8 +399,7 @@ def live(
     if record_to is not None and not record_to.is_dir():
         raise InvalidInput(f"--record-to {record_to}: no such folder.")
     pace, end = True, None
-    local = host in ("127.0.0.1", "localhost", "::1")
-    if not local and token is None:
+    if host not in LOCAL and token is None:
         token = secrets.token_urlsafe(16)
     if demo:
         from palpate.simulation import demonstration
@@ -399,16 +416,16 @@ def live(
         if len(shapes) != 1:
             raise InvalidInput("frames from the network hold planes of one shape; this skin has several.")
         channels = sum(len(p.channels) for p in skin.planes)
-        kind, listening = ("udp", udp) if udp is not None else ("tcp", tcp)
-        listener = FrameListener((channels, *shapes.pop()), kind=kind, port=listening or 0, host=host)
+        kind, where = listening.popitem()
+        listener = FrameListener((channels, *shapes.pop()), kind=kind, port=where, host=host)
         name, pace, end = f"{kind} port {listener.port}", False, listener.close
 
         def source() -> FrameListener:
             return listener
     else:
-        from palpate.recordings import read_recording
+        from palpate.recordings import read_recording, read_stream
 
-        recording = read_recording(recording_file)
+        recording = read_recording(recording_file, mapping=read_stream(skin_file))  # type: ignore[arg-type]
         skin = Skin.from_file(skin_file, recording=recording)  # type: ignore[arg-type]
         _matching(recording, skin)
         name = str(recording_file)
@@ -419,8 +436,16 @@ def live(
     monitor = _monitor(skin, friction, max_pressure, max_force)
     with _busy("preparing the skin"):
         bound = friction if {"z"} < set(skin.components) else None
-        tracker = skin.track(friction=bound, baseline=baseline, budget=0.02)
-    session = Session(skin, source, tracker, monitor, name=name, pace=pace, loop=loop, end=end)
+        tracker = skin.track(friction=bound, baseline=baseline, budget=BUDGET)
+    sinks: list[Sink] = []
+    if record is not None:
+        sinks.append(recorder(record, **recorded(skin), meta=_provenance(_source(skin_file), name)))
+    if foxglove is not None:
+        sinks.append(FoxgloveServer(recorded(skin)["channels"], port=foxglove))
+        typer.echo(f"Foxglove: open a connection to ws://127.0.0.1:{foxglove}")
+    if rerun:
+        sinks.append(RerunSink())
+    session = Session(skin, source, tracker, monitor, name=name, pace=pace, loop=loop, end=end, sinks=sinks)
     view = Live(session, token=token, folder=record_to)
     query = "" if token is None else f"?token={token}"
     typer.echo(f"open http://{host if ':' not in host else f'[{host}]'}:{port}/{query}    (Ctrl-C ends)")
@@ -435,7 +460,7 @@ def convert(
             help="Recording, or a table of others: a CSV with a header, or HDF5 with positions and vectors."
         ),
     ],
-    target: Annotated[Path, typer.Argument(help="Recording to write (.nc, .h5, .npz or .csv).")],
+    target: Annotated[Path, typer.Argument(help="Recording to write (.nc, .h5, .npz, .csv, .zarr or .mcap).")],
     columns: Annotated[
         str | None,
         typer.Option(help="Columns x, y and channels of a foreign CSV (x,y,u,v), or data sets pos,vec of HDF5."),
@@ -451,42 +476,58 @@ def convert(
     grid: Annotated[
         str | None, typer.Option(help='Interpolate scattered readings to a grid of this pitch, e.g. "8 um".')
     ] = None,
-    topic: Annotated[str | None, typer.Option(help="Topic of the readings in an MCAP file of others.")] = None,
+    skin_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--skin", help="skin.toml whose section [stream] says where the readings are in a robot's messages."
+        ),
+    ] = None,
+    topic: Annotated[str | None, typer.Option(help="Topic of the readings in a robot's MCAP file or bag.")] = None,
     path: Annotated[str, typer.Option(help="Where the taxels are in its messages, e.g. sensors[0].taxels.")] = "",
     fields: Annotated[str | None, typer.Option(help="What to take of each taxel, e.g. x,y,z.")] = None,
     scale: Annotated[
         str, typer.Option(help="Multiplies the numbers to SI units: one number, or one per channel with commas.")
     ] = "1",
     shape: Annotated[str | None, typer.Option(help="Rows and columns of the taxels, e.g. 4x6.")] = None,
-    salvage: Annotated[bool, typer.Option("--salvage", help="Read a torn MCAP file as far as it goes.")] = False,
+    markers: Annotated[
+        bool, typer.Option("--markers", help="The numbers are positions of markers: read their displacement.")
+    ] = False,
+    salvage: Annotated[
+        bool, typer.Option("--salvage", help="Read a torn MCAP file, or HDF5 that was not closed, as far as it goes.")
+    ] = False,
 ) -> None:
-    """Change the format of a recording, or read a table or an MCAP file made elsewhere into one."""
+    """Change the format of a recording, or read a table, an MCAP file or a ROS bag made elsewhere into one."""
     from palpate.elastic.quantities import channel_unit
-    from palpate.recordings import read_recording, read_table, write_recording
+    from palpate.recordings import TopicMapping, read_recording, read_stream, read_table, write_recording
     from palpate.recordings.formats import file_format
+    from palpate.recordings.robots import is_bag
     from palpate.recordings.units import convert_factor, parse_quantity
 
     file_format(target)
-    foreign = topic is not None or salvage
-    if foreign or path or fields or scale != "1" or shape:
-        from palpate.recordings.mcapfile import Mapping as Messages
-        from palpate.recordings.mcapfile import read_mcap
-
-        if source.suffix.lower() != ".mcap" or columns is not None:
-            raise InvalidInput("--topic, --path, --fields, --scale, --shape and --salvage describe an .mcap file.")
-        if topic is None and (path or fields or scale != "1" or shape):
-            raise InvalidInput("--path, --fields, --scale and --shape describe the messages of a --topic: name it.")
-        mapping = None
+    described = bool(path or fields or scale != "1" or shape or markers)
+    if topic is not None or described or salvage or skin_file is not None:
+        if columns is not None:
+            raise InvalidInput("--columns describes a table; --topic, --skin and --salvage what a robot recorded.")
+        if described and topic is None:
+            raise InvalidInput("--path, --fields, --scale, --shape and --markers describe the messages of a --topic: name it.")
+        if topic is not None and skin_file is not None:
+            raise InvalidInput("give either --topic or a --skin with a section [stream].")
+        mapping = None if skin_file is None else read_stream(skin_file)
+        if skin_file is not None and mapping is None:
+            raise InvalidInput(f"{skin_file} has no section [stream] that says where the readings are.")
         if topic is not None:
-            mapping = Messages(
+            mapping = TopicMapping(
                 topic=topic,
                 channels=channels.split(","),
                 path=path,
                 fields=fields.split(",") if fields else (),
                 scale=_numbers(scale, "--scale"),
                 shape=_shape(shape),
+                markers=markers,
             )
-        recording = read_mcap(source, mapping, salvage=salvage)
+            if not (is_bag(source) or source.suffix.lower() == ".mcap"):
+                raise InvalidInput(f"--topic describes an .mcap file or a bag; got {source}.")
+        recording = read_recording(source, mapping=mapping, salvage=salvage)
     elif columns is None:
         if pixel or position_unit or reading_unit or follow:
             raise InvalidInput(
@@ -673,6 +714,10 @@ def _monitor(
         max_force=None if force is None else parse_quantity(force, kind, "--max-force"),
         callback=callback,
     )
+
+
+def _source(skin_file: Path | None) -> str:
+    return "" if skin_file is None else skin_file.read_text(encoding="utf-8")
 
 
 def _numbers(text: str, option: str) -> list[float]:

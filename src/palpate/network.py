@@ -1,16 +1,18 @@
-"""Frames over the network: a small binary form by UDP or TCP, for drivers in any language.
+"""Frames over the network: a small binary form by UDP, TCP or WebSocket, for drivers in any language.
 
 One frame is, little-endian,
 
     "PLPF" | sequence uint32 | time float64 [s] | channels uint16 | rows uint16 | columns uint16 | values float32
 
 with the values as (channel, row, column), in SI units, compression positive, NaN where missing; taxels that lie on a line or anywhere are
-one row. By UDP a frame is one datagram; by TCP each frame follows its length in bytes (uint32). `frame_bytes` makes one.
+one row. By UDP a frame is one datagram; by TCP each frame follows its length in bytes (uint32); by WebSocket a frame is one binary message,
+from programs, not from web pages (an Origin is refused), one sender at a time. `frame_bytes` makes one.
 """
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import socket
 import struct
@@ -23,7 +25,7 @@ import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate.elastic.half_space import Floats
-from palpate.errors import InvalidInput
+from palpate.errors import InvalidInput, Unsupported
 
 __all__ = ["FrameListener", "frame_bytes", "frame_from_bytes"]
 
@@ -58,6 +60,13 @@ def frame_from_bytes(data: bytes) -> tuple[int, float, Floats]:
     return sequence, time, np.asarray(values, dtype=np.float64)
 
 
+def _quiet() -> logging.Logger:
+    """Handshakes that fail are the sender's affair."""
+    logger = logging.getLogger("palpate.network")
+    logger.setLevel(logging.CRITICAL)
+    return logger
+
+
 class FrameListener:
     """Listens for frames and gives them out one by one, the newest first where too many wait.
 
@@ -65,7 +74,7 @@ class FrameListener:
     ----------
     shape : sequence of int
         (channel, *array) of a frame; others are refused.
-    kind : "udp" or "tcp"
+    kind : "udp", "tcp" or "ws"
     port : int
         0 takes a free one; see `port`.
     host : str
@@ -75,20 +84,23 @@ class FrameListener:
     ----------
     counts : dict
         "frames" taken in, "dropped" because newer ones came, and what was refused: "malformed", "oversized", "shape", "late" (a sequence
-        or time not after the last).
+        or time not after the last), "busy" (a second sender).
     """
 
     def __init__(self, shape: Sequence[int], *, kind: str = "udp", port: int = 0, host: str = "127.0.0.1") -> None:
-        if kind not in ("udp", "tcp"):
-            raise InvalidInput(f'kind must be "udp" or "tcp"; got {kind!r}.')
+        if kind not in ("udp", "tcp", "ws"):
+            raise InvalidInput(f'kind must be "udp", "tcp" or "ws"; got {kind!r}.')
         self.shape = tuple(int(n) for n in shape)
-        self.counts = dict.fromkeys(("frames", "dropped", "malformed", "oversized", "shape", "late"), 0)
+        self.counts = dict.fromkeys(("frames", "dropped", "malformed", "oversized", "shape", "late", "busy"), 0)
         self._largest = _HEAD.size + 4 * math.prod(self.shape)
         self._frames: deque[tuple[float, Floats]] = deque(maxlen=WAITING)
         self._ready = threading.Condition()
         self._open = True
         self._last: tuple[int, float] | None = None
         self._kind = kind
+        if kind == "ws":
+            self._thread = self._serve_ws(host, port)
+            return
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM)
         try:
             if kind == "tcp":
@@ -122,14 +134,64 @@ class FrameListener:
         with self._ready:
             self._open = False
             self._ready.notify_all()
+        if self._kind == "ws":
+            self._server.shutdown()
         self._thread.join(timeout=5)
-        self._socket.close()
+        if self._kind != "ws":
+            self._socket.close()
 
     def __enter__(self) -> FrameListener:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _serve_ws(self, host: str, port: int) -> threading.Thread:
+        try:
+            from websockets.sync.server import serve
+        except ImportError as error:
+            raise Unsupported('WebSocket frames need more packages: pip install "palpate[live]".') from error
+        self._sender = threading.Lock()
+        try:
+            # pages in a browser bring an Origin; a sensor's driver does not
+            self._server = serve(
+                self._hear, host, port, max_size=self._largest, compression=None, origins=[None], logger=_quiet()
+            )
+        except OSError as error:
+            raise InvalidInput(f"cannot listen on {host}:{port} ({error.strerror}).") from error
+        self.port = int(self._server.socket.getsockname()[1])
+        thread = threading.Thread(target=self._server.serve_forever, name="palpate-ws", daemon=True)
+        thread.start()
+        return thread
+
+    def _hear(self, connection: Any) -> None:
+        """Messages of one WebSocket sender."""
+        from websockets.exceptions import ConnectionClosed
+
+        # one that comes back may be here before its old connection has ended
+        if not self._sender.acquire(timeout=1.0):
+            self.counts["busy"] += 1
+            connection.close(1013, "another sender is connected")
+            return
+        try:
+            # a sender that comes back counts from the start again
+            self._last = None
+            while self._open:
+                try:
+                    data = connection.recv(timeout=0.2)
+                except TimeoutError:
+                    continue
+                if isinstance(data, str):
+                    self.counts["malformed"] += 1
+                else:
+                    self._take(data)
+        except ConnectionClosed as end:
+            if end.sent is not None and end.sent.code == 1009:
+                self.counts["oversized"] += 1
+            elif end.sent is not None and end.sent.code in (1002, 1007):
+                self.counts["malformed"] += 1
+        finally:
+            self._sender.release()
 
     def _run(self) -> None:
         if self._kind == "udp":

@@ -1,6 +1,8 @@
 """The live view: a page on this machine that shows what touches the pad while it happens."""
 
-from palpate.live.server import Live, serve
+from palpate.live.foxglove import FoxgloveServer
+from palpate.live.rerun import RerunSink
+from palpate.live.server import Live, serve, show
 from palpate.live.session import Session, packed, unpacked
 
-__all__ = ["Live", "Session", "packed", "serve", "unpacked"]
+__all__ = ["FoxgloveServer", "Live", "RerunSink", "Session", "packed", "serve", "show", "unpacked"]

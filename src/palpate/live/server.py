@@ -11,15 +11,23 @@ import contextlib
 import json
 import secrets
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 from palpate.errors import InvalidInput, PalpateError, Unsupported
+from palpate.grasp import GraspMonitor
 from palpate.live.session import Session
+from palpate.recordings import Sink
+from palpate.skin import Skin
 
-__all__ = ["Live", "serve"]
+__all__ = ["BUDGET", "LOCAL", "Live", "serve", "show"]
+
+#: This machine, by its names.
+LOCAL = ("127.0.0.1", "localhost", "::1")
+#: What a frame of a live view may take [s].
+BUDGET = 0.02
 
 STATIC = Path(__file__).parent / "static"
 #: Largest message that a page may send [bytes].
@@ -202,3 +210,43 @@ def serve(live: Live, *, host: str = "127.0.0.1", port: int = 8765) -> None:
     except ImportError as error:
         raise Unsupported('the live view needs more packages: pip install "palpate[live]".') from error
     uvicorn.run(live.app, host=host, port=port, log_level="warning", ws_max_size=LARGEST, ws_per_message_deflate=False)
+
+
+def show(
+    skin: Skin,
+    frames: Iterable[tuple[float, Any]],
+    *,
+    friction: float | None = None,
+    baseline: int | Any = 0,
+    monitor: GraspMonitor | None = None,
+    sinks: Sequence[Sink] = (),
+    name: str = "",
+    host: str = "127.0.0.1",
+    port: int = 8765,
+    token: str | None = None,
+) -> None:
+    """Show whatever comes as (time [s], readings) in the browser, until interrupted.
+
+    Parameters
+    ----------
+    skin : Skin
+    frames : iterable of (float, array)
+        A generator that waits for its sensor, for example.
+    friction, baseline
+        As in `Skin.track`.
+    monitor : GraspMonitor, optional
+        Default: one with the same friction.
+    sinks : sequence of Sink
+        Where the stream goes besides: a `palpate.recordings.recorder`, a `FoxgloveServer`, a `RerunSink`.
+    name : str
+        Shown on the page.
+    host, port, token
+        Where the page is; anything but this machine needs a token.
+    """
+    if host not in LOCAL and token is None:
+        raise InvalidInput(f"host {host} opens the page to others: give a token that they must bring (?token=...).")
+    bound = friction if {"z"} < set(skin.components) else None
+    tracker = skin.track(friction=bound, baseline=baseline, budget=BUDGET)
+    monitor = GraspMonitor(friction=friction) if monitor is None else monitor
+    session = Session(skin, lambda: frames, tracker, monitor, name=name, pace=False, sinks=sinks)
+    serve(Live(session, token=token), host=host, port=port)

@@ -14,7 +14,7 @@ import struct
 import threading
 import time as clock
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +23,12 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import Event, GraspMonitor
+from palpate.recordings import Sink, recorder
 from palpate.skin import Skin
 from palpate.touch import Touch
 from palpate.tracking import Tracker
 
-__all__ = ["MAGIC", "Session", "packed", "unpacked"]
+__all__ = ["MAGIC", "Session", "packed", "recorded", "unpacked"]
 
 MAGIC = b"PLP1"
 #: Events that a page that connects late is told.
@@ -35,6 +36,14 @@ REMEMBERED = 200
 #: Frames whose forces and slip margin it is shown.
 HISTORY = 1000
 TRAIL = ("time", "touching", "force", "force_low", "force_high", "utilisation", "spread")
+
+
+def recorded(skin: Skin) -> dict[str, Any]:
+    """Channels and positions of a skin's readings, as recorders want them."""
+    return {
+        "channels": [c for p in skin.planes for c in p.channels],
+        "positions": getattr(skin.planes[0], "positions", None),
+    }
 
 
 def _number(value: Any) -> float | None:
@@ -104,6 +113,9 @@ class Session:
         Begin again when the source ends.
     end : callable, optional
         Ends a source that waits for frames.
+    sinks : sequence of Sink
+        Where readings, touches and events go besides the page: a `palpate.recordings.recorder`, a `FoxgloveServer`, a `RerunSink`. One that
+        fails is reported and left; the stream goes on.
     """
 
     def __init__(
@@ -117,6 +129,7 @@ class Session:
         pace: bool = True,
         loop: bool = False,
         end: Callable[[], None] | None = None,
+        sinks: Sequence[Sink] = (),
     ) -> None:
         self.skin, self.source, self.tracker, self.monitor = skin, source, tracker, monitor
         self.name, self.pace, self.loop, self._end = name, pace, loop, end
@@ -129,7 +142,8 @@ class Session:
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
-        self._recorder: Any = None
+        self._sinks = list(sinks)
+        self._recorder: Sink | None = None
         self.recording: str | None = None
 
     def start(self) -> None:
@@ -145,6 +159,9 @@ class Session:
         if self._thread is not None:
             self._thread.join(timeout=10)
         self.record(None)
+        with self._lock:
+            while self._sinks:
+                self._sinks.pop().close()
         self.tracker.close()
 
     def listen(self, wake: Callable[[], None]) -> Callable[[], None]:
@@ -179,18 +196,15 @@ class Session:
         }
 
     def record(self, path: str | Path | None) -> str | None:
-        """Begin a recording (.mcap) at ``path``, or end the one that runs (None); returns its name."""
+        """Begin a recording (.mcap, .nc, .zarr) at ``path``, or end the one that runs (None); returns its name."""
         with self._lock:
             if self._recorder is not None:
+                self._sinks.remove(self._recorder)
                 self._recorder.close()
                 self._recorder, self.recording = None, None
             if path is not None:
-                from palpate.recordings.mcapfile import McapRecorder
-
-                plane = self.skin.planes[0]
-                channels = [c for p in self.skin.planes for c in p.channels]
-                positions = getattr(plane, "positions", None)
-                self._recorder = McapRecorder(path, channels, positions=positions, meta={"source": self.name})
+                self._recorder = recorder(path, **recorded(self.skin), meta={"source": self.name})
+                self._sinks.append(self._recorder)
                 self.recording = Path(path).name
         return self.recording
 
@@ -244,15 +258,17 @@ class Session:
         with self._lock:
             self.past += [str(e) for e in events]
             del self.past[:-REMEMBERED]
-            if self._recorder is not None:
+            for sink in list(self._sinks):
                 try:
-                    self._recorder.readings(time, reading)
-                    self._recorder.touch(touch, time)
+                    sink.readings(time, reading)
+                    sink.touch(touch, time)
                     for event in events:
-                        self._recorder.event(event)
+                        sink.event(event)
                 except PalpateError as error:
                     self.failure = str(error)
-                    self._recorder, self.recording = None, None
+                    self._sinks.remove(sink)
+                    if sink is self._recorder:
+                        self._recorder, self.recording = None, None
         self.packet = packet
         numbers = unpacked(packet)[0]
         with self._lock:

@@ -1,16 +1,22 @@
 """Recordings and skins in and out of files."""
 
 from palpate.recordings.formats import read_recording, read_table, write_recording
+from palpate.recordings.mapping import TopicMapping
+from palpate.recordings.recorder import Sink, recorder
 from palpate.recordings.recording import Recording
-from palpate.recordings.skinfile import read_skin
+from palpate.recordings.skinfile import read_skin, read_stream
 from palpate.recordings.touchfile import read_touch, write_touch
 
 __all__ = [
     "Recording",
+    "Sink",
+    "TopicMapping",
     "read_recording",
     "read_skin",
+    "read_stream",
     "read_table",
     "read_touch",
+    "recorder",
     "write_recording",
     "write_touch",
 ]

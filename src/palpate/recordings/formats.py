@@ -16,13 +16,23 @@ import numpy as np
 from palpate.elastic.half_space import Floats
 from palpate.elastic.quantities import channel_unit
 from palpate.errors import InvalidInput
+from palpate.recordings import mcapfile
+from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
 from palpate.recordings.units import convert_factor
 
 __all__ = ["FORMATS", "atomically", "file_format", "read_recording", "read_table", "write_recording"]
 
 #: file name ending -> format
-FORMATS = {".nc": "netcdf", ".h5": "netcdf", ".hdf5": "netcdf", ".npz": "npz", ".csv": "csv", ".mcap": "mcap"}
+FORMATS = {
+    ".nc": "netcdf",
+    ".h5": "netcdf",
+    ".hdf5": "netcdf",
+    ".npz": "npz",
+    ".csv": "csv",
+    ".mcap": "mcap",
+    ".zarr": "zarr",
+}
 
 
 def file_format(path: str | Path) -> str:
@@ -73,17 +83,28 @@ def _existing(path: str | Path) -> Path:
 # -- reading -----------------------------------------------------------------------------------------------------------
 
 
-def read_recording(path: str | Path) -> Recording:
-    """Read a recording; the format follows the file name (`FORMATS`)."""
+def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
+    """Read a recording; the format follows the file name (`FORMATS`), a folder is a ROS 2 bag or a Zarr store.
+
+    ``mapping`` says where the readings are in a robot's MCAP file or bag (palpate's own need none). ``salvage`` reads a torn file as far
+    as it goes (MCAP, and HDF5 that a `Recorder` did not close).
+    """
+    from palpate.recordings import robots
+
+    found = Path(path)
+    if robots.is_bag(found):
+        return robots.read_robot(found, mapping)
     kind = file_format(path)
+    if kind == "zarr":
+        from palpate.recordings.stores import read_zarr
+
+        return read_zarr(found)
     found = _existing(path)
-    return {"netcdf": _read_netcdf, "npz": _read_npz, "csv": _read_csv, "mcap": _read_mcap}[kind](found)
-
-
-def _read_mcap(path: Path) -> Recording:
-    from palpate.recordings.mcapfile import read_mcap
-
-    return read_mcap(path)
+    if kind == "mcap":
+        return robots.read_robot(found, None if mcapfile.own(found) is not None else mapping, salvage=salvage)
+    if kind == "netcdf":
+        return _read_netcdf(found, salvage)
+    return {"npz": _read_npz, "csv": _read_csv}[kind](found)
 
 
 def _json(text: bytes | str, what: str) -> Any:
@@ -100,27 +121,30 @@ def _decode(text: bytes | str, path: Path) -> dict[str, str]:
     return {str(k): str(v) for k, v in loaded.items()}
 
 
-def _read_netcdf(path: Path) -> Recording:
+def _read_netcdf(path: Path, salvage: bool) -> Recording:
     import h5py
 
     try:
-        with h5py.File(path, "r") as file:
+        # what a killed recorder left is open for writing still, and can only be read beside it
+        with h5py.File(path, "r", swmr=salvage) as file:
             missing = [n for n in ("readings", "channel", "time") if n not in file]
             if missing:
                 raise InvalidInput(
                     f"{path}: not a palpate recording: it lacks {', '.join(missing)} (it holds {', '.join(file) or 'nothing'})."
                 )
             channels = [c.decode() if isinstance(c, bytes) else str(c) for c in file["channel"][()]]
+            count = min(len(file["readings"]), len(file["time"]))
             return Recording(
-                readings=file["readings"][()],
+                readings=file["readings"][:count],
                 channels=tuple(channels),
-                time=file["time"][()],
+                time=file["time"][:count],
                 positions=file["positions"][()] if "positions" in file else None,
                 meta=_decode(file.attrs["meta"], path) if "meta" in file.attrs else {},
             )
     except OSError as error:
         raise InvalidInput(
-            f"{path}: cannot be read as NetCDF/HDF5; the file is truncated or of another format."
+            f"{path}: cannot be read as NetCDF/HDF5; it is still being written, truncated, or of another format. palpate convert "
+            "--salvage takes what a recording that was broken off holds."
         ) from error
 
 
@@ -227,13 +251,18 @@ def _read_csv(path: Path) -> Recording:
 def write_recording(recording: Recording, path: str | Path) -> None:
     """Write a recording; the format follows the file name.
 
-    NetCDF and NPZ keep every bit, CSV writes 17 digits, MCAP single precision and nanoseconds.
+    NetCDF, NPZ and Zarr keep every bit, CSV writes 17 digits, MCAP single precision and nanoseconds.
     """
     kind = file_format(path)
     if kind == "csv" and len(set(recording.channels)) != len(recording.channels):
         raise InvalidInput(
             f"{path}: a CSV names each column once, but the recording has one channel on several planes; write .nc or .npz."
         )
+    if kind == "zarr":
+        from palpate.recordings.stores import write_zarr
+
+        write_zarr(recording, path)
+        return
     writer = {"netcdf": _write_netcdf, "npz": _write_npz, "csv": _write_csv, "mcap": _write_mcap}[kind]
     atomically(path, lambda name: writer(recording, name))
 
@@ -269,10 +298,8 @@ def _write_netcdf(recording: Recording, name: str) -> None:
 
 
 def _write_mcap(recording: Recording, name: str) -> None:
-    from palpate.recordings.mcapfile import write_mcap
-
     os.unlink(name)  # a recorder makes its own file
-    write_mcap(recording, name)
+    mcapfile.write_mcap(recording, name)
 
 
 def _write_npz(recording: Recording, name: str) -> None:

@@ -18,6 +18,12 @@ noise_correlation = "1 mm"       # optional; length over which the noise of neig
 [surface]                        # optional
 shape = [48, 48]
 spacing = "0.5 mm"
+
+[stream]                         # optional: how a robot's messages become readings
+topic = "/xServTopic"
+path = "sensors[0].taxels"       # where the taxels are in a message; "" for an image or a Grid
+fields = ["x", "y", "z"]         # what to take of each
+unit = "25 Pa"                   # what 1 in a message means; or one per channel; negative turns the sign
 """
 
 from __future__ import annotations
@@ -36,13 +42,14 @@ from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.quantities import channel_unit, check_channels
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
+from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
-from palpate.recordings.units import KIND_OF_SI, parse_quantity
+from palpate.recordings.units import KIND_OF_SI, UNITS, parse_quantity
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Boundary
 
-__all__ = ["read_skin", "skin_from_text"]
+__all__ = ["read_skin", "read_stream", "skin_from_text"]
 
 
 def _length(value: Any) -> float:
@@ -112,11 +119,24 @@ class _Surface(_Strict):
     center: Any = None
 
 
+class _Stream(_Strict):
+    topic: str
+    unit: str | list[str]
+    path: str = ""
+    fields: list[str] = []
+    channels: list[str] | None = None
+    shape: tuple[int, int] | None = None
+    markers: bool = False
+    stamp: str = ""
+    definitions: str = ""
+
+
 class _Skin(_Strict):
     pad: _HalfSpace | _BondedLayers = Field(discriminator="kind")
     plane: list[_Plane] = Field(min_length=1)
     surface: _Surface | None = None
     boundary: Literal["free", "periodic"] = "free"
+    stream: _Stream | None = None
 
 
 def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad, list[Array], Grid | None, Boundary]:
@@ -126,6 +146,52 @@ def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad
     pitch those of a gridded one.
     """
     found = Path(path)
+    return skin_from_text(_text(found), str(found), found.parent, recording)
+
+
+def read_stream(path: str | Path) -> TopicMapping | None:
+    """How the messages of a robot become readings, where the skin.toml says it in a section [stream].
+
+    Channels are those of the planes and the shape that of an area plane, unless the section names others.
+    """
+    found = Path(path)
+    text = _text(found)
+    skin = _validated(text, str(found))
+    stream = skin.stream
+    if stream is None:
+        return None
+    channels = stream.channels if stream.channels is not None else [c for p in skin.plane for c in p.channels]
+    shapes = {p.shape for p in skin.plane}
+    key = "channels"
+    try:
+        check_channels(list(dict.fromkeys(channels)), 2)
+        key = "unit"
+        units = stream.unit if isinstance(stream.unit, list) else [stream.unit] * len(channels)
+        if len(units) != len(channels):
+            raise InvalidInput(f"unit must be one quantity or one per channel ({len(channels)}); got {len(units)}.")
+        scale = [_per_count(u, KIND_OF_SI[channel_unit(c)]) for u, c in zip(units, channels)]
+        key = "topic"
+        return TopicMapping(
+            topic=stream.topic,
+            channels=tuple(channels),
+            path=stream.path,
+            fields=tuple(stream.fields),
+            scale=tuple(scale),
+            shape=stream.shape if stream.shape is not None else shapes.pop() if len(shapes) == 1 else None,
+            markers=stream.markers,
+            stamp=stream.stamp,
+            definitions=str(found.parent / stream.definitions) if stream.definitions else "",
+        )
+    except PalpateError as error:
+        raise InvalidInput(f"{found}, line {_line(text, ('stream', key))}: {error}") from error
+
+
+def _per_count(text: str, kind: str) -> float:
+    """What 1 in a message means: "25 Pa", "-1 kPa", or a unit alone."""
+    return parse_quantity(f"1 {text}" if text in UNITS[kind] and text != "1" else text, kind, "unit")
+
+
+def _text(found: Path) -> str:
     if not found.exists():
         raise InvalidInput(
             f"{found}: no such file. A skin file describes pad and array; palpate demo writes one to start from."
@@ -133,25 +199,27 @@ def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad
     if found.is_dir():
         raise InvalidInput(f"{found} is a folder; give a skin.toml.")
     try:
-        text = found.read_text(encoding="utf-8")
+        return found.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InvalidInput(f"{found}: cannot be read as text.") from error
-    return skin_from_text(text, str(found), found.parent, recording)
+
+
+def _validated(text: str, name: str) -> _Skin:
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InvalidInput(f"{name}: not valid TOML: {error}.") from error
+    try:
+        return _Skin.model_validate(data)
+    except ValidationError as error:
+        raise InvalidInput(_explain(error.errors()[0], text, name)) from error
 
 
 def skin_from_text(
     text: str, name: str, folder: Path, recording: Recording | None = None
 ) -> tuple[Pad, list[Array], Grid | None, Boundary]:
     """Parse the text of a skin.toml; ``name`` is used in errors, ``folder`` to find files that it names."""
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InvalidInput(f"{name}: not valid TOML: {error}.") from error
-    try:
-        skin = _Skin.model_validate(data)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise InvalidInput(_explain(first, text, name)) from error
+    skin = _validated(text, name)
     where: tuple[str | int, ...] = ("pad",)
     try:
         if isinstance(skin.pad, _BondedLayers):

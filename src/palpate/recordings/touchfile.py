@@ -13,6 +13,7 @@ import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate.errors import InvalidInput
+from palpate.recordings import stores
 from palpate.recordings.formats import atomically, file_format
 from palpate.touch import Touch
 
@@ -23,15 +24,29 @@ def write_touch(touch: Touch, path: str | Path, *, provenance: Mapping[str, str]
     """Write traction with coordinates and units, net force, and ``provenance`` (skin, command, version).
 
     NetCDF (.nc, .h5) opens in xarray; .npz holds the same arrays; .csv one line per frame, cell and component; .mcap a
-    foxglove.Grid and a WrenchStamped per frame, in single precision.
+    foxglove.Grid and a WrenchStamped per frame, in single precision; .zarr is a store for xarray.
     """
     kind = file_format(path)
     record = {"method": touch.method, "notes": "\n".join(touch.notes), **touch.meta, **(provenance or {})}
+    if kind == "zarr":
+        stores.into_place(path, lambda name: _store(touch, name, record))
+        return
     writer = {"netcdf": _netcdf, "npz": _npz, "csv": _csv, "mcap": _mcap}[kind]
     atomically(path, lambda name: writer(touch, name, record))
 
 
 def _netcdf(touch: Touch, name: str, record: Mapping[str, str]) -> None:
+    _dataset(touch, record).to_netcdf(name, engine="h5netcdf")
+
+
+def _store(touch: Touch, name: Path, record: Mapping[str, str]) -> None:
+    dataset = _dataset(touch, record)
+    # text has no settled form in Zarr 3
+    dataset.attrs["component"] = [str(c) for c in dataset["component"].values]
+    dataset.drop_vars("component").to_zarr(name, zarr_format=3, consolidated=False)
+
+
+def _dataset(touch: Touch, record: Mapping[str, str]) -> Any:
     import xarray
 
     traction = touch.traction
@@ -56,7 +71,7 @@ def _netcdf(touch: Touch, name: str, record: Mapping[str, str]) -> None:
             dataset[key] = (tuple(batch), np.asarray(flag))
     dataset.attrs.update({k: str(v) for k, v in record.items()})
     dataset.attrs["sought"] = ",".join(touch.components)
-    dataset.to_netcdf(name, engine="h5netcdf")
+    return dataset
 
 
 def _npz(touch: Touch, name: str, record: Mapping[str, str]) -> None:
@@ -107,14 +122,29 @@ def _csv(touch: Touch, name: str, record: Mapping[str, str]) -> None:
 
 
 def read_touch(path: str | Path) -> Any:
-    """The xarray.Dataset of a result written as NetCDF."""
+    """The xarray.Dataset of a result written as NetCDF or Zarr, or of the touches in a stream's recording."""
     import xarray
 
-    if file_format(path) != "netcdf":
-        raise InvalidInput(f"{path}: only NetCDF results (.nc, .h5) are read back; NPZ and CSV open in any tool.")
+    kind = file_format(path)
+    if kind not in ("netcdf", "zarr"):
+        raise InvalidInput(
+            f"{path}: only NetCDF and Zarr results (.nc, .h5, .zarr) are read back; NPZ and CSV open in any tool."
+        )
     if not Path(path).exists():
         raise InvalidInput(f"{path}: no such file.")
+    if kind == "zarr":
+        stores.zarr_library()
+
+    def group(name: str | None) -> Any:
+        if kind == "zarr":
+            found = xarray.open_zarr(path, group=name, consolidated=False).load()
+            return found.assign_coords(component=found.attrs["component"]) if "component" in found.attrs else found
+        return xarray.load_dataset(path, engine="h5netcdf", group=name)
+
     try:
-        return xarray.load_dataset(path, engine="h5netcdf")
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"{path}: cannot be read as NetCDF; the file is truncated or of another format.") from error
+        found = group(None)
+        return found if "traction" in found else group("touch")
+    except (OSError, ValueError, KeyError) as error:
+        raise InvalidInput(
+            f"{path}: holds no touches that can be read; it is truncated, still being written, or of another format."
+        ) from error

@@ -1,0 +1,197 @@
+"""How the messages of a robot become readings: which topic, which numbers, which unit."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.elastic.half_space import Floats
+from palpate.elastic.quantities import AREA_CHANNELS
+from palpate.errors import InvalidInput
+
+__all__ = ["TopicMapping"]
+
+#: foxglove.PackedElementField: number of the type -> NumPy's
+_PACKED = {1: "u1", 2: "i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4", 7: "<f4", 8: "<f8"}
+#: What a mapping may name of a time.
+_SECONDS = ("sec", "seconds", "secs")
+_NANOS = ("nanosec", "nanos", "nsecs", "nsec")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopicMapping:
+    """How the messages of one topic become readings.
+
+    Parameters
+    ----------
+    topic : str
+    channels : sequence of str
+        What the numbers are, from `palpate.AREA_CHANNELS`, in the order of ``fields``.
+    path : str
+        Where the taxels are in the message, e.g. "sensors[0].taxels"; "" for an image or a foxglove Grid.
+    fields : sequence of str
+        What to take of each taxel, e.g. ("x", "y", "z"), or of each cell of a Grid; empty where the taxels are numbers.
+    scale : float or sequence of float
+        Multiplies the numbers (of each channel) to SI units; negative turns the sign.
+    shape : (int, int), optional
+        Rows and columns of the taxels; without it they are one row.
+    markers : bool
+        The numbers are positions of markers: their displacement from the first message is read, and where they were then are the
+        positions of the taxels.
+    stamp : str
+        Where the message says when it was taken, e.g. "header.stamp" or "sensors[0].time"; without it the time at which it was
+        recorded counts.
+    definitions : str
+        Folder of message definitions (package/msg/Name.msg), for bags that carry none.
+    """
+
+    topic: str
+    channels: Sequence[str]
+    path: str = ""
+    fields: Sequence[str] = ()
+    scale: float | Sequence[float] = 1.0
+    shape: tuple[int, int] | None = None
+    markers: bool = False
+    stamp: str = ""
+    definitions: str = ""
+
+    def __post_init__(self) -> None:
+        unknown = [c for c in self.channels if c not in AREA_CHANNELS]
+        if unknown or not self.channels:
+            raise InvalidInput(
+                f"channels must be names among {', '.join(AREA_CHANNELS)}; got {', '.join(unknown) or 'none'}."
+            )
+        if self.fields and len(self.fields) != len(self.channels):
+            raise InvalidInput(f"{len(self.fields)} fields for {len(self.channels)} channels; name one field for each.")
+        scale = np.atleast_1d(np.asarray(self.scale, dtype=np.float64))
+        if scale.shape not in ((1,), (len(self.channels),)) or not (np.isfinite(scale).all() and (scale != 0).all()):
+            raise InvalidInput(f"scale must be one number or one per channel, finite and not 0; got {self.scale!r}.")
+        if self.markers and tuple(self.channels[:2]) != ("displacement_x", "displacement_y"):
+            raise InvalidInput(
+                f"markers are read as displacement_x, displacement_y (and displacement_z); got {', '.join(self.channels)}."
+            )
+
+    def readings(self, message: Any) -> Floats:
+        """(channel, *array) of a message, in SI units; of ``markers`` their positions."""
+        found = at(message, self.path)
+        if hasattr(found, "encoding") and hasattr(found, "step"):
+            values = _image(found)
+        elif hasattr(found, "cell_stride") and hasattr(found, "row_stride"):
+            values = _grid(found, self.fields)
+        elif self.fields:
+            values = np.array([[float(at(t, f)) for f in self.fields] for t in found], dtype=np.float64).T
+        else:
+            try:
+                values = np.asarray(found, dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise InvalidInput(
+                    f"{self.topic}: {self.path or 'the message'} is not a list of numbers, an image or a Grid; name the path of the "
+                    f"taxels and their fields. {_there(found[0] if _list(found) else found)}"
+                ) from error
+            # points in a list of [x, y, z] have one row each
+            values = values.reshape(1, -1) if values.ndim == 1 else values.T
+        if values.ndim < 2 or len(values) != len(self.channels):
+            raise InvalidInput(
+                f"{self.topic}: messages hold {len(values) if values.ndim > 1 else 0} channels, but {len(self.channels)} are named "
+                f"({', '.join(self.channels)})."
+            )
+        if self.shape is not None:
+            if values[0].size != math.prod(self.shape):
+                raise InvalidInput(
+                    f"{self.topic}: {values[0].size} taxels do not make a shape of {self.shape[0]} x {self.shape[1]}."
+                )
+            values = values.reshape(len(values), *self.shape)
+        scale = np.broadcast_to(np.asarray(self.scale, dtype=np.float64), (len(values),))
+        return np.asarray(values * scale.reshape(-1, *(1,) * (values.ndim - 1)))
+
+    def time(self, message: Any, recorded: float) -> float:
+        """Seconds at which a message was taken."""
+        if not self.stamp:
+            return recorded
+        found = at(message, self.stamp)
+        if isinstance(found, int | float):
+            return float(found)
+        for whole in _SECONDS:
+            for part in _NANOS:
+                if hasattr(found, whole) and hasattr(found, part):
+                    return float(getattr(found, whole)) + 1e-9 * float(getattr(found, part))
+        raise InvalidInput(
+            f"{self.topic}: {self.stamp} is not a time: neither seconds nor a stamp of seconds and nanoseconds."
+        )
+
+
+def _list(value: Any) -> bool:
+    return hasattr(value, "__len__") and hasattr(value, "__getitem__") and len(value) > 0 and not isinstance(value, str)
+
+
+def _there(message: Any) -> str:
+    """What a message holds, in words."""
+    names = [n for n in getattr(message, "__dataclass_fields__", {}) if n != "__msgtype__"]
+    if not names and hasattr(message, "DESCRIPTOR"):
+        names = [f.name for f in message.DESCRIPTOR.fields]
+    return f"There is {', '.join(names)}." if names else ""
+
+
+def at(message: Any, path: str) -> Any:
+    """Follow a path like "sensors[0].taxels"."""
+    found = message
+    for name, index in re.findall(r"([A-Za-z_]\w*)|\[(\d+)\]", path):
+        try:
+            found = getattr(found, name) if name else found[int(index)]
+        except (AttributeError, IndexError, TypeError) as error:
+            raise InvalidInput(
+                f"the message has no {name or f'[{index}]'} on the way to {path!r}. {_there(found)}".rstrip()
+            ) from error
+    return found
+
+
+def _image(message: Any) -> Floats:
+    """(channel, y, x) of an image of floats."""
+    matched = re.fullmatch(r"32FC(\d+)", message.encoding)
+    if matched is None:
+        raise InvalidInput(f"images must be 32FC1, 32FC3, ... (floats); got {message.encoding!r}.")
+    count, rows, columns = int(matched[1]), int(message.height), int(message.width)
+    data = _bytes(message.data)
+    need = int(message.step) * rows
+    if message.step < 4 * count * columns or data.size < need:
+        raise InvalidInput(f"an image of {columns} x {rows} x {count} floats has {data.size} bytes; it is truncated.")
+    kind = ">f4" if getattr(message, "is_bigendian", False) else "<f4"
+    lines = data[:need].reshape(rows, int(message.step))[:, : 4 * count * columns]
+    values = np.ascontiguousarray(lines).view(kind).reshape(rows, columns, count)
+    return np.asarray(np.moveaxis(values, -1, 0), dtype=np.float64)
+
+
+def _grid(message: Any, fields: Sequence[str]) -> Floats:
+    """(field, y, x) of a foxglove.Grid."""
+    known = {f.name: f for f in message.fields}
+    missing = [f for f in fields if f not in known]
+    if missing:
+        raise InvalidInput(f"the Grid has no field {', '.join(missing)}; it has {', '.join(known) or 'none'}.")
+    data, columns = _bytes(message.data), int(message.column_count)
+    row, cell = int(message.row_stride), int(message.cell_stride)
+    if columns < 1 or cell < 1 or row < cell * columns or data.size < row or data.size % row:
+        raise InvalidInput(
+            f"a Grid of {columns} columns, {cell} bytes a cell and {row} a row has {data.size} bytes; it is truncated."
+        )
+    lines = data.reshape(-1, row)[:, : cell * columns].reshape(-1, columns, cell)
+    layers = []
+    for name in fields or known:
+        kind, offset = _PACKED.get(int(known[name].type)), int(known[name].offset)
+        if kind is None or offset + np.dtype(kind).itemsize > cell:
+            raise InvalidInput(f"the Grid's field {name} does not lie in its cells of {cell} bytes.")
+        part = np.ascontiguousarray(lines[..., offset : offset + np.dtype(kind).itemsize])
+        layers.append(part.view(kind)[..., 0].astype(np.float64))
+    return np.stack(layers)
+
+
+def _bytes(data: Any) -> Any:
+    return (
+        np.frombuffer(data, dtype=np.uint8)
+        if isinstance(data, bytes | bytearray | memoryview)
+        else np.asarray(data, dtype=np.uint8)
+    )

@@ -1,0 +1,166 @@
+"""Readings, touches and events as the messages that robotics tools know.
+
+Readings are sensor_msgs/Image (32FC1, 32FC3, ... one plane of floats per channel, interleaved; scattered taxels are one row), touches are
+foxglove.Grid (pressure, shear, standard deviation of the pressure) and geometry_msgs/WrenchStamped (the sum of the traction: what presses on
+the pad, z into it; the moment about the surface's origin), events are foxglove.Log.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate.errors import InvalidInput, Unsupported
+from palpate.sensing.grids import AreaGrid
+from palpate.touch import Touch
+
+if TYPE_CHECKING:
+    from palpate.grasp import Event
+
+__all__ = ["EVENTS", "READINGS", "TOUCH", "WRENCH", "Encoder", "Kind", "nanoseconds", "ros_types"]
+
+#: Topic of the readings, and of what was found in them.
+READINGS, TOUCH, WRENCH, EVENTS = "/palpate/readings", "/palpate/touch", "/palpate/wrench", "/palpate/events"
+_IMAGE, _WRENCH = "sensor_msgs/msg/Image", "geometry_msgs/msg/WrenchStamped"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a topic carries: name and definition of its messages, and how they are packed."""
+
+    topic: str
+    name: str
+    schema_encoding: str
+    schema: bytes
+    message_encoding: str
+
+
+def nanoseconds(time: float) -> int:
+    """Whole nanoseconds of a time [s] from 0 on."""
+    if not (math.isfinite(time) and time >= 0):
+        raise InvalidInput(f"messages keep times from 0 on; got {time!r} s.")
+    return round(time * 1e9)
+
+
+def ros_types() -> Any:
+    """`rosbags.typesys`, or how to get it."""
+    try:
+        import rosbags.typesys
+    except ImportError as error:
+        raise Unsupported('messages of ROS need more packages: pip install "palpate[live]".') from error
+    return rosbags.typesys
+
+
+class Encoder:
+    """Packs readings, touches and events. ``channels`` are those of the readings."""
+
+    def __init__(self, channels: Sequence[str] = ()) -> None:
+        typesys = ros_types()
+        self.channels = tuple(channels)
+        self._types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        self._kinds: dict[str, Kind] = {}
+
+    def readings(self, time: float, values: Any) -> tuple[Kind, bytes]:
+        """One frame (channel, *array)."""
+        data = to_numpy(values)
+        if len(data) != len(self.channels) or data.ndim not in (2, 3):
+            raise InvalidInput(
+                f"a frame must have shape (channel, taxel) or (channel, y, x) with {len(self.channels)} channels; got {data.shape}."
+            )
+        rows, columns = (1, data.shape[1]) if data.ndim == 2 else data.shape[1:]
+        values = np.ascontiguousarray(np.moveaxis(data.reshape(len(data), rows, columns), 0, -1), dtype="<f4")
+        message = self._types.types[_IMAGE](
+            header=self._header(time),
+            height=rows,
+            width=columns,
+            encoding=f"32FC{len(data)}",
+            is_bigendian=0,
+            step=4 * len(data) * columns,
+            data=values.view(np.uint8).reshape(-1),
+        )
+        return self._ros(READINGS, _IMAGE, message)
+
+    def touch(self, touch: Touch, time: float) -> Iterator[tuple[Kind, bytes]]:
+        """What was found in one frame: the map, and the wrench."""
+        from foxglove import messages
+
+        grid = touch.surface
+        values = to_numpy(touch.values).astype("<f4")
+        std = np.zeros_like(values[-1]) if touch.errors is None else to_numpy(touch.std.values).astype("<f4")[-1]
+        layers = {"pressure": values[-1], "shear_x": values[0], "std": std}
+        if grid.dimensions == 2:
+            layers["shear_y"] = values[1]
+        fields = list(layers)
+        packed = np.stack([layers[f] for f in fields], axis=-1)
+        packed = packed.reshape(-1, packed.shape[-2], len(fields))
+        dy, dx = (grid.spacings[0], grid.spacings[-1])
+        left, low = (
+            float(grid.x[0]) - dx / 2,
+            float(grid.axes[0][0]) - dy / 2 if isinstance(grid, AreaGrid) else -dy / 2,
+        )
+        float32 = messages.PackedElementFieldNumericType.Float32
+        yield self._foxglove(
+            TOUCH,
+            messages.Grid(
+                timestamp=_timestamp(time),
+                frame_id="palpate",
+                pose=messages.Pose(
+                    position=messages.Vector3(x=left, y=low, z=0.0), orientation=messages.Quaternion(x=0, y=0, z=0, w=1)
+                ),
+                column_count=packed.shape[1],
+                cell_size=messages.Vector2(x=dx, y=dy),
+                row_stride=4 * len(fields) * packed.shape[1],
+                cell_stride=4 * len(fields),
+                fields=[messages.PackedElementField(name=f, offset=4 * i, type=float32) for i, f in enumerate(fields)],
+                data=np.ascontiguousarray(packed).tobytes(),
+            ),
+        )
+        vector = self._types.types["geometry_msgs/msg/Vector3"]
+        force, moment = to_numpy(touch.force), np.atleast_1d(to_numpy(touch.moment))
+        if grid.dimensions == 1:
+            force, moment = np.array([force[0], 0.0, force[1]]), np.array([0.0, moment[0], 0.0])
+        wrench = self._types.types["geometry_msgs/msg/Wrench"](
+            force=vector(**dict(zip("xyz", map(float, force)))), torque=vector(**dict(zip("xyz", map(float, moment))))
+        )
+        yield self._ros(WRENCH, _WRENCH, self._types.types[_WRENCH](header=self._header(time), wrench=wrench))
+
+    def event(self, event: Event) -> tuple[Kind, bytes]:
+        """Something that a `GraspMonitor` noticed."""
+        from foxglove import messages
+
+        warning = event.began and event.kind != "contact"
+        level = messages.LogLevel.Warning if warning else messages.LogLevel.Info
+        return self._foxglove(
+            EVENTS, messages.Log(timestamp=_timestamp(event.time), level=level, message=str(event), name="palpate")
+        )
+
+    def _header(self, time: float) -> Any:
+        stamp = self._types.types["builtin_interfaces/msg/Time"]
+        whole = nanoseconds(time)
+        return self._types.types["std_msgs/msg/Header"](
+            stamp=stamp(sec=whole // 10**9, nanosec=whole % 10**9), frame_id="palpate"
+        )
+
+    def _ros(self, topic: str, name: str, message: Any) -> tuple[Kind, bytes]:
+        if topic not in self._kinds:
+            text = self._types.generate_msgdef(name, ros_version=2)[0]
+            self._kinds[topic] = Kind(topic, name, "ros2msg", text.encode(), "cdr")
+        return self._kinds[topic], bytes(self._types.serialize_cdr(message, name))
+
+    def _foxglove(self, topic: str, message: Any) -> tuple[Kind, bytes]:
+        if topic not in self._kinds:
+            known = type(message).get_schema()
+            self._kinds[topic] = Kind(topic, known.name, known.encoding, known.data, "protobuf")
+        return self._kinds[topic], message.encode()
+
+
+def _timestamp(time: float) -> Any:
+    from foxglove import messages
+
+    whole = nanoseconds(time)
+    return messages.Timestamp(sec=whole // 10**9, nsec=whole % 10**9)

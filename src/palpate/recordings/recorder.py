@@ -1,0 +1,61 @@
+"""Where a stream goes while it happens: one way to write it, whatever the format."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from palpate.errors import InvalidInput
+from palpate.touch import Touch
+
+if TYPE_CHECKING:
+    from palpate.grasp import Event
+
+__all__ = ["Sink", "recorder"]
+
+
+class Sink(Protocol):
+    """What takes readings, touches and events of a stream: a recorder, or a server that shows them elsewhere."""
+
+    def readings(self, time: float, values: Any) -> None:
+        """One frame (channel, *array) at ``time`` [s]."""
+
+    def touch(self, touch: Touch, time: float | None = None) -> None:
+        """What was found in one frame."""
+
+    def event(self, event: Event) -> None:
+        """Something that a `palpate.GraspMonitor` noticed."""
+
+    def close(self) -> None:
+        """Finish."""
+
+
+def recorder(
+    path: str | Path, channels: Sequence[str], *, positions: Any = None, meta: dict[str, str] | None = None
+) -> Sink:
+    """The recorder of a file name: .mcap, .nc / .h5 / .hdf5, or .zarr; each writes while the stream runs.
+
+    Parameters
+    ----------
+    path : str or Path
+        Must not exist yet: a recording is never overwritten.
+    channels : sequence of str
+        Of the readings.
+    positions : array (taxel, 2) or (taxel,), optional
+        Of scattered taxels [m].
+    meta : mapping of str to str
+        Anything worth keeping.
+    """
+    from palpate.recordings.mcapfile import McapRecorder
+    from palpate.recordings.stores import HdfRecorder, ZarrRecorder
+
+    suffix = Path(path).suffix.lower()
+    known: dict[str, Any] = {
+        ".mcap": McapRecorder,
+        **dict.fromkeys((".nc", ".h5", ".hdf5"), HdfRecorder),
+        ".zarr": ZarrRecorder,
+    }
+    if suffix not in known:
+        raise InvalidInput(f"{path}: a stream is recorded as {', '.join(known)}; got {suffix!r}.")
+    return known[suffix](path, channels, positions=positions, meta=meta)

@@ -1,0 +1,183 @@
+"""Readings from what robots record: MCAP files, ROS 2 bags (folders) and ROS 1 bags, without ROS installed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput, PalpateError
+from palpate.recordings import mcapfile
+from palpate.recordings.mapping import TopicMapping
+from palpate.recordings.messages import READINGS, ros_types
+from palpate.recordings.recording import Recording
+
+__all__ = ["frames", "is_bag", "read_robot", "topics"]
+
+#: Definitions for bags that carry none (ROS 2 before Iron), besides those of ROS itself.
+DEFINITIONS = {"tactile_msgs/msg/TactileState": "std_msgs/Header header\nsensor_msgs/ChannelFloat32[] sensors\n"}
+
+
+def is_bag(path: Path) -> bool:
+    """Whether this is a ROS 2 bag (a folder) or a ROS 1 bag."""
+    return (path / "metadata.yaml").is_file() or path.suffix.lower() == ".bag"
+
+
+def _bag(path: Path, definitions: str = "") -> Any:
+    typesys = ros_types()
+    from rosbags.highlevel import AnyReader, AnyReaderError
+
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    known = {**DEFINITIONS, **_definitions(definitions)}
+    for name, text in known.items():
+        found = typesys.get_types_from_msg(text, name)
+        store.register({k: v for k, v in found.items() if k not in store.fielddefs})
+    try:
+        reader = AnyReader([path], default_typestore=store)
+        reader.open()
+    except AnyReaderError as error:
+        raise InvalidInput(f"{path}: cannot be read as a bag ({str(error).rstrip('.')}).") from error
+    except Exception as error:  # whatever a torn database, YAML or index raises
+        raise InvalidInput(
+            f"{path}: cannot be read as a bag ({str(error).rstrip('.') or type(error).__name__})."
+        ) from error
+    return reader
+
+
+def _definitions(folder: str) -> dict[str, str]:
+    """Definitions from a folder of packages (package/msg/Name.msg)."""
+    if not folder:
+        return {}
+    files = sorted(Path(folder).rglob("*.msg"))
+    if not files:
+        raise InvalidInput(f"definitions {folder}: no message definitions (package/msg/Name.msg) are there.")
+    return {
+        f"{(f.parent.parent if f.parent.name == 'msg' else f.parent).name}/msg/{f.stem}": f.read_text(encoding="utf-8")
+        for f in files
+    }
+
+
+def _bag_messages(path: Path, mapping: TopicMapping) -> Iterator[tuple[float, Any]]:
+    topic = mapping.topic
+    reader = _bag(path, mapping.definitions)
+    try:
+        connections = [c for c in reader.connections if c.topic == topic]
+        if not connections:
+            return
+        unknown = {c.msgtype for c in connections} - set(reader.typestore.fielddefs)
+        if unknown:
+            raise InvalidInput(
+                f"{path}: the bag does not define {', '.join(sorted(unknown))} of {topic}; give the folder of its package "
+                "(package/msg/Name.msg) as definitions."
+            )
+        for connection, stamp, raw in reader.messages(connections=connections):
+            yield stamp * 1e-9, reader.deserialize(raw, connection.msgtype)
+    except PalpateError:
+        raise
+    except Exception as error:
+        raise InvalidInput(
+            f"{path}: a message of {topic} cannot be read ({str(error) or type(error).__name__})."
+        ) from error
+    finally:
+        reader.close()
+
+
+def topics(path: str | Path) -> dict[str, str]:
+    """Topics of a file or bag and the names of their message types."""
+    found = Path(path)
+    if not is_bag(found):
+        return mcapfile.topics(found)
+    reader = _bag(found)
+    try:
+        return {c.topic: c.msgtype for c in reader.connections}
+    finally:
+        reader.close()
+
+
+def _own(path: Path) -> dict[str, str] | None:
+    if path.suffix.lower() == ".mcap":
+        return mcapfile.own(path)
+    # `ros2 bag record` and the like may hold palpate's own file
+    parts = sorted(path.glob("*.mcap")) if path.is_dir() else []
+    return mcapfile.own(parts[0]) if len(parts) == 1 else None
+
+
+def frames(
+    path: str | Path, mapping: TopicMapping | None = None, *, salvage: bool = False
+) -> Iterator[tuple[float, Floats]]:
+    """(time [s], readings (channel, *array)) of each message of a topic, as they come.
+
+    Without a ``mapping`` those that palpate wrote. A message that does not fit raises `InvalidInput`.
+    """
+    for time, values, _ in _frames(Path(path), mapping, salvage):
+        yield time, values
+
+
+def _frames(path: Path, mapping: TopicMapping | None, salvage: bool) -> Iterator[tuple[float, Floats, Floats | None]]:
+    """The same, with the markers' positions at rest."""
+    if not path.is_file() and not is_bag(path):
+        raise InvalidInput(f"{path}: no such file.")
+    if mapping is None:
+        known = _own(path)
+        if known is None:
+            raise InvalidInput(
+                f"{path} was not written by palpate: name the topic and channels of its readings. It has {_listed(path)}."
+            )
+        mapping = TopicMapping(topic=READINGS, channels=json.loads(known["channels"]))
+    messages = (
+        _bag_messages(path, mapping) if is_bag(path) else mcapfile.read_messages(path, mapping.topic, salvage=salvage)
+    )
+    rest: Floats | None = None
+    any_found = False
+    for recorded, message in messages:
+        any_found = True
+        values = mapping.readings(message)
+        if mapping.markers:
+            rest = values if rest is None else rest
+            if values.shape != rest.shape:
+                raise InvalidInput(
+                    f"{mapping.topic}: {values[0].size} markers follow {rest[0].size}; each message must hold all of them, in one order."
+                )
+            values = values - rest
+        yield mapping.time(message, recorded), values, rest
+    if not any_found:
+        raise InvalidInput(f"{path} has no topic {mapping.topic}; it has {_listed(path)}.")
+
+
+def _listed(path: Path) -> str:
+    return ", ".join(f"{t} ({k})" for t, k in topics(path).items()) or "no messages"
+
+
+def read_robot(path: str | Path, mapping: TopicMapping | None = None, *, salvage: bool = False) -> Recording:
+    """A recording from an MCAP file or a bag; frames out of order or at the same time as another are left out.
+
+    Palpate's own files need no ``mapping``. ``salvage`` reads a torn MCAP file as far as it goes.
+    """
+    found = Path(path)
+    known = _own(found) if mapping is None and (found.is_file() or is_bag(found)) else None
+    stamps: list[float] = []
+    parts: list[Floats] = []
+    rest: Floats | None = None
+    for time, values, rest in _frames(found, mapping, salvage):  # noqa: B007
+        if stamps and time <= stamps[-1]:
+            continue
+        if parts and values.shape != parts[0].shape:
+            raise InvalidInput(f"{path}: a frame of shape {values.shape} follows frames of {parts[0].shape}.")
+        stamps.append(time)
+        parts.append(values)
+    channels = tuple(mapping.channels) if mapping is not None else tuple(json.loads((known or {})["channels"]))
+    readings = np.stack(parts).astype(np.float32)
+    positions = None
+    if known is not None and "positions" in known:
+        positions = np.asarray(json.loads(known["positions"]))
+        readings = readings.reshape(len(readings), readings.shape[1], -1)
+    elif readings.ndim == 4 and readings.shape[2] == 1:
+        readings = readings[:, :, 0]
+    if rest is not None and readings.ndim == 3:
+        positions = rest[:2].T
+    meta = json.loads(known["meta"]) if known is not None else {"source": found.name}
+    return Recording(readings=readings, channels=channels, time=np.array(stamps), positions=positions, meta=meta)

@@ -1,0 +1,406 @@
+"""Recordings for analysis, written while they happen: HDF5/NetCDF and Zarr, in blocks of frames.
+
+Both hold what a whole recording holds (``readings``, ``time``, ``channel``, ``unit``, ``positions``), a group ``touch`` (``traction``, ``std``,
+``force`` with its interval, ``touching``) and a group ``events``; xarray opens each of the three. A killed process loses the block at hand.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate.elastic.quantities import channel_unit
+from palpate.errors import InvalidInput, Unsupported
+from palpate.recordings.recording import Recording
+from palpate.touch import Touch
+
+if TYPE_CHECKING:
+    from palpate.grasp import Event
+
+__all__ = ["HdfRecorder", "ZarrRecorder", "into_place", "read_zarr", "write_zarr", "zarr_library"]
+
+#: Frames in a block: what a killed process can lose.
+BLOCK = 32
+KINDS = ("contact", "incipient slip", "slip", "excess pressure", "excess force")
+_EVENTS = {
+    "time": ("s", "when"),
+    "kind": ("1", "what began or ended"),
+    "began": ("1", "1 it began, 0 it ended"),
+    "probability": ("1", "how sure it is"),
+    "value": ("1", "of what is watched: part of the friction limit, Pa, N"),
+    "limit": ("1", "at which it is announced"),
+}
+
+
+class _Variable:
+    """One array of a group: its dimensions (the first is time, where it grows) and what it is."""
+
+    def __init__(self, dims: tuple[str, ...], dtype: Any, attrs: Mapping[str, Any], data: Any = None) -> None:
+        self.dims, self.dtype, self.attrs, self.data = dims, np.dtype(dtype), dict(attrs), data
+
+
+class _Recorder:
+    """Collects frames into blocks; the formats say how a group begins and how a block is added."""
+
+    def __init__(
+        self,
+        path: str | Path,
+        channels: Sequence[str],
+        *,
+        positions: Any = None,
+        meta: dict[str, str] | None = None,
+        block: int = BLOCK,
+    ) -> None:
+        self.path, self.channels, self.left_out = Path(path), tuple(channels), 0
+        self._positions = None if positions is None else np.asarray(positions, dtype=np.float64)
+        self._meta, self._block = dict(meta or {}), block
+        self._rows: dict[str, list[dict[str, Any]]] = {}
+        self._begun: set[str] = set()
+        self._last = -np.inf
+        self._open = True
+        if self.path.exists():
+            raise InvalidInput(f"{path} exists; a recording is not overwritten. Give another name.")
+        if not self.path.parent.is_dir():
+            raise InvalidInput(f"{path}: the folder {self.path.parent} does not exist; make it first.")
+        self._guarded(self._create)
+        self._guarded(lambda: self._start("events", self._event_layout()))
+
+    def readings(self, time: float, values: Any) -> None:
+        """One frame (channel, *array) at ``time`` [s]; one that is not after the last is left out."""
+        data = to_numpy(values)
+        if len(data) != len(self.channels) or data.ndim not in (2, 3):
+            raise InvalidInput(
+                f"a frame must have shape (channel, taxel) or (channel, y, x) with {len(self.channels)} channels; got {data.shape}."
+            )
+        if not time > self._last:
+            self.left_out += 1
+            return
+        self._last = time
+        self._put("", {"time": time, "readings": data}, lambda: self._reading_layout(data))
+
+    def touch(self, touch: Touch, time: float | None = None) -> None:
+        """What was found in one frame."""
+        row: dict[str, Any] = {
+            "time": float(touch.time) if time is None else time,  # type: ignore[arg-type]
+            "traction": to_numpy(touch.values),
+            "force": to_numpy(touch.force),
+            "touching": int(bool(True if touch.touching is None else touch.touching)),
+        }
+        known = touch.errors is not None
+        row["std"] = touch.std.values if known else np.full(row["traction"].shape, np.nan)
+        row["force_low"], row["force_high"] = (
+            touch.interval(0.95, "force") if known else np.full((2, *row["force"].shape), np.nan)
+        )
+        self._put("touch", row, lambda: self._touch_layout(touch, row))
+
+    def event(self, event: Event) -> None:
+        """Something that a `GraspMonitor` noticed."""
+        row = {k: getattr(event, k) for k in _EVENTS if k != "kind"}
+        self._put("events", {**row, "began": int(event.began), "kind": KINDS.index(event.kind)}, self._event_layout)
+
+    def close(self) -> None:
+        """Write what is left and finish the file."""
+        if self._open:
+            self._open = False
+            try:
+                for group in list(self._rows):
+                    self._flush(group)
+            finally:
+                self._guarded(self._finish)
+
+    def __enter__(self) -> Any:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # -- what the formats do --------------------------------------------------------------------------------------------
+
+    def _create(self) -> None:
+        raise NotImplementedError
+
+    def _start(self, group: str, layout: dict[str, _Variable]) -> None:
+        raise NotImplementedError
+
+    def _append(self, group: str, block: dict[str, Any]) -> None:
+        raise NotImplementedError
+
+    def _finish(self) -> None:
+        raise NotImplementedError
+
+    # -- layouts --------------------------------------------------------------------------------------------------------
+
+    def _reading_layout(self, data: Any) -> dict[str, _Variable]:
+        dims: tuple[str, ...] = ("channel", "taxel") if data.ndim == 2 else ("channel", "y", "x")
+        dtype = data.dtype if data.dtype in (np.float32, np.float64) else np.float64
+        layout = {
+            "time": _Variable(("time",), np.float64, {"units": "s"}),
+            "readings": _Variable(("time", *dims), dtype, {"long_name": "sensor readings in SI units"}),
+            "channel": _Variable(("channel",), "U32", {}, np.array(self.channels)),
+            "unit": _Variable(("channel",), "U8", {}, np.array([channel_unit(c) for c in self.channels])),
+        }
+        layout["readings"].attrs["shape"] = data.shape
+        if self._positions is not None:
+            dims = ("taxel",) if self._positions.ndim == 1 else ("taxel", "axis")
+            layout["positions"] = _Variable(dims, np.float64, {"units": "m"}, self._positions)
+        return layout
+
+    @staticmethod
+    def _touch_layout(touch: Touch, row: Mapping[str, Any]) -> dict[str, _Variable]:
+        traction = touch.traction
+        dims = tuple(str(d) for d in traction.dims if d != "time")
+        unit = "N/m" if touch.surface.dimensions == 1 else "N"
+        layout = {"time": _Variable(("time",), np.float64, {"units": "s"})}
+        for name in dims:
+            data = traction[name].values
+            layout[name] = _Variable((name,), data.dtype, {} if name == "component" else {"units": "m"}, data)
+        for name, value in row.items():
+            if name in ("traction", "std"):
+                layout[name] = _Variable(("time", *dims), np.float32, {"units": "Pa", "shape": value.shape})
+            elif name.startswith("force"):
+                layout[name] = _Variable(("time", "component"), np.float64, {"units": unit, "shape": value.shape})
+            elif name == "touching":
+                layout[name] = _Variable(("time",), np.int8, {})
+        return layout
+
+    @staticmethod
+    def _event_layout() -> dict[str, _Variable]:
+        layout = {
+            name: _Variable(
+                ("time",), np.int8 if name in ("kind", "began") else np.float64, {"units": unit, "long_name": text}
+            )
+            for name, (unit, text) in _EVENTS.items()
+        }
+        # flags as the CF conventions write them
+        layout["kind"].attrs["flag_values"] = list(range(len(KINDS)))
+        layout["kind"].attrs["flag_meanings"] = " ".join(k.replace(" ", "_") for k in KINDS)
+        return layout
+
+    # -- blocks ---------------------------------------------------------------------------------------------------------
+
+    def _put(self, group: str, row: dict[str, Any], layout: Callable[[], dict[str, _Variable]]) -> None:
+        if not self._open:
+            raise InvalidInput(f"{self.path}: this recording is closed.")
+        if group not in self._begun and group != "events":
+            self._guarded(lambda: self._start(group, layout()))
+            self._begun.add(group)
+        rows = self._rows.setdefault(group, [])
+        rows.append(row)
+        if len(rows) >= self._block:
+            self._flush(group)
+
+    def _flush(self, group: str) -> None:
+        rows = self._rows.get(group, [])
+        if not rows:
+            return
+        block = {k: np.stack([np.asarray(row[k]) for row in rows]) for k in rows[0]}
+        self._rows[group] = []
+        self._guarded(lambda: self._append(group, block))
+
+    def _guarded(self, act: Callable[[], Any]) -> None:
+        try:
+            act()
+        except (OSError, RuntimeError) as error:  # h5py raises both where a disk is full
+            reason = getattr(error, "strerror", None) or str(error)
+            raise InvalidInput(f"{self.path}: writing failed ({reason}); the blocks before are kept.") from error
+
+
+class HdfRecorder(_Recorder):
+    """Writes a stream into an HDF5 file (.nc, .h5) that is NetCDF at the end, and can be read beside the writing (SWMR).
+
+    A killed process leaves what was written to `read_recording` with ``salvage`` (`palpate convert --salvage`).
+
+    Parameters
+    ----------
+    path : str or Path
+        Must not exist yet: a recording is never overwritten.
+    channels : sequence of str
+        Of the readings.
+    positions : array (taxel, 2) or (taxel,), optional
+        Of scattered taxels [m].
+    meta : mapping of str to str
+        Anything worth keeping.
+    block : int
+        Frames in a block.
+    """
+
+    def _create(self) -> None:
+        import h5netcdf
+
+        with h5netcdf.File(self.path, "w", libver="latest") as file:
+            file.attrs["meta"] = json.dumps(self._meta)
+            file.attrs["Conventions"] = "palpate recording 1"
+        self._file: Any = None
+
+    def _start(self, group: str, layout: dict[str, _Variable]) -> None:
+        import h5netcdf
+        import h5py
+
+        # new variables cannot be made while others may read
+        if self._file is not None:
+            self._file.close()
+        with h5netcdf.File(self.path, "a", libver="latest") as file:
+            place = file.create_group(group) if group else file
+            sizes: dict[str, int | None] = {}
+            for variable in layout.values():
+                shape = variable.attrs.get("shape", np.shape(variable.data))
+                grows = variable.data is None
+                sizes.update(zip(variable.dims[grows:], shape))
+            place.dimensions["time"] = None
+            for name, size in sizes.items():
+                place.dimensions[name] = size
+            for name, variable in layout.items():
+                if variable.dtype.kind == "U":
+                    data = np.array([str(v) for v in variable.data], dtype=object)
+                    place.create_variable(name, variable.dims, data=data, dtype=h5py.string_dtype())
+                    continue
+                grows = variable.data is None
+                chunks = (self._block, *variable.attrs.get("shape", ())) if grows else None
+                # not compressed: that would hold up the stream
+                made = place.create_variable(
+                    name, variable.dims, dtype=variable.dtype, data=variable.data, chunks=chunks
+                )
+                for key, value in variable.attrs.items():
+                    if key != "shape":
+                        made.attrs[key] = value
+        self._file = h5py.File(self.path, "r+", libver="latest")
+        self._file.swmr_mode = True
+
+    def _append(self, group: str, block: dict[str, Any]) -> None:
+        place = self._file[group] if group else self._file
+        before = len(place["time"])
+        for name, data in block.items():
+            if name in place:
+                place[name].resize(before + len(data), axis=0)
+                place[name][before:] = data
+        self._file.flush()
+
+    def _finish(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
+
+class ZarrRecorder(_Recorder):
+    """Writes a stream into a Zarr store (a folder, .zarr), which can be opened at any time.
+
+    Parameters
+    ----------
+    path : str or Path
+        Must not exist yet: a recording is never overwritten.
+    channels : sequence of str
+        Of the readings.
+    positions : array (taxel, 2) or (taxel,), optional
+        Of scattered taxels [m].
+    meta : mapping of str to str
+        Anything worth keeping.
+    block : int
+        Frames in a block.
+    """
+
+    def _create(self) -> None:
+        self._root = zarr_library().create_group(store=str(self.path), zarr_format=3)
+        self._root.attrs.update({"meta": json.dumps(self._meta), "Conventions": "palpate recording 1"})
+        self._arrays: dict[tuple[str, str], Any] = {}
+
+    def _start(self, group: str, layout: dict[str, _Variable]) -> None:
+        place = self._root.create_group(group) if group else self._root
+        for name, variable in layout.items():
+            if variable.dtype.kind == "U":
+                # text has no settled form in Zarr 3: names are attributes of what they name
+                place.attrs[name] = [str(v) for v in variable.data]
+                continue
+            shape = variable.attrs.get("shape", ())
+            grows = variable.data is None
+            array = place.create_array(
+                name,
+                shape=(0, *shape) if grows else variable.data.shape,
+                chunks=(self._block, *shape) if grows else variable.data.shape,
+                dtype=variable.dtype,
+                dimension_names=variable.dims,
+                attributes={k: v for k, v in variable.attrs.items() if k != "shape"},
+            )
+            if grows:
+                self._arrays[group, name] = array
+            else:
+                array[...] = variable.data
+
+    def _append(self, group: str, block: dict[str, Any]) -> None:
+        # time comes last: a frame counts when all of it is there
+        for name in sorted(block, key=lambda n: n == "time"):
+            if (group, name) in self._arrays:
+                self._arrays[group, name].append(block[name].astype(self._arrays[group, name].dtype))
+
+    def _finish(self) -> None:
+        pass
+
+
+def zarr_library() -> Any:
+    try:
+        import zarr
+    except ImportError as error:
+        raise Unsupported('Zarr needs one more package: pip install "palpate[zarr]".') from error
+    return zarr
+
+
+def write_zarr(recording: Recording, path: str | Path) -> None:
+    """A whole recording as a Zarr store."""
+    into_place(path, lambda name: _whole(recording, name))
+
+
+def _whole(recording: Recording, name: Path) -> None:
+    with ZarrRecorder(name, recording.channels, positions=recording.positions, meta=recording.meta) as out:
+        for time, values in zip(recording.time, recording.readings):
+            out.readings(float(time), values)
+
+
+def into_place(path: str | Path, write: Callable[[Path], None]) -> None:
+    """Write a folder beside its name, then move it there; nothing is left where that fails."""
+    zarr_library()
+    target = Path(path)
+    if target.exists():
+        raise InvalidInput(f"{path} exists; a Zarr store is not overwritten. Give another name.")
+    if not target.parent.is_dir():
+        raise InvalidInput(f"{target}: the folder {target.parent} does not exist; make it first.")
+    try:
+        folder = Path(tempfile.mkdtemp(prefix=".palpate-", dir=target.parent))
+    except OSError as error:
+        raise InvalidInput(f"{target}: cannot write there ({error.strerror}).") from error
+    try:
+        write(folder / "store.zarr")
+        os.replace(folder / "store.zarr", target)
+    except OSError as error:
+        raise InvalidInput(f"{target}: writing failed ({error.strerror or error}); nothing was written.") from error
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def read_zarr(path: Path) -> Recording:
+    """A recording from a Zarr store; blocks that were not finished are left out."""
+    zarr = zarr_library()
+    if not path.is_dir():
+        raise InvalidInput(f"{path}: no such folder; a Zarr store is a folder.")
+    try:
+        root = zarr.open_group(str(path), mode="r")
+        missing = [n for n in ("readings", "time") if n not in root] + [n for n in ("channel",) if n not in root.attrs]
+        if missing:
+            raise InvalidInput(f"{path}: not a palpate recording: it lacks {', '.join(missing)}.")
+        count = min(root["time"].shape[0], root["readings"].shape[0])
+        return Recording(
+            readings=root["readings"][:count],
+            channels=tuple(root.attrs["channel"]),
+            time=root["time"][:count],
+            positions=root["positions"][...] if "positions" in root else None,
+            meta=json.loads(root.attrs.get("meta", "{}")),
+        )
+    except (OSError, KeyError, ValueError) as error:
+        if isinstance(error, InvalidInput):
+            raise
+        raise InvalidInput(f"{path}: cannot be read as a Zarr store; it is damaged or something else.") from error
