@@ -249,3 +249,185 @@ def test_in_a_browser(tmp_path: Path) -> None:
     assert numbers["errors"] == []
     assert len(list(tmp_path.glob("*.png"))) == 4
     assert all(p.stat().st_size > 20_000 for p in tmp_path.glob("*.png"))
+
+
+SKIN = """\
+[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+[[plane]]
+kind = "area"
+shape = [10, 10]
+pitch = "1 mm"
+depth = "1.5 mm"
+channels = ["stress_xz", "stress_yz", "stress_zz"]
+"""
+
+
+def free_port() -> int:
+    import socket
+
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@pytest.mark.parametrize("kind", ["udp", "tcp", "ws"])
+def test_a_sensor_on_the_network_through_the_command(skin: pp.Skin, tmp_path: Path, kind: str) -> None:
+    """palpate live: frames in by the network, recorded from the start, shown in Foxglove, ended by Ctrl-C."""
+    import signal
+
+    import httpx
+    from websockets.sync.client import connect
+
+    from palpate.network import frame_bytes
+    from palpate.recordings import read_touch
+    from test_network import sending
+
+    (tmp_path / "skin.toml").write_text(SKIN)
+    page, wire, glove = free_port(), free_port(), free_port()
+    arguments = ["live", "--skin", "skin.toml", f"--{kind}", str(wire), "--port", str(page)]
+    arguments += ["--foxglove", str(glove), "--record", "out.h5", "--baseline", "5"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "palpate", *arguments], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
+    try:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            try:
+                httpx.get(f"http://127.0.0.1:{page}/health").raise_for_status()
+                break
+            except httpx.HTTPError:
+                assert process.poll() is None
+                time.sleep(0.1)
+        clean = np.asarray(skin.sense(BALL), dtype=np.float32)
+        values = [(clean if i > 10 else 0 * clean) + np.float32(i) for i in range(40)]
+        with (
+            connect(f"ws://127.0.0.1:{glove}", subprotocols=["foxglove.sdk.v1"]) as viewer,
+            sending(kind, wire) as send,
+        ):
+            health = f"http://127.0.0.1:{page}/health"
+            for i, frame in enumerate(values):
+                send(frame_bytes(i, 0.01 * i, frame))
+                while httpx.get(health).json()["frames"] <= i:
+                    assert time.monotonic() < deadline
+            seen: set[str] = set()
+            while len(seen) < 3:
+                seen |= {c["topic"] for c in json.loads(viewer.recv(timeout=10)).get("channels", [])}
+        assert httpx.get(health).json()["received"]["frames"] == 40
+        process.send_signal(signal.SIGINT)
+        output = process.communicate(timeout=30)[0].decode()
+    finally:
+        process.kill()
+    assert "Traceback" not in output, output
+    assert f"ws://127.0.0.1:{glove}" in output
+    assert seen >= {"/palpate/readings", "/palpate/touch", "/palpate/wrench"}
+    found = pp.recordings.read_recording(tmp_path / "out.h5")
+    np.testing.assert_array_equal(found.readings, values)
+    np.testing.assert_allclose(found.time, 0.01 * np.arange(40), atol=1e-12)
+    assert read_touch(tmp_path / "out.h5")["force"].values[-1, 2] == pytest.approx(1.0, abs=0.1)
+
+
+def test_show_takes_a_generator(skin: pp.Skin, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """One call from a driver of one's own to the page, and into a file."""
+    from palpate.live import server, show
+    from palpate.recordings import read_recording, recorder
+
+    def serve(live: Live, *, host: str, port: int) -> None:
+        assert (host, port) == ("127.0.0.1", 8765)
+        with testclient.TestClient(live.app) as client:
+            deadline = time.monotonic() + 20
+            while client.get("/health").json()["frames"] < 30 and time.monotonic() < deadline:
+                time.sleep(0.02)
+
+    monkeypatch.setattr(server, "serve", serve)
+    clean = skin.sense(BALL)
+    show(
+        skin,
+        ((0.01 * i, clean) for i in range(30)),
+        friction=0.6,
+        sinks=[recorder(tmp_path / "a.zarr", ARRAY.channels)],
+    )
+    np.testing.assert_array_equal(read_recording(tmp_path / "a.zarr").readings, np.stack([clean] * 30))
+    with pytest.raises(pp.InvalidInput, match="token"):
+        show(skin, [], host="0.0.0.0")
+
+
+def test_ros_node(skin: pp.Skin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The example node, with stand-ins for ROS and its own messages: an image in, a wrench out."""
+    import runpy
+    import types
+
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    sent: dict[str, list[Any]] = {}
+    (tmp_path / "skin.toml").write_text(SKIN + '[stream]\ntopic = "/finger"\nunit = "kPa"\n')
+
+    class Now:
+        nanoseconds = 10**9
+
+        def to_msg(self) -> str:
+            return "now"
+
+    class Publisher:
+        def __init__(self, topic: str) -> None:
+            self.topic = topic
+
+        def publish(self, message: Any) -> None:
+            sent.setdefault(self.topic, []).append(message)
+
+    class Node:
+        def __init__(self, name: str) -> None:
+            self.subscribed: Any = None
+
+        def declare_parameter(self, name: str, default: Any) -> Any:
+            given = {"skin": str(tmp_path / "skin.toml"), "friction": 0.6, "baseline": 0}
+            return types.SimpleNamespace(value=given.get(name, default))
+
+        def create_publisher(self, kind: Any, topic: str, depth: int) -> Publisher:
+            return Publisher(topic)
+
+        def create_subscription(self, kind: Any, topic: str, callback: Any, depth: int) -> None:
+            assert depth == 1
+            self.subscribed = (topic, callback)
+
+        def get_clock(self) -> Any:
+            return types.SimpleNamespace(now=Now)
+
+    def wrench() -> Any:
+        vector = types.SimpleNamespace
+        return vector(header=vector(), wrench=vector(force=vector(), torque=vector()))
+
+    def plain(**fields: Any) -> Any:
+        return types.SimpleNamespace(**fields)
+
+    for name, contents in (
+        ("rclpy", {}),
+        ("rclpy.node", {"Node": Node}),
+        ("geometry_msgs", {}),
+        ("geometry_msgs.msg", {"WrenchStamped": wrench}),
+        ("std_msgs", {}),
+        ("std_msgs.msg", {"Float32": plain, "String": plain}),
+        ("rosidl_runtime_py", {}),
+        ("rosidl_runtime_py.utilities", {"get_message": lambda kind: kind}),
+    ):
+        module = types.ModuleType(name)
+        module.__dict__.update(contents)
+        monkeypatch.setitem(sys.modules, name, module)
+    node = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "ros2_node.py"))["Palpate"]()
+    topic, callback = node.subscribed
+    assert topic == "/finger"
+    clean = np.ascontiguousarray(np.moveaxis(np.asarray(skin.sense(BALL)) * 1e-3, 0, -1), dtype="<f4")
+    for _ in range(3):
+        Now.nanoseconds += 10**7
+        image = store.types["sensor_msgs/msg/Image"](
+            header=None, height=10, width=10, encoding="32FC3", is_bigendian=0, step=120,
+            data=clean.view(np.uint8).reshape(-1),
+        )  # fmt: skip
+        callback(image)
+    node.tracker.close()
+    assert sent["~/wrench"][-1].wrench.force.z == pytest.approx(1.0, abs=0.05)
+    assert sent["~/slip_margin"][-1].data == pytest.approx(0.5, abs=0.1)
+    assert "contact began" in sent["~/event"][0].data

@@ -398,7 +398,7 @@ def live(
         raise InvalidInput(f"--speed must be a positive number; got {speed:g}.")
     if record_to is not None and not record_to.is_dir():
         raise InvalidInput(f"--record-to {record_to}: no such folder.")
-    pace, end = True, None
+    pace, end, counts = True, None, None
     if host not in LOCAL and token is None:
         token = secrets.token_urlsafe(16)
     if demo:
@@ -418,7 +418,7 @@ def live(
         channels = sum(len(p.channels) for p in skin.planes)
         kind, where = listening.popitem()
         listener = FrameListener((channels, *shapes.pop()), kind=kind, port=where, host=host)
-        name, pace, end = f"{kind} port {listener.port}", False, listener.close
+        name, pace, end, counts = f"{kind} port {listener.port}", False, listener.close, listener.counts
 
         def source() -> FrameListener:
             return listener
@@ -445,7 +445,9 @@ def live(
         typer.echo(f"Foxglove: open a connection to ws://127.0.0.1:{foxglove}")
     if rerun:
         sinks.append(RerunSink())
-    session = Session(skin, source, tracker, monitor, name=name, pace=pace, loop=loop, end=end, sinks=sinks)
+    session = Session(
+        skin, source, tracker, monitor, name=name, pace=pace, loop=loop, end=end, sinks=sinks, counts=counts
+    )
     view = Live(session, token=token, folder=record_to)
     query = "" if token is None else f"?token={token}"
     typer.echo(f"open http://{host if ':' not in host else f'[{host}]'}:{port}/{query}    (Ctrl-C ends)")
@@ -509,7 +511,9 @@ def convert(
         if columns is not None:
             raise InvalidInput("--columns describes a table; --topic, --skin and --salvage what a robot recorded.")
         if described and topic is None:
-            raise InvalidInput("--path, --fields, --scale, --shape and --markers describe the messages of a --topic: name it.")
+            raise InvalidInput(
+                "--path, --fields, --scale, --shape and --markers describe the messages of a --topic: name it."
+            )
         if topic is not None and skin_file is not None:
             raise InvalidInput("give either --topic or a --skin with a section [stream].")
         mapping = None if skin_file is None else read_stream(skin_file)

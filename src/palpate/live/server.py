@@ -90,6 +90,7 @@ class Live:
                     "late": known.late,
                     "approximate": known.approximate,
                     "behind": session.behind,
+                    "received": dict(session.counts),
                     "pages": self.pages,
                     "refused": self.refused,
                     "failure": session.failure,

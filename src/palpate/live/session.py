@@ -14,7 +14,7 @@ import struct
 import threading
 import time as clock
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +116,8 @@ class Session:
     sinks : sequence of Sink
         Where readings, touches and events go besides the page: a `palpate.recordings.recorder`, a `FoxgloveServer`, a `RerunSink`. One that
         fails is reported and left; the stream goes on.
+    counts : mapping of str to int, optional
+        What a listener took in and refused (`FrameListener.counts`), shown with the sensor's health.
     """
 
     def __init__(
@@ -130,6 +132,7 @@ class Session:
         loop: bool = False,
         end: Callable[[], None] | None = None,
         sinks: Sequence[Sink] = (),
+        counts: Mapping[str, int] | None = None,
     ) -> None:
         self.skin, self.source, self.tracker, self.monitor = skin, source, tracker, monitor
         self.name, self.pace, self.loop, self._end = name, pace, loop, end
@@ -143,6 +146,7 @@ class Session:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._sinks = list(sinks)
+        self.counts: Mapping[str, int] = {} if counts is None else counts
         self._recorder: Sink | None = None
         self.recording: str | None = None
 
@@ -253,6 +257,7 @@ class Session:
             "behind": self.behind,
             "left_out": [f"{health.label(int(r))} ({health.reasons[r]})" for r in rows[:20]],
             "left_out_count": len(rows),
+            "refused": {k: v for k, v in self.counts.items() if v and k != "frames"},
         }
         packet = packed(touch, self.monitor, events, facts, born=born, ms=1e3 * self.tracker.seconds)
         with self._lock:

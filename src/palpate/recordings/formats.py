@@ -101,7 +101,9 @@ def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, sal
         return read_zarr(found)
     found = _existing(path)
     if kind == "mcap":
-        return robots.read_robot(found, None if mcapfile.own(found) is not None else mapping, salvage=salvage)
+        if mapping is not None and mcapfile.own(found) is not None and mapping.topic not in robots.topics(found):
+            mapping = None  # the mapping of a robot's messages does not concern palpate's own
+        return robots.read_robot(found, mapping, salvage=salvage)
     if kind == "netcdf":
         return _read_netcdf(found, salvage)
     return {"npz": _read_npz, "csv": _read_csv}[kind](found)

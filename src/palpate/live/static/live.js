@@ -140,7 +140,7 @@ function numbers(f) {
   const bad = f.going_on.filter((k) => k !== "contact");
   alarm(bad.length ? bad.join(", ") : "");
   const h = f.health;
-  $("health").textContent = `frame ${h.frames}, ${f.ms.toFixed(1)} ms; ${h.late} late, ${h.approximate} approximate, ${h.behind} skipped; left out: ${h.left_out_count ? h.left_out.join(", ") : "none"}`;
+  $("health").textContent = `frame ${h.frames}, ${f.ms.toFixed(1)} ms; ${h.late} late, ${h.approximate} approximate, ${h.behind} skipped; left out: ${h.left_out_count ? h.left_out.join(", ") : "none"}${Object.keys(h.refused || {}).length ? "; on the wire: " + Object.entries(h.refused).map(([k, v]) => `${v} ${k}`).join(", ") : ""}`;
   $("map").setAttribute("aria-label", f.touching ? `Contact: ${unit(f.force[last], u)} normal, ${unit(shearOf(f), u)} shear` : "No contact");
 }
 function plot(id, upto, lines, low, high) {
