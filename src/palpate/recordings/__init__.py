@@ -2,12 +2,13 @@
 
 from palpate.recordings.formats import read_recording, read_table, write_recording
 from palpate.recordings.mapping import TopicMapping
-from palpate.recordings.recorder import Sink, recorder
+from palpate.recordings.recorder import Recorder, Sink, recorder
 from palpate.recordings.recording import Recording
 from palpate.recordings.skinfile import read_skin, read_stream
 from palpate.recordings.touchfile import read_touch, write_touch
 
 __all__ = [
+    "Recorder",
     "Recording",
     "Sink",
     "TopicMapping",

@@ -12,7 +12,7 @@ from palpate.touch import Touch
 if TYPE_CHECKING:
     from palpate.grasp import Event
 
-__all__ = ["Sink", "recorder"]
+__all__ = ["Recorder", "Sink", "recorder"]
 
 
 class Sink(Protocol):
@@ -31,9 +31,17 @@ class Sink(Protocol):
         """Finish."""
 
 
+class Recorder(Sink, Protocol):
+    """A sink that is a file; ``with`` closes it."""
+
+    def __enter__(self) -> Any: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
 def recorder(
     path: str | Path, channels: Sequence[str], *, positions: Any = None, meta: dict[str, str] | None = None
-) -> Sink:
+) -> Recorder:
     """The recorder of a file name: .mcap, .nc / .h5 / .hdf5, or .zarr; each writes while the stream runs.
 
     Parameters
