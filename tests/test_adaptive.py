@@ -249,6 +249,51 @@ def test_masked_taxels_cost_little() -> None:
     assert errors[1] < 1.15 * errors[0]
 
 
+@pytest.mark.parametrize("noise", [0.005, 0.03])
+def test_sliding_is_recognised(noise: float) -> None:
+    """A contact that slides: shear in one proportion to pressure, at the friction given, or at less where what is given is too high."""
+    skin = pp.Skin(PAD, area(THREE))
+    direction = 0.7
+    clean = skin.sense(skin.sample(BALL.sliding(0.5, direction=direction)))
+    for given in (0.5, 0.6):
+        for seed in range(3):
+            size = noise * float(np.abs(clean).max())
+            noisy = clean + size * np.random.default_rng(seed).standard_normal(clean.shape)
+            touch = skin.reconstruct(noisy, friction=given)
+            shear, pressure = touch.force[:2], touch.force[2]
+            assert float(np.hypot(*shear) / pressure) == pytest.approx(0.5, abs=noise)
+            assert float(np.arctan2(*shear[::-1])) == pytest.approx(direction, abs=2 * noise)
+            low, high = touch.interval(0.99, "force")
+            true = np.array([0.5 * np.cos(direction), 0.5 * np.sin(direction), 1.0])
+            assert ((low < true) & (true < high)).all(), (given, seed, low, high)
+            assert (low < high).all()
+
+
+def test_sliding_is_not_seen_where_nothing_slides() -> None:
+    """A firm grip stays one, and neither its shear nor its margin is that of a slide."""
+    skin = pp.Skin(PAD, area(THREE))
+    clean = skin.sense(skin.sample(BALL.partial_slip(0.6, 0.24)))
+    for seed in range(3):
+        noisy = clean + 0.01 * np.abs(clean).max() * np.random.default_rng(seed).standard_normal(clean.shape)
+        touch = skin.reconstruct(noisy, friction=0.6)
+        assert float(np.hypot(*touch.force[:2]) / touch.force[2]) == pytest.approx(0.24, abs=0.03)
+        # the rim carries more of the shear than of the pressure
+        q, p = np.asarray(touch.values)[0], np.asarray(touch.values)[2]
+        rim, middle = (p > 0.3 * p.max()) & (p < 0.5 * p.max()), p > 0.9 * p.max()
+        assert (q[rim] / p[rim]).mean() > 1.3 * (q[middle] / p[middle]).mean()
+
+
+def test_sliding_on_a_line() -> None:
+    array = pp.LineArray(count=60, pitch=0.5e-3, depth=1.5e-3, channels=["stress_xz", "stress_zz"])
+    skin = pp.Skin(PAD, array)
+    clean = skin.sense(skin.sample(solutions.hertz_line(half_width=5e-3, force=500.0).sliding(-0.4)))
+    noisy = clean + 0.02 * np.abs(clean).max() * np.random.default_rng(0).standard_normal(clean.shape)
+    touch = skin.reconstruct(noisy, friction=0.4)
+    assert float(touch.force[0] / touch.force[1]) == pytest.approx(-0.4, abs=0.004)
+    draws = np.asarray(skin.reconstruct(noisy, friction=0.4, draws=5).draws)
+    assert (np.abs(draws[:, 0]) <= 0.4 * draws[:, 1] + 1e-9 * draws.max()).all()
+
+
 def test_pulling_is_said_not_hidden() -> None:
     """Cells pull a substrate up: contact that only pushes cannot explain it, and the linear method is used."""
     skin = pp.Skin(PAD, area(noise=30.0))

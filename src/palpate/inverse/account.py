@@ -82,13 +82,26 @@ class Normal:
             self.linear[:, position],
         )
 
+    def along(self, ray: Floats) -> Normal:
+        """The same for traction that has one direction everywhere, ``ray`` (component,) times what is sought (1, cell)."""
+        c, n = self.linear.shape
+        blocks = self.gram.reshape(c, n, c, n)
+        return Normal(
+            self.level,
+            self.cells,
+            np.tensordot(self.matrix.reshape(-1, c, n), ray, ((1,), (0,))),
+            np.einsum("c,cidj,d->ij", ray, blocks, ray, optimize=True),
+            (ray @ self.linear)[None],
+        )
+
 
 @dataclass
 class Account:
     """One account of a frame: a solution on some cells of a level.
 
     ``contact``, where given, is the same on the cells that are in contact beyond doubt: the errors are its. Cells where noise presses
-    now and then, beyond the array above all, are as free as any other on the face of the constraints, and would count in full.
+    now and then, beyond the array above all, are as free as any other on the face of the constraints, and would count in full. ``ray``
+    is the one direction of its traction, where it has one; ``hessian`` is then that of the pressure.
     """
 
     data: Normal
@@ -96,6 +109,7 @@ class Account:
     solution: Solution
     weight: float = 0.0
     contact: Account | None = None
+    ray: Floats | None = None
 
     @property
     def level(self) -> Level:

@@ -16,20 +16,25 @@ varies from place to place, is learned from the frame itself:
 4. the mean over three accounts of the same readings: an even penalty on the first and second derivative (weighed by
    evidence), and local weights of a wide and a narrow reach. One frame cannot say which is right: their spread is part of the
    error bar;
-5. readings that no contact explains (dead, stuck or saturated taxels) are left out and named.
+5. where friction is known, the same accounts of a contact that slides as a whole (q in one proportion to p), weighed by evidence: the
+   cone alone lets shear fall short wherever noise makes the pressure small, but never lets it exceed where noise makes it large;
+6. readings that no contact explains (dead, stuck or saturated taxels) are left out and named.
 """
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+import scipy.special
 
 from palpate.elastic.half_space import Floats
-from palpate.inverse.account import Account, Level, scattered, spread
-from palpate.inverse.cone import TOLERANCE
+from palpate.inverse.account import Account, Level, Normal, scattered, spread
+from palpate.inverse.cone import TOLERANCE, Cone, Ray, cholesky, minimise
 from palpate.inverse.constrained import QUIET, Constrained, grown
 from palpate.inverse.stencil import Sparse
 from palpate.sensing.grids import repeated
@@ -56,6 +61,38 @@ ROUGH = 1e-4
 FLOOR = 1e-6
 #: Weight of a contact that ends on the surface against one that reaches twice as far, where the frame could be either.
 ENDS = 0.2
+#: Sliding less probable than this is not followed up.
+SLIDES = 0.03
+#: Rounds in which shear over pressure and the pressure are found in turn.
+JOINTLY = 4
+
+
+def _gain(hessian: Floats, linear: Floats, prior: Sequence[Floats]) -> float:
+    """Log marginal likelihood over that of noise alone, of a Gaussian model with the given normal matrix and prior precisions."""
+    import scipy.linalg
+
+    factor = cholesky(hessian.copy())
+    half = scipy.linalg.solve_triangular(factor, linear, lower=True, check_finite=False)
+    wide = sum(float(np.log(np.diagonal(cholesky(p.copy()))).sum()) for p in prior)
+    return 0.5 * float(half @ half) - float(np.log(np.diagonal(factor)).sum()) + wide
+
+
+def _expanded(one: Account, data: Normal, ray: Floats, changes: Floats) -> Account:
+    """An account of the pressure as one of the traction, ``ray`` times it, as uncertain as the readings leave both."""
+    part = data.part(np.searchsorted(data.cells, one.cells))
+    pressure = one.solution.traction[0]
+    face = one.solution.face
+    if face is None:
+        raise RuntimeError("the solution was found without its face")
+    free = face.free[0]
+    turned = (changes[:, :, None] * pressure).reshape(len(changes), len(ray) * len(pressure))
+    pull = turned @ part.gram
+    border = np.einsum("c,kcn->kn", ray, pull.reshape(len(changes), len(ray), len(pressure)))[:, free]
+    hessian = np.block([[one.hessian[np.ix_(free, free)], border.T], [border, pull @ turned.T]])
+    solution = replace(
+        one.solution, traction=ray[:, None] * pressure, face=Ray(ray, free, turned), factor=cholesky(hessian)
+    )
+    return Account(part, one.hessian, solution, ray=ray)
 
 
 class Adaptive(Constrained):
@@ -114,6 +151,81 @@ class Adaptive(Constrained):
         cells = np.flatnonzero(repeated(region, level.ratio))
         start = np.stack([repeated(t.reshape(grid.shape), level.ratio).ravel() for t in first])[:, cells]
         data = self.normal(level, cells, y, noise, heard)
+        members = self._members(data, start, y, evidence)
+        if not self.cone.coupled:
+            return members
+        alone = copy.copy(self)
+        alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
+        slides = self._slides(region, first, y, noise, heard, evidence[1])
+        for m in members:
+            m.weight *= 1.0 - sum(chance for _, _, chance in slides)
+        for ray, changes, chance in slides:
+            for one in alone._members(data.along(ray), start[-1:], y, evidence):
+                member = _expanded(one, data, ray, changes)
+                member.weight = one.weight * chance
+                members.append(member)
+        return members
+
+    def _slides(
+        self,
+        region: Flags,
+        first: Floats,
+        y: Floats,
+        noise: Floats,
+        heard: Flags,
+        evidence: tuple[float, float, float, Floats],
+    ) -> list[tuple[Floats, Floats, float]]:
+        """Ways in which the contact may slide as a whole: shear over pressure (component,), its changes (change, component), probability.
+
+        At the friction given, in any direction, or at less (friction while sliding is less than at rest, and what is given may not be exact).
+        By the marginal likelihood of Gaussian models without the constraints, against shear of its own.
+        """
+        level, mu = self.level(1), float(self.cone.friction or 0.0)
+        cells = np.flatnonzero(region)
+        data = self.normal(level, cells, y, noise, heard)
+        _, parameter, scale, _ = evidence
+        blocks = [q[cells][:, cells].toarray() for q in self.precisions(level, 1, parameter / scale**2)]
+        c, n = len(blocks), len(cells)
+        blurred = data.matrix.reshape(-1, c, n)
+        readings = self.readings.white(y[heard], heard)
+        pressure = first[-1:, cells]
+        for turn in range(JOINTLY):
+            # shear over pressure, and the pressure that goes with it, in turn
+            explained = blurred @ pressure[0]
+            shear, left = explained[:, :-1], readings - explained[:, -1]
+            found = np.linalg.lstsq(shear, left, rcond=None)[0]
+            size = float(np.linalg.norm(found))
+            if not size > 0:
+                return []
+            if turn < JOINTLY - 1:
+                one = data.along(np.append(found * min(1.0, mu / size), 1.0))
+                pressure = minimise(
+                    one.gram + blocks[-1], one.linear, Cone(self.cone.components[-1:]), pressure
+                ).traction
+        full = mu * found / size
+        turns = np.array([[-full[1], full[0]]]) if c == 3 else np.zeros((0, 1))
+        ways = [
+            (full, turns, math.log(2.0 * math.pi) if c == 3 else math.log(2.0)),
+            (found * min(1.0, mu / size), np.eye(c - 1), math.log(math.pi * mu**2 if c == 3 else 2.0 * mu)),
+        ]
+        whole = data.gram.copy()
+        for i, block in enumerate(blocks):
+            whole[i * n : (i + 1) * n, i * n : (i + 1) * n] += block
+        logs = [_gain(whole, data.linear.ravel(), blocks)]
+        for ratio, changes, volume in ways:
+            one = data.along(np.append(ratio, 1.0))
+            change = shear @ changes.T
+            width = 0.5 * len(changes) * math.log(2.0 * math.pi) - 0.5 * float(np.linalg.slogdet(change.T @ change)[1])
+            logs.append(_gain(one.gram + blocks[-1], one.linear.ravel(), blocks[-1:]) + min(width, volume) - volume)
+        chances = scipy.special.softmax(logs)
+        kept = [(w, float(p)) for w, p in zip(ways, chances[1:]) if p >= SLIDES]
+        return [(np.append(ratio, 1.0), np.pad(changes, ((0, 0), (0, 1))), p) for (ratio, changes, _), p in kept]
+
+    def _members(
+        self, data: Normal, start: Floats, y: Floats, evidence: Mapping[int, tuple[float, float, float, Floats]]
+    ) -> list[Account]:
+        """The accounts on the cells of ``data``, with their weights."""
+        level = data.level
         members = []
         best = max(e[0] for e in evidence.values())
         odds = {order: math.exp(max(e[0] - best, -50.0)) for order, e in evidence.items()}

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from palpate.elastic.half_space import Floats
 
-__all__ = ["TOLERANCE", "Cone", "Face", "Solution", "cholesky", "minimise"]
+__all__ = ["TOLERANCE", "Cone", "Face", "Ray", "Solution", "cholesky", "minimise"]
 
 
 @dataclass(frozen=True)
@@ -282,6 +282,26 @@ class Face:
         if not self.mixed:
             return np.asarray(matrix[np.ix_(self.index, self.index)])
         return np.ascontiguousarray(self.columns(self.columns(matrix).T))
+
+
+class Ray(Face):
+    """Free directions of cells whose traction is one vector (component,) times a pressure, and of that vector's changes.
+
+    ``turned`` (change, component * cell) is what the changes that are possible do to the traction.
+    """
+
+    def __init__(self, ray: Floats, free: npt.NDArray[np.bool_], turned: Floats) -> None:
+        c, n = len(ray), len(free)
+        basis = np.zeros((n, c, c))
+        basis[:, :, 0] = ray
+        flags = np.zeros((c, n), dtype=bool)
+        flags[0] = free
+        super().__init__(basis, flags, True)
+        self.turned = turned
+
+    def columns(self, rows: Floats) -> Floats:
+        """rows times the free directions, of an array (m, component * cell)."""
+        return np.concatenate([super().columns(rows), rows @ self.turned.T], axis=1)
 
 
 def _alternate(hessian: Floats, linear: Floats, cone: Cone, x: Floats, count: int) -> Floats:

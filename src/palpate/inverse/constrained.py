@@ -556,9 +556,14 @@ class Constrained:
             if not len(chosen):
                 continue
             root = cholesky(member.hessian.copy())
+            data, cone, start = member.data, self.cone, member.solution.traction
+            if member.ray is not None:
+                data, cone, start = data.along(member.ray), Cone(cone.components[-1:]), start[-1:]
             for j in chosen:
-                linear = member.data.linear + (root @ rng.standard_normal(len(root))).reshape(member.data.linear.shape)
-                x = minimise(member.hessian, linear, self.cone, member.solution.traction).traction
+                linear = data.linear + (root @ rng.standard_normal(len(root))).reshape(data.linear.shape)
+                x = minimise(member.hessian, linear, cone, start).traction
+                if member.ray is not None:
+                    x = member.ray[:, None] * x
                 for k, column in enumerate(self.columns):
                     out[j, column] = block_means(
                         scattered(x[k], member.cells, member.level.grid.shape), member.level.ratio, grid.dimensions
