@@ -283,6 +283,25 @@ def test_sliding_is_not_seen_where_nothing_slides() -> None:
         assert (q[rim] / p[rim]).mean() > 1.3 * (q[middle] / p[middle]).mean()
 
 
+def test_draws_of_a_slide() -> None:
+    """Samples slide too, within friction, and their forces spread like the closed form."""
+    skin = pp.Skin(PAD, area(THREE))
+    clean = skin.sense(skin.sample(BALL.sliding(0.5, direction=0.7)))
+    noisy = clean + 0.02 * np.abs(clean).max() * np.random.default_rng(0).standard_normal(clean.shape)
+    for given in (0.5, 0.6):
+        touch = skin.reconstruct(noisy, friction=given, draws=60)
+        draws = np.asarray(touch.draws)
+        size = np.hypot(draws[:, 0], draws[:, 1])
+        assert (size <= given * draws[:, 2] + 1e-9 * draws.max()).all()
+        forces = draws.sum(axis=(2, 3)) * skin.surface.cell
+        turn = np.array([[np.cos(0.7), np.sin(0.7)], [-np.sin(0.7), np.cos(0.7)]])
+        along, across = (forces[:, :2] @ turn.T).std(axis=0)
+        assert across == pytest.approx(0.01, rel=0.7)  # Q times the error of the angle
+        assert touch.errors is not None
+        closed = np.asarray(touch.errors.force)
+        np.testing.assert_allclose(forces[:, :2].std(axis=0), closed[:2], rtol=0.6)
+
+
 def test_sliding_on_a_line() -> None:
     array = pp.LineArray(count=60, pitch=0.5e-3, depth=1.5e-3, channels=["stress_xz", "stress_zz"])
     skin = pp.Skin(PAD, array)

@@ -101,7 +101,8 @@ class Account:
 
     ``contact``, where given, is the same on the cells that are in contact beyond doubt: the errors are its. Cells where noise presses
     now and then, beyond the array above all, are as free as any other on the face of the constraints, and would count in full. ``ray``
-    is the one direction of its traction, where it has one; ``hessian`` is then that of the pressure.
+    is the traction over the pressure where that is one for all cells, and ``changes`` (change, component) is how it may change; ``hessian`` is
+    then that of the pressure.
     """
 
     data: Normal
@@ -110,6 +111,7 @@ class Account:
     weight: float = 0.0
     contact: Account | None = None
     ray: Floats | None = None
+    changes: Floats | None = None
 
     @property
     def level(self) -> Level:

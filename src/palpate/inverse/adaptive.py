@@ -92,7 +92,7 @@ def _expanded(one: Account, data: Normal, ray: Floats, changes: Floats) -> Accou
     solution = replace(
         one.solution, traction=ray[:, None] * pressure, face=Ray(ray, free, turned), factor=cholesky(hessian)
     )
-    return Account(part, one.hessian, solution, ray=ray)
+    return Account(part, one.hessian, solution, ray=ray, changes=changes)
 
 
 class Adaptive(Constrained):

@@ -563,12 +563,24 @@ class Constrained:
                 linear = data.linear + (root @ rng.standard_normal(len(root))).reshape(data.linear.shape)
                 x = minimise(member.hessian, linear, cone, start).traction
                 if member.ray is not None:
-                    x = member.ray[:, None] * x
+                    x = self._turned(member, rng)[:, None] * x
                 for k, column in enumerate(self.columns):
                     out[j, column] = block_means(
                         scattered(x[k], member.cells, member.level.grid.shape), member.level.ratio, grid.dimensions
                     )
         return out
+
+    def _turned(self, member: Account, rng: np.random.Generator) -> Floats:
+        """A sample of the traction over the pressure of a contact that slides."""
+        ray, changes, factor = member.ray, member.changes, member.solution.factor
+        if ray is None or changes is None or factor is None:
+            raise RuntimeError("only a contact that slides has one traction over pressure")
+        count = len(changes)
+        if count:
+            # the last entries of a Gaussian whose precision has this factor
+            ray = ray + np.linalg.solve(factor[-count:, -count:].T, rng.standard_normal(count)) @ changes
+        shear = float(np.linalg.norm(ray[:-1]))
+        return np.append(ray[:-1] * min(1.0, float(self.cone.friction or shear) / max(shear, 1e-300)), 1.0)
 
 
 def grown(region: Flags, cells: int) -> Flags:

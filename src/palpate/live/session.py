@@ -165,7 +165,10 @@ class Session:
         self.record(None)
         with self._lock:
             while self._sinks:
-                self._sinks.pop().close()
+                try:
+                    self._sinks.pop().close()
+                except PalpateError as error:  # a full disk; the others are finished all the same
+                    self.failure = str(error)
         self.tracker.close()
 
     def listen(self, wake: Callable[[], None]) -> Callable[[], None]:

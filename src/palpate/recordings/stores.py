@@ -247,6 +247,7 @@ class HdfRecorder(_Recorder):
         # new variables cannot be made while others may read
         if self._file is not None:
             self._file.close()
+            self._file = None
         with h5netcdf.File(self.path, "a", libver="latest") as file:
             place = file.create_group(group) if group else file
             sizes: dict[str, int | None] = {}
@@ -275,6 +276,8 @@ class HdfRecorder(_Recorder):
         self._file.swmr_mode = True
 
     def _append(self, group: str, block: dict[str, Any]) -> None:
+        if self._file is None:
+            raise OSError("it could not be opened again")
         place = self._file[group] if group else self._file
         before = len(place["time"])
         for name, data in block.items():
