@@ -295,7 +295,7 @@ def test_draws_of_a_slide() -> None:
         assert (size <= given * draws[:, 2] + 1e-9 * draws.max()).all()
         forces = draws.sum(axis=(2, 3)) * skin.surface.cell
         turn = np.array([[np.cos(0.7), np.sin(0.7)], [-np.sin(0.7), np.cos(0.7)]])
-        along, across = (forces[:, :2] @ turn.T).std(axis=0)
+        _, across = (forces[:, :2] @ turn.T).std(axis=0)
         assert across == pytest.approx(0.01, rel=0.7)  # Q times the error of the angle
         assert touch.errors is not None
         closed = np.asarray(touch.errors.force)
