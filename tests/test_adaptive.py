@@ -267,6 +267,8 @@ def test_sliding_is_recognised(noise: float) -> None:
             true = np.array([0.5 * np.cos(direction), 0.5 * np.sin(direction), 1.0])
             assert ((low < true) & (true < high)).all(), (given, seed, low, high)
             assert (low < high).all()
+            assert float(touch.sliding) > 0.95
+            assert "in one proportion to pressure" in touch.summary()
 
 
 def test_sliding_is_not_seen_where_nothing_slides() -> None:
@@ -277,6 +279,7 @@ def test_sliding_is_not_seen_where_nothing_slides() -> None:
         noisy = clean + 0.01 * np.abs(clean).max() * np.random.default_rng(seed).standard_normal(clean.shape)
         touch = skin.reconstruct(noisy, friction=0.6)
         assert float(np.hypot(*touch.force[:2]) / touch.force[2]) == pytest.approx(0.24, abs=0.03)
+        assert float(touch.sliding) < 0.05
         # the rim carries more of the shear than of the pressure
         q, p = np.asarray(touch.values)[0], np.asarray(touch.values)[2]
         rim, middle = (p > 0.3 * p.max()) & (p < 0.5 * p.max()), p > 0.9 * p.max()

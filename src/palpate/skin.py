@@ -487,6 +487,7 @@ class Skin:
             outliers=estimate.outliers,
             draws=estimate.draws,
             resolution=estimate.resolution,
+            sliding=estimate.sliding,
         )
 
     def track(

@@ -147,6 +147,9 @@ class Touch:
     resolution : array (*batch) or None
         Finest detail that the readings tell [m]: the size of the patch that has one degree of freedom of its own. What is finer
         is the prior's.
+    sliding : array (*batch) or None
+        Where friction was given: probability that shear is in one proportion to pressure all over, as where the contact slides as a whole;
+        NaN where nothing touches.
     """
 
     values: Any
@@ -166,6 +169,7 @@ class Touch:
     outliers: npt.NDArray[np.bool_] | None = None
     draws: Floats | None = None
     resolution: Floats | None = None
+    sliding: Floats | None = None
 
     # -- labelled views ------------------------------------------------------------------------------------------------
 
@@ -496,6 +500,11 @@ class Touch:
             lines.append(f"contact         {1e3 * size:.4g} mm" if line else f"contact area    {1e6 * size:.4g} mm^2")
         if friction is not None and set(self.components) == set(self.surface.components):
             lines.append(f"slip margin     {float(one.slip_margin(friction)):.4g} Pa at friction {friction:g}")
+        if one.sliding is not None and float(one.sliding) > 0.5:
+            sure = 100 * float(one.sliding)
+            lines.append(
+                f"shear           in one proportion to pressure, as where all of it slides: sure to {sure:.0f} %"
+            )
         return "\n".join([*lines, *(f"note: {n}" for n in self.notes)])
 
     def frame(self, index: int) -> Touch:
@@ -536,6 +545,7 @@ class Touch:
             pick(self.outliers),
             pick(self.draws),
             pick(self.resolution),
+            pick(self.sliding),
         )
 
 
@@ -586,4 +596,5 @@ def joined(touches: Sequence[Touch]) -> Touch:
         touching=field_of("touching"),
         outliers=field_of("outliers"),
         resolution=field_of("resolution"),
+        sliding=field_of("sliding"),
     )

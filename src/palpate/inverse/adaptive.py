@@ -101,6 +101,11 @@ class Adaptive(Constrained):
     derivatives = (1, 2)
     reach = 1
 
+    @property
+    def tells_sliding(self) -> bool:  # type: ignore[override]
+        """Where friction is given."""
+        return self.cone.coupled
+
     def _ratio(self, parameter: float, unknowns: int) -> int:
         """How much finer than the surface the problem is worth solving."""
         seen = self.seen(parameter)

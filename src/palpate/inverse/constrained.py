@@ -77,6 +77,7 @@ class _Frame:
     outliers: Flags
     draws: Floats | None
     pushed: bool = True
+    sliding: float = math.nan
 
 
 class Constrained:
@@ -88,6 +89,8 @@ class Constrained:
 
     #: Cells round those in contact beyond doubt that share their error.
     reach = MARGIN
+    #: Whether accounts of a contact that slides are among those weighed.
+    tells_sliding: bool = False
     #: Derivatives whose penalties are compared by evidence.
     derivatives: tuple[int, ...] = (1,)
 
@@ -242,6 +245,7 @@ class Constrained:
             sampled,
             pushed=numbers("pushed", bool),
             resolution=np.array([self.resolution(f.parameter) for f in frames]).reshape(batch),
+            sliding=numbers("sliding") if self.tells_sliding else None,
         )
 
     def _shared_noise(self, arrays: Sequence[Floats]) -> float | None:
@@ -539,6 +543,7 @@ class Constrained:
             True,
             ~heard,
             sampled,
+            sliding=sum(m.weight for m in members if m.ray is not None),
         )
 
     def _draws(self, members: Sequence[Account], weights: Floats, count: int, rng: np.random.Generator) -> Floats:

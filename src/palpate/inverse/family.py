@@ -37,7 +37,7 @@ __all__ = ["FAMILY", "Family"]
 FAMILY = ("nnls", "elastic_net", "tv", "maxent", "network")
 
 #: Largest number of unknowns; these methods keep the whole map.
-LARGEST_UNKNOWNS = 4500
+LARGEST_UNKNOWNS = 6000
 #: Misfit is brought this near to the noise (relative).
 DISCREPANCY = 0.01
 #: Reweighted least squares for total variation: smallest gradient, as a part of the largest, and rounds.

@@ -49,7 +49,8 @@ class Estimate:
     square misfit in the same units) have the batch shape; None from methods that have no such thing. Likewise ``errors``
     (`palpate.inverse.account.Errors`), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
     (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
-    analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame) and ``resolution`` [m].
+    analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame), ``resolution`` [m] and
+    ``sliding`` (probability that the contact slides as a whole; NaN where nothing touches).
     """
 
     traction: Any
@@ -64,6 +65,7 @@ class Estimate:
     settling: Floats | None = None
     pushed: npt.NDArray[np.bool_] | None = None
     resolution: Floats | None = None
+    sliding: Floats | None = None
 
 
 def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Floats], bool]:
