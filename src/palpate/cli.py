@@ -297,6 +297,8 @@ def track(
     max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,
 ) -> None:
     """Follow a recording frame by frame: contact, slip before it happens, excess, failing taxels."""
+    import contextlib
+
     import numpy as np
 
     from palpate.recordings import read_recording, read_stream, recorder, write_touch
@@ -319,7 +321,7 @@ def track(
     if out is not None and kind in ("mcap", "netcdf", "zarr"):
         meta = _provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
         sink = recorder(out, recording.channels, positions=recording.positions, meta=meta)
-    with tracker:
+    with tracker, sink or contextlib.nullcontext():
         for time, values in zip(recording.time, recording.readings):
             touch = tracker.step(values, float(time))
             seconds.append(tracker.seconds)
@@ -331,9 +333,7 @@ def track(
                     sink.event(event)
             elif out is not None:
                 touches.append(touch)
-    if sink is not None:
-        sink.close()
-    elif out is not None:
+    if sink is None and out is not None:
         write_touch(
             joined(touches), out, provenance=_provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
         )
@@ -438,13 +438,13 @@ def live(
         bound = friction if {"z"} < set(skin.components) else None
         tracker = skin.track(friction=bound, baseline=baseline, budget=BUDGET)
     sinks: list[Sink] = []
-    if record is not None:
-        sinks.append(recorder(record, **recorded(skin), meta=_provenance(_source(skin_file), name)))
     if foxglove is not None:
         sinks.append(FoxgloveServer(recorded(skin)["channels"], port=foxglove))
         typer.echo(f"Foxglove: open a connection to ws://127.0.0.1:{foxglove}")
     if rerun:
         sinks.append(RerunSink())
+    if record is not None:  # last, so that nothing is left where the others fail
+        sinks.append(recorder(record, **recorded(skin), meta=_provenance(_source(skin_file), name)))
     session = Session(
         skin, source, tracker, monitor, name=name, pace=pace, loop=loop, end=end, sinks=sinks, counts=counts
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Sequence
@@ -137,10 +138,15 @@ def _there(message: Any) -> str:
     return f"There is {', '.join(names)}." if names else ""
 
 
+@functools.cache
+def _steps(path: str) -> list[tuple[str, str]]:
+    return re.findall(r"([A-Za-z_]\w*)|\[(\d+)\]", path)
+
+
 def at(message: Any, path: str) -> Any:
     """Follow a path like "sensors[0].taxels"."""
     found = message
-    for name, index in re.findall(r"([A-Za-z_]\w*)|\[(\d+)\]", path):
+    for name, index in _steps(path):
         try:
             found = getattr(found, name) if name else found[int(index)]
         except (AttributeError, IndexError, TypeError) as error:
