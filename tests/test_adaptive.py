@@ -506,7 +506,7 @@ def test_bench_from_the_shell(tmp_path: Any) -> None:
 def test_calibration_is_reproducible_and_sane() -> None:
     found = bench.calibration(24, seed=3)
     assert found == bench.calibration(24, seed=3)
-    for key in itertools.product((1, 2), ("traction", "force", "peak_pressure")):
+    for key in itertools.product(("line", "area"), ("traction", "force", "peak_pressure")):
         _, scale, freedom = found[key]
         assert 0.2 < scale < 4
         assert freedom > 0.5

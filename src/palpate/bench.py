@@ -30,7 +30,7 @@ from palpate.sensing import AreaArray, LineArray, LineGrid, ScatteredArray
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid, block_means, refined
 from palpate.skin import Skin
-from palpate.touch import Touch, calibrated
+from palpate.touch import Touch, calibrated, calibration_case
 
 __all__ = [
     "LAYOUTS",
@@ -427,7 +427,8 @@ def coverage(records: Sequence[Record], level: float, method: str = "adaptive") 
         if record.method != method:
             continue
         for quantity, z in record.z.items():
-            known = calibrated(method, LAYOUTS[record.layout].array.dimensions, quantity)
+            layout = LAYOUTS[record.layout]
+            known = calibrated(method, calibration_case(layout.array.dimensions, layout.components), quantity)
             low, high = (float(v) for v in known.bounds(level, np.asarray(0.0), np.asarray(1.0), zero))
             # every frame counts once, however many cells it has
             group = inside.setdefault(quantity, {}).setdefault((record.layout, record.contact, record.noise), [])
@@ -479,26 +480,27 @@ def calibration(
     seed: int = 12345,
     jobs: int = 1,
     report: Callable[[int], None] | None = None,
-) -> dict[tuple[int, str], tuple[float, float, float]]:
-    """(dimensions, quantity): shift, scale and degrees of freedom that make the intervals of 50 and 95 % hold.
+) -> dict[tuple[str, str], tuple[float, float, float]]:
+    """(what is sought, quantity): shift, scale and degrees of freedom that make the intervals of 50 and 95 % hold.
 
     From a random population of contacts.
     """
-    z: dict[tuple[int, str], list[Floats]] = {}
+    z: dict[tuple[str, str], list[Floats]] = {}
     tasks = [(seed, i, method) for i in range(frames)]
-    for i, (dimensions, found) in enumerate(_spread_over(_one_frame, tasks, jobs)):
+    for i, (case, found) in enumerate(_spread_over(_one_frame, tasks, jobs)):
         for quantity, values in found.items():
-            z.setdefault((dimensions, quantity), []).append(values)
+            z.setdefault((case, quantity), []).append(values)
         if report is not None:
             report(i + 1)
     return {key: _fit(values, shifted=key[1] in SHIFTED) for key, values in sorted(z.items())}
 
 
-def _one_frame(task: tuple[int, int, str]) -> tuple[int, dict[str, Floats]]:
+def _one_frame(task: tuple[int, int, str]) -> tuple[str, dict[str, Floats]]:
     seed, index, method = task
     rng = np.random.default_rng((seed, index))
     layout, traction, noise = population(rng)
-    return layout.array.dimensions, run(layout, "random", traction, noise, rng, (method,))[0].z
+    case = calibration_case(layout.array.dimensions, layout.components)
+    return case, run(layout, "random", traction, noise, rng, (method,))[0].z
 
 
 def _spread_over(function: Callable[[Any], Any], tasks: Sequence[Any], jobs: int) -> Iterable[Any]:

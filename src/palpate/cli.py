@@ -674,10 +674,9 @@ def bench_calibration(
         raise InvalidInput(f"method must be adaptive or constrained; got {method!r}.")
     with _bar("contacts", frames) as step:
         found = bench.calibration(frames, method=method, seed=seed, jobs=jobs, report=lambda i: step(f"{i}"))
-    typer.echo(f"{'contact':<9}{'quantity':<21}{'shift':>8}{'scale':>8}{'freedom':>9}")
-    for (dimensions, quantity), (shift, scale, freedom) in found.items():
-        kind = "line" if dimensions == 1 else "area"
-        typer.echo(f"{kind:<9}{quantity:<21}{shift:>8.3f}{scale:>8.3f}{freedom:>9.2f}")
+    typer.echo(f"{'contact':<17}{'quantity':<21}{'shift':>8}{'scale':>8}{'freedom':>9}")
+    for (case, quantity), (shift, scale, freedom) in found.items():
+        typer.echo(f"{case:<17}{quantity:<21}{shift:>8.3f}{scale:>8.3f}{freedom:>9.2f}")
 
 
 @app.command()

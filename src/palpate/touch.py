@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-__all__ = ["CALIBRATION", "Calibration", "Touch", "calibrated", "joined"]
+__all__ = ["CALIBRATION", "Calibration", "Touch", "calibrated", "calibration_case", "joined"]
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,9 @@ class Calibration:
         return np.maximum(low, floor), np.maximum(high, floor)
 
 
-#: (method, dimensions); fixed by ``palpate bench calibration --frames 2400 [--method constrained]``.
-CALIBRATION: dict[tuple[str, int], dict[str, Calibration]] = {
-    ("adaptive", 1): {
+#: (method, what is sought); fixed by ``palpate bench calibration --frames 2400 [--method constrained]``.
+CALIBRATION: dict[tuple[str, str], dict[str, Calibration]] = {
+    ("adaptive", "line"): {
         "traction": Calibration(0.0, 0.637, 2.10),
         "force": Calibration(-0.431, 0.856, 20.01),
         "moment": Calibration(0.0, 1.024, 12.87),
@@ -72,16 +72,23 @@ CALIBRATION: dict[tuple[str, int], dict[str, Calibration]] = {
         "shear_force": Calibration(-0.565, 0.558, 2.22),
         "slip_margin": Calibration(0.003, 0.178, 1.01),
     },
-    ("adaptive", 2): {
-        "traction": Calibration(0.0, 0.714, 2.22),
-        "force": Calibration(-1.191, 0.563, 2.92),
+    ("adaptive", "area"): {
+        "traction": Calibration(0.0, 0.792, 2.54),
+        "force": Calibration(-1.218, 0.611, 3.09),
+        "moment": Calibration(0.0, 0.406, 1.33),
+        "center_of_pressure": Calibration(0.0, 0.792, 0.88),
+        "peak_pressure": Calibration(-0.079, 1.615, 16.76),
+    },
+    ("adaptive", "area with shear"): {
+        "traction": Calibration(0.0, 0.556, 1.73),
+        "force": Calibration(-1.136, 0.463, 2.32),
         "shear_force": Calibration(-0.565, 0.558, 2.22),
-        "moment": Calibration(0.0, 0.556, 1.56),
-        "center_of_pressure": Calibration(0.0, 0.654, 0.85),
-        "peak_pressure": Calibration(-0.370, 1.554, 6.02),
+        "moment": Calibration(0.0, 0.705, 1.70),
+        "center_of_pressure": Calibration(0.0, 0.435, 0.84),
+        "peak_pressure": Calibration(-1.072, 1.300, 3.12),
         "slip_margin": Calibration(0.003, 0.178, 1.01),
     },
-    ("constrained", 1): {
+    ("constrained", "line"): {
         "traction": Calibration(0.000, 0.718, 1.19),
         "force": Calibration(-0.736, 1.021, 26.48),
         "moment": Calibration(0.000, 1.264, 5.72),
@@ -90,21 +97,35 @@ CALIBRATION: dict[tuple[str, int], dict[str, Calibration]] = {
         "shear_force": Calibration(0.375, 1.691, 4.75),
         "slip_margin": Calibration(0.384, 0.435, 1.44),
     },
-    ("constrained", 2): {
-        "traction": Calibration(0.000, 0.874, 1.28),
-        "force": Calibration(-4.195, 2.167, 4.50),
+    ("constrained", "area"): {
+        "traction": Calibration(0.0, 0.998, 1.38),
+        "force": Calibration(-4.132, 2.089, 4.73),
+        "moment": Calibration(0.0, 1.214, 1.56),
+        "center_of_pressure": Calibration(0.0, 1.811, 0.96),
+        "peak_pressure": Calibration(-2.155, 2.716, 2.89),
+    },
+    ("constrained", "area with shear"): {
+        "traction": Calibration(0.0, 0.598, 1.07),
+        "force": Calibration(-4.425, 2.543, 6.50),
         "shear_force": Calibration(0.375, 1.691, 4.75),
-        "moment": Calibration(0.000, 1.670, 1.99),
-        "center_of_pressure": Calibration(0.000, 2.042, 1.02),
-        "peak_pressure": Calibration(-2.377, 2.878, 2.65),
+        "moment": Calibration(0.0, 2.447, 2.94),
+        "center_of_pressure": Calibration(0.0, 2.485, 1.20),
+        "peak_pressure": Calibration(-2.898, 3.227, 2.68),
         "slip_margin": Calibration(0.384, 0.435, 1.44),
     },
 }
 
 
-def calibrated(method: str, dimensions: int, quantity: str) -> Calibration:
+def calibration_case(dimensions: int, components: Sequence[str]) -> str:
+    """Which of the constants concern a result: "line", "area" (pressure alone) or "area with shear"."""
+    if dimensions == 1:
+        return "line"
+    return "area with shear" if len(components) > 1 else "area"
+
+
+def calibrated(method: str, case: str, quantity: str) -> Calibration:
     """How the errors of a quantity found by a method are distributed."""
-    return CALIBRATION[method, dimensions][quantity]
+    return CALIBRATION[method, case][quantity]
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,10 +368,14 @@ class Touch:
         return self.errors
 
     @property
+    def _case(self) -> str:
+        return calibration_case(self.surface.dimensions, self.components)
+
+    @property
     def std(self) -> xarray.DataArray:
         """Standard deviation of the traction [Pa], labelled like `traction`."""
         raw = self._errors().traction
-        scale = calibrated(self.method, self.surface.dimensions, "traction").std
+        scale = calibrated(self.method, self._case, "traction").std
         spread = from_numpy(raw * scale, self.values)
         return replace(self, values=spread).traction.rename("std")
 
@@ -382,13 +407,13 @@ class Touch:
         Notes
         -----
         value + std (b -+ s t), with t the quantile of Student's distribution and b, s and its degrees of freedom fixed
-        once for each quantity on simulated contacts (`palpate bench calibration --frames 1600`), so that the intervals hold the truth as often
+        once for each quantity on simulated contacts (`palpate bench calibration --frames 2400`), so that the intervals hold the truth as often
         as they say. That is a statement about contacts like those: a mean over contacts and noise, not a promise about one.
         """
         if not (isinstance(level, int | float) and 0 < level < 1):
             raise InvalidInput(f"level must lie between 0 and 1; got {level!r}.")
         self._errors()  # says which methods have error bars
-        table = CALIBRATION[self.method, self.surface.dimensions]
+        table = CALIBRATION[self.method, self._case]
         known = [q for q in table if q != "shear_force"]
         if of not in known:
             raise InvalidInput(f"of must be one of {', '.join(known)}; got {of!r}.")
@@ -396,7 +421,7 @@ class Touch:
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
         value, std, floor = self.uncalibrated(of, friction)
         low, high = table[of].bounds(level, value, std, floor)
-        if of == "force":
+        if of == "force" and "shear_force" in table:
             # pressure only adds up, so that its sum is biased where that of shear is not
             sides = table["shear_force"].bounds(level, value, std, floor, away=True)
             for side, shear in zip((low, high), sides):
@@ -423,7 +448,7 @@ class Touch:
         value, std, _ = self.uncalibrated(of)
         if of == "force":
             value, std = value[..., -1], std[..., -1]
-        return calibrated(self.method, self.surface.dimensions, of).above(limit, value, std)
+        return calibrated(self.method, self._case, of).above(limit, value, std)
 
     def uncalibrated(self, of: str, friction: float | None = None) -> tuple[Floats, Floats, Floats]:
         """Value of a quantity of `interval`, its standard deviation as the model has it, and what it cannot go below."""
