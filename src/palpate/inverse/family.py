@@ -36,8 +36,9 @@ __all__ = ["FAMILY", "Family"]
 
 FAMILY = ("nnls", "elastic_net", "tv", "maxent", "network")
 
-#: Largest number of unknowns; these methods keep the whole map.
-LARGEST_UNKNOWNS = 6000
+#: Largest number of unknowns; these methods keep the whole map, and those not named take minutes a frame beyond it.
+LARGEST = 4500
+LARGEST_UNKNOWNS = {"elastic_net": 6000, "tv": 6000}
 #: Misfit is brought this near to the noise (relative).
 DISCREPANCY = 0.01
 #: Reweighted least squares for total variation: smallest gradient, as a part of the largest, and rounds.
@@ -70,9 +71,10 @@ class Family:
         ):
             raise InvalidInput(f"parameter must be a positive number or a rule; got {parameter!r}.")
         unknowns = len(columns) * math.prod(operator.surface.shape)
-        if unknowns > LARGEST_UNKNOWNS:
+        limit = LARGEST_UNKNOWNS.get(method, LARGEST)
+        if unknowns > limit:
             raise Unsupported(
-                f'method="{method}" keeps the whole map, and {unknowns} unknowns are too many (limit {LARGEST_UNKNOWNS}). Give a '
+                f'method="{method}" keeps the whole map, and {unknowns} unknowns are too many (limit {limit}). Give a '
                 'coarser surface (Skin(..., surface=...)), or use method="adaptive" or "tikhonov".'
             )
         names = tuple(operator.surface.components[c] for c in columns)
