@@ -380,3 +380,42 @@ def test_damaged_stores(tmp_path: Path) -> None:
     write_recording(stream(), tmp_path / "b.zarr")
     with pytest.raises(pp.InvalidInput, match="no touches"):
         read_touch(tmp_path / "b.zarr")
+
+
+def test_hostile_viewers() -> None:
+    """A thousand malformed, oversized and out-of-order messages to the Foxglove server: it goes on serving, and nothing is taken in."""
+    from websockets.exceptions import ConnectionClosed
+    from websockets.sync.client import connect
+
+    rng = np.random.default_rng(0)
+    server = FoxgloveServer(ARRAY.channels, port=0)
+    where = f"ws://127.0.0.1:{server.port}"
+    made: list[str | bytes] = []
+    for i in range(1000):
+        made.append(
+            [
+                rng.bytes(int(rng.integers(1, 300))),
+                "{" * int(rng.integers(1, 300)),
+                json.dumps({"op": "subscribe", "subscriptions": [{"id": i, "channelId": 10_000 + i}]}),
+                json.dumps({"op": "unsubscribe", "subscriptionIds": [i]}),
+                bytes([1]) + rng.bytes(3),
+                json.dumps({"op": "advertise", "channels": [{"id": i, "topic": "x" * 10_000}]}),
+                "x" * 200_000 if i % 100 == 6 else "",
+            ][i % 7]
+        )
+    sent = 0
+    while sent < len(made):
+        with connect(where, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:
+            try:
+                while sent < len(made):
+                    socket.send(made[sent])
+                    sent += 1
+            except ConnectionClosed:
+                sent += 1  # it may well hang up
+    server.readings(0.5, np.ones((3, 7, 8)))
+    with connect(where, subprotocols=["foxglove.sdk.v1"]) as socket:
+        seen: set[str] = set()
+        while "/palpate/readings" not in seen:
+            seen |= {c["topic"] for c in json.loads(socket.recv(timeout=10)).get("channels", [])}
+    assert seen == {"/palpate/readings"}
+    server.close()
