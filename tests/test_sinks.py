@@ -419,3 +419,14 @@ def test_hostile_viewers() -> None:
             seen |= {c["topic"] for c in json.loads(socket.recv(timeout=10)).get("channels", [])}
     assert seen == {"/palpate/readings"}
     server.close()
+
+
+def test_rerun_file(tmp_path: Path) -> None:
+    """A stream as a file for Rerun's viewer (an extra of its own, `palpate[rerun]`)."""
+    pytest.importorskip("rerun", reason="the extra palpate[rerun] is not installed")
+    from palpate.live import RerunSink
+
+    run(_generator(stream(), tmp_path), RerunSink(tmp_path / "run.rrd"))
+    assert (tmp_path / "run.rrd").stat().st_size > 10_000
+    with pytest.raises(pp.InvalidInput, match="not overwritten"):
+        RerunSink(tmp_path / "run.rrd")
