@@ -82,17 +82,21 @@ class Normal:
             self.linear[:, position],
         )
 
-    def along(self, ray: Floats) -> Normal:
-        """The same for traction that has one direction everywhere, ``ray`` (component,) times what is sought (1, cell)."""
-        c, n = self.linear.shape
-        blocks = self.gram.reshape(c, n, c, n)
-        return Normal(
-            self.level,
-            self.cells,
-            np.tensordot(self.matrix.reshape(-1, c, n), ray, ((1,), (0,))),
-            np.einsum("c,cidj,d->ij", ray, blocks, ray, optimize=True),
-            (ray @ self.linear)[None],
+    def combined(self, ray: Floats) -> tuple[Floats, Floats]:
+        """Normal matrix and right-hand side of traction that is ``ray`` (component,) times what is sought (1, cell)."""
+        n = self.linear.shape[1]
+        gram = sum(
+            (a * b) * self.gram[i * n : (i + 1) * n, j * n : (j + 1) * n]
+            for i, a in enumerate(ray)
+            for j, b in enumerate(ray)
         )
+        return np.asarray(gram), (ray @ self.linear)[None]
+
+    def along(self, ray: Floats) -> Normal:
+        """The same for such traction."""
+        n = self.linear.shape[1]
+        matrix = sum(a * self.matrix[:, i * n : (i + 1) * n] for i, a in enumerate(ray))
+        return Normal(self.level, self.cells, np.asarray(matrix), *self.combined(ray))
 
 
 @dataclass

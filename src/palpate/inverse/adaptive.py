@@ -156,14 +156,17 @@ class Adaptive(Constrained):
         cells = np.flatnonzero(repeated(region, level.ratio))
         start = np.stack([repeated(t.reshape(grid.shape), level.ratio).ravel() for t in first])[:, cells]
         data = self.normal(level, cells, y, noise, heard)
-        members = self._members(data, start, y, evidence)
-        if not self.cone.coupled:
-            return members
+        slides = []
+        if self.cone.coupled:
+            coarse = data if level.ratio == 1 else self.normal(self.level(1), np.flatnonzero(region), y, noise, heard)
+            slides = self._slides(coarse, first, evidence[1])
+        rest = 1.0 - sum(chance for _, _, chance in slides)
+        # what is as good as excluded is not worth its local weights
+        members = self._members(data, start, y, evidence if rest >= SLIDES else {1: evidence[1]}, local=rest >= SLIDES)
         alone = copy.copy(self)
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
-        slides = self._slides(region, first, y, noise, heard, evidence[1])
         for m in members:
-            m.weight *= 1.0 - sum(chance for _, _, chance in slides)
+            m.weight *= rest
         for ray, changes, chance in slides:
             for one in alone._members(data.along(ray), start[-1:], y, evidence):
                 member = _expanded(one, data, ray, changes)
@@ -172,41 +175,32 @@ class Adaptive(Constrained):
         return members
 
     def _slides(
-        self,
-        region: Flags,
-        first: Floats,
-        y: Floats,
-        noise: Floats,
-        heard: Flags,
-        evidence: tuple[float, float, float, Floats],
+        self, data: Normal, first: Floats, evidence: tuple[float, float, float, Floats]
     ) -> list[tuple[Floats, Floats, float]]:
         """Ways in which the contact may slide as a whole: shear over pressure (component,), its changes (change, component), probability.
 
         At the friction given, in any direction, or at less (friction while sliding is less than at rest, and what is given may not be exact).
-        By the marginal likelihood of Gaussian models without the constraints, against shear of its own.
+        By the marginal likelihood of Gaussian models without the constraints, against shear of its own; ``data`` is that of surface cells.
         """
-        level, mu = self.level(1), float(self.cone.friction or 0.0)
-        cells = np.flatnonzero(region)
-        data = self.normal(level, cells, y, noise, heard)
+        mu, cells = float(self.cone.friction or 0.0), data.cells
         _, parameter, scale, _ = evidence
+        level = data.level
         blocks = [q[cells][:, cells].toarray() for q in self.precisions(level, 1, parameter / scale**2)]
         c, n = len(blocks), len(cells)
-        blurred = data.matrix.reshape(-1, c, n)
-        readings = self.readings.white(y[heard], heard)
         pressure = first[-1:, cells]
         for turn in range(JOINTLY):
             # shear over pressure, and the pressure that goes with it, in turn
-            explained = blurred @ pressure[0]
-            shear, left = explained[:, :-1], readings - explained[:, -1]
-            found = np.linalg.lstsq(shear, left, rcond=None)[0]
+            explained = np.einsum(
+                "i,cidj,j->cd", pressure[0], data.gram.reshape(c, n, c, n), pressure[0], optimize=True
+            )
+            pull = data.linear[:-1] @ pressure[0] - explained[:-1, -1]
+            found = np.linalg.lstsq(explained[:-1, :-1], pull, rcond=None)[0]
             size = float(np.linalg.norm(found))
             if not size > 0:
                 return []
             if turn < JOINTLY - 1:
-                one = data.along(np.append(found * min(1.0, mu / size), 1.0))
-                pressure = minimise(
-                    one.gram + blocks[-1], one.linear, Cone(self.cone.components[-1:]), pressure
-                ).traction
+                gram, linear = data.combined(np.append(found * min(1.0, mu / size), 1.0))
+                pressure = minimise(gram + blocks[-1], linear, Cone(self.cone.components[-1:]), pressure).traction
         full = mu * found / size
         turns = np.array([[-full[1], full[0]]]) if c == 3 else np.zeros((0, 1))
         ways = [
@@ -218,18 +212,24 @@ class Adaptive(Constrained):
             whole[i * n : (i + 1) * n, i * n : (i + 1) * n] += block
         logs = [_gain(whole, data.linear.ravel(), blocks)]
         for ratio, changes, volume in ways:
-            one = data.along(np.append(ratio, 1.0))
-            change = shear @ changes.T
-            width = 0.5 * len(changes) * math.log(2.0 * math.pi) - 0.5 * float(np.linalg.slogdet(change.T @ change)[1])
-            logs.append(_gain(one.gram + blocks[-1], one.linear.ravel(), blocks[-1:]) + min(width, volume) - volume)
+            gram, linear = data.combined(np.append(ratio, 1.0))
+            told = changes @ explained[:-1, :-1] @ changes.T
+            width = 0.5 * len(changes) * math.log(2.0 * math.pi) - 0.5 * float(np.linalg.slogdet(told)[1])
+            logs.append(_gain(gram + blocks[-1], linear.ravel(), blocks[-1:]) + min(width, volume) - volume)
         chances = scipy.special.softmax(logs)
         kept = [(w, float(p)) for w, p in zip(ways, chances[1:]) if p >= SLIDES]
         return [(np.append(ratio, 1.0), np.pad(changes, ((0, 0), (0, 1))), p) for (ratio, changes, _), p in kept]
 
     def _members(
-        self, data: Normal, start: Floats, y: Floats, evidence: Mapping[int, tuple[float, float, float, Floats]]
+        self,
+        data: Normal,
+        start: Floats,
+        y: Floats,
+        evidence: Mapping[int, tuple[float, float, float, Floats]],
+        *,
+        local: bool = True,
     ) -> list[Account]:
-        """The accounts on the cells of ``data``, with their weights."""
+        """The accounts on the cells of ``data``, with their weights; without ``local``, those of an even penalty alone."""
         level = data.level
         members = []
         best = max(e[0] for e in evidence.values())
@@ -242,6 +242,10 @@ class Adaptive(Constrained):
             member.weight = odds[order]
             members.append(member)
         total = sum(m.weight for m in members)
+        if not local:
+            for m in members:
+                m.weight /= total
+            return members
         # an even penalty gets a third, and half where the second derivative is what the frame speaks for
         reaches = self._reaches(level)
         smooth = sum(m.weight for m in members[1:]) / total
