@@ -302,7 +302,9 @@ def test_a_sensor_on_the_network_through_the_command(skin: pp.Skin, tmp_path: Pa
                 assert process.poll() is None
                 time.sleep(0.1)
         clean = np.asarray(skin.sense(BALL), dtype=np.float32)
-        values = [(clean if i > 10 else 0 * clean) + np.float32(i) for i in range(40)]
+        rng = np.random.default_rng(0)
+        noise = (100.0 * rng.standard_normal((40, *clean.shape))).astype(np.float32)
+        values = [(clean if i > 10 else 0 * clean) + noise[i] for i in range(40)]
         with (
             connect(f"ws://127.0.0.1:{glove}", subprotocols=["foxglove.sdk.v1"]) as viewer,
             sending(kind, wire) as send,
