@@ -178,6 +178,7 @@ def their_parameter(data: Recording, ratio: float, variance: float, place: int) 
     ``place`` 0: the coupling of x and y of one wave vector where it belongs. 1: one place towards the beginning, where
     the x component of a wave vector couples to the y component of the one before it.
     """
+    import scipy.fft
     import scipy.linalg
     import scipy.optimize
     import scipy.sparse
@@ -193,7 +194,7 @@ def their_parameter(data: Recording, ratio: float, variance: float, place: int) 
     xy = -scale * ratio * kx * ky
     xy[shape[0] // 2, :] = xy[:, shape[1] // 2] = 0.0  # odd in k
     xx[0, 0] = yy[0, 0] = 0.0
-    ux, uy = np.fft.fft2(readings) / np.sqrt(count)
+    ux, uy = scipy.fft.fft2(readings) / np.sqrt(count)
 
     i = np.arange(count)
     rows = np.concatenate([2 * i, 2 * i + 1, 2 * i - place, 2 * i + 1 - place])

@@ -337,6 +337,9 @@ def test_misuse(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(pp.InvalidInput, match="channels"):
         out.readings(0.1, np.zeros((2, 4)))
     out.readings(0.1, np.ones((1, 4)))
+    if suffix != ".mcap":  # whose messages may each have their own shape
+        with pytest.raises(pp.InvalidInput, match="follows frames of"):
+            out.readings(0.2, np.ones((1, 5)))
     out.readings(0.05, np.full((1, 4), 7.0))  # late: left out
     out.close()
     out.close()

@@ -102,7 +102,7 @@ class Adaptive(Constrained):
     reach = 1
 
     @property
-    def tells_sliding(self) -> bool:  # type: ignore[override]
+    def tells_sliding(self) -> bool:
         """Where friction is given."""
         return self.cone.coupled
 

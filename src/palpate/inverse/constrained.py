@@ -89,8 +89,6 @@ class Constrained:
 
     #: Cells round those in contact beyond doubt that share their error.
     reach = MARGIN
-    #: Whether accounts of a contact that slides are among those weighed.
-    tells_sliding: bool = False
     #: Derivatives whose penalties are compared by evidence.
     derivatives: tuple[int, ...] = (1,)
 
@@ -134,6 +132,11 @@ class Constrained:
         self._levels: dict[int, Level] = {1: self._make_level(1)}
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
+
+    @property
+    def tells_sliding(self) -> bool:
+        """Whether accounts of a contact that slides are among those weighed."""
+        return False
 
     def level(self, ratio: int) -> Level:
         """The operator on cells ``ratio`` times finer, made once."""

@@ -36,7 +36,7 @@ __all__ = ["FAMILY", "Family"]
 
 FAMILY = ("nnls", "elastic_net", "tv", "maxent", "network")
 
-#: Largest number of unknowns; these methods keep the whole map, and those not named take minutes a frame beyond it.
+#: Largest number of unknowns; these methods keep the whole map. Beyond it nnls had not ended after minutes; maxent and network were not tried.
 LARGEST = 4500
 LARGEST_UNKNOWNS = {"elastic_net": 6000, "tv": 6000}
 #: Misfit is brought this near to the noise (relative).

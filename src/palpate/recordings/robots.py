@@ -78,7 +78,7 @@ def _bag_messages(path: Path, mapping: TopicMapping) -> Iterator[tuple[float, An
             yield stamp * 1e-9, reader.deserialize(raw, connection.msgtype)
     except PalpateError:
         raise
-    except Exception as error:
+    except Exception as error:  # whatever torn bytes raise in a decoder
         raise InvalidInput(
             f"{path}: a message of {topic} cannot be read ({str(error) or type(error).__name__})."
         ) from error

@@ -6,6 +6,7 @@ Both hold what a whole recording holds (``readings``, ``time``, ``channel``, ``u
 
 from __future__ import annotations
 
+import abc
 import json
 import os
 import shutil
@@ -47,7 +48,7 @@ class _Variable:
         self.dims, self.dtype, self.attrs, self.data = dims, np.dtype(dtype), dict(attrs), data
 
 
-class _Recorder:
+class _Recorder(abc.ABC):
     """Collects frames into blocks; the formats say how a group begins and how a block is added."""
 
     def __init__(
@@ -65,6 +66,7 @@ class _Recorder:
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._begun: set[str] = set()
         self._last = -np.inf
+        self._shape: tuple[int, ...] | None = None
         self._open = True
         if self.path.exists():
             raise InvalidInput(f"{path} exists; a recording is not overwritten. Give another name.")
@@ -80,10 +82,12 @@ class _Recorder:
             raise InvalidInput(
                 f"a frame must have shape (channel, taxel) or (channel, y, x) with {len(self.channels)} channels; got {data.shape}."
             )
+        if self._shape not in (None, data.shape):
+            raise InvalidInput(f"a frame of shape {data.shape} follows frames of {self._shape}.")
         if not time > self._last:
             self.left_out += 1
             return
-        self._last = time
+        self._last, self._shape = time, data.shape
         self._put("", {"time": time, "readings": data}, lambda: self._reading_layout(data))
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
@@ -124,17 +128,21 @@ class _Recorder:
 
     # -- what the formats do --------------------------------------------------------------------------------------------
 
+    @abc.abstractmethod
     def _create(self) -> None:
-        raise NotImplementedError
+        """An empty file or store."""
 
+    @abc.abstractmethod
     def _start(self, group: str, layout: dict[str, _Variable]) -> None:
-        raise NotImplementedError
+        """A group and its variables."""
 
+    @abc.abstractmethod
     def _append(self, group: str, block: dict[str, Any]) -> None:
-        raise NotImplementedError
+        """Another block of a group."""
 
+    @abc.abstractmethod
     def _finish(self) -> None:
-        raise NotImplementedError
+        """What is left to do at the end."""
 
     # -- layouts --------------------------------------------------------------------------------------------------------
 
@@ -218,18 +226,7 @@ class HdfRecorder(_Recorder):
 
     A killed process leaves what was written to `read_recording` with ``salvage`` (`palpate convert --salvage`).
 
-    Parameters
-    ----------
-    path : str or Path
-        Must not exist yet: a recording is never overwritten.
-    channels : sequence of str
-        Of the readings.
-    positions : array (taxel, 2) or (taxel,), optional
-        Of scattered taxels [m].
-    meta : mapping of str to str
-        Anything worth keeping.
-    block : int
-        Frames in a block.
+    Takes what `palpate.recordings.recorder` takes, and ``block``, the frames in a block.
     """
 
     def _create(self) -> None:
@@ -294,18 +291,7 @@ class HdfRecorder(_Recorder):
 class ZarrRecorder(_Recorder):
     """Writes a stream into a Zarr store (a folder, .zarr), which can be opened at any time.
 
-    Parameters
-    ----------
-    path : str or Path
-        Must not exist yet: a recording is never overwritten.
-    channels : sequence of str
-        Of the readings.
-    positions : array (taxel, 2) or (taxel,), optional
-        Of scattered taxels [m].
-    meta : mapping of str to str
-        Anything worth keeping.
-    block : int
-        Frames in a block.
+    Takes what `palpate.recordings.recorder` takes, and ``block``, the frames in a block.
     """
 
     def _create(self) -> None:
