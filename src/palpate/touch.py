@@ -69,8 +69,8 @@ CALIBRATION: dict[tuple[str, str], dict[str, Calibration]] = {
         "center_of_pressure": Calibration(0.0, 0.772, 0.86),
         "peak_pressure": Calibration(0.695, 1.451, 2.83),
         # few arrays see shear on a line: as on an area
-        "shear_force": Calibration(-0.565, 0.558, 2.22),
-        "slip_margin": Calibration(0.003, 0.178, 1.01),
+        "shear_force": Calibration(-0.521, 0.564, 2.27),
+        "slip_margin": Calibration(0.139, 0.160, 1.05),
     },
     ("adaptive", "area"): {
         "traction": Calibration(0.0, 0.792, 2.54),
@@ -80,13 +80,13 @@ CALIBRATION: dict[tuple[str, str], dict[str, Calibration]] = {
         "peak_pressure": Calibration(-0.079, 1.615, 16.76),
     },
     ("adaptive", "area with shear"): {
-        "traction": Calibration(0.0, 0.556, 1.73),
-        "force": Calibration(-1.136, 0.463, 2.32),
-        "shear_force": Calibration(-0.565, 0.558, 2.22),
-        "moment": Calibration(0.0, 0.705, 1.70),
-        "center_of_pressure": Calibration(0.0, 0.435, 0.84),
-        "peak_pressure": Calibration(-1.072, 1.300, 3.12),
-        "slip_margin": Calibration(0.003, 0.178, 1.01),
+        "traction": Calibration(0.0, 0.560, 1.72),
+        "force": Calibration(-1.136, 0.519, 2.66),
+        "shear_force": Calibration(-0.521, 0.564, 2.27),
+        "moment": Calibration(0.0, 0.723, 1.66),
+        "center_of_pressure": Calibration(0.0, 0.400, 0.72),
+        "peak_pressure": Calibration(-0.579, 1.584, 7.69),
+        "slip_margin": Calibration(0.139, 0.160, 1.05),
     },
     ("constrained", "line"): {
         "traction": Calibration(0.000, 0.718, 1.19),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -62,41 +63,39 @@ class Level:
 
 @dataclass
 class Normal:
-    """Whitened columns of some cells of a level, their normal matrix and right-hand side (component, cell)."""
+    """Whitened columns of some cells of a level, and the right-hand side (component, cell) of their normal equations."""
 
     level: Level
     cells: Index
     matrix: Floats
-    gram: Floats
     linear: Floats
+    known: Floats | None = None
+
+    @cached_property
+    def gram(self) -> Floats:
+        """The normal matrix, worked out when it is first asked for."""
+        return self.matrix.T @ self.matrix if self.known is None else self.known
 
     def part(self, position: Index) -> Normal:
         """The same for some of the cells."""
         c, n = self.linear.shape
         picks = (np.arange(c)[:, None] * n + position[None, :]).ravel()
-        return Normal(
-            self.level,
-            self.cells[position],
-            self.matrix[:, picks],
-            self.gram[np.ix_(picks, picks)],
-            self.linear[:, position],
-        )
-
-    def combined(self, ray: Floats) -> tuple[Floats, Floats]:
-        """Normal matrix and right-hand side of traction that is ``ray`` (component,) times what is sought (1, cell)."""
-        n = self.linear.shape[1]
-        gram = sum(
-            (a * b) * self.gram[i * n : (i + 1) * n, j * n : (j + 1) * n]
-            for i, a in enumerate(ray)
-            for j, b in enumerate(ray)
-        )
-        return np.asarray(gram), (ray @ self.linear)[None]
+        known = self.gram[np.ix_(picks, picks)] if self._formed else None
+        return Normal(self.level, self.cells[position], self.matrix[:, picks], self.linear[:, position], known)
 
     def along(self, ray: Floats) -> Normal:
-        """The same for such traction."""
+        """The same for traction that is ``ray`` (component,) times what is sought (1, cell)."""
         n = self.linear.shape[1]
         matrix = sum(a * self.matrix[:, i * n : (i + 1) * n] for i, a in enumerate(ray))
-        return Normal(self.level, self.cells, np.asarray(matrix), *self.combined(ray))
+        known = None
+        if self._formed:
+            blocks = self.gram.reshape(len(ray), n, len(ray), n)
+            known = np.einsum("c,cidj,d->ij", ray, blocks, ray, optimize=True)
+        return Normal(self.level, self.cells, np.asarray(matrix), (ray @ self.linear)[None], known)
+
+    @property
+    def _formed(self) -> bool:
+        return self.known is not None or "gram" in self.__dict__
 
 
 @dataclass

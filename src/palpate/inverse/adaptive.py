@@ -35,7 +35,7 @@ import scipy.special
 from palpate.elastic.half_space import Floats
 from palpate.inverse.account import Account, Level, Normal, scattered, spread
 from palpate.inverse.cone import TOLERANCE, Cone, Ray, cholesky, minimise
-from palpate.inverse.constrained import QUIET, Constrained, grown
+from palpate.inverse.constrained import LARGEST_UNKNOWNS, QUIET, Constrained, grown
 from palpate.inverse.stencil import Sparse
 from palpate.sensing.grids import repeated
 
@@ -86,7 +86,7 @@ def _expanded(one: Account, data: Normal, ray: Floats, changes: Floats) -> Accou
         raise RuntimeError("the solution was found without its face")
     free = face.free[0]
     turned = (changes[:, :, None] * pressure).reshape(len(changes), len(ray) * len(pressure))
-    pull = turned @ part.gram
+    pull = (turned @ part.matrix.T) @ part.matrix
     border = np.einsum("c,kcn->kn", ray, pull.reshape(len(changes), len(ray), len(pressure)))[:, free]
     hessian = np.block([[one.hessian[np.ix_(free, free)], border.T], [border, pull @ turned.T]])
     solution = replace(
@@ -106,14 +106,21 @@ class Adaptive(Constrained):
         """Where friction is given."""
         return self.cone.coupled
 
-    def _ratio(self, parameter: float, unknowns: int) -> int:
-        """How much finer than the surface the problem is worth solving."""
-        seen = self.seen(parameter)
+    def _ratio(self, places: float, seen: float, unknowns: int) -> int:
+        """How much finer than the surface the problem is worth solving, where the data tell ``seen`` of ``places`` unknowns."""
         d = self.operator.surface.dimensions
-        spacing = (self.taxels * len(self.columns) / max(seen, 1.0)) ** (1.0 / d)
+        spacing = (places / max(seen, 1.0)) ** (1.0 / d)
         table = LINE_REFINEMENT if d == 1 else AREA_REFINEMENT
         wanted = [r for limit, r in table if r == 1 or unknowns * r**d <= FINE_UNKNOWNS]
         return min(next(r for limit, r in table if spacing <= limit), max([*wanted, 1]))
+
+    def _seen_along(self, data: Normal, weight: float) -> float:
+        """How many degrees of freedom of the pressure the data tell, by the even penalty of that weight."""
+        import scipy.linalg
+
+        even = self.precisions(data.level, 1, weight)[-1][data.cells][:, data.cells].toarray()
+        factor = cholesky(data.gram + even)
+        return float(np.trace(scipy.linalg.cho_solve((factor, True), data.gram, check_finite=False)))
 
     def accounts(
         self,
@@ -151,22 +158,38 @@ class Adaptive(Constrained):
         evidence: Mapping[int, tuple[float, float, float, Floats]],
     ) -> list[Account]:
         """The accounts of a frame with contact in a region, with their weights."""
-        grid = self.operator.surface
-        level = self.level(self._ratio(evidence[1][1], int(region.sum()) * len(self.columns)))
-        cells = np.flatnonzero(repeated(region, level.ratio))
-        start = np.stack([repeated(t.reshape(grid.shape), level.ratio).ravel() for t in first])[:, cells]
-        data = self.normal(level, cells, y, noise, heard)
+        grid, c = self.operator.surface, len(self.columns)
+        if self.cone.coupled:
+            # what the accounts would trim in any case makes them slow
+            pressure = first[-1].reshape(grid.shape)
+            region = region & grown(pressure > self._trim(y) * np.where(region, pressure, 0.0).max(), 1)
+        count = int(region.sum())
+
+        def refined(ratio: int) -> tuple[Normal, Floats]:
+            cells = np.flatnonzero(repeated(region, ratio))
+            start = np.stack([repeated(t.reshape(grid.shape), ratio).ravel() for t in first])[:, cells]
+            return self.normal(self.level(ratio), cells, y, noise, heard), start
+
+        _, parameter, scale, _ = evidence[1]
+        ratio = self._ratio(self.taxels * c, self.seen(parameter), count * c)
+        data, start = refined(ratio)
         slides = []
         if self.cone.coupled:
-            coarse = data if level.ratio == 1 else self.normal(self.level(1), np.flatnonzero(region), y, noise, heard)
+            coarse = data if ratio == 1 else refined(1)[0]
             slides = self._slides(coarse, first, evidence[1])
-        rest = 1.0 - sum(chance for _, _, chance in slides)
+        rest = max(1.0 - sum(chance for _, _, chance in slides), 0.0)
         # what is as good as excluded is not worth its local weights
         members = self._members(data, start, y, evidence if rest >= SLIDES else {1: evidence[1]}, local=rest >= SLIDES)
         alone = copy.copy(self)
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
         for m in members:
             m.weight *= rest
+        if slides:
+            # pressure alone has fewer unknowns than the data tell: a finer grid pays sooner
+            seen = alone._seen_along(coarse.along(slides[0][0]), parameter / scale**2)
+            finer = self._ratio(count, seen, count)
+            if finer > ratio and count * c * finer**grid.dimensions <= LARGEST_UNKNOWNS:
+                data, start = refined(finer)
         for ray, changes, chance in slides:
             for one in alone._members(data.along(ray), start[-1:], y, evidence):
                 member = _expanded(one, data, ray, changes)
@@ -199,8 +222,10 @@ class Adaptive(Constrained):
             if not size > 0:
                 return []
             if turn < JOINTLY - 1:
-                gram, linear = data.combined(np.append(found * min(1.0, mu / size), 1.0))
-                pressure = minimise(gram + blocks[-1], linear, Cone(self.cone.components[-1:]), pressure).traction
+                one = data.along(np.append(found * min(1.0, mu / size), 1.0))
+                pressure = minimise(
+                    one.gram + blocks[-1], one.linear, Cone(self.cone.components[-1:]), pressure
+                ).traction
         full = mu * found / size
         turns = np.array([[-full[1], full[0]]]) if c == 3 else np.zeros((0, 1))
         ways = [
@@ -212,10 +237,10 @@ class Adaptive(Constrained):
             whole[i * n : (i + 1) * n, i * n : (i + 1) * n] += block
         logs = [_gain(whole, data.linear.ravel(), blocks)]
         for ratio, changes, volume in ways:
-            gram, linear = data.combined(np.append(ratio, 1.0))
+            one = data.along(np.append(ratio, 1.0))
             told = changes @ explained[:-1, :-1] @ changes.T
             width = 0.5 * len(changes) * math.log(2.0 * math.pi) - 0.5 * float(np.linalg.slogdet(told)[1])
-            logs.append(_gain(gram + blocks[-1], linear.ravel(), blocks[-1:]) + min(width, volume) - volume)
+            logs.append(_gain(one.gram + blocks[-1], one.linear.ravel(), blocks[-1:]) + min(width, volume) - volume)
         chances = scipy.special.softmax(logs)
         kept = [(w, float(p)) for w, p in zip(ways, chances[1:]) if p >= SLIDES]
         return [(np.append(ratio, 1.0), np.pad(changes, ((0, 0), (0, 1))), p) for (ratio, changes, _), p in kept]
@@ -261,11 +286,15 @@ class Adaptive(Constrained):
     def _trimmed(self, member: Account, precision: Sparse | Sequence[Sparse], y: Floats) -> Account:
         """Without the cells whose pressure is not told from none: all of it pushes, so that noise there would add up."""
         pressure = member.solution.traction[-1]
-        limit = min(TRIM / max(float(np.abs(y).max()), 1e-300), LARGEST_TRIM)
-        position = np.flatnonzero(pressure > limit * pressure.max())
+        position = np.flatnonzero(pressure > self._trim(y) * pressure.max())
         return self.account(
             member.data.part(position), precision, member.solution.traction[:, position], keep_face=True
         )
+
+    @staticmethod
+    def _trim(y: Floats) -> float:
+        """The part of the peak below which pressure is noise, for whitened readings."""
+        return min(TRIM / max(float(np.abs(y).max()), 1e-300), LARGEST_TRIM)
 
     def _reaches(self, level: Level) -> list[tuple[float, bool]]:
         """Widths in cells of the local means that differ on this grid; without the variance weak shear would be lost."""

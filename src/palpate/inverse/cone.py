@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 
 from palpate.elastic.half_space import Floats
 
@@ -258,30 +259,28 @@ class Face:
         """W x of (direction, cell)."""
         return np.einsum("idk,ki->di", self.basis, x) if self.mixed else x
 
-    def columns(self, rows: Floats) -> Floats:
-        """rows W, free directions only, of an array (m, component * cell), with the cone's scales taken out."""
+    def directions(self) -> scipy.sparse.csr_array:
+        """W' (free direction, component * cell), with the cone's scales taken out."""
         c, n = self.free.shape
-        if (self.scales != 1.0).any():
-            rows = rows * np.repeat(self.scales, n)
+        direction, cell = np.divmod(self.index, n)
+        values = self.basis[cell, :, direction] * self.scales
+        places = np.arange(c)[None, :] * n + cell[:, None]
+        ends = np.arange(0, values.size + 1, c)
+        return scipy.sparse.csr_array((values.ravel(), places.ravel(), ends), shape=(len(cell), c * n))
+
+    def columns(self, rows: Floats) -> Floats:
+        """rows W, of an array (m, component * cell)."""
         if not self.mixed:
             return np.asarray(rows[:, self.index])
-        blocks = rows.reshape(len(rows), c, n)
-        out = np.empty((len(rows), len(self.index)))
-        start = 0
-        for k in range(c):
-            cells = np.flatnonzero(self.free[k])
-            part = out[:, start : start + len(cells)]
-            np.multiply(blocks[:, 0, cells], self.basis[cells, 0, k], out=part)
-            for d in range(1, c):
-                part += blocks[:, d, cells] * self.basis[cells, d, k]
-            start += len(cells)
-        return out
+        return np.asarray((self.directions() @ rows.T).T)
 
     def restrict(self, matrix: Floats) -> Floats:
-        """W' matrix W on the free directions of a symmetric matrix."""
+        """W' matrix W of a symmetric matrix."""
         if not self.mixed:
             return np.asarray(matrix[np.ix_(self.index, self.index)])
-        return np.ascontiguousarray(self.columns(self.columns(matrix).T))
+        directions = self.directions()
+        # rows are gathered twice: sparse times dense is fast where the dense array's rows lie together
+        return np.asarray(directions @ np.ascontiguousarray((directions @ matrix).T))
 
 
 class Ray(Face):
@@ -299,9 +298,8 @@ class Ray(Face):
         super().__init__(basis, flags, True)
         self.turned = turned
 
-    def columns(self, rows: Floats) -> Floats:
-        """rows times the free directions, of an array (m, component * cell)."""
-        return np.concatenate([super().columns(rows), rows @ self.turned.T], axis=1)
+    def directions(self) -> scipy.sparse.csr_array:
+        return scipy.sparse.csr_array(scipy.sparse.vstack([super().directions(), scipy.sparse.csr_array(self.turned)]))
 
 
 def _alternate(hessian: Floats, linear: Floats, cone: Cone, x: Floats, count: int) -> Floats:

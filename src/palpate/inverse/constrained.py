@@ -479,13 +479,8 @@ class Constrained:
 
     def normal(self, level: Level, cells: Index, y: Floats, noise: Floats, heard: Flags) -> Normal:
         matrix = level.matrix(cells, noise, heard)
-        return Normal(
-            level,
-            cells,
-            matrix,
-            matrix.T @ matrix,
-            (matrix.T @ self.readings.white(y[heard], heard)).reshape(-1, len(cells)),
-        )
+        linear = matrix.T @ self.readings.white(y[heard], heard)
+        return Normal(level, cells, matrix, linear.reshape(-1, len(cells)))
 
     def summed_up(self, members: Sequence[Account]) -> tuple[Floats, Errors]:
         """Mean traction (component, *grid) of the accounts by their weights, and the closed-form errors of every quantity."""

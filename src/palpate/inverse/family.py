@@ -36,9 +36,11 @@ __all__ = ["FAMILY", "Family"]
 
 FAMILY = ("nnls", "elastic_net", "tv", "maxent", "network")
 
-#: Largest number of unknowns; these methods keep the whole map. Beyond it nnls had not ended after minutes; maxent and network were not tried.
-LARGEST = 4500
-LARGEST_UNKNOWNS = {"elastic_net": 6000, "tv": 6000}
+#: Largest number of unknowns; these methods keep the whole map.
+LARGEST = 6000
+#: Non-negative least squares: cells are tried from this part of the first guess's peak on; all others pull by less than the second
+#: part of the largest pull in the end; rounds.
+TRIED, OPTIMAL, ROUNDS_OF_CELLS = 0.02, 1e-10, 60
 #: Misfit is brought this near to the noise (relative).
 DISCREPANCY = 0.01
 #: Reweighted least squares for total variation: smallest gradient, as a part of the largest, and rounds.
@@ -71,10 +73,9 @@ class Family:
         ):
             raise InvalidInput(f"parameter must be a positive number or a rule; got {parameter!r}.")
         unknowns = len(columns) * math.prod(operator.surface.shape)
-        limit = LARGEST_UNKNOWNS.get(method, LARGEST)
-        if unknowns > limit:
+        if unknowns > LARGEST:
             raise Unsupported(
-                f'method="{method}" keeps the whole map, and {unknowns} unknowns are too many (limit {limit}). Give a '
+                f'method="{method}" keeps the whole map, and {unknowns} unknowns are too many (limit {LARGEST}). Give a '
                 'coarser surface (Skin(..., surface=...)), or use method="adaptive" or "tikhonov".'
             )
         names = tuple(operator.surface.components[c] for c in columns)
@@ -139,14 +140,8 @@ class Family:
     def _frame(self, p: _Problem, start: Floats, noise: float) -> tuple[Floats, float, bool, float]:
         """Traction (component, cell), parameter, whether it converged, settling time."""
         if self.method == "nnls":
-            import scipy.optimize
-
-            # the library's active-set solver asks for p >= 0 alone; shear is free of sign as the difference of two
-            matrix = np.concatenate([p.matrix, -p.matrix[:, : -p.shape[1]]], axis=1)
-            x = scipy.optimize.nnls(matrix, p.data, maxiter=30 * matrix.shape[1])[0]
-            negative = np.zeros(p.shape)
-            negative[:-1] = x[p.gram.shape[0] :].reshape(p.shape[0] - 1, p.shape[1])
-            return x[: p.gram.shape[0]].reshape(p.shape) - negative, 0.0, True, 0.0
+            x, converged = self._non_negative(p, start)
+            return x, 0.0, converged, 0.0
         steps: dict[str, Callable[[_Problem, float, Floats], tuple[Floats, bool]]] = {
             "elastic_net": self._elastic_net,
             "tv": self._total_variation,
@@ -164,6 +159,39 @@ class Family:
             x, settling, settled = self._flow(p, chosen)
             converged = converged and settled
         return x, chosen, converged, settling
+
+    def _non_negative(self, p: _Problem, start: Floats) -> tuple[Floats, bool]:
+        """Least squares with p >= 0: the library's active-set solver on some columns, until no other would lower the misfit.
+
+        The solver asks for x >= 0 alone; shear is free of sign as the difference of two.
+        """
+        import scipy.optimize
+
+        column = np.concatenate([np.arange(p.linear.size), np.arange(p.linear[:-1].size)])
+        sign = np.where(np.arange(len(column)) < p.linear.size, 1.0, -1.0)
+        guess = sign * start.ravel()[column]
+        tried = np.flatnonzero(guess > TRIED * guess.max())
+        x: Floats = np.zeros(p.linear.size)
+        least = OPTIMAL * float(np.abs(p.linear).max())
+        for _ in range(ROUNDS_OF_CELLS):
+            c, s = column[tried], sign[tried]
+            # as many rows as columns are enough
+            whole = np.concatenate([p.matrix[:, c] * s, p.data[:, None]], axis=1)
+            triangle = np.asarray(np.linalg.qr(whole, mode="r"))
+            try:
+                found = scipy.optimize.nnls(triangle[:, :-1], triangle[:, -1], maxiter=30 * len(column))[0]
+            except RuntimeError:  # it has run out of steps
+                return x.reshape(p.shape), False
+            x = np.zeros(p.linear.size)
+            np.add.at(x, c, s * found)
+            pull = sign * (p.matrix.T @ (p.data - p.matrix @ x))[column]
+            pull[tried] = 0.0
+            missing = np.flatnonzero(pull > least)
+            if not len(missing):
+                return x.reshape(p.shape), True
+            most = missing[np.argsort(-pull[missing])][: max(200, len(tried) // 2)]
+            tried = np.union1d(tried[found > 0], most)
+        return x.reshape(p.shape), False
 
     def _discrepancy(
         self, p: _Problem, solve: Callable[[_Problem, float, Floats], tuple[Floats, bool]], start: Floats, noise: float
