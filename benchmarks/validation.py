@@ -3,7 +3,7 @@
     python benchmarks/validation.py [--shared ../shared] [section ...]
 
 Sections: paper, line, area, contact, alva, beads, force, adjoint, layers, layers3d, inversion, alvalayers, creep, sweep, decibels, empty,
-robust, edge. The folder of published data and oracles is not part of the project; sections that need it say so where it is absent.
+robust, edge, crossing. The folder of published data and oracles is not part of the project; sections that need it say so where it is absent.
 """
 
 from __future__ import annotations
@@ -693,6 +693,31 @@ def section_edge() -> None:
         )
 
 
+def section_crossing() -> None:
+    """Coverage of the 50 and 95 % intervals where a contact crosses the array's edge, 600 random ones (line, area, area with shear)."""
+    from palpate import bench
+    from palpate.touch import calibrated, calibration_case
+
+    inside: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    frames: dict[str, int] = {}
+    none = np.asarray(-np.inf)
+    for i in range(600):
+        rng = np.random.default_rng((987, i))
+        layout, traction, noise = bench.crossing(rng)
+        if not layout.make(traction)[1].any():
+            continue
+        case = calibration_case(layout.array.dimensions, layout.components)
+        frames[case] = frames.get(case, 0) + 1
+        for quantity, z in bench.run(layout, "random", traction, noise, rng, ("adaptive",))[0].z.items():
+            known = calibrated("adaptive", case, quantity)
+            ends = [known.bounds(level, np.zeros(()), np.ones(()), np.zeros(()), none) for level in (0.5, 0.95)]
+            half, most = (float(np.mean((z >= low) & (z <= high))) for low, high in ends)
+            inside.setdefault((case, quantity), []).append((half, most))
+    for (case, quantity), parts in sorted(inside.items()):
+        half, most = np.mean(parts, axis=0)
+        print(f"  {case:<16} {quantity:<20} {half:.2f}, {most:.2f}  ({frames[case]} frames)")
+
+
 SECTIONS: dict[str, Callable[[], None]] = {
     "paper": section_paper,
     "line": section_line,
@@ -712,6 +737,7 @@ SECTIONS: dict[str, Callable[[], None]] = {
     "empty": section_empty,
     "robust": section_robust,
     "edge": section_edge,
+    "crossing": section_crossing,
 }
 
 

@@ -438,6 +438,34 @@ def test_draws_lie_in_the_cone_and_spread_like_the_closed_form() -> None:
         skin.reconstruct(readings, draws=-1)
 
 
+def test_what_lies_beyond_the_array_is_in_the_error() -> None:
+    """Contacts across the edge, of which a quarter or more is guessed: the intervals hold them all the same."""
+    held, wide = [], []
+    for i in range(60):
+        rng = np.random.default_rng((31, i))
+        layout, traction, noise = bench.crossing(rng)
+        if layout.array.dimensions == 2:
+            continue
+        readings, truth = layout.make(traction)
+        noisy = readings + noise * np.abs(readings).max() * rng.standard_normal(readings.shape)
+        touch = layout.skin.reconstruct(noisy, components=["z"])
+        low, high = touch.interval(0.95, "force")
+        held.append(low[-1] <= truth[-1].sum() * layout.skin.surface.cell <= high[-1])
+        wide.append((high[-1] - low[-1]) / touch.force[-1])
+    assert len(held) > 20
+    assert np.mean(held) > 0.85
+    assert np.median(wide) < 1.0
+    skin = pp.Skin(PAD, area())
+    inner = skin.reconstruct(pressed(skin, BALL, 0.01)[0])
+    assert not inner.errors.outer_force.any()
+    assert "beyond array" not in inner.summary()
+    outer = skin.reconstruct(pressed(skin, BALL.shifted(6.5e-3, 0.0), 0.01)[0])
+    assert "beyond array" in outer.summary()
+    batch = skin.reconstruct(np.stack([pressed(skin, BALL.shifted(x, 0.0), 0.01)[0] for x in (0.0, 6.5e-3)]))
+    assert np.allclose(batch.errors.outer_force[1], outer.errors.outer_force, rtol=0.2)
+    assert batch.frame(0).errors.outer_traction.shape == inner.values.shape
+
+
 # -- the family ----------------------------------------------------------------------------------------------------------
 
 

@@ -42,6 +42,7 @@ __all__ = [
     "area_contact",
     "calibration",
     "coverage",
+    "crossing",
     "line_contact",
     "population",
 ]
@@ -324,20 +325,24 @@ def _standardised(touch: Touch, truth: Floats, friction: float | None) -> dict[s
     columns = [grid.components.index(c) for c in touch.components]
     true = Touch(truth, grid, touch.components, "truth")
 
-    def z(of: str, value: Any, mu: float | None = None) -> Floats:
-        found, std, _ = touch.uncalibrated(of, mu)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray((np.asarray(value) - found) / std)
+    case = calibration_case(grid.dimensions, touch.components)
 
-    force = z("force", true.force)
+    def z(of: str, value: Any, mu: float | None = None) -> Floats:
+        found, std, outer, _ = touch.uncalibrated(of, mu)
+        return calibrated(touch.method, case, of).standardised(np.asarray(value), found, std, outer)
+
     out = {
         "traction": z("traction", truth)[columns][:, (truth[-1] > 0) | (np.asarray(touch.values)[-1] > 0)],
-        "force": force[-1:],
-        "shear_force": (np.sign(touch.force) * force)[columns[:-1]],
+        "force": z("force", true.force)[-1:],
         "moment": z("moment", true.moment),
         "center_of_pressure": z("center_of_pressure", true.center_of_pressure),
         "peak_pressure": z("peak_pressure", true.peak_pressure),
     }
+    if len(columns) > 1:
+        found, std, outer, _ = touch.uncalibrated("force")
+        away = np.sign(found)
+        known = calibrated(touch.method, case, "shear_force")
+        out["shear_force"] = known.standardised(away * true.force, away * found, std, outer)[columns[:-1]]
     if friction is not None:
         out["slip_margin"] = z("slip_margin", true.slip_margin(friction), friction)
     return {
@@ -422,14 +427,14 @@ def ratios(records: Sequence[Record], method: str = "adaptive") -> dict[tuple[st
 def coverage(records: Sequence[Record], level: float, method: str = "adaptive") -> dict[str, float]:
     """Part of true values inside the interval of that level, for each quantity; every contact and noise counts alike."""
     inside: dict[str, dict[tuple[str, str, float], list[float]]] = {}
-    zero = np.asarray(-math.inf)
+    zero, one, none = np.asarray(0.0), np.asarray(1.0), np.asarray(-math.inf)
     for record in records:
         if record.method != method:
             continue
         for quantity, z in record.z.items():
             layout = LAYOUTS[record.layout]
             known = calibrated(method, calibration_case(layout.array.dimensions, layout.components), quantity)
-            low, high = (float(v) for v in known.bounds(level, np.asarray(0.0), np.asarray(1.0), zero))
+            low, high = (float(v) for v in known.bounds(level, zero, one, zero, none))
             # every frame counts once, however many cells it has
             group = inside.setdefault(quantity, {}).setdefault((record.layout, record.contact, record.noise), [])
             group.append(float(np.mean((z >= low) & (z <= high))))
@@ -471,6 +476,33 @@ def population(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
     )
     components = ("x", "y", "z") if shear else ("z",)
     return Layout("area", modulus, area, {}, components, mu if shear else None), traction, noise
+
+
+def crossing(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
+    """The same with a contact across the array's edge: from almost all of it inside to more than half beyond."""
+    noise = float(np.exp(rng.uniform(math.log(5e-4), math.log(7e-2))))
+    pad = HalfSpace(youngs_modulus=1.0, poissons_ratio=float(rng.uniform(0.3, 0.5)))
+    part, side = float(rng.uniform(-0.95, 0.5)), float(rng.choice([-1, 1]))
+    peak = float(rng.uniform(0.4, 1.0))
+    if rng.random() < 0.5:
+        count = int(rng.integers(60, 140))
+        line = LineArray(count=count, pitch=0.5, depth=float(rng.uniform(0.5, 2.5)), channels=["stress_zz"])
+        kind = str(rng.choice(["cylinder", "punch", "strip", "wedge", "tilted", "bump"]))
+        width = float(np.exp(rng.uniform(0.0, math.log(9.0))))
+        traction = line_contact((kind, side * (0.25 * count + part * width), width, peak))
+        return Layout("line", pad, line, {}), traction, noise
+    shear = rng.random() < 0.3
+    channels = ["stress_xz", "stress_yz", "stress_zz"] if shear else ["stress_zz"]
+    size = int(rng.integers(14, 20 if shear else 26))
+    area = AreaArray(shape=(size, size), pitch=1.0, depth=float(rng.uniform(1.0, 3.0)), channels=channels)
+    a, b = (float(v) for v in np.exp(rng.uniform(math.log(1.2), math.log(0.28 * size), size=2)))
+    kind = str(rng.choice(["ball", "ball", "punch", "block", "ring", "cone", "tilted"]))
+    center = (side * (0.5 * size + part * 0.5 * (a + b)), float(rng.uniform(-0.5, 0.5) * size))
+    patch = Patch(kind, center if rng.random() < 0.5 else center[::-1], (a, b), peak, float(rng.uniform(0, 3)))
+    mu = float(rng.uniform(0.2, 0.9))
+    traction = area_contact(patch, shear=str(rng.choice(["slide", "stick", "twist", ""])) if shear else "", friction=mu)
+    components = ("x", "y", "z") if shear else ("z",)
+    return Layout("area", pad, area, {}, components, mu if shear else None), traction, noise
 
 
 def calibration(

@@ -41,23 +41,28 @@ class Calibration:
 
         return float(scipy.special.stdtrit(self.freedom, probability))
 
-    def above(self, limit: float, value: Floats, std: Floats) -> Floats:
+    def above(self, limit: float, value: Floats, std: Floats, outer: Floats) -> Floats:
         """Probability that the true value lies above ``limit``."""
         import scipy.special
 
+        size = np.hypot(self.scale * std, outer)
         with np.errstate(divide="ignore", invalid="ignore"):
-            z = (limit - value - self.shift * std) / (self.scale * std)
-        return np.asarray(np.where(std > 0, scipy.special.stdtr(self.freedom, -z), value > limit), dtype=np.float64)
+            z = (limit - value - self.shift * std) / size
+        return np.asarray(np.where(size > 0, scipy.special.stdtr(self.freedom, -z), value > limit), dtype=np.float64)
 
     def bounds(
-        self, level: float, value: Floats, std: Floats, floor: Floats, *, away: bool = False
+        self, level: float, value: Floats, std: Floats, outer: Floats, floor: Floats, *, away: bool = False
     ) -> tuple[Floats, Floats]:
         """Ends of the central interval, none below ``floor``; with ``away`` the shift is away from zero."""
-        half = self.scale * self._quantile(0.5 * (1.0 + level))
-        shift = self.shift * np.sign(value) if away else self.shift
-        low = value + std * (shift - half)
-        high = value + std * (shift + half)
-        return np.maximum(low, floor), np.maximum(high, floor)
+        half = self._quantile(0.5 * (1.0 + level)) * np.hypot(self.scale * std, outer)
+        middle = value + std * (self.shift * np.sign(value) if away else self.shift)
+        return np.maximum(middle - half, floor), np.maximum(middle + half, floor)
+
+    def standardised(self, truth: Floats, value: Floats, std: Floats, outer: Floats) -> Floats:
+        """(truth - value)/std, such that `bounds` for a value of 0 and a std of 1 hold it where the true ones hold the truth."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = self.shift + (truth - value - self.shift * std) * self.scale / np.hypot(self.scale * std, outer)
+            return np.asarray(np.where(outer > 0, far, (truth - value) / std))
 
 
 #: (method, what is sought); fixed by ``palpate bench calibration --frames 2400 [--method constrained]``.
@@ -114,6 +119,13 @@ CALIBRATION: dict[tuple[str, str], dict[str, Calibration]] = {
         "slip_margin": Calibration(0.384, 0.435, 1.44),
     },
 }
+
+
+#: Part of itself to which what lies beyond the outermost taxels is known (`benchmarks/validation.py crossing`).
+BEYOND = {"line": 0.25, "area": 0.35, "area with shear": 0.15}
+
+#: Part of the normal force beyond the array from which on a summary says so.
+OUTER = 0.05
 
 
 def calibration_case(dimensions: int, components: Sequence[str]) -> str:
@@ -374,9 +386,9 @@ class Touch:
     @property
     def std(self) -> xarray.DataArray:
         """Standard deviation of the traction [Pa], labelled like `traction`."""
-        raw = self._errors().traction
-        scale = calibrated(self.method, self._case, "traction").std
-        spread = from_numpy(raw * scale, self.values)
+        _, raw, outer, _ = self.uncalibrated("traction")
+        known = calibrated(self.method, self._case, "traction")
+        spread = from_numpy(known.std * np.hypot(raw, outer / known.scale), self.values)
         return replace(self, values=spread).traction.rename("std")
 
     @property
@@ -419,17 +431,17 @@ class Touch:
             raise InvalidInput(f"of must be one of {', '.join(known)}; got {of!r}.")
         if (friction is not None) != (of == "slip_margin"):
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
-        value, std, floor = self.uncalibrated(of, friction)
-        low, high = table[of].bounds(level, value, std, floor)
+        value, std, outer, floor = self.uncalibrated(of, friction)
+        low, high = table[of].bounds(level, value, std, outer, floor)
         if of == "force" and "shear_force" in table:
             # pressure only adds up, so that its sum is biased where that of shear is not
-            sides = table["shear_force"].bounds(level, value, std, floor, away=True)
+            sides = table["shear_force"].bounds(level, value, std, outer, floor, away=True)
             for side, shear in zip((low, high), sides):
                 side[..., :-1] = shear[..., :-1]
         if self.touching is not None and not self.touching.all():
             # an empty frame's error is that of what would not show: nothing was found that could be biased
             empty = ~self.touching.reshape((*self.touching.shape, *(1,) * (low.ndim - self.touching.ndim)))
-            plain = Calibration().bounds(level, value, std, floor)
+            plain = Calibration().bounds(level, value, std, outer, floor)
             low, high = np.where(empty, plain[0], low), np.where(empty, plain[1], high)
         if of != "traction":
             return low, high
@@ -445,29 +457,31 @@ class Touch:
         """
         if of not in ("peak_pressure", "force"):
             raise InvalidInput(f'of must be "peak_pressure" or "force" (the normal force); got {of!r}.')
-        value, std, _ = self.uncalibrated(of)
+        value, std, outer, _ = self.uncalibrated(of)
         if of == "force":
-            value, std = value[..., -1], std[..., -1]
-        return calibrated(self.method, self._case, of).above(limit, value, std)
+            value, std, outer = value[..., -1], std[..., -1], outer[..., -1]
+        return calibrated(self.method, self._case, of).above(limit, value, std, outer)
 
-    def uncalibrated(self, of: str, friction: float | None = None) -> tuple[Floats, Floats, Floats]:
-        """Value of a quantity of `interval`, its standard deviation as the model has it, and what it cannot go below."""
+    def uncalibrated(self, of: str, friction: float | None = None) -> tuple[Floats, Floats, Floats, Floats]:
+        """Of a quantity of `interval`: value, standard deviation by the model, error of what lies beyond the array, and what it cannot go below."""
         errors = self._errors()
+        beyond = BEYOND[self._case]
         sign = np.full(len(self.surface.components), -math.inf)
         sign[-1] = 0.0 if "z" in self.components else -math.inf
         none = np.asarray(-math.inf)
         if of == "traction":
             floor = sign.reshape(-1, *(1,) * self.surface.dimensions)
-            return to_numpy(self.values), errors.traction, floor
+            return to_numpy(self.values), errors.traction, beyond * errors.outer_traction, floor
         if of == "force":
-            return to_numpy(self.force), errors.force, sign
+            return to_numpy(self.force), errors.force, beyond * errors.outer_force, sign
         if of == "moment":
-            return to_numpy(self.moment), errors.moment, none
+            return to_numpy(self.moment), errors.moment, beyond * errors.outer_moment, none
         if of == "center_of_pressure":
-            return to_numpy(self.center_of_pressure), errors.center, none
+            return to_numpy(self.center_of_pressure), errors.center, beyond * errors.outer_center, none
         if of == "peak_pressure":
-            return to_numpy(self.peak_pressure), errors.peak, np.asarray(sign[-1])
-        return (*self._slip(float(friction or 0.0)), none)
+            return to_numpy(self.peak_pressure), errors.peak, beyond * errors.outer_peak, np.asarray(sign[-1])
+        value, std = self._slip(float(friction or 0.0))
+        return value, std, np.zeros_like(std), none
 
     def _slip(self, friction: float) -> tuple[Floats, Floats]:
         """Slip margin and its standard deviation, that of mu p - |q| in the cell that is nearest to slip."""
@@ -521,6 +535,10 @@ class Touch:
             lines.append(
                 "centre          " + ", ".join(f"{1e3 * float(v):.4g} mm" for v in to_numpy(one.center_of_pressure))
             )
+            if one.errors is not None and float(one.errors.outer_force[-1]) > OUTER * abs(float(force[-1])):
+                lines.append(
+                    f"beyond array    {float(one.errors.outer_force[-1]):.3g} {unit} of the normal force, where nothing is measured"
+                )
             size = float(one.contact_area())
             lines.append(f"contact         {1e3 * size:.4g} mm" if line else f"contact area    {1e6 * size:.4g} mm^2")
         if friction is not None and set(self.components) == set(self.surface.components):
@@ -560,11 +578,7 @@ class Touch:
             self.unseen_force,
             None,
             self.meta,
-            None
-            if self.errors is None
-            else Errors(
-                *(pick(getattr(self.errors, n)) for n in ("traction", "force", "moment", "center", "peak", "detail"))
-            ),
+            None if self.errors is None else Errors.gathered([self.errors], lambda parts: pick(parts[0])),
             pick(self.converged),
             pick(self.touching),
             pick(self.outliers),
@@ -602,9 +616,8 @@ def joined(touches: Sequence[Touch]) -> Touch:
         )
 
     errors = None
-    names = ("traction", "force", "moment", "center", "peak", "detail")
     if any(t.errors is not None for t in touches):
-        errors = Errors(*(join([None if t.errors is None else getattr(t.errors, n) for t in touches]) for n in names))
+        errors = Errors.gathered([t.errors for t in touches], join)
     return Touch(
         join([t.values for t in touches]),
         first.surface,

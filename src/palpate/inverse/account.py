@@ -6,7 +6,8 @@ Values and closed-form variances of every quantity, on the face of the constrain
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -33,7 +34,8 @@ class Errors:
 
     ``traction`` (*batch, component, *surface) [Pa]; ``force`` (*batch, component) [N or N/m]; ``moment`` (*batch, 3 or 1);
     ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa]. ``detail`` is shaped like ``traction``: 1 - posterior over prior
-    variance of each cell in contact, NaN elsewhere.
+    variance of each cell in contact, NaN elsewhere. The ``outer`` ones are no deviations but what each quantity owes to traction found
+    beyond the outermost taxels, where nothing is measured: it is known to a part of itself.
     """
 
     traction: Floats
@@ -42,6 +44,17 @@ class Errors:
     center: Floats
     peak: Floats
     detail: Floats
+    outer_traction: Floats
+    outer_force: Floats
+    outer_moment: Floats
+    outer_center: Floats
+    outer_peak: Floats
+
+    @classmethod
+    def gathered(cls, parts: Sequence[Errors | None], gather: Callable[[list[Any]], Any]) -> Errors:
+        """Each array made of those of the parts (None where a part is)."""
+        names = [f.name for f in fields(cls)]
+        return cls(**{n: gather([None if p is None else getattr(p, n) for p in parts]) for n in names})
 
 
 class Level:

@@ -116,6 +116,13 @@ class Constrained:
         self.window = tuple(slice((n - m) // 2, (n - m) // 2 + m) for n, m in zip(grid.shape, self.surface.shape))
         self.inside = np.zeros(grid.shape, dtype=bool)
         self.inside[self.window] = True
+        # beyond the outermost taxels
+        points = np.concatenate([a.points[np.ravel(a.valid)] for a in operator.planes_of])
+        self.beyond = np.zeros(grid.shape, dtype=bool)
+        for axis, (x, dx) in enumerate(zip(grid.axes, grid.spacings)):
+            low, high = points[:, axis].min() - 0.5 * dx, points[:, axis].max() + 0.5 * dx
+            outside = (x < low - 1e-9 * dx) | (x > high + 1e-9 * dx)
+            self.beyond |= outside.reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
         # shear varies less than pressure, by what friction allows, shared between its components
         shear = 0.5 * (cone.friction or SHEAR) ** 2
         self.variances = [1.0 if c == len(columns) - 1 else shear for c in range(len(columns))]
@@ -222,10 +229,11 @@ class Constrained:
         known = self._shared_noise(arrays)
         frames = [self.frame([a[i] for a in arrays], draws, rng, known) for i in range(math.prod(batch))]
 
-        def gathered(name: str) -> Floats:
-            cut = self._cut if name in ("traction", "detail") else np.asarray
-            parts = np.stack([cut(getattr(f.errors, name)) for f in frames])
-            return np.asarray(parts.reshape((*batch, *parts.shape[1:])))
+        def stacked(parts: Sequence[Floats]) -> Floats:
+            whole = np.stack(parts)
+            if whole.ndim > self.operator.surface.dimensions + 1:  # a field
+                whole = self._cut(whole)
+            return np.asarray(whole.reshape((*batch, *whole.shape[1:])))
 
         def numbers(name: str, kind: type = np.float64) -> npt.NDArray[Any]:
             return np.array([getattr(f, name) for f in frames], dtype=kind).reshape(batch)
@@ -241,7 +249,7 @@ class Constrained:
             numbers("parameter"),
             numbers("noise_scale"),
             numbers("residual"),
-            Errors(*(gathered(n) for n in ("traction", "force", "moment", "center", "peak", "detail"))),
+            Errors.gathered([f.errors for f in frames], stacked),
             numbers("converged", bool),
             numbers("contact", bool),
             outliers.reshape((*batch, -1)),
@@ -306,10 +314,13 @@ class Constrained:
             known, learned = left, learned + 1
         signal = self.readings.white((data / noise)[heard], heard)
         left = float(np.sqrt(np.mean((signal - self.readings.white((explained / noise)[heard], heard)) ** 2)))
-        pushed = left <= max(UNEXPLAINED, UNEXPLAINED_SIGNAL * float(np.sqrt(np.mean(signal**2))))
+        limit = max(UNEXPLAINED, UNEXPLAINED_SIGNAL * float(np.sqrt(np.mean(signal**2))))
+        pushed = left <= limit
         if not first[-1].any():
             return replace(self._nothing(parameter, scale, data, ~heard, draws), pushed=pushed)
-        return replace(self._combined(members, data / noise, heard, parameter, scale, draws, rng), pushed=pushed)
+        result = self._combined(members, data / noise, heard, parameter, scale, draws, rng)
+        # the accounts may explain on a finer grid what cells of the surface cannot
+        return replace(result, pushed=pushed or result.residual <= limit)
 
     def _noise_left(self, member: Account, first: Floats, y: Floats, heard: Flags, parameter: float) -> float:
         """Root mean square of the whitened misfit, for the freedom that the contact took: the modes seen, over its area."""
@@ -397,6 +408,7 @@ class Constrained:
             np.full(grid.dimensions, math.nan),
             np.asarray(std[-1].max()),
             np.full(shape, math.nan),
+            **self._outer(np.zeros(shape)),
         )
 
     def fit(self, linear: Floats, y: Floats, noise: Floats, heard: Flags, weight: float) -> tuple[Floats, Floats]:
@@ -511,8 +523,33 @@ class Constrained:
             traction=std,
             force=force,
             **{name: np.sqrt(mixed(i)[1]) for i, name in ((2, "moment"), (3, "center"), (4, "peak"))},
+            **self._outer(traction),
         )
         return traction, errors
+
+    def _outer(self, traction: Floats) -> dict[str, Floats]:
+        """What traction (component, *grid) and the numbers owe to cells beyond the outermost taxels."""
+        grid = self.operator.surface
+        cell = grid.cell * self.inside
+        places = np.meshgrid(*grid.axes, indexing="ij")[::-1]  # x, then y
+        outer = np.abs(traction) * self.beyond
+        p = cell * traction[-1]
+        total = float(p.sum()) or 1.0
+        far = cell * traction * self.beyond
+        if len(places) == 1:
+            moment = [-(places[0] * far[-1]).sum()]
+        else:
+            x, y = places
+            moment = [(y * far[-1]).sum(), -(x * far[-1]).sum(), (x * far[1] - y * far[0]).sum()]
+        center = [((x - (x * p).sum() / total) * far[-1]).sum() / total for x in places]
+        top = np.unravel_index(int(np.argmax(p)), p.shape)
+        return {
+            "outer_traction": outer,
+            "outer_force": np.abs(far.reshape(len(far), -1).sum(axis=1)),
+            "outer_moment": np.abs(moment),
+            "outer_center": np.abs(center),
+            "outer_peak": np.asarray(outer[-1][top]),
+        }
 
     def _combined(
         self,
