@@ -122,7 +122,14 @@ CALIBRATION: dict[tuple[str, str], dict[str, Calibration]] = {
 
 
 #: Part of itself to which what lies beyond the outermost taxels is known (`benchmarks/validation.py crossing`).
-BEYOND = {"line": 0.25, "area": 0.35, "area with shear": 0.15}
+BEYOND = {
+    ("adaptive", "line"): 0.25,
+    ("adaptive", "area"): 0.35,
+    ("adaptive", "area with shear"): 0.15,
+    ("constrained", "line"): 0.42,
+    ("constrained", "area"): 0.35,
+    ("constrained", "area with shear"): 0.15,
+}
 
 #: Part of the normal force beyond the array from which on a summary says so.
 OUTER = 0.05
@@ -465,7 +472,7 @@ class Touch:
     def uncalibrated(self, of: str, friction: float | None = None) -> tuple[Floats, Floats, Floats, Floats]:
         """Of a quantity of `interval`: value, standard deviation by the model, error of what lies beyond the array, and what it cannot go below."""
         errors = self._errors()
-        beyond = BEYOND[self._case]
+        beyond = BEYOND[self.method, self._case]
         sign = np.full(len(self.surface.components), -math.inf)
         sign[-1] = 0.0 if "z" in self.components else -math.inf
         none = np.asarray(-math.inf)
