@@ -466,6 +466,39 @@ def test_what_lies_beyond_the_array_is_in_the_error() -> None:
     assert batch.frame(0).errors.outer_traction.shape == inner.values.shape
 
 
+@pytest.mark.parametrize("loud", [(1.0, 1.0, 8.0), (8.0, 8.0, 1.0)])
+def test_each_channel_has_its_own_noise(loud: tuple[float, float, float]) -> None:
+    """Learned from the readings, it makes nearly as good a use of them as noise that is given; of one frame and of some."""
+    skin = pp.Skin(PAD, area(THREE))
+    truth = skin.sample(BALL.sliding(0.3))
+    clean = skin.sense(truth)
+    std = 0.005 * float(np.abs(clean).max()) * np.array(loud)
+    frames = clean + std[:, None, None] * np.random.default_rng(3).standard_normal((3, *clean.shape))
+    given = pp.Skin(PAD, replace(area(THREE), noise=tuple(std)))
+
+    def error(touch: Any) -> float:
+        return float(np.linalg.norm(touch.values - truth) / np.linalg.norm(truth))
+
+    alone = [skin.reconstruct(f, friction=0.5) for f in frames]
+    best = float(np.mean([error(given.reconstruct(f, friction=0.5)) for f in frames]))
+    assert np.mean([error(t) for t in alone]) < 1.3 * best
+    for touch in alone:
+        np.testing.assert_allclose(touch.noise_std, std, rtol=0.25)
+    batch = skin.reconstruct(frames, friction=0.5)
+    assert batch.noise_std.shape == (3, 3)
+    np.testing.assert_allclose(batch.noise_std, np.broadcast_to(std, (3, 3)), rtol=0.2)
+    empty = [
+        skin.reconstruct(std[:, None, None] * np.random.default_rng(i).standard_normal(clean.shape)) for i in range(10)
+    ]
+    assert not any(t.touching for t in empty)
+
+
+def test_equal_channels_share_their_noise() -> None:
+    skin = pp.Skin(PAD, area(THREE))
+    touch = skin.reconstruct(pressed(skin, BALL.sliding(0.3), 0.02)[0], friction=0.5)
+    assert np.ptp(touch.noise_std) == 0
+
+
 # -- the family ----------------------------------------------------------------------------------------------------------
 
 

@@ -738,7 +738,8 @@ class Skin:
         inner = solver.inner if isinstance(solver, ConstantFriction) else solver
         if not isinstance(inner, Regularised | Constrained | Family) or estimate.noise_scale is None:
             return None
-        return estimate.noise_scale[..., None] * np.concatenate(inner.scales)
+        scale = estimate.noise_scale if isinstance(inner, Constrained) else estimate.noise_scale[..., None]
+        return np.asarray(scale * np.concatenate(inner.scales))
 
     def _unseen(self, names: tuple[str, ...]) -> tuple[str, ...]:
         if self._boundary != "periodic" or self._elastic.mean_compliance(0.0) is not None:

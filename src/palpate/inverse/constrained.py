@@ -20,7 +20,7 @@ import scipy.sparse
 from palpate._arrays import from_numpy, to_numpy
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput, Unsupported
-from palpate.inverse.account import Account, Errors, Level, Normal, detail_of, quantities, scattered, spread_out
+from palpate.inverse.account import Account, Errors, Level, Normal, detail_of, quantities, scattered, spread, spread_out
 from palpate.inverse.cone import TOLERANCE, Cone, cholesky, minimise
 from palpate.inverse.parameter import choose_parameter, shared_variance, tikhonov
 from palpate.inverse.priors import DifferencePrior
@@ -55,6 +55,11 @@ QUIET, NOISY = 1e-3, 0.3
 OUTLIER, GROSS, LARGEST_OUTLIERS = 6.0, 0.05, 0.2
 #: The noise is learned again where the constrained misfit is this many times what the linear model called noise.
 QUIETER = 1.2
+#: Channels have each their own noise where their misfits differ by more than this (log) and by so many standard errors; changes of less
+#: than the last are not followed.
+UNEQUAL, UNEQUAL_ERRORS, SETTLED = 0.2, 3.0, 0.1
+#: Frames of a batch from which the channels' noise is learned.
+PROBES = 4
 #: No pad and no grid is known better than this part of the largest reading: the least noise that is assumed.
 MODEL_ERROR = 2e-4
 #: The same for the net force.
@@ -70,7 +75,7 @@ class _Frame:
     traction: Floats
     errors: Errors
     parameter: float
-    noise_scale: float
+    noise: Floats
     residual: float
     converged: bool
     contact: bool
@@ -136,6 +141,11 @@ class Constrained:
         }
         self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
         self.readings = Readings(operator, self.scales)
+        # which channel each reading belongs to
+        self.channel = np.repeat(
+            np.arange(sum(len(a.channels) for a in operator.planes_of)),
+            [n for a, n in zip(operator.planes_of, self.readings.sizes) for _ in a.channels],
+        )
         self._levels: dict[int, Level] = {1: self._make_level(1)}
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
@@ -227,7 +237,12 @@ class Constrained:
             to_numpy(r).astype(np.float64).reshape(-1, len(a.channels), *a.shape) for r, a in zip(readings, planes)
         ]
         known = self._shared_noise(arrays)
-        frames = [self.frame([a[i] for a in arrays], draws, rng, known) for i in range(math.prod(batch))]
+        count = math.prod(batch)
+        levels, done = self._shared_levels(arrays, draws, rng, known) if count > 1 else (None, {})
+        frames = [
+            done[i] if i in done else self.frame([a[i] for a in arrays], draws, rng, known, levels)
+            for i in range(count)
+        ]
 
         def stacked(parts: Sequence[Floats]) -> Floats:
             whole = np.stack(parts)
@@ -247,7 +262,7 @@ class Constrained:
         return Estimate(
             from_numpy(values.reshape((*batch, *values.shape[1:])), like),
             numbers("parameter"),
-            numbers("noise_scale"),
+            np.stack([f.noise for f in frames]).reshape((*batch, -1)),
             numbers("residual"),
             Errors.gathered([f.errors for f in frames], stacked),
             numbers("converged", bool),
@@ -271,6 +286,21 @@ class Constrained:
         variance = shared_variance(spectrum.eigenvalues, spectrum.multiplicity, power)
         return math.sqrt(variance)
 
+    def _shared_levels(
+        self, arrays: Sequence[Floats], draws: int, rng: np.random.Generator | None, known: float | None
+    ) -> tuple[Floats | None, dict[int, _Frame]]:
+        """The noise of each channel that some frames tell together, and those frames where it is one for all."""
+        if self.noise_known or self.channel[-1] == 0:
+            return None, {}
+        count = len(arrays[0])
+        probes = np.unique(np.linspace(0, count - 1, min(PROBES, count)).astype(int))
+        done = {int(i): self.frame([a[i] for a in arrays], draws, rng, known) for i in probes}
+        touching = [f for f in done.values() if f.contact]
+        unequal = [f.noise for f in touching if np.ptp(f.noise) > 0]
+        if 2 * len(unequal) <= len(touching):
+            return None, done
+        return np.sqrt(np.mean(np.square([f.noise for f in touching]), axis=0)), {}
+
     def _cut(self, field: Floats) -> Floats:
         """The part of a field (..., *grid) that lies on the surface."""
         place: tuple[Any, ...] = (..., *self.window)
@@ -284,19 +314,23 @@ class Constrained:
         draws: int = 0,
         rng: np.random.Generator | None = None,
         known: float | None = None,
+        levels: Floats | None = None,
     ) -> _Frame:
-        """Contact in one frame of readings, (channel, *array) per plane; ``known`` is the noise scale learned elsewhere."""
+        """Contact in one frame of readings, (channel, *array) per plane.
+
+        ``known`` is the noise scale learned elsewhere, ``levels`` that of every channel.
+        """
         rows = self.operator.heard(readings)
         data = self.readings.flat(rows)
         heard = np.ones(len(data), dtype=bool)
-        learned = 0
-        for attempt in range(8):
+        learned, given = 0, levels is not None
+        for attempt in range(10):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
             gain, parameter, scale, linear = evidence[1]
-            if not (gain > CONTACT_EVIDENCE and scale > 0):
+            if not (gain > CONTACT_EVIDENCE + self._uneven(data, heard, known) and scale > 0):
                 return self._nothing(parameter, scale, data, ~heard, draws)
             floor = MODEL_ERROR * float(np.abs(data / self.readings.std).max())
-            noise = self.readings.std * max(scale, floor)
+            noise = self.readings.std * np.maximum(scale if levels is None else levels[self.channel], floor)
             first, explained = self.fit(linear, data / noise, noise, heard, parameter / scale**2)
             wrong = self._outliers(data, explained, noise)
             if attempt < 4 and (wrong & heard).any() and (wrong | ~heard).mean() <= LARGEST_OUTLIERS:
@@ -307,9 +341,17 @@ class Constrained:
             if not first[-1].any():
                 break
             members = self.accounts(first, data / noise, noise, heard, evidence)
+            if self.noise_known or given:
+                break
+            own = self._levels_of(members[0], data / noise, noise, heard, unequal=levels is None)
+            if own is not None:
+                if levels is not None and np.abs(np.log(own / levels)).max() < SETTLED:
+                    break
+                levels = own
+                continue
             # what pressure that only pushes cannot follow is noise, even where a linear model could
             left = self._noise_left(members[0], first, data / noise, heard, parameter) * noise[0] / self.readings.std[0]
-            if self.noise_known or learned == 2 or max(left, floor) < QUIETER * max(scale, floor):
+            if learned == 2 or max(left, floor) < QUIETER * max(scale, floor):
                 break
             known, learned = left, learned + 1
         signal = self.readings.white((data / noise)[heard], heard)
@@ -318,9 +360,47 @@ class Constrained:
         pushed = left <= limit
         if not first[-1].any():
             return replace(self._nothing(parameter, scale, data, ~heard, draws), pushed=pushed)
-        result = self._combined(members, data / noise, heard, parameter, scale, draws, rng)
+        each = np.full(self.channel[-1] + 1, scale) if levels is None else levels
+        result = self._combined(members, data / noise, heard, parameter, each, draws, rng)
         # the accounts may explain on a finer grid what cells of the surface cannot
         return replace(result, pushed=pushed or result.residual <= limit)
+
+    def _uneven(self, data: Floats, heard: Flags, known: float | None) -> float:
+        """Log likelihood of noise alone with a level for each channel, over that of one level: no contact explains what this does."""
+        if self.noise_known or self.channel[-1] == 0:
+            return 0.0
+        channel = self.channel[heard]
+        white = self.readings.white((data / self.readings.std)[heard], heard)
+        power, count = np.bincount(channel, white**2), np.bincount(channel)
+        power, count = power[power > 0], count[power > 0]  # a channel of zeros is broken, not quiet
+        if not len(power) or (count < 3).any():
+            return 0.0
+        common = power.sum() / count.sum() if known is None else known**2
+        own = power / count
+        return 0.5 * float((power / common - count + count * np.log(common / own)).sum())
+
+    def _levels_of(self, member: Account, y: Floats, noise: Floats, heard: Flags, *, unequal: bool) -> Floats | None:
+        """Noise of each channel in units of the whitening, from the misfit and the freedom that the contact took of each.
+
+        With ``unequal``, None where the channels' noise is not told apart from one for all.
+        """
+        if self.channel[-1] == 0:
+            return None
+        channel = self.channel[heard]
+        matrix = member.data.matrix
+        misfit = matrix @ member.solution.traction.ravel() - self.readings.white(y[heard], heard)
+        power, count = np.bincount(channel, misfit**2), np.bincount(channel)
+        if (count < 3).any():
+            return None
+        if unequal and np.ptp(np.log(np.maximum(power / count, 1e-300))) < 2.0 * UNEQUAL:
+            return None
+        took = np.bincount(channel, (spread(member.solution, matrix) ** 2).sum(axis=0))
+        free = np.maximum(count - took, 1.0)
+        off = 0.5 * np.log(np.maximum(power / free, 1e-300) * free.sum() / power.sum())
+        if unequal and not (np.abs(off) > UNEQUAL + UNEQUAL_ERRORS / np.sqrt(2.0 * free)).any():
+            return None
+        starts = np.searchsorted(self.channel, np.arange(len(count)))
+        return np.asarray(np.sqrt(power / free) * (noise / self.readings.std)[starts])
 
     def _noise_left(self, member: Account, first: Floats, y: Floats, heard: Flags, parameter: float) -> float:
         """Root mean square of the whitened misfit, for the freedom that the contact took: the modes seen, over its area."""
@@ -378,7 +458,8 @@ class Constrained:
         rms = float(np.sqrt(np.mean((data / self.readings.std) ** 2)))
         errors = self.unnoticed(scale if self.noise_known else rms)
         empty = np.zeros((draws, *shape)) if draws else None
-        return _Frame(np.zeros(shape), errors, parameter, scale, rms, True, False, outliers, empty)
+        noise = np.full(self.channel[-1] + 1, scale)
+        return _Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)
 
     def unnoticed(self, scale: float) -> Errors:
         """What would not be noticed: the error of the pressure of a patch as wide as the depth, the least that would show."""
@@ -557,7 +638,7 @@ class Constrained:
         y: Floats,
         heard: Flags,
         parameter: float,
-        scale: float,
+        noise: Floats,
         draws: int,
         rng: np.random.Generator | None,
     ) -> _Frame:
@@ -572,7 +653,7 @@ class Constrained:
             traction,
             errors,
             parameter,
-            scale,
+            noise,
             float(np.sqrt(np.mean(misfit**2))),
             all(m.solution.converged for m in members),
             True,
