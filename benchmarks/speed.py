@@ -103,7 +103,7 @@ def pads() -> None:
             )
 
 
-def methods(n: int) -> None:
+def methods(n: int, only: str | None = None) -> None:
     """Seconds per frame of each method on n x n x 3, one frame and a batch of four (two where slow), noise 1 %, a ball of 4 mm and 0.5 N."""
     array = pp.AreaArray(shape=(n, n), pitch=1e-3, depth=2e-3, channels=THREE)
     skin = pp.Skin(PAD, array)
@@ -126,6 +126,8 @@ def methods(n: int) -> None:
     ]
     print(f"{'method':<24}{'first s':>10}{'frame s':>10}{'batch s':>10}")
     for name, options in cases:
+        if only is not None and only not in name:
+            continue
         try:
             start = time.perf_counter()
             skin.reconstruct(frames[0], **options)
@@ -145,9 +147,10 @@ def main() -> None:
     parser.add_argument("--large", action="store_true")
     parser.add_argument("--pads", action="store_true", help="layered pads against the half-space instead")
     parser.add_argument("--methods", type=int, metavar="N", help="every method on N x N x 3 instead")
+    parser.add_argument("--only", metavar="TEXT", help="of these, the ones whose name has this in it")
     arguments = parser.parse_args()
     if arguments.methods:
-        methods(arguments.methods)
+        methods(arguments.methods, arguments.only)
         return
     large = arguments.large
     if arguments.pads:

@@ -3,7 +3,7 @@
     python benchmarks/validation.py [--shared ../shared] [section ...]
 
 Sections: paper, line, area, contact, alva, beads, force, adjoint, layers, layers3d, inversion, alvalayers, creep, sweep, decibels, empty,
-robust, edge, crossing. The folder of published data and oracles is not part of the project; sections that need it say so where it is absent.
+robust, edge, crossing, channels. The folder of published data and oracles is not part of the project; sections that need it say so where it is absent.
 """
 
 from __future__ import annotations
@@ -718,6 +718,34 @@ def section_crossing() -> None:
         print(f"  {case:<16} {quantity:<20} {half:.2f}, {most:.2f}  ({frames[case]} frames)")
 
 
+def section_channels() -> None:
+    """Noise that differs between channels: error with it learned and with it given, and empty frames; parts of the largest reading."""
+    from dataclasses import replace
+
+    from palpate import bench
+
+    layout = bench.LAYOUTS["three channels"]
+    for levels in ((0.005, 0.005, 0.05), (0.05, 0.05, 0.005), (0.01, 0.01, 0.02), (0.01, 0.01, 0.01)):
+        learned, told = [], []
+        for name in ("sliding ball", "sticking ball", "pressed cone", "sliding block"):
+            readings, truth = layout.make(layout.contacts[name])
+            std = np.array(levels) * np.abs(readings).max()
+            given = pp.Skin(layout.pad, replace(layout.array, noise=tuple(std)))
+            for draw in range(2):
+                noisy = readings + std[:, None, None] * np.random.default_rng(draw).standard_normal(readings.shape)
+                touch = layout.skin.reconstruct(noisy, friction=bench.FRICTION)
+                learned.append(relative(touch.values, truth))
+                told.append(relative(given.reconstruct(noisy, friction=bench.FRICTION).values, truth))
+        one, other = (float(np.exp(np.mean(np.log(e)))) for e in (learned, told))
+        noise = np.random.default_rng(0).standard_normal((20, 3, 32, 32)) * np.array(levels)[:, None, None]
+        contacts = sum(bool(layout.skin.reconstruct(f, friction=bench.FRICTION).touching) for f in noise)
+        found = ", ".join(f"{100 * v:.2f}" for v in np.ravel(touch.noise_std) / np.abs(readings).max())
+        print(
+            f"  noise {', '.join(f'{100 * v:g}' for v in levels)} %: error {one:.3f}, with the noise given {other:.3f} (x {one / other:.2f}); "
+            f"found in the last {found} %; contact reported in {contacts} of 20 empty frames"
+        )
+
+
 SECTIONS: dict[str, Callable[[], None]] = {
     "paper": section_paper,
     "line": section_line,
@@ -738,6 +766,7 @@ SECTIONS: dict[str, Callable[[], None]] = {
     "robust": section_robust,
     "edge": section_edge,
     "crossing": section_crossing,
+    "channels": section_channels,
 }
 
 
