@@ -493,6 +493,19 @@ def test_each_channel_has_its_own_noise(loud: tuple[float, float, float]) -> Non
     assert not any(t.touching for t in empty)
 
 
+def test_a_broken_channel_is_left_out() -> None:
+    skin = pp.Skin(PAD, area(THREE))
+    readings, truth = pressed(skin, BALL.sliding(0.3), 0.01)
+    whole = skin.reconstruct(readings, friction=0.5)
+    readings[1] = 0.0
+    readings[2, 7, 7] *= -1.0
+    touch = skin.reconstruct(readings, friction=0.5)
+    assert touch.outliers.sum() == 14 * 14 + 1
+    assert any("left out" in n for n in touch.notes)
+    error, before = (float(np.linalg.norm(t.values - truth)) for t in (touch, whole))
+    assert error < 2.0 * before
+
+
 def test_equal_channels_share_their_noise() -> None:
     skin = pp.Skin(PAD, area(THREE))
     touch = skin.reconstruct(pressed(skin, BALL.sliding(0.3), 0.02)[0], friction=0.5)

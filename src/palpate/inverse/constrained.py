@@ -8,6 +8,7 @@ what `palpate.inverse.adaptive` starts from and what `palpate.tracking` repeats 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -58,6 +59,8 @@ QUIETER = 1.2
 #: Channels have each their own noise where their misfits differ by more than this (log) and by so many standard errors; changes of less
 #: than the last are not followed.
 UNEQUAL, UNEQUAL_ERRORS, SETTLED = 0.2, 3.0, 0.1
+#: Channels' noise and contact are found in turn, so often at most.
+TURNS = 4
 #: Frames of a batch from which the channels' noise is learned.
 PROBES = 4
 #: No pad and no grid is known better than this part of the largest reading: the least noise that is assumed.
@@ -322,8 +325,8 @@ class Constrained:
         """
         rows = self.operator.heard(readings)
         data = self.readings.flat(rows)
-        heard = np.ones(len(data), dtype=bool)
-        learned, given = 0, levels is not None
+        alive = self._alive(data)
+        heard, learned, given = alive.copy(), 0, levels is not None
         for attempt in range(10):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
             gain, parameter, scale, linear = evidence[1]
@@ -333,8 +336,11 @@ class Constrained:
             noise = self.readings.std * np.maximum(scale if levels is None else levels[self.channel], floor)
             first, explained = self.fit(linear, data / noise, noise, heard, parameter / scale**2)
             wrong = self._outliers(data, explained, noise)
-            if attempt < 4 and (wrong & heard).any() and (wrong | ~heard).mean() <= LARGEST_OUTLIERS:
-                heard &= ~wrong
+            few = (wrong | ~heard)[alive].mean() <= LARGEST_OUTLIERS
+            found = few and (wrong & heard).any()
+            if (attempt < 4 and found) or (attempt < 2 and not alive.all()):
+                if few:
+                    heard &= ~wrong
                 # what is left out is filled with what the contact explains, so that the linear model can go on
                 rows = self.readings.planes(np.where(heard, data, explained))
                 continue
@@ -345,9 +351,9 @@ class Constrained:
                 break
             own = self._levels_of(members[0], data / noise, noise, heard, unequal=levels is None)
             if own is not None:
-                if levels is not None and np.abs(np.log(own / levels)).max() < SETTLED:
+                if levels is not None and (learned == TURNS or np.abs(np.log(own / levels)).max() < SETTLED):
                     break
-                levels = own
+                levels, learned = own, learned + 1
                 continue
             # what pressure that only pushes cannot follow is noise, even where a linear model could
             left = self._noise_left(members[0], first, data / noise, heard, parameter) * noise[0] / self.readings.std[0]
@@ -365,6 +371,12 @@ class Constrained:
         # the accounts may explain on a finer grid what cells of the surface cannot
         return replace(result, pushed=pushed or result.residual <= limit)
 
+    def _alive(self, data: Floats) -> Flags:
+        """False for the readings of a channel all of which are the same while others differ: it is broken."""
+        ends = np.searchsorted(self.channel, np.arange(self.channel[-1] + 2))
+        same = np.array([b - a > 3 and np.ptp(data[a:b]) == 0 for a, b in itertools.pairwise(ends)])
+        return np.asarray(~same[self.channel] if not same.all() else np.ones(len(data), dtype=bool))
+
     def _uneven(self, data: Floats, heard: Flags, known: float | None) -> float:
         """Log likelihood of noise alone with a level for each channel, over that of one level: no contact explains what this does."""
         if self.noise_known or self.channel[-1] == 0:
@@ -372,7 +384,7 @@ class Constrained:
         channel = self.channel[heard]
         white = self.readings.white((data / self.readings.std)[heard], heard)
         power, count = np.bincount(channel, white**2), np.bincount(channel)
-        power, count = power[power > 0], count[power > 0]  # a channel of zeros is broken, not quiet
+        power, count = power[power > 0], count[power > 0]
         if not len(power) or (count < 3).any():
             return 0.0
         common = power.sum() / count.sum() if known is None else known**2
@@ -389,18 +401,21 @@ class Constrained:
         channel = self.channel[heard]
         matrix = member.data.matrix
         misfit = matrix @ member.solution.traction.ravel() - self.readings.white(y[heard], heard)
-        power, count = np.bincount(channel, misfit**2), np.bincount(channel)
-        if (count < 3).any():
+        count = np.bincount(channel, minlength=self.channel[-1] + 1)
+        alive = count > 0
+        if (count[alive] < 3).any():
             return None
-        if unequal and np.ptp(np.log(np.maximum(power / count, 1e-300))) < 2.0 * UNEQUAL:
+        power = np.bincount(channel, misfit**2, minlength=len(count))[alive]
+        if unequal and np.ptp(np.log(np.maximum(power / count[alive], 1e-300))) < 2.0 * UNEQUAL:
             return None
-        took = np.bincount(channel, (spread(member.solution, matrix) ** 2).sum(axis=0))
-        free = np.maximum(count - took, 1.0)
+        took = np.bincount(channel, (spread(member.solution, matrix) ** 2).sum(axis=0), minlength=len(count))
+        free = np.maximum((count - took)[alive], 1.0)
         off = 0.5 * np.log(np.maximum(power / free, 1e-300) * free.sum() / power.sum())
         if unequal and not (np.abs(off) > UNEQUAL + UNEQUAL_ERRORS / np.sqrt(2.0 * free)).any():
             return None
-        starts = np.searchsorted(self.channel, np.arange(len(count)))
-        return np.asarray(np.sqrt(power / free) * (noise / self.readings.std)[starts])
+        levels = (noise / self.readings.std)[np.searchsorted(self.channel, np.arange(len(count)))]
+        levels[alive] *= np.sqrt(power / free)
+        return np.asarray(levels)
 
     def _noise_left(self, member: Account, first: Floats, y: Floats, heard: Flags, parameter: float) -> float:
         """Root mean square of the whitened misfit, for the freedom that the contact took: the modes seen, over its area."""
