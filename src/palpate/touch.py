@@ -427,7 +427,8 @@ class Touch:
         -----
         value + std (b -+ s t), with t the quantile of Student's distribution and b, s and its degrees of freedom fixed
         once for each quantity on simulated contacts (`palpate bench calibration --frames 2400`), so that the intervals hold the truth as often
-        as they say. That is a statement about contacts like those: a mean over contacts and noise, not a promise about one.
+        as they say. That is a statement about contacts like those: a mean over contacts and noise, not a promise about one. What a
+        quantity owes to contact found beyond the outermost taxels adds a fixed part of itself (`BEYOND`) to s std, in quadrature.
         """
         if not (isinstance(level, int | float) and 0 < level < 1):
             raise InvalidInput(f"level must lie between 0 and 1; got {level!r}.")

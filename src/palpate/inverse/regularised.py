@@ -46,7 +46,8 @@ class Estimate:
     """What an inversion returns: the traction and how it was chosen.
 
     ``parameter``, ``noise_scale`` (noise in units of the whitening; 1 where the noise was given) and ``residual`` (root mean
-    square misfit in the same units) have the batch shape, the noise of the constrained methods (*batch, channel); None from methods that have no such thing. Likewise ``errors``
+    square misfit in the same units) have the batch shape, the noise of the
+    constrained methods (*batch, channel); None from methods that have no such thing. Likewise ``errors``
     (`palpate.inverse.account.Errors`), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
     (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
     analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame), ``resolution`` [m] and
