@@ -316,7 +316,7 @@ def test_full_disk(tmp_path: Path, suffix: str) -> None:
         "            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))\n"
         "        out.readings(0.005 * i, rng.standard_normal((1, 16, 16)).astype(np.float32))\n"
         "except InvalidInput as error:\n"
-        "    print(i, error)\n"
+        "    print(i, error, flush=True)\n"
         "    import os\n"
         "    os._exit(3)\n"
     )
