@@ -557,6 +557,16 @@ def test_nnls_is_the_minimum(components: list[str]) -> None:
     np.testing.assert_allclose(touch.values[columns].ravel(), whole, atol=1e-6 * np.abs(whole).max())
 
 
+def test_nnls_of_readings_that_only_pull_is_zero() -> None:
+    skin = pp.Skin(PAD, area(shape=(8, 8)))
+    for readings in (-skin.sense(BALL), np.abs(skin.sense(BALL))):
+        touch = skin.reconstruct(readings, method="nnls")
+        assert touch.converged
+        assert (touch.values >= 0).all()
+        best = np.linalg.norm(skin.sense(touch.values) - readings)
+        assert best <= np.linalg.norm(readings) * (1 + 1e-12)
+
+
 def test_family_says_what_it_cannot_do() -> None:
     skin = pp.Skin(PAD, area(THREE))
     with pytest.raises(pp.Unsupported, match="pressure alone"):

@@ -170,10 +170,14 @@ class Family:
         column = np.concatenate([np.arange(p.linear.size), np.arange(p.linear[:-1].size)])
         sign = np.where(np.arange(len(column)) < p.linear.size, 1.0, -1.0)
         guess = sign * start.ravel()[column]
-        tried = np.flatnonzero(guess > TRIED * guess.max())
+        if not guess.max() > 0:
+            guess = sign * p.linear.ravel()[column]
+        tried = np.flatnonzero(guess > TRIED * max(float(guess.max()), 0.0))
         x: Floats = np.zeros(p.linear.size)
         least = OPTIMAL * float(np.abs(p.linear).max())
         for _ in range(ROUNDS_OF_CELLS):
+            if not len(tried):  # nothing pushes (and the library's solver does not survive an empty problem)
+                return x.reshape(p.shape), True
             c, s = column[tried], sign[tried]
             # as many rows as columns are enough
             whole = np.concatenate([p.matrix[:, c] * s, p.data[:, None]], axis=1)
