@@ -287,6 +287,8 @@ class Adaptive(Constrained):
         """Without the cells whose pressure is not told from none: all of it pushes, so that noise there would add up."""
         pressure = member.solution.traction[-1]
         position = np.flatnonzero(pressure > self._trim(y) * pressure.max())
+        if not len(position):  # nothing pushes
+            position = np.arange(len(pressure))
         return self.account(
             member.data.part(position), precision, member.solution.traction[:, position], keep_face=True
         )
@@ -318,6 +320,8 @@ class Adaptive(Constrained):
             position = np.flatnonzero(keep)
             least = FLOOR * tau.max(axis=tuple(range(1, tau.ndim)), keepdims=True)
             precisions = [level.stencil.local(t) for t in np.maximum(tau, least)]
+            if not len(position):
+                break
             last = i == ROUNDS - 1
             member = self.account(
                 member.data.part(position),
