@@ -493,12 +493,6 @@ def test_each_channel_has_its_own_noise(loud: tuple[float, float, float]) -> Non
     assert not any(t.touching for t in empty)
 
 
-def test_three_channels_that_pull_show_no_pressure() -> None:
-    """Accounts whose every cell is trimmed away are kept whole: this raised NumPy's error on an empty array."""
-    skin = pp.Skin(PAD, area(THREE, shape=(8, 8)))
-    assert skin.reconstruct(-skin.sense(BALL)).values[2].max() <= 0
-
-
 def test_a_broken_channel_is_left_out() -> None:
     skin = pp.Skin(PAD, area(THREE))
     readings, truth = pressed(skin, BALL.sliding(0.3), 0.01)
