@@ -30,6 +30,7 @@ _PUBLIC = {
     "ScatteredArray": "sensing",
     "GraspMonitor": "grasp",
     "Skin": "skin",
+    "Status": "status",
     "Touch": "touch",
     "Tracker": "tracking",
     "Unsupported": "errors",
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     from palpate.recordings import Recording
     from palpate.sensing import AreaArray, AreaGrid, LineArray, LineGrid, ScatteredArray
     from palpate.skin import METHODS, Skin
+    from palpate.status import Status
     from palpate.touch import Touch
     from palpate.tracking import Tracker
 
@@ -74,6 +76,7 @@ __all__ = [
     "Recording",
     "ScatteredArray",
     "Skin",
+    "Status",
     "Touch",
     "Tracker",
     "Unsupported",

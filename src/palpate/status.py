@@ -1,0 +1,84 @@
+"""What became of a frame: a closed list, each entry with its meaning and what to do."""
+
+from __future__ import annotations
+
+import enum
+
+__all__ = ["Status"]
+
+
+class Status(enum.IntEnum):
+    """What became of one frame.
+
+    A member is a small whole number, so that a batch keeps its statuses in an integer array and a file in a variable with CF flags.
+    ``label`` is its name in files and packets, ``meaning`` a sentence, ``remedy`` what to do ("" where nothing needs doing), and
+    ``known`` is False where the frame has no numbers: traction and all that follows from it are then NaN.
+
+    Examples
+    --------
+    >>> from palpate.status import Status
+    >>> Status.MISSING.known, Status(1).label
+    (False, 'no contact')
+    >>> Status.of("solved") is Status.SOLVED
+    True
+    """
+
+    label: str
+    meaning: str
+    remedy: str
+    known: bool
+
+    def __new__(cls, code: int, label: str, meaning: str, remedy: str = "", known: bool = True) -> Status:
+        self = int.__new__(cls, code)
+        self._value_ = code
+        self.label, self.meaning, self.remedy, self.known = label, meaning, remedy, known
+        return self
+
+    SOLVED = 0, "solved", "the traction of this frame was found"
+    NO_CONTACT = 1, "no contact", "noise alone explains the readings"
+    CAPTURING_ZERO = (
+        2,
+        "capturing zero",
+        "the zero is being captured: the frame is taken to be without contact",
+        "touch nothing until the first frames are over, or give baseline=0 where the readings are zero already",
+    )
+    NOT_CONVERGED = (
+        3,
+        "not converged",
+        "the iteration stopped before it reached its tolerance",
+        "allow more time (a larger budget), or a looser tolerance",
+    )
+    NOT_PUSHING = (
+        4,
+        "not pushing",
+        "contact that only pushes does not explain the readings: adhesion, cells that pull, a wrong pad or unit",
+        'method="tikhonov" lets traction pull; otherwise check pad, units and the sign of the readings',
+    )
+    FROZEN = (
+        5,
+        "frozen",
+        "the whole sensor has repeated itself bit by bit for many frames: the readings may be old",
+        "check that the sensor still runs",
+    )
+    MISSING = (
+        6,
+        "missing",
+        "too few readings are finite and in range",
+        "check the sensor's cable, supply and range; the next good frame is answered again",
+        False,
+    )
+    FAILED = (
+        7,
+        "failed",
+        "the arithmetic broke down on this frame",
+        "a coarser surface or a larger parameter helps; please report the frame",
+        False,
+    )
+
+    @classmethod
+    def of(cls, label: str) -> Status:
+        """The member with this label."""
+        return next(s for s in cls if s.label == label)
+
+    def __str__(self) -> str:
+        return self.label
