@@ -1,0 +1,88 @@
+"""palpate bench: the inversion measured on simulated contacts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.files import make_folder, save_figure
+from palpate.cli.progress import Bar
+from palpate.errors import InvalidInput
+
+bench_app = typer.Typer(
+    help="Measure the inversion on simulated contacts.", no_args_is_help=True, rich_markup_mode=None
+)
+
+
+@bench_app.command("accuracy")
+def bench_accuracy(
+    layouts: Annotated[str | None, typer.Option(help="Layouts, separated by commas; default: all.")] = None,
+    draws: Annotated[int, typer.Option(min=1, help="Noise draws of each contact.")] = 2,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    family: Annotated[bool, typer.Option(help="Also the methods for comparison.")] = True,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the table of every case (accuracy.csv) and the picture (accuracy.png)."),
+    ] = None,
+) -> None:
+    """Error of every method against the clairvoyant Wiener filter, and coverage of the error bars."""
+    import csv
+
+    from palpate import bench
+
+    names = tuple(bench.LAYOUTS) if layouts is None else tuple(n.strip() for n in layouts.split(","))
+    unknown = [n for n in names if n not in bench.LAYOUTS]
+    if unknown:
+        raise InvalidInput(f"layouts must be among {', '.join(bench.LAYOUTS)}; got {', '.join(unknown)}.")
+    folder = make_folder(out) if out is not None else None
+    total = sum(
+        len(bench.LAYOUTS[n].contacts)
+        * len(bench.NOISES)
+        * draws
+        * (1 + (len(bench.LAYOUTS[n].methods) if family else 0))
+        for n in names
+    )
+    with Bar("contacts", total) as step:
+        records = bench.accuracy(
+            names, draws=draws, seed=seed, family=family, jobs=jobs, report=lambda record: step(record.contact)
+        )
+    typer.echo("error over that of the clairvoyant Wiener filter, which knows the contact's spectrum and the noise")
+    typer.echo(f"{'layout':<21}{'method':<13}{'noise':>7}{'geometric mean':>16}{'worst':>8}{'contacts':>10}")
+    for layout, method, noise, mean, worst, count in bench.table(records):
+        level = "all" if noise != noise else f"{noise:g}"
+        typer.echo(f"{layout:<21}{method:<13}{level:>7}{mean:>16.3f}{worst:>8.3f}{count:>10}")
+    typer.echo("part of true values inside the intervals (adaptive)")
+    half, most = bench.coverage(records, 0.5), bench.coverage(records, 0.95)
+    for quantity, value in half.items():
+        typer.echo(f"{quantity:<21}50 %: {value:.3f}   95 %: {most[quantity]:.3f}")
+    if folder is not None:
+        with open(folder / "accuracy.csv", "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(["layout", "contact", "noise", "method", "error", "clairvoyant"])
+            writer.writerows([r.layout, r.contact, r.noise, r.method, r.error, r.clairvoyant] for r in records)
+        from palpate._plot import plot_accuracy
+
+        save_figure(plot_accuracy(records), folder / "accuracy.png")
+        typer.echo(f"wrote           {folder / 'accuracy.csv'}, {folder / 'accuracy.png'}")
+
+
+@bench_app.command("calibration")
+def bench_calibration(
+    frames: Annotated[int, typer.Option(min=20, help="Random contacts.")] = 500,
+    method: Annotated[str, typer.Option(help="adaptive or constrained.")] = "adaptive",
+    seed: Annotated[int, typer.Option(help="Seed of the contacts and the noise.")] = 12345,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+) -> None:
+    """The constants of the error bars, from a random population of contacts."""
+    from palpate import bench
+
+    if method not in ("adaptive", "constrained"):
+        raise InvalidInput(f"method must be adaptive or constrained; got {method!r}.")
+    with Bar("contacts", frames) as step:
+        found = bench.calibration(frames, method=method, seed=seed, jobs=jobs, report=lambda i: step(f"{i}"))
+    typer.echo(f"{'contact':<17}{'quantity':<21}{'shift':>8}{'scale':>8}{'freedom':>9}")
+    for (case, quantity), (shift, scale, freedom) in found.items():
+        typer.echo(f"{case:<17}{quantity:<21}{shift:>8.3f}{scale:>8.3f}{freedom:>9.2f}")

@@ -1,0 +1,76 @@
+"""The application: its commands, and how an error leaves it."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated, Any
+
+import typer
+
+import palpate
+from palpate.cli.bench import bench_app
+from palpate.cli.convert import convert
+from palpate.cli.demo import demo
+from palpate.cli.live import live
+from palpate.cli.pad import pad
+from palpate.cli.paper import paper
+from palpate.cli.reconstruct import reconstruct
+from palpate.cli.simulate import simulate
+from palpate.cli.track import track
+from palpate.errors import PalpateError
+
+app = typer.Typer(
+    name="palpate",
+    help="What touches an elastic pad: surface pressure and shear from stress, strain or displacement measured inside it.",
+    epilog="Start with: palpate demo. Then: palpate reconstruct RECORDING --skin skin.toml.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"palpate {palpate.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+for _command in (demo, simulate, reconstruct, track, live, convert, pad, paper):
+    app.command()(_command)
+app.add_typer(bench_app, name="bench")
+
+
+def main() -> None:
+    """Entry point: errors are one line on stderr and exit code 2."""
+    # typer carries its own copy of click; its usage errors have this base in every version
+    usage_error: Any = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
+    try:
+        code = app(standalone_mode=False)
+    except typer.Abort:
+        _fail("stopped", 130)
+    except usage_error as error:
+        _fail(f"{error.format_message()} (palpate --help)", 2)
+    except PalpateError as error:
+        _fail(str(error), 2)
+    except KeyboardInterrupt:
+        _fail("stopped", 130)
+    except MemoryError:
+        _fail("not enough memory for this many taxels and surface cells; give a coarser surface.", 2)
+    except OSError as error:
+        _fail(f"{error.filename or 'file'}: {error.strerror or error}", 2)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(message: str, code: int) -> None:
+    sys.stderr.write(f"error: {' '.join(message.split())}\n")
+    sys.exit(code)

@@ -1,0 +1,129 @@
+"""palpate convert: a recording from one format into another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.options import known_channels, numbers, rows_and_columns
+from palpate.errors import InvalidInput
+
+
+def convert(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Recording, or a table of others: a CSV with a header, or HDF5 with positions and vectors."
+        ),
+    ],
+    target: Annotated[Path, typer.Argument(help="Recording to write (.nc, .h5, .npz, .csv, .zarr or .mcap).")],
+    columns: Annotated[
+        str | None,
+        typer.Option(help="Columns x, y and channels of a foreign CSV (x,y,u,v), or data sets pos,vec of HDF5."),
+    ] = None,
+    channels: Annotated[str, typer.Option(help="What the columns measure.")] = "displacement_x,displacement_y",
+    pixel: Annotated[
+        str | None,
+        typer.Option(help='Size of a pixel, e.g. "0.77 um", where positions and displacements are in pixels.'),
+    ] = None,
+    position_unit: Annotated[str | None, typer.Option(help="Unit of the positions (mm, um, ...).")] = None,
+    reading_unit: Annotated[str | None, typer.Option(help="Unit of the readings (um, kPa, ...).")] = None,
+    follow: Annotated[bool, typer.Option("--follow", help="Move each marker by its own displacement first.")] = False,
+    grid: Annotated[
+        str | None, typer.Option(help='Interpolate scattered readings to a grid of this pitch, e.g. "8 um".')
+    ] = None,
+    skin_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--skin", help="skin.toml whose section [stream] says where the readings are in a robot's messages."
+        ),
+    ] = None,
+    topic: Annotated[str | None, typer.Option(help="Topic of the readings in a robot's MCAP file or bag.")] = None,
+    path: Annotated[str, typer.Option(help="Where the taxels are in its messages, e.g. sensors[0].taxels.")] = "",
+    fields: Annotated[str | None, typer.Option(help="What to take of each taxel, e.g. x,y,z.")] = None,
+    scale: Annotated[
+        str, typer.Option(help="Multiplies the numbers to SI units: one number, or one per channel with commas.")
+    ] = "1",
+    shape: Annotated[str | None, typer.Option(help="Rows and columns of the taxels, e.g. 4x6.")] = None,
+    markers: Annotated[
+        bool, typer.Option("--markers", help="The numbers are positions of markers: read their displacement.")
+    ] = False,
+    salvage: Annotated[
+        bool, typer.Option("--salvage", help="Read a torn MCAP file, or HDF5 that was not closed, as far as it goes.")
+    ] = False,
+) -> None:
+    """Change the format of a recording, or read a table, an MCAP file or a ROS bag made elsewhere into one."""
+    from palpate.elastic.quantities import channel_unit
+    from palpate.recordings import TopicMapping, read_recording, read_stream, read_table, write_recording
+    from palpate.recordings.formats import file_format
+    from palpate.recordings.robots import is_bag
+    from palpate.recordings.units import convert_factor, parse_quantity
+
+    file_format(target)
+    described = bool(path or fields or scale != "1" or shape or markers)
+    if topic is not None or described or salvage or skin_file is not None:
+        if columns is not None:
+            raise InvalidInput("--columns describes a table; --topic, --skin and --salvage what a robot recorded.")
+        if described and topic is None:
+            raise InvalidInput(
+                "--path, --fields, --scale, --shape and --markers describe the messages of a --topic: name it."
+            )
+        if topic is not None and skin_file is not None:
+            raise InvalidInput("give either --topic or a --skin with a section [stream].")
+        mapping = None if skin_file is None else read_stream(skin_file)
+        if skin_file is not None and mapping is None:
+            raise InvalidInput(f"{skin_file} has no section [stream] that says where the readings are.")
+        if topic is not None:
+            mapping = TopicMapping(
+                topic=topic,
+                channels=channels.split(","),
+                path=path,
+                fields=fields.split(",") if fields else (),
+                scale=numbers(scale, "--scale"),
+                shape=rows_and_columns(shape),
+                markers=markers,
+            )
+            if not (is_bag(source) or source.suffix.lower() == ".mcap"):
+                raise InvalidInput(f"--topic describes an .mcap file or a bag; got {source}.")
+        recording = read_recording(source, mapping=mapping, salvage=salvage)
+    elif columns is None:
+        if pixel or position_unit or reading_unit or follow:
+            raise InvalidInput(
+                "--pixel, --position-unit, --reading-unit and --follow describe a foreign table: name its --columns too."
+            )
+        recording = read_recording(source)
+    else:
+        names = channels.split(",")
+        units = {channel_unit(c) for c in known_channels(names)}
+        if pixel is not None:
+            if position_unit or reading_unit:
+                raise InvalidInput(
+                    "--pixel already gives the unit of positions and displacements; leave out --position-unit and --reading-unit."
+                )
+            if units != {"m"}:
+                raise InvalidInput(
+                    "--pixel gives displacements their unit; these channels are not displacements. Use --position-unit and --reading-unit."
+                )
+            place = reading = parse_quantity(pixel, "length", "pixel")
+        else:
+            if position_unit is None or reading_unit is None:
+                raise InvalidInput("a foreign table has no units: give --pixel, or --position-unit and --reading-unit.")
+            if len(units) != 1:
+                raise InvalidInput("the channels of one table must share a unit.")
+            place = convert_factor(position_unit, "m", "--position-unit")
+            reading = convert_factor(reading_unit, units.pop(), "--reading-unit")
+        recording = read_table(
+            source,
+            columns=columns.split(","),
+            channels=names,
+            position_factor=place,
+            reading_factor=reading,
+            follow=follow,
+        )
+    if grid is not None:
+        recording = recording.gridded(parse_quantity(grid, "length", "grid"))
+    write_recording(recording, target)
+    shape = "x".join(map(str, recording.readings.shape[2:]))
+    typer.echo(f"wrote {target}: {len(recording.readings)} frames of {', '.join(recording.channels)}, {shape} taxels")

@@ -1,0 +1,70 @@
+"""palpate demo: a finished example that needs no other file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.files import make_folder, provenance, save_figure, write_text
+
+_DEMO_SKIN = """\
+# A soft pad with a 32 x 32 array of three-axis stress taxels, as written by palpate demo.
+[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "area"
+shape = [32, 32]
+pitch = "1 mm"
+depth = "2 mm"
+channels = ["stress_xz", "stress_yz", "stress_zz"]
+aperture = "0.8 mm"
+noise = "50 Pa"
+"""
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the picture, the skin, the recording and the result.")] = Path(
+        "palpate-demo"
+    ),
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+) -> None:
+    """Press and drag a ball on a simulated sensor, and recover what touched it. Needs no other file."""
+    import numpy as np
+
+    from palpate import solutions
+    from palpate.recordings import Recording, write_recording, write_touch
+    from palpate.skin import Skin
+    from palpate.touch import Touch
+
+    folder = make_folder(out)
+    skin_path = folder / "skin.toml"
+    write_text(skin_path, _DEMO_SKIN)
+    skin = Skin.from_file(skin_path)
+    friction = 0.6
+    ball = solutions.hertz_point(radius=5e-3, force=1.0).shifted(2e-3, -1e-3)
+    contact = ball.sliding(0.35, direction=0.5)
+    truth = skin.sample(contact)
+    readings = skin.sense(truth, rng=np.random.default_rng(seed))
+    names = skin.planes[0].channels
+    recording = Recording(
+        readings=readings[None], channels=tuple(names), meta={"made by": f"palpate demo --seed {seed}"}
+    )
+    write_recording(recording, folder / "recording.nc")
+    touch = skin.reconstruct(readings, friction=friction)
+    write_touch(touch, folder / "touch.nc", provenance=provenance(_DEMO_SKIN))
+    figure = touch.plot(
+        truth=truth, title="A ball pressed and dragged: recovered from noisy stress 2 mm below the surface"
+    )
+    save_figure(figure, folder / "touch.png")
+    known = Touch(truth, skin.surface, skin.surface.components, "known")
+    typer.echo("A ball presses with 1 N and drags with 0.35 N; 3 x 1024 readings, 2 mm below the surface, noise 50 Pa.")
+    for name, one in (("recovered", touch), ("true", known)):
+        typer.echo(f"{name}:")
+        typer.echo("\n".join(f"  {line}" for line in one.summary(friction=friction).splitlines()))
+    typer.echo(f"picture         {folder / 'touch.png'}")
+    typer.echo(f"try next        palpate reconstruct {folder / 'recording.nc'} --skin {skin_path}")

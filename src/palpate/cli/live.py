@@ -1,0 +1,122 @@
+"""palpate live: what touches the pad, in a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palpate.cli.files import provenance, skin_text
+from palpate.cli.options import check_matching, grasp_monitor
+from palpate.cli.progress import busy
+from palpate.errors import InvalidInput
+
+
+def live(
+    recording_file: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[RECORDING]", help="Recording to replay (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag)."
+        ),
+    ] = None,
+    skin_file: Annotated[Path | None, typer.Option("--skin", help="skin.toml with the pad and its array.")] = None,
+    udp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this UDP port.")] = None,
+    tcp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this TCP port.")] = None,
+    ws: Annotated[int | None, typer.Option(min=1, max=65535, help="Take frames by WebSocket on this port.")] = None,
+    demo: Annotated[bool, typer.Option("--demo", help="A simulated finger: needs nothing else.")] = False,
+    friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
+    baseline: Annotated[int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches.")] = 0,
+    max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
+    max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,
+    speed: Annotated[float, typer.Option(help="Replay so many times faster.")] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
+    record: Annotated[
+        Path | None, typer.Option(help="Record from the start (.mcap, .nc, .h5, .zarr): readings, touches, events.")
+    ] = None,
+    foxglove: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Serve Foxglove on this port too (ws://127.0.0.1:PORT).")
+    ] = None,
+    rerun: Annotated[bool, typer.Option("--rerun", help="Show it in Rerun's viewer too.")] = False,
+    record_to: Annotated[Path | None, typer.Option(help="Folder for recordings started from the page.")] = None,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; anything but this machine needs a token.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port.")] = 8765,
+    token: Annotated[str | None, typer.Option(help="What the page must bring (made up where one is needed).")] = None,
+) -> None:
+    """Show in a browser what touches the pad, while it happens."""
+    import secrets
+    from collections.abc import Iterator
+
+    import numpy as np
+
+    from palpate.live import FoxgloveServer, Live, RerunSink, Session, serve
+    from palpate.live.server import BUDGET, LOCAL
+    from palpate.live.session import recorded
+    from palpate.recordings import Sink, recorder
+    from palpate.skin import Skin
+
+    listening = {k: v for k, v in (("udp", udp), ("tcp", tcp), ("ws", ws)) if v is not None}
+    if sum((demo, recording_file is not None, len(listening))) != 1:
+        raise InvalidInput("give either a RECORDING, --udp, --tcp or --ws with a --skin, or --demo.")
+    if (skin_file is None) != demo:
+        raise InvalidInput("--demo brings its own skin." if demo else "what is shown needs its skin: --skin skin.toml.")
+    if not (np.isfinite(speed) and speed > 0):
+        raise InvalidInput(f"--speed must be a positive number; got {speed:g}.")
+    if record_to is not None and not record_to.is_dir():
+        raise InvalidInput(f"--record-to {record_to}: no such folder.")
+    pace, end, counts = True, None, None
+    if host not in LOCAL and token is None:
+        token = secrets.token_urlsafe(16)
+    if demo:
+        from palpate.simulation import demonstration
+
+        skin, frames = demonstration()
+        friction, baseline, loop, name = friction or 0.6, baseline or 20, True, "simulated finger"
+
+        source: Any = frames
+    elif recording_file is None:
+        from palpate.network import FrameListener
+
+        skin = Skin.from_file(skin_file)  # type: ignore[arg-type]
+        shapes = {p.shape for p in skin.planes}
+        if len(shapes) != 1:
+            raise InvalidInput("frames from the network hold planes of one shape; this skin has several.")
+        channels = sum(len(p.channels) for p in skin.planes)
+        kind, where = listening.popitem()
+        listener = FrameListener((channels, *shapes.pop()), kind=kind, port=where, host=host)
+        name, pace, end, counts = f"{kind} port {listener.port}", False, listener.close, listener.counts
+
+        def source() -> FrameListener:
+            return listener
+    else:
+        from palpate.recordings import read_recording, read_stream
+
+        recording = read_recording(recording_file, mapping=read_stream(skin_file))  # type: ignore[arg-type]
+        skin = Skin.from_file(skin_file, recording=recording)  # type: ignore[arg-type]
+        check_matching(recording, skin)
+        name = str(recording_file)
+
+        def source() -> Iterator[tuple[float, Any]]:
+            yield from zip((recording.time / speed).tolist(), recording.readings)
+
+    monitor = grasp_monitor(skin, friction, max_pressure, max_force)
+    with busy("preparing the skin"):
+        bound = friction if {"z"} < set(skin.components) else None
+        tracker = skin.track(friction=bound, baseline=baseline, budget=BUDGET)
+    sinks: list[Sink] = []
+    if foxglove is not None:
+        sinks.append(FoxgloveServer(recorded(skin)["channels"], port=foxglove))
+        typer.echo(f"Foxglove: open a connection to ws://127.0.0.1:{foxglove}")
+    if rerun:
+        sinks.append(RerunSink())
+    if record is not None:  # last, so that nothing is left where the others fail
+        sinks.append(recorder(record, **recorded(skin), meta=provenance(skin_text(skin_file), name)))
+    session = Session(
+        skin, source, tracker, monitor, name=name, pace=pace, loop=loop, end=end, sinks=sinks, counts=counts
+    )
+    view = Live(session, token=token, folder=record_to)
+    query = "" if token is None else f"?token={token}"
+    typer.echo(f"open http://{host if ':' not in host else f'[{host}]'}:{port}/{query}    (Ctrl-C ends)")
+    serve(view, host=host, port=port)

@@ -1,0 +1,39 @@
+"""palpate pad: what a pad does to a touch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.files import save_figure
+from palpate.cli.options import check_picture
+from palpate.cli.progress import busy
+
+
+def pad(
+    skin_file: Annotated[Path, typer.Argument(metavar="SKIN", help="skin.toml with the pad and its array.")],
+    plot: Annotated[
+        Path, typer.Option(help="Picture of the response per wavelength to write (.png, .pdf or .svg).")
+    ] = Path("palpate-pad.png"),
+) -> None:
+    """Show what a pad does to a touch at each wavelength, and how far a half-space would be off."""
+    from palpate.pads import half_space_error, plot_response
+    from palpate.skin import Skin
+
+    check_picture(plot)
+    skin = Skin.from_file(skin_file)
+    figure = plot_response(skin.pad, skin.planes)
+    with busy("a typical contact"):
+        found = half_space_error(skin)
+    save_figure(figure, plot)
+    typer.echo(
+        f"a Hertz contact of radius {1e3 * found.radius:.3g} mm in the middle, 1 % noise, components {', '.join(skin.components)}"
+    )
+    typer.echo(
+        f"error of the traction      this pad {100 * found.layered:.0f} %   taken for a half-space {100 * found.relative:.0f} %"
+    )
+    if "z" in skin.components:
+        typer.echo(f"taken for a half-space     peak pressure x {found.peak:.2f}   net force x {found.force:.2f}")
+    typer.echo(f"picture                    {plot}")

@@ -1,0 +1,126 @@
+"""palpate simulate: the recording of a known contact."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.cli.files import command_line
+from palpate.cli.progress import progress
+from palpate.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from palpate.skin import Skin
+
+
+class Contact(StrEnum):
+    """Contacts that simulate can press."""
+
+    hertz = "hertz"
+    punch = "punch"
+    patch = "patch"
+
+
+def simulate(
+    skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
+    out: Annotated[Path, typer.Option(help="Recording to write (.nc, .h5, .npz or .csv).")],
+    contact: Annotated[Contact, typer.Option(help="What presses.")] = Contact.hertz,
+    force: Annotated[str, typer.Option(help='Normal force, e.g. "1 N" (area) or "200 N/m" (line).')] = "1 N",
+    size: Annotated[str, typer.Option(help="Contact radius or half-width.")] = "4 mm",
+    x: Annotated[str, typer.Option(help="Middle of the contact along x.")] = "0 mm",
+    y: Annotated[str, typer.Option(help="Middle of the contact along y (area only).")] = "0 mm",
+    friction: Annotated[float, typer.Option(help="Coefficient of friction; 0 is frictionless.")] = 0.0,
+    drag: Annotated[float, typer.Option(help="Tangential force as a part of friction * force; 1 slides.")] = 1.0,
+    direction: Annotated[float, typer.Option(help="Direction of the drag [degrees from +x] (area only).")] = 0.0,
+    frames: Annotated[int, typer.Option(help="Frames; the force grows evenly over them.")] = 1,
+    rate: Annotated[float, typer.Option(help="Frames per second.")] = 100.0,
+    seed: Annotated[int, typer.Option(help="Seed of the noise; none is added where the skin names no noise.")] = 0,
+) -> None:
+    """Make a recording of a known contact on a skin."""
+    import numpy as np
+
+    from palpate.elastic import Viscoelastic
+    from palpate.recordings import Recording, write_recording
+    from palpate.recordings.formats import file_format
+    from palpate.skin import Skin
+
+    file_format(out)
+    skin = Skin.from_file(skin_file)
+    if len({p.shape for p in skin.planes}) != 1:
+        raise InvalidInput("simulate writes one recording: the skin's planes must have one shape.")
+    if frames < 1 or not 0 < rate < 1e9:
+        raise InvalidInput(f"frames must be at least 1 and rate positive; got {frames} and {rate:g}.")
+    body = _contact(skin, contact, force, size, x, y, friction, drag, direction)
+    full = skin.sample(body)
+    noisy = all(p.noise_std is not None for p in skin.planes)
+    rng = np.random.default_rng(seed) if noisy else None
+    scale = (np.arange(frames) + 1.0) / frames
+    stamps = np.arange(frames) / rate
+    if isinstance(skin.pad, Viscoelastic):
+        tractions = scale.reshape(-1, *(1,) * full.ndim) * full
+        readings = np.asarray(skin.sense(tractions, rng=rng, time=stamps))
+    else:
+        readings = np.stack([skin.sense(s * full, rng=rng) for s in progress(scale, "simulating")])
+    if readings.ndim == 3 and skin.surface.dimensions == 2:
+        positions: Any = skin.planes[0].points[:, ::-1]
+    else:
+        positions = skin.planes[0].points[:, 0] if skin.surface.dimensions == 1 else None
+    meta = {
+        "made by": command_line(),
+        "skin": skin_file.read_text(encoding="utf-8"),
+        "force": ", ".join(repr(float(f)) for f in body.force),
+    }
+    channels = tuple(c for p in skin.planes for c in p.channels)
+    recording = Recording(readings=readings, channels=channels, time=stamps, positions=positions, meta=meta)
+    write_recording(recording, out)
+    typer.echo(
+        f"wrote {out}: {frames} frame{'s' if frames > 1 else ''} of {', '.join(channels)}, {'x'.join(map(str, readings.shape[2:]))} taxels"
+    )
+
+
+def _contact(
+    skin: Skin, kind: Contact, force: str, size: str, x: str, y: str, friction: float, drag: float, direction: float
+) -> Any:
+    import math
+
+    from palpate import solutions
+    from palpate.recordings.units import parse_quantity
+
+    line = skin.surface.dimensions == 1
+    load = parse_quantity(force, "force per length" if line else "force", "force")
+    a = parse_quantity(size, "length", "size")
+    place = parse_quantity(x, "length", "x")
+    if not (math.isfinite(drag) and 0 <= drag <= 1 and math.isfinite(friction) and friction >= 0):
+        raise InvalidInput(
+            f"friction must not be negative and drag must lie between 0 and 1; got {friction:g} and {drag:g}."
+        )
+    if load <= 0 or a <= 0:
+        raise InvalidInput(f"force and size must be positive; got {force} and {size}.")
+    if line:
+        if parse_quantity(y, "length", "y") != 0 or direction:
+            raise InvalidInput("y and direction have no meaning on a line.")
+        body: Any = {
+            "hertz": lambda: solutions.hertz_line(half_width=a, force=load),
+            "punch": lambda: solutions.flat_punch_line(half_width=a, force=load),
+            "patch": lambda: solutions.strip(half_width=a, traction=load / (2 * a)),
+        }[kind.value]()
+        body = body.shifted(place)
+        turn: dict[str, float] = {}
+    else:
+        body = {
+            "hertz": lambda: solutions.hertz_point(radius=a, force=load),
+            "punch": lambda: solutions.flat_punch(radius=a, force=load),
+            "patch": lambda: solutions.patch(half_widths=(a, a), traction=load / (4 * a * a)),
+        }[kind.value]()
+        body = body.shifted(place, parse_quantity(y, "length", "y"))
+        turn = {"direction": math.radians(direction)}
+    if friction == 0 or drag == 0:
+        return body
+    if drag == 1:
+        return body.sliding(friction, **turn)
+    if kind is not Contact.hertz:
+        raise InvalidInput("a drag below 1 (partial slip) is known in closed form for --contact hertz only.")
+    return body.partial_slip(friction, drag * friction * load, **turn)

@@ -1,0 +1,79 @@
+"""palpate track: a recording, frame by frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.files import provenance
+from palpate.cli.options import check_matching, grasp_monitor
+from palpate.cli.progress import busy
+from palpate.errors import InvalidInput
+
+
+def track(
+    recording_file: Annotated[
+        Path,
+        typer.Argument(metavar="RECORDING", help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag)."),
+    ],
+    skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Readings, touches and events to write, frame by frame (.mcap, .nc, .h5, .zarr), or the touches alone (.npz, .csv)."
+        ),
+    ] = None,
+    friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
+    baseline: Annotated[int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches.")] = 0,
+    budget: Annotated[float | None, typer.Option(help="Milliseconds a frame may take.")] = None,
+    max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
+    max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,
+) -> None:
+    """Follow a recording frame by frame: contact, slip before it happens, excess, failing taxels."""
+    import contextlib
+
+    import numpy as np
+
+    from palpate.recordings import read_recording, read_stream, recorder, write_touch
+    from palpate.recordings.formats import file_format
+    from palpate.skin import Skin
+    from palpate.touch import joined
+
+    kind = None if out is None else file_format(out)
+    recording = read_recording(recording_file, mapping=read_stream(skin_file))
+    skin = Skin.from_file(skin_file, recording=recording)
+    check_matching(recording, skin)
+    if not baseline < len(recording.readings):
+        raise InvalidInput(f"--baseline {baseline} leaves nothing of {len(recording.readings)} frames.")
+    monitor = grasp_monitor(skin, friction, max_pressure, max_force, lambda event: typer.echo(str(event)))
+    bound = friction if {"z"} < set(skin.components) else None
+    touches, seconds = [], []
+    with busy("preparing the skin"):
+        tracker = skin.track(friction=bound, baseline=baseline, budget=None if budget is None else 1e-3 * budget)
+    sink = None
+    if out is not None and kind in ("mcap", "netcdf", "zarr"):
+        meta = provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
+        sink = recorder(out, recording.channels, positions=recording.positions, meta=meta)
+    with tracker, sink or contextlib.nullcontext():
+        for time, values in zip(recording.time, recording.readings):
+            touch = tracker.step(values, float(time))
+            seconds.append(tracker.seconds)
+            events = monitor.update(touch) if "z" in touch.components else []
+            if sink is not None:
+                sink.readings(float(time), values)
+                sink.touch(touch)
+                for event in events:
+                    sink.event(event)
+            elif out is not None:
+                touches.append(touch)
+    if sink is None and out is not None:
+        write_touch(
+            joined(touches), out, provenance=provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
+        )
+    typer.echo(str(tracker.health))
+    ms = 1e3 * np.array(seconds)
+    typer.echo(f"a frame took    {np.median(ms):.2f} ms (median), {np.percentile(ms, 99):.2f} ms (99 %)")
+    if out is not None:
+        typer.echo(f"wrote           {out}")
