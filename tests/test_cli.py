@@ -247,7 +247,13 @@ def test_demo(tmp_path: Path) -> None:
     assert out.returncode == 0, out.stderr
     for word in ("net force", "peak pressure", "slip margin"):
         assert word in out.stdout
-    assert sorted(os.listdir(tmp_path / "palpate-demo")) == ["recording.nc", "skin.toml", "touch.nc", "touch.png"]
+    assert sorted(os.listdir(tmp_path / "palpate-demo")) == [
+        ".palpate-demo.sha256",
+        "recording.nc",
+        "skin.toml",
+        "touch.nc",
+        "touch.png",
+    ]
     again = run("reconstruct", "palpate-demo/recording.nc", "--skin", "palpate-demo/skin.toml", cwd=tmp_path)
     assert again.returncode == 0
 

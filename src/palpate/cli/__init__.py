@@ -1,5 +1,26 @@
 """The command line: thin shells, one module per command, that read, call the library, and write."""
 
-from palpate.cli.commands import app, main
+from __future__ import annotations
+
+import sys
+from typing import Any
 
 __all__ = ["app", "main"]
+
+
+def main() -> None:
+    """Entry point; ctrl-C is heeded while the commands are still being loaded."""
+    try:
+        from palpate.cli import commands
+    except KeyboardInterrupt:
+        sys.stderr.write("error: stopped\n")
+        sys.exit(130)
+    commands.main()
+
+
+def __getattr__(name: str) -> Any:
+    if name == "app":
+        from palpate.cli.commands import app
+
+        return app
+    raise AttributeError(name)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.files import make_folder, save_figure
+from palpate.cli.files import Force, check_output, make_folder, save_figure, write_text
 from palpate.cli.progress import Bar
 from palpate.errors import InvalidInput
 
@@ -27,9 +27,11 @@ def bench_accuracy(
         Path | None,
         typer.Option(help="Folder for the table of every case (accuracy.csv) and the picture (accuracy.png)."),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Error of every method against the clairvoyant Wiener filter, and coverage of the error bars."""
     import csv
+    import io
 
     from palpate import bench
 
@@ -38,6 +40,9 @@ def bench_accuracy(
     if unknown:
         raise InvalidInput(f"layouts must be among {', '.join(bench.LAYOUTS)}; got {', '.join(unknown)}.")
     folder = make_folder(out) if out is not None else None
+    if folder is not None:
+        for name in ("accuracy.csv", "accuracy.png"):
+            check_output(folder / name, force=force)
     total = sum(
         len(bench.LAYOUTS[n].contacts)
         * len(bench.NOISES)
@@ -59,10 +64,11 @@ def bench_accuracy(
     for quantity, value in half.items():
         typer.echo(f"{quantity:<21}50 %: {value:.3f}   95 %: {most[quantity]:.3f}")
     if folder is not None:
-        with open(folder / "accuracy.csv", "w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(["layout", "contact", "noise", "method", "error", "clairvoyant"])
-            writer.writerows([r.layout, r.contact, r.noise, r.method, r.error, r.clairvoyant] for r in records)
+        table = io.StringIO()
+        writer = csv.writer(table, lineterminator="\n")
+        writer.writerow(["layout", "contact", "noise", "method", "error", "clairvoyant"])
+        writer.writerows([r.layout, r.contact, r.noise, r.method, r.error, r.clairvoyant] for r in records)
+        write_text(folder / "accuracy.csv", table.getvalue())
         from palpate._plot import plot_accuracy
 
         save_figure(plot_accuracy(records), folder / "accuracy.png")

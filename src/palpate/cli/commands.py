@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import signal
 import sys
 from typing import Annotated, Any
 
@@ -50,25 +52,43 @@ for _command in (demo, simulate, reconstruct, track, live, convert, pad, paper):
 app.add_typer(bench_app, name="bench")
 
 
+#: What a disk says that does not take a file: no mistake of who called.
+_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
+
+
 def main() -> None:
-    """Entry point: errors are one line on stderr and exit code 2."""
+    """Entry point: an error is one line on stderr.
+
+    The exit code is 2 where what was asked cannot be done, 1 where the system fails (a full disk), and 128 plus the signal where the
+    command is stopped: 130 after ctrl-C, 143 after SIGTERM.
+    """
     # typer carries its own copy of click; its usage errors have this base in every version
     usage_error: Any = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
     try:
+        # as ctrl-C does: what is half-written is removed on the way out
+        signal.signal(signal.SIGTERM, _stop)
         code = app(standalone_mode=False)
-    except typer.Abort:
+    except (typer.Abort, KeyboardInterrupt):
         _fail("stopped", 130)
+    except _Stopped:
+        _fail("stopped by SIGTERM", 143)
     except usage_error as error:
         _fail(f"{error.format_message()} (palpate --help)", 2)
     except PalpateError as error:
-        _fail(str(error), 2)
-    except KeyboardInterrupt:
-        _fail("stopped", 130)
+        _fail(str(error), 1 if isinstance(error.__cause__, OSError) and error.__cause__.errno in _DISK else 2)
     except MemoryError:
-        _fail("not enough memory for this many taxels and surface cells; give a coarser surface.", 2)
+        _fail("not enough memory for this many taxels and surface cells; give a coarser surface.", 1)
     except OSError as error:
-        _fail(f"{error.filename or 'file'}: {error.strerror or error}", 2)
+        _fail(f"{error.filename or 'file'}: {error.strerror or error}", 1)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+class _Stopped(BaseException):
+    """The process was asked to end."""
+
+
+def _stop(*_: object) -> None:
+    raise _Stopped
 
 
 def _fail(message: str, code: int) -> None:

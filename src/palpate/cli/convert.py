@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from palpate.cli.files import Force, check_output, skin_files, written
 from palpate.cli.options import known_channels, numbers, rows_and_columns
 from palpate.errors import InvalidInput
 
@@ -53,6 +54,7 @@ def convert(
     salvage: Annotated[
         bool, typer.Option("--salvage", help="Read a torn MCAP file, or HDF5 that was not closed, as far as it goes.")
     ] = False,
+    force: Force = False,
 ) -> None:
     """Change the format of a recording, or read a table, an MCAP file or a ROS bag made elsewhere into one."""
     from palpate.elastic.quantities import channel_unit
@@ -62,6 +64,7 @@ def convert(
     from palpate.recordings.units import convert_factor, parse_quantity
 
     file_format(target)
+    check_output(target, inputs=[source, *skin_files(skin_file)], force=force)
     described = bool(path or fields or scale != "1" or shape or markers)
     if topic is not None or described or salvage or skin_file is not None:
         if columns is not None:
@@ -124,6 +127,6 @@ def convert(
         )
     if grid is not None:
         recording = recording.gridded(parse_quantity(grid, "length", "grid"))
-    write_recording(recording, target)
+    written(target, lambda name: write_recording(recording, name))
     shape = "x".join(map(str, recording.readings.shape[2:]))
     typer.echo(f"wrote {target}: {len(recording.readings)} frames of {', '.join(recording.channels)}, {shape} taxels")

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from palpate.cli.files import make_folder, provenance, save_figure, write_text
+from palpate.cli.files import Force, make_folder, provenance, save_figure, write_text
+from palpate.errors import InvalidInput
+
+#: Checksums of what the demo wrote: what still matches may be replaced by its next run.
+SUMS = ".palpate-demo.sha256"
 
 _DEMO_SKIN = """\
 # A soft pad with a 32 x 32 array of three-axis stress taxels, as written by palpate demo.
@@ -32,6 +37,7 @@ def demo(
         "palpate-demo"
     ),
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    force: Force = False,
 ) -> None:
     """Press and drag a ball on a simulated sensor, and recover what touched it. Needs no other file."""
     import numpy as np
@@ -43,7 +49,9 @@ def demo(
 
     folder = make_folder(out)
     skin_path = folder / "skin.toml"
+    _check_own(folder, force)
     write_text(skin_path, _DEMO_SKIN)
+    _own(folder, "skin.toml")
     skin = Skin.from_file(skin_path)
     friction = 0.6
     ball = solutions.hertz_point(radius=5e-3, force=1.0).shifted(2e-3, -1e-3)
@@ -55,12 +63,15 @@ def demo(
         readings=readings[None], channels=tuple(names), meta={"made by": f"palpate demo --seed {seed}"}
     )
     write_recording(recording, folder / "recording.nc")
+    _own(folder, "recording.nc")
     touch = skin.reconstruct(readings, friction=friction)
     write_touch(touch, folder / "touch.nc", provenance=provenance(_DEMO_SKIN))
+    _own(folder, "touch.nc")
     figure = touch.plot(
         truth=truth, title="A ball pressed and dragged: recovered from noisy stress 2 mm below the surface"
     )
     save_figure(figure, folder / "touch.png")
+    _own(folder, "touch.png")
     known = Touch(truth, skin.surface, skin.surface.components, "known")
     typer.echo("A ball presses with 1 N and drags with 0.35 N; 3 x 1024 readings, 2 mm below the surface, noise 50 Pa.")
     for name, one in (("recovered", touch), ("true", known)):
@@ -68,3 +79,40 @@ def demo(
         typer.echo("\n".join(f"  {line}" for line in one.summary(friction=friction).splitlines()))
     typer.echo(f"picture         {folder / 'touch.png'}")
     typer.echo(f"try next        palpate reconstruct {folder / 'recording.nc'} --skin {skin_path}")
+
+
+def _check_own(folder: Path, force: bool) -> None:
+    """Refuse to replace what an earlier run did not write, or what was edited since."""
+    sums = _sums(folder)
+    for name in ("skin.toml", "recording.nc", "touch.nc", "touch.png"):
+        path = folder / name
+        if path.is_dir():
+            raise InvalidInput(f"{path} is a folder; give another one with --out.")
+        if os.path.lexists(path) and _sum(path) != sums.get(name) and not force:
+            raise InvalidInput(
+                f"{path} was changed since palpate demo wrote it, or is not its own. It is kept: give another folder with --out, or --force "
+                "to replace it."
+            )
+
+
+def _own(folder: Path, name: str) -> None:
+    """Remember what was written, as sha256sum -c reads it."""
+    sums = {**_sums(folder), name: _sum(folder / name)}
+    write_text(folder / SUMS, "".join(f"{value}  {key}\n" for key, value in sums.items()))
+
+
+def _sums(folder: Path) -> dict[str, str]:
+    try:
+        lines = (folder / SUMS).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return {}
+    return {name: value for value, _, name in (line.partition("  ") for line in lines)}
+
+
+def _sum(path: Path) -> str:
+    import hashlib
+
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:  # a link to nowhere
+        return ""

@@ -1,13 +1,85 @@
-"""What commands write, and what they say about how it was made."""
+"""What commands write, what they never write over, and what they say about how it was made."""
 
 from __future__ import annotations
 
+import os
 import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 import palpate
 from palpate.errors import InvalidInput
+
+_HELP = "Replace a result that exists. What is read is never replaced."
+Force = Annotated[bool, typer.Option("--force", "--overwrite", help=_HELP)]
+#: Where --force is the force of a contact.
+Overwrite = Annotated[bool, typer.Option("--overwrite", help=_HELP)]
+
+
+def check_output(path: Path, *, inputs: Iterable[Path | None] = (), force: bool, option: str = "--force") -> None:
+    """Refuse, before any work, a name that must not or cannot be written: that of an input, of a result that exists, in no folder.
+
+    An input is the same under any name: through a link, another path, another case; and so is what lies in an input folder.
+    """
+    from palpate.recordings.files import is_store
+
+    try:
+        for source in inputs:
+            if source is not None and _overlap(path, source):
+                raise InvalidInput(
+                    f"{path} is what is read ({source}), or part of it, and would be lost. Give another name."
+                )
+        if not Path(os.path.realpath(path)).parent.is_dir():
+            raise InvalidInput(f"{path}: the folder {path.parent} does not exist; make it first.")
+        if path.is_dir() and not (path.suffix.lower() == ".zarr" and is_store(path)):
+            raise InvalidInput(f"{path} is a folder; give a file name.")
+        if os.path.lexists(path) and not force:
+            raise InvalidInput(f"{path} exists. Give another name, or {option} to replace it.")
+        if not os.access(Path(os.path.realpath(path)).parent, os.W_OK):
+            raise InvalidInput(f"{path}: cannot write there (Permission denied).")
+    except OSError as error:  # a name that is too long, a loop of links
+        raise InvalidInput(f"{path}: cannot write there ({error.strerror}).") from error
+
+
+def _overlap(target: Path, source: Path) -> bool:
+    """Whether writing ``target`` would touch ``source``."""
+    if not source.exists():
+        return False
+    real, other = Path(os.path.realpath(target)), Path(os.path.realpath(source))
+    if real.exists() and real.samefile(other):
+        return True
+    inside = other.is_dir() and any(p.exists() and p.samefile(other) for p in real.parents)
+    around = real.is_dir() and any(p.samefile(real) for p in other.parents)
+    return inside or around
+
+
+def written(path: Path, write: Callable[[Path], None]) -> None:
+    """Write a result; a store that was there is replaced when the new one is complete (files always are)."""
+    from palpate.recordings.files import in_place
+
+    if path.is_dir():
+        with in_place(path) as fresh:
+            write(fresh)
+    else:
+        write(path)
+
+
+def skin_files(skin_file: Path | None) -> list[Path]:
+    """A skin.toml and the files that it names: what is read along with it."""
+    import tomllib
+
+    if skin_file is None:
+        return []
+    try:
+        tables: Any = tomllib.loads(skin_file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return [skin_file]  # said where it is read
+    planes = tables.get("plane", [])
+    named = [p.get("positions_file") for p in planes if isinstance(p, dict)] if isinstance(planes, list) else []
+    return [skin_file, *(skin_file.parent / n for n in named if isinstance(n, str))]
 
 
 def skin_text(skin_file: Path | None) -> str:
@@ -48,7 +120,7 @@ def make_folder(path: Path) -> Path:
 
 
 def write_text(path: Path, text: str) -> None:
-    from palpate.recordings.formats import atomically
+    from palpate.recordings.files import atomically
 
     atomically(path, lambda name: _fill(name, text))
 
@@ -58,6 +130,6 @@ def _fill(name: str, text: str) -> None:
 
 
 def save_figure(figure: Any, path: Path) -> None:
-    from palpate.recordings.formats import atomically
+    from palpate.recordings.files import atomically
 
     atomically(path, lambda name: figure.savefig(name, dpi=130))

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.cli.files import provenance, skin_text
+from palpate.cli.files import check_output, provenance, skin_files, skin_text
 from palpate.cli.options import check_matching, grasp_monitor
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
@@ -46,6 +46,7 @@ def live(
     token: Annotated[str | None, typer.Option(help="What the page must bring (made up where one is needed).")] = None,
 ) -> None:
     """Show in a browser what touches the pad, while it happens."""
+    import os
     import secrets
     from collections.abc import Iterator
 
@@ -66,6 +67,10 @@ def live(
         raise InvalidInput(f"--speed must be a positive number; got {speed:g}.")
     if record_to is not None and not record_to.is_dir():
         raise InvalidInput(f"--record-to {record_to}: no such folder.")
+    if record is not None:
+        if os.path.lexists(record):
+            raise InvalidInput(f"{record} exists; a recording is never overwritten. Give --record another name.")
+        check_output(record, inputs=[recording_file, *skin_files(skin_file)], force=False)
     pace, end, counts = True, None, None
     if host not in LOCAL and token is None:
         token = secrets.token_urlsafe(16)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.files import save_figure
+from palpate.cli.files import Force, check_output, save_figure, skin_files
 from palpate.cli.options import check_picture
 from palpate.cli.progress import busy
 
@@ -17,12 +17,14 @@ def pad(
     plot: Annotated[
         Path, typer.Option(help="Picture of the response per wavelength to write (.png, .pdf or .svg).")
     ] = Path("palpate-pad.png"),
+    force: Force = False,
 ) -> None:
     """Show what a pad does to a touch at each wavelength, and how far a half-space would be off."""
     from palpate.pads import half_space_error, plot_response
     from palpate.skin import Skin
 
     check_picture(plot)
+    check_output(plot, inputs=skin_files(skin_file), force=force)
     skin = Skin.from_file(skin_file)
     figure = plot_response(skin.pad, skin.planes)
     with busy("a typical contact"):

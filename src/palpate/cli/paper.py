@@ -7,16 +7,24 @@ from typing import Annotated
 
 import typer
 
+from palpate.cli.files import Force, make_folder
 from palpate.cli.progress import Bar
+from palpate.errors import InvalidInput
 
 
 def paper(
     out: Annotated[Path, typer.Option(help="Folder for the report, the figures and the tables.")] = Path(
         "palpate-paper"
     ),
+    force: Force = False,
 ) -> None:
     """Reproduce the paper that founded the field: figures 2 to 22, its error table, and three studies."""
     from palpate import paper as module
+
+    if any(make_folder(out).iterdir()) and not force:
+        raise InvalidInput(
+            f"{out} is not empty. Give another folder with --out, or --force to replace what the report writes."
+        )
 
     with Bar("the founding paper", 26) as step:
         path = module.report(out, progress=step)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.cli.files import provenance, save_figure
+from palpate.cli.files import Force, check_output, provenance, save_figure, skin_files, written
 from palpate.cli.options import check_matching, check_picture, number_or_rule
 from palpate.cli.progress import busy, progress
 from palpate.errors import InvalidInput
@@ -46,6 +46,7 @@ def reconstruct(
     drop_missing: Annotated[
         bool, typer.Option("--drop-missing", help="Leave out taxels with missing readings instead of refusing them.")
     ] = False,
+    force: Force = False,
 ) -> None:
     """Recover pressure and shear from a recording. Nothing to tune."""
     from dataclasses import replace
@@ -60,8 +61,11 @@ def reconstruct(
 
     target = out if out is not None else recording_file.with_name(recording_file.stem + "-touch.nc")
     file_format(target)
+    inputs = [recording_file, *skin_files(skin_file)]
+    check_output(target, inputs=inputs, force=force)
     if plot is not None:
         check_picture(plot)
+        check_output(plot, inputs=inputs, force=force)
     if method is not None and (method not in METHODS or method == "wiener"):
         raise InvalidInput(f"method must be one of {', '.join(m for m in METHODS if m != 'wiener')}; got {method!r}.")
     if friction is not None and not (np.isfinite(friction) and friction != 0):
@@ -103,7 +107,8 @@ def reconstruct(
     ]
     touch = replace(joined(parts), time=recording.time)
     figure = touch.plot(frame=frame) if plot is not None else None
-    write_touch(touch, target, provenance=provenance(skin_file.read_text(encoding="utf-8"), str(recording_file)))
+    record = provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
+    written(target, lambda name: write_touch(touch, name, provenance=record))
     if figure is not None and plot is not None:
         save_figure(figure, plot)
     both = set(touch.components) == set(touch.surface.components)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.files import command_line
+from palpate.cli.files import Overwrite, check_output, command_line, skin_files, written
 from palpate.cli.progress import progress
 from palpate.errors import InvalidInput
 
@@ -38,6 +38,7 @@ def simulate(
     frames: Annotated[int, typer.Option(help="Frames; the force grows evenly over them.")] = 1,
     rate: Annotated[float, typer.Option(help="Frames per second.")] = 100.0,
     seed: Annotated[int, typer.Option(help="Seed of the noise; none is added where the skin names no noise.")] = 0,
+    overwrite: Overwrite = False,
 ) -> None:
     """Make a recording of a known contact on a skin."""
     import numpy as np
@@ -48,6 +49,7 @@ def simulate(
     from palpate.skin import Skin
 
     file_format(out)
+    check_output(out, inputs=skin_files(skin_file), force=overwrite, option="--overwrite")
     skin = Skin.from_file(skin_file)
     if len({p.shape for p in skin.planes}) != 1:
         raise InvalidInput("simulate writes one recording: the skin's planes must have one shape.")
@@ -75,7 +77,7 @@ def simulate(
     }
     channels = tuple(c for p in skin.planes for c in p.channels)
     recording = Recording(readings=readings, channels=channels, time=stamps, positions=positions, meta=meta)
-    write_recording(recording, out)
+    written(out, lambda name: write_recording(recording, name))
     typer.echo(
         f"wrote {out}: {frames} frame{'s' if frames > 1 else ''} of {', '.join(channels)}, {'x'.join(map(str, readings.shape[2:]))} taxels"
     )

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.files import provenance
+from palpate.cli.files import Force, check_output, provenance, skin_files
 from palpate.cli.options import check_matching, grasp_monitor
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
@@ -30,6 +30,7 @@ def track(
     budget: Annotated[float | None, typer.Option(help="Milliseconds a frame may take.")] = None,
     max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
     max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,
+    force: Force = False,
 ) -> None:
     """Follow a recording frame by frame: contact, slip before it happens, excess, failing taxels."""
     import contextlib
@@ -37,11 +38,14 @@ def track(
     import numpy as np
 
     from palpate.recordings import read_recording, read_stream, recorder, write_touch
+    from palpate.recordings.files import in_place
     from palpate.recordings.formats import file_format
     from palpate.skin import Skin
     from palpate.touch import joined
 
     kind = None if out is None else file_format(out)
+    if out is not None:
+        check_output(out, inputs=[recording_file, *skin_files(skin_file)], force=force)
     recording = read_recording(recording_file, mapping=read_stream(skin_file))
     skin = Skin.from_file(skin_file, recording=recording)
     check_matching(recording, skin)
@@ -52,11 +56,14 @@ def track(
     touches, seconds = [], []
     with busy("preparing the skin"):
         tracker = skin.track(friction=bound, baseline=baseline, budget=None if budget is None else 1e-3 * budget)
-    sink = None
-    if out is not None and kind in ("mcap", "netcdf", "zarr"):
-        meta = provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
-        sink = recorder(out, recording.channels, positions=recording.positions, meta=meta)
-    with tracker, sink or contextlib.nullcontext():
+    record = provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(tracker)
+        sink = None
+        if out is not None and kind in ("mcap", "netcdf", "zarr"):
+            # beside a result that is replaced; else under its own name, where it grows with every block
+            name = stack.enter_context(in_place(out)) if out.exists() else out
+            sink = stack.enter_context(recorder(name, recording.channels, positions=recording.positions, meta=record))
         for time, values in zip(recording.time, recording.readings):
             touch = tracker.step(values, float(time))
             seconds.append(tracker.seconds)
@@ -69,9 +76,7 @@ def track(
             elif out is not None:
                 touches.append(touch)
     if sink is None and out is not None:
-        write_touch(
-            joined(touches), out, provenance=provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
-        )
+        write_touch(joined(touches), out, provenance=record)
     typer.echo(str(tracker.health))
     ms = 1e3 * np.array(seconds)
     typer.echo(f"a frame took    {np.median(ms):.2f} ms (median), {np.percentile(ms, 99):.2f} ms (99 %)")

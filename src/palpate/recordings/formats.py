@@ -6,8 +6,7 @@ import csv
 import json
 import os
 import re
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from palpate.elastic.half_space import Floats
 from palpate.elastic.quantities import channel_unit
 from palpate.errors import InvalidInput
 from palpate.recordings import mcapfile
+from palpate.recordings.files import atomically
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
 from palpate.recordings.units import convert_factor
@@ -41,32 +41,6 @@ def file_format(path: str | Path) -> str:
     if suffix not in FORMATS:
         raise InvalidInput(f"{path}: the ending {suffix!r} is not known; accepted: {', '.join(FORMATS)}.")
     return FORMATS[suffix]
-
-
-def atomically(path: str | Path, write: Callable[[str], None]) -> None:
-    """Call ``write`` with a temporary name in the same folder, then move it to ``path``; leave nothing on failure."""
-    target = Path(path)
-    folder = target.parent
-    if not folder.is_dir():
-        raise InvalidInput(f"{target}: the folder {folder} does not exist; make it first.")
-    if target.is_dir():
-        raise InvalidInput(f"{target} is a folder; give a file name.")
-    try:
-        handle, name = tempfile.mkstemp(prefix=".palpate-", suffix=target.suffix, dir=folder)
-        os.close(handle)
-    except OSError as error:
-        raise InvalidInput(f"{target}: cannot write there ({error.strerror}).") from error
-    try:
-        write(name)
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(name, 0o666 & ~umask)
-        os.replace(name, target)
-    except OSError as error:
-        raise InvalidInput(f"{target}: writing failed ({error.strerror or error}); nothing was written.") from error
-    finally:
-        if os.path.exists(name):
-            os.unlink(name)
 
 
 def _existing(path: str | Path) -> Path:

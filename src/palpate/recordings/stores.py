@@ -8,9 +8,6 @@ from __future__ import annotations
 
 import abc
 import json
-import os
-import shutil
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +17,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.elastic.quantities import channel_unit
 from palpate.errors import InvalidInput, Unsupported
+from palpate.recordings.files import in_place
 from palpate.recordings.recording import Recording
 from palpate.touch import Touch
 
@@ -356,19 +354,8 @@ def into_place(path: str | Path, write: Callable[[Path], None]) -> None:
     target = Path(path)
     if target.exists():
         raise InvalidInput(f"{path} exists; a Zarr store is not overwritten. Give another name.")
-    if not target.parent.is_dir():
-        raise InvalidInput(f"{target}: the folder {target.parent} does not exist; make it first.")
-    try:
-        folder = Path(tempfile.mkdtemp(prefix=".palpate-", dir=target.parent))
-    except OSError as error:
-        raise InvalidInput(f"{target}: cannot write there ({error.strerror}).") from error
-    try:
-        write(folder / "store.zarr")
-        os.replace(folder / "store.zarr", target)
-    except OSError as error:
-        raise InvalidInput(f"{target}: writing failed ({error.strerror or error}); nothing was written.") from error
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    with in_place(target) as fresh:
+        write(fresh)
 
 
 def read_zarr(path: Path) -> Recording:

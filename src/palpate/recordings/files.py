@@ -1,0 +1,97 @@
+"""Writing a file or a folder: all of it or nothing."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from palpate.errors import InvalidInput
+
+__all__ = ["atomically", "in_place", "is_store"]
+
+
+def is_store(path: str | Path) -> bool:
+    """Whether a path is a Zarr store, the only folder that may be replaced as a whole."""
+    return (Path(path) / "zarr.json").is_file()
+
+
+@contextlib.contextmanager
+def in_place(path: str | Path) -> Iterator[Path]:
+    """A fresh name to write a file or a folder to; it is moved to ``path`` when the block ends well.
+
+    What was at ``path`` before is replaced in one step, and stays as it is where the block fails or is interrupted. The fresh name has
+    the same ending and lies in a hidden folder beside ``path`` (".palpate-...") that is removed in any case; only a killed process
+    leaves it. A symbolic link stays one: what it points to is replaced.
+
+    Raises
+    ------
+    InvalidInput
+        The folder does not exist, cannot be written to, or the disk does not take it.
+    """
+    target = Path(os.path.realpath(path))
+    if not target.parent.is_dir():
+        raise InvalidInput(f"{path}: the folder {target.parent} does not exist; make it first.")
+    try:
+        before = os.stat(target) if target.exists() else None
+        if before is not None and not (stat.S_ISREG(before.st_mode) or is_store(target)):
+            what = "is a folder" if stat.S_ISDIR(before.st_mode) else "is no ordinary file"
+            raise InvalidInput(f"{path} {what}; give a file name.")
+        if before is not None and not os.access(target, os.W_OK):
+            raise InvalidInput(f"{path} may not be written to (it is read-only); give another name.")
+        folder = Path(tempfile.mkdtemp(prefix=".palpate-", dir=target.parent))
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot write there ({error.strerror}).") from error
+    fresh = folder / target.name
+    try:
+        yield fresh
+        _settle(fresh)
+        if before is not None and stat.S_ISREG(before.st_mode):
+            os.chmod(fresh, stat.S_IMODE(before.st_mode))
+        _move(fresh, target, folder / "before")
+    except OSError as error:
+        kept = "" if before is None else ", and what was there is kept"
+        raise InvalidInput(f"{path}: writing failed ({error.strerror or error}); nothing was written{kept}.") from error
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def atomically(path: str | Path, write: Callable[[str], None]) -> None:
+    """Call ``write`` with the name of an empty file beside ``path``, then move it there; leave nothing on failure (`in_place`)."""
+    if Path(path).is_dir():
+        raise InvalidInput(f"{path} is a folder; give a file name.")
+    with in_place(path) as fresh:
+        fresh.touch()
+        write(str(fresh))
+
+
+def _settle(path: Path) -> None:
+    """On the disk before it takes the place of something: a power cut must not leave an empty file under a good name."""
+    places = [path, *path.rglob("*")] if path.is_dir() else [path]
+    for place in places:
+        if place.is_file():
+            with open(place, "rb+") as file:
+                os.fsync(file.fileno())
+
+
+def _move(fresh: Path, target: Path, aside: Path) -> None:
+    if fresh.is_dir() and target.exists():
+        # no system call of all systems exchanges two folders: the old one waits aside, and comes back where the new one cannot move in
+        try:
+            os.rename(target, aside)
+            os.rename(fresh, target)
+        finally:
+            if aside.exists() and not target.exists():
+                os.rename(aside, target)
+    else:
+        os.replace(fresh, target)
+    if os.name == "posix":  # the name too
+        handle = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
