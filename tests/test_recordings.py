@@ -11,7 +11,7 @@ import xarray
 
 import palpate as pp
 from palpate.recordings import read_recording, read_table, read_touch, write_recording, write_touch
-from palpate.recordings.units import parse_quantity
+from palpate.units import parse_quantity
 
 GRIDDED = pp.Recording(
     readings=np.random.default_rng(0).standard_normal((3, 2, 4, 5)),

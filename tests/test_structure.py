@@ -15,6 +15,7 @@ SOURCE = Path(pp.__file__).parent
 ROOMS = [
     "errors",
     "status",
+    "units",
     "_arrays",
     "elastic",
     "solutions",

@@ -37,14 +37,15 @@ def is_numpy(x: Any) -> bool:
 
 
 def as_real(x: Any, what: str) -> Any:
-    """``x`` as a floating array of its own kind: float32 and float64 are kept, integers become float64."""
-    if isinstance(x, list | tuple | int | float) or np.isscalar(x):
-        try:
-            x = np.asarray(x, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise InvalidInput(f"{what} must be numbers in a rectangular array; got {type(x).__name__}.") from error
-    if hasattr(x, "values") and hasattr(x, "dims"):  # xarray
-        x = np.asarray(x.values)
+    """``x`` as a floating array of its own kind, in this machine's byte order: float32 and float64 are kept, integers become
+    float64. Masked entries become NaN. Anything that could change its meaning on the way is refused."""
+    if isinstance(x, list | tuple):
+        x = _from_sequence(x, what)
+    elif isinstance(x, int | float | np.generic):
+        x = np.asarray(x)
+    _refuse_foreign(x, what)
+    if isinstance(x, np.ndarray):
+        return _real_numpy(x, what)
     try:
         xp = namespace(x)
     except TypeError as error:
@@ -58,6 +59,73 @@ def as_real(x: Any, what: str) -> Any:
     if xp.isdtype(x.dtype, "integral"):
         return xp.astype(x, xp.float64)
     raise InvalidInput(f"{what} must be real numbers; got dtype {x.dtype}.")
+
+
+def _from_sequence(x: Sequence[Any], what: str) -> npt.NDArray[Any]:
+    """A nested list of numbers, or a list of arrays of one shape."""
+    labelled = next((type(v).__name__ for v in x if hasattr(v, "dims")), None)
+    if labelled is not None:
+        raise InvalidInput(
+            f"{what} came as a list of labelled arrays ({labelled}), whose labels a list would drop: join them first, "
+            'xarray.concat(list, dim="time").'
+        )
+    for v in x:
+        if hasattr(v, "dtype"):
+            _refuse_foreign(v, what)
+    try:
+        if any(isinstance(v, np.ma.MaskedArray) for v in x):
+            found: npt.NDArray[Any] = np.ma.stack([np.ma.asarray(v) for v in x])
+            return found
+        found = np.asarray([to_numpy(v) if hasattr(v, "detach") else v for v in x])
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"{what} must be numbers in a rectangular array; got {type(x).__name__}.") from error
+    if found.dtype == object:  # None among numbers is a missing value; anything else is not a number
+        try:
+            found = np.asarray(x, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InvalidInput(f"{what} must be numbers in a rectangular array; got {type(x).__name__}.") from error
+    return found
+
+
+def _refuse_foreign(x: Any, what: str) -> None:
+    """Arrays whose unit, labels or laziness would be lost on the way."""
+    kind = f"{type(x).__module__.split('.')[0]}.{type(x).__name__}"
+    if hasattr(x, "magnitude") and hasattr(x, "units"):  # pint
+        raise InvalidInput(f"{what} carry a unit as {kind}: pass their SI magnitude, e.g. x.to('Pa').magnitude.")
+    if hasattr(x, "unit") and hasattr(x, "to_value"):  # astropy
+        raise InvalidInput(f"{what} carry a unit as {kind}: pass their SI values, e.g. x.to_value('Pa').")
+    if hasattr(x, "iloc") or hasattr(x, "collect_schema"):  # pandas, polars
+        raise InvalidInput(f"{what} came as a table ({kind}): pass x.to_numpy() in the shape that is asked for.")
+    if hasattr(x, "dask") or (hasattr(x, "compute") and hasattr(x, "chunks")):
+        raise InvalidInput(f"{what} came as a lazy array ({kind}): pass x.compute().")
+    if hasattr(x, "data_vars"):
+        names = ", ".join(map(str, x.data_vars))
+        raise InvalidInput(f"{what} came as an xarray.Dataset: pass one of its variables ({names}).")
+
+
+def _real_numpy(x: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
+    masked = x if isinstance(x, np.ma.MaskedArray) else None
+    x = np.asarray(x)
+    kind = x.dtype.kind
+    if kind in "iu":
+        x = x.astype(np.float64)
+    elif kind != "f":
+        remedy = {
+            "b": "readings are not True or False",
+            "c": "take x.real if the imaginary part is nothing but rounding",
+            "O": "take x.astype(float) if its entries are numbers",
+            "V": "take one field, x['name']",
+            "U": "take x.astype(float) if the text is numbers",
+            "S": "take x.astype(float) if the text is numbers",
+        }.get(kind, "pass numbers in SI units")
+        raise InvalidInput(f"{what} must be real numbers; got dtype {x.dtype}: {remedy}.")
+    elif x.dtype.itemsize not in (4, 8):  # half and extended precision
+        x = x.astype(np.float32 if x.dtype.itemsize < 4 else np.float64)
+    elif not x.dtype.isnative:
+        x = x.astype(x.dtype.newbyteorder("="))
+    if masked is not None and np.ma.is_masked(masked):
+        x = np.where(np.ma.getmaskarray(masked), np.asarray(np.nan, dtype=x.dtype), x)
+    return x
 
 
 def to_numpy(x: Any) -> npt.NDArray[Any]:

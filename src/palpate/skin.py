@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from palpate._arrays import as_real, from_numpy, namespace, to_numpy
+from palpate._arrays import from_numpy
 from palpate.elastic.half_space import Floats, Pad
-from palpate.elastic.quantities import channel_unit
 from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.adaptive import Adaptive
@@ -35,6 +34,7 @@ from palpate.inverse.regularised import Estimate, Regularised
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import Grid, LineGrid
 from palpate.sensing.operator import Boundary, Operator
+from palpate.sensing.readings import Layout, creeping, joined_planes, laid_out_traction, stamps, with_creep
 from palpate.sensing.surface import default_surface
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
@@ -248,21 +248,10 @@ class Skin:
         """
         if isinstance(traction, LineContact | AreaContact):
             traction = self.sample(traction)
-        values = as_real(traction, "traction")
-        expected = (len(self._surface.components), *self._surface.shape)
-        if tuple(values.shape[-len(expected) :]) != expected or values.ndim < len(expected):
-            raise InvalidInput(
-                f"traction must have shape (*batch, component, *surface) = (..., {', '.join(map(str, expected))}) with "
-                f"components {', '.join(self._surface.components)}; got {tuple(values.shape)}."
-            )
-        xp = namespace(values)
-        if not bool(xp.all(xp.isfinite(values))):
-            raise InvalidInput(
-                "traction contains values that are not finite (a flat punch is infinite at its edge: use sample())."
-            )
+        values = laid_out_traction(traction, self._surface)
         out = self.operator.forward(values)
         if isinstance(self._pad, Viscoelastic):
-            out = self._creep(out, time, "add")
+            out = with_creep(out, self._planes, self._pad.prony, stamps(traction, out, self._planes, time), "add")
         elif time is not None:
             raise Unsupported("time has a meaning in sense() only where the pad creeps (Viscoelastic).")
         noisy = []
@@ -274,89 +263,12 @@ class Skin:
                 gaps = np.where(array.valid, 0.0, np.nan)
                 part = part + from_numpy(gaps, part)
             noisy.append(part)
-        return self._join(noisy)
+        return joined_planes(noisy, self._planes)
 
-    def _join(self, parts: list[Any]) -> Any:
-        if len(parts) == 1:
-            return parts[0]
-        if len({p.shape for p in self._planes}) == 1:
-            return namespace(parts[0]).concat(parts, axis=-1 - len(self._planes[0].shape))
-        return parts
-
-    def _split(self, readings: Any) -> list[Any]:
-        """One checked array per plane."""
-        planes = self._planes
-        if len(planes) > 1 and isinstance(readings, list | tuple) and len(readings) == len(planes):
-            parts = [as_real(r, "readings") for r in readings]
-            # one array per plane; the rows of a nested list of numbers have fewer axes
-            if all(r.ndim >= 1 + len(p.shape) for r, p in zip(parts, planes)):
-                return [self._checked(r, p) for r, p in zip(parts, planes)]
-        values = as_real(readings, "readings")
-        if len(planes) == 1:
-            return [self._checked(values, planes[0])]
-        if len({p.shape for p in planes}) != 1:
-            raise InvalidInput(f"the {len(planes)} planes differ in shape: pass a list with one array per plane.")
-        d = len(planes[0].shape)
-        total = sum(len(p.channels) for p in planes)
-        if values.ndim < 1 + d or values.shape[-1 - d] != total:
-            raise InvalidInput(
-                f"readings must have shape (*batch, channel, *array) with {total} channels over all planes "
-                f"({', '.join(c for p in planes for c in p.channels)}); got {tuple(values.shape)}."
-            )
-        split, start = [], 0
-        for p in planes:
-            stop = start + len(p.channels)
-            split.append(self._checked(values[(..., slice(start, stop), *(slice(None),) * d)], p))
-            start = stop
-        return split
-
-    def _checked(self, values: Any, array: Array) -> Any:
-        expected = (len(array.channels), *array.shape)
-        if values.ndim < len(expected) or tuple(values.shape[-len(expected) :]) != expected:
-            raise InvalidInput(
-                f"readings must have shape (*batch, channel, *array) = (..., {', '.join(map(str, expected))}) with channels "
-                f"{', '.join(array.channels)}; got {tuple(values.shape)}."
-            )
-        if 0 in values.shape:
-            raise InvalidInput(f"readings are empty: shape {tuple(values.shape)}.")
-        xp = namespace(values)
-        if array.mask is not None:
-            working = from_numpy(array.valid, values)
-            values = xp.where(working, values, xp.zeros_like(values))
-        bad = ~xp.isfinite(values)
-        if bool(xp.any(bad)):
-            where = to_numpy(bad)
-            taxels = where.reshape(-1, *array.shape).any(axis=0)
-            raise InvalidInput(
-                f"readings hold {int(where.sum())} values that are not finite, at {int(taxels.sum())} of {taxels.size} taxels "
-                f"(first at index {tuple(int(i) for i in np.argwhere(taxels)[0])}). Leave dead taxels out: array.masked(working)."
-            )
-        self._check_size(values, array)
-        return values
-
-    def _check_size(self, values: Any, array: Array) -> None:
-        """Readings far outside linear elasticity are a unit mistake."""
-        xp = namespace(values)
-        d = len(array.shape)
-        for i, (channel, (limit, what)) in enumerate(zip(array.channels, self._limits(array))):
-            largest = float(xp.max(xp.abs(values[(..., i, *(slice(None),) * d)])))
-            if largest > limit:
-                raise InvalidInput(
-                    f"{channel} reaches {largest:g} {channel_unit(channel)}, more than {what}: no elastic pad does that. Check the "
-                    f"units: readings are in {channel_unit(channel)}, lengths in m, moduli in Pa."
-                )
-
-    def _limits(self, array: Array) -> list[tuple[float, str]]:
-        """What no reading of each channel can exceed, with the reason."""
-        shear, nu = self._elastic.material(array.depth)
-        modulus = 2.0 * shear * (1.0 + nu)
-        extent = float(np.ptp(array.points, axis=0).max())
-        kinds = {
-            "stress": (30.0 * modulus, f"30 times the pad's Young's modulus ({modulus:g} Pa)"),
-            "strain": (3.0, "3 (300 %)"),
-            "displacement": (extent, f"the width of the array ({extent:g} m)"),
-        }
-        return [kinds[c.split("_")[0]] for c in array.channels]
+    @property
+    def _layout(self) -> Layout:
+        """How readings are checked and laid out."""
+        return Layout(self._planes, self._elastic)
 
     # -- inverse -------------------------------------------------------------------------------------------------------
 
@@ -447,10 +359,10 @@ class Skin:
             if value is not None and name not in METHODS[method]:
                 takers = [m for m, accepted in METHODS.items() if name in accepted]
                 raise Unsupported(f'method="{method}" does not take {name}; it belongs to {", ".join(takers)}.')
-        parts = self._split(readings)
-        stamps = None if time is None else self._stamps(parts, time)
+        parts = self._layout.checked(readings)
+        times = stamps(readings, parts, self._planes, time)
         if isinstance(self._pad, Viscoelastic):
-            parts = self._creep(parts, time, "remove")
+            parts = with_creep(parts, self._planes, self._pad.prony, times, "remove")
         names = ("z",) if method == "constant_friction" and components is None else self._names(components)
         solver = self._solver(method, names, options)
         if method in ("adaptive", "constrained"):
@@ -480,7 +392,7 @@ class Skin:
             self._noise(solver, estimate),
             estimate.residual,
             self._unseen(sought),
-            stamps,
+            times,
             errors=estimate.errors,
             converged=estimate.converged,
             touching=estimate.contact,
@@ -530,19 +442,18 @@ class Skin:
         options = dict.fromkeys(("order", "spectrum", "length", "draws", "rng"))
         names = self._names(components)
         solver = self._solver("constrained", names, {**options, "friction": friction, "parameter": parameter})
-        limits = [np.array([limit for limit, _ in self._limits(a)]) for a in self._planes]
         filters: Callable[[], list[CreepFilter | None]] | None = None
         if isinstance(self._pad, Viscoelastic):
             prony = self._pad.prony
-            creeping = [any(not c.startswith("stress") for c in a.channels) for a in self._planes]
+            creeps = [bool(creeping(a).any()) for a in self._planes]
 
             def filters() -> list[CreepFilter | None]:
-                return [CreepFilter(prony) if c else None for c in creeping]
+                return [CreepFilter(prony) if c else None for c in creeps]
 
         return Tracker(
             solver,
             names,
-            np.concatenate([np.repeat(v, int(a.valid.sum())) for v, a in zip(limits, self._planes)]),
+            self._layout,
             notes=self._notes(names, "constrained", solver),
             creep=filters,
             baseline=baseline,
@@ -604,41 +515,6 @@ class Skin:
                 return f"{array.channels[row // len(working)]} at taxel {tuple(int(k) for k in index)}{plane}"
             row -= size
         raise IndexError(row)
-
-    def _stamps(self, parts: Sequence[Any], time: npt.ArrayLike | None) -> Floats:
-        """Checked time of each frame."""
-        d = len(self._planes[0].shape)
-        if time is None:
-            raise InvalidInput("the pad creeps (Viscoelastic): give time=..., the time of each frame in seconds.")
-        stamps = np.asarray(time, dtype=np.float64)
-        frames = tuple(parts[0].shape[: -1 - d])
-        if len(frames) != 1 or stamps.shape != frames:
-            raise InvalidInput(
-                f"time must have one entry for each frame of (frame, channel, *array); got {stamps.shape} for {frames}."
-            )
-        if not np.isfinite(stamps).all() or np.any(np.diff(stamps) <= 0):
-            raise InvalidInput("time must be finite and increase from frame to frame.")
-        return stamps
-
-    def _creep(
-        self, parts: Sequence[Any], time: npt.ArrayLike | None, direction: Literal["add", "remove"]
-    ) -> list[Any]:
-        """Creep put into or taken out of the strains and displacements of each plane, frame by frame."""
-        prony = self._pad.prony  # type: ignore[attr-defined]
-        stamps = self._stamps(parts, time)
-        out = []
-        for array, part in zip(self._planes, parts):
-            creeping = np.array([not c.startswith("stress") for c in array.channels])
-            if not creeping.any():
-                out.append(part)
-                continue
-            xp = namespace(part)
-            weight = from_numpy(creeping.astype(np.float64).reshape(-1, *(1,) * len(array.shape)), part)
-            one = CreepFilter(prony)
-            step = one.add if direction == "add" else one.remove
-            frames = [step(part[i, ...], float(t)) for i, t in enumerate(stamps)]
-            out.append(weight * xp.stack(frames, axis=0) + (1.0 - weight) * part)
-        return out
 
     def _names(self, components: Sequence[str] | None) -> tuple[str, ...]:
         if components is None:

@@ -20,12 +20,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate._arrays import from_numpy, to_numpy
+from palpate._arrays import from_numpy
 from palpate.elastic.half_space import Floats
 from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput
 from palpate.inverse.account import Errors
 from palpate.inverse.constrained import FAINT, MARGIN, MODEL_ERROR, Constrained, grown
+from palpate.sensing.readings import Layout
 from palpate.touch import Touch
 
 __all__ = ["Health", "Tracker"]
@@ -52,6 +53,8 @@ RELEARN = 4.0
 REFRESH, CHANGED = 200, 0.25
 #: Entries of the normal matrix of the whole surface that are kept.
 LARGEST = 40_000_000
+#: Smallest eigenvalue of the normal matrix over the largest, below which single precision does not tell it from zero.
+SMALLEST = 1e-9
 #: Iterations of one frame at most.
 ITERATIONS = 300
 
@@ -105,8 +108,8 @@ class Tracker:
         The problem of one frame.
     names : tuple of str
         Components sought.
-    limits : array (reading,)
-        Readings beyond these no elastic pad gives.
+    layout : Layout
+        How readings are checked and laid out.
     baseline : int or array
         Frames at the start, without contact, whose mean is taken as zero; or the zero itself, one frame of readings; 0: the
         readings are zero already.
@@ -125,7 +128,7 @@ class Tracker:
         self,
         estimator: Constrained,
         names: tuple[str, ...],
-        limits: Floats,
+        layout: Layout,
         *,
         notes: tuple[str, ...] = (),
         creep: Callable[[], list[CreepFilter | None]] | None = None,
@@ -142,7 +145,7 @@ class Tracker:
         self.estimator, self.names, self.notes = estimator, names, notes
         self.tolerance, self.budget, self.rezero, self.rate = tolerance, budget, rezero, rate
         self._make_creep = creep
-        self._limits, self._label = limits, label
+        self._layout, self._limits, self._label = layout, layout.limits(), label
         self._std = estimator.readings.std
         self._arrays = estimator.readings.arrays
         self._all = np.ones(len(self._std), dtype=bool)
@@ -306,31 +309,8 @@ class Tracker:
 
     def _flat(self, reading: Any) -> tuple[Floats, Any]:
         """One vector of all readings, in SI units, and the caller's array."""
-        arrays = self._arrays
-        several = len(arrays) > 1 and isinstance(reading, list | tuple) and len(reading) == len(arrays)
-        parts = [reading] if len(arrays) == 1 else list(reading) if several else self._split(reading)
-        like = parts[0]
-        rows = []
-        for part, array in zip(parts, arrays):
-            values = np.asarray(to_numpy(part), dtype=np.float64)
-            expected = (len(array.channels), *array.shape)
-            if values.shape != expected:
-                raise InvalidInput(
-                    f"a frame must have shape (channel, *array) = {expected} with channels {', '.join(array.channels)}; got "
-                    f"{values.shape}. A Tracker takes one frame at a time."
-                )
-            rows.append(values)
+        rows, like = self._layout.frame(reading)
         return self.estimator.readings.flat(rows), like
-
-    def _split(self, reading: Any) -> list[Any]:
-        values = np.asarray(to_numpy(reading))
-        counts = [len(a.channels) for a in self._arrays]
-        if len({a.shape for a in self._arrays}) != 1 or values.ndim < 1 or len(values) != sum(counts):
-            raise InvalidInput(
-                f"a frame of {len(counts)} planes must be a list with one array each, or one array with {sum(counts)} channels; "
-                f"got shape {values.shape}."
-            )
-        return np.split(values, np.cumsum(counts)[:-1])
 
     def _sorted_out(self, flat: Floats, now: float) -> Floats:
         """Readings in units of `_std` with NaN for those that cannot be right; keeps count of bad taxels."""
@@ -362,17 +342,9 @@ class Tracker:
         if self._filters is not None:
             planes = self.estimator.readings.planes(np.nan_to_num(scaled))
             planes = [p if f is None else f.remove(p, now) for p, f in zip(planes, self._filters)]
-            creeping = self._creeping()
+            creeping = self._layout.creeping()
             scaled = np.where(creeping & np.isfinite(scaled), self.estimator.readings.flat(planes), scaled)
         return scaled / self._std
-
-    def _creeping(self) -> Flags:
-        return np.concatenate(
-            [
-                np.repeat(np.array([not c.startswith("stress") for c in a.channels]), int(a.valid.sum()))
-                for a in self._arrays
-            ]
-        )
 
     def _count(self, bad: Flags, reason: str) -> None:
         health = self.health
@@ -568,15 +540,19 @@ class Tracker:
         gram *= scale[:, None] * scale[None, :]
         if self._rho is None or self._rho[0] != parameter:
             largest = _largest_eigenvalue(gram)
-            smallest = 1.0 / _largest_eigenvalue(_inverse(gram))
-            self._rho = parameter, math.sqrt(largest * max(smallest, 1e-9 * largest))
+            inverse = _inverse(gram)
+            # without noise next to nothing is penalised, and rounding decides about the smallest eigenvalue
+            smallest = 0.0 if inverse is None else 1.0 / _largest_eigenvalue(inverse)
+            self._rho = parameter, math.sqrt(largest * max(smallest, SMALLEST * largest))
         rho = self._rho[1]
         gram[np.diag_indices(c * n)] += rho
-        inverse = _inverse(gram.astype(np.float32))
+        single = _inverse(gram.astype(np.float32))
+        if single is None:
+            raise np.linalg.LinAlgError("the normal matrix of the region is not positive definite")
         inside = np.zeros(grid.shape, dtype=bool)
         inside.ravel()[cells] = True
         ring = inside & grown(~inside, 1)
-        return _Region(cells, ring.ravel()[cells], inverse, rho, parameter)
+        return _Region(cells, ring.ravel()[cells], single, rho, parameter)
 
     def _iterate(self, slope: Single, started: float) -> bool:
         """Bring the solution to this frame; False where time ended it."""
@@ -702,15 +678,17 @@ class Tracker:
         return touch
 
 
-def _inverse(matrix: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Of a symmetric positive matrix, in its own precision."""
+def _inverse(matrix: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
+    """Of a symmetric positive matrix, in its own precision; None where it is not positive to that precision."""
     import scipy.linalg.lapack as lapack
 
     factorise, invert = (lapack.spotrf, lapack.spotri) if matrix.dtype == np.float32 else (lapack.dpotrf, lapack.dpotri)
     factor, failed = factorise(matrix, lower=True, clean=True)
-    lower, wrong = invert(factor, lower=True)
-    if failed or wrong:
-        raise np.linalg.LinAlgError("the normal matrix of the region is not positive definite")
+    if failed:
+        return None
+    lower, failed = invert(factor, lower=True)
+    if failed:
+        return None
     return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
 
 

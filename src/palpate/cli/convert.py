@@ -61,7 +61,7 @@ def convert(
     from palpate.recordings import TopicMapping, read_recording, read_stream, read_table, write_recording
     from palpate.recordings.formats import file_format
     from palpate.recordings.robots import is_bag
-    from palpate.recordings.units import convert_factor, parse_quantity
+    from palpate.units import convert_factor, parse_quantity
 
     file_format(target)
     check_output(target, inputs=[source, *skin_files(skin_file)], force=force)

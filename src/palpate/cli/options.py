@@ -16,7 +16,7 @@ def grasp_monitor(
     skin: Skin, friction: float | None, pressure: str | None, force: str | None, callback: Any = None
 ) -> GraspMonitor:
     from palpate.grasp import GraspMonitor
-    from palpate.recordings.units import parse_quantity
+    from palpate.units import parse_quantity
 
     kind = "force per length" if skin.surface.dimensions == 1 else "force"
     return GraspMonitor(

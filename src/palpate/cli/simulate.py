@@ -89,7 +89,7 @@ def _contact(
     import math
 
     from palpate import solutions
-    from palpate.recordings.units import parse_quantity
+    from palpate.units import parse_quantity
 
     line = skin.surface.dimensions == 1
     load = parse_quantity(force, "force per length" if line else "force", "force")

@@ -19,7 +19,7 @@ from palpate.recordings import mcapfile
 from palpate.recordings.files import atomically
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
-from palpate.recordings.units import convert_factor
+from palpate.units import convert_factor
 
 __all__ = ["FORMATS", "atomically", "file_format", "read_recording", "read_table", "write_recording"]
 

@@ -44,10 +44,10 @@ from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
-from palpate.recordings.units import KIND_OF_SI, UNITS, parse_quantity
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Boundary
+from palpate.units import KIND_OF_SI, UNITS, parse_quantity
 
 __all__ = ["read_skin", "read_stream", "skin_from_text"]
 

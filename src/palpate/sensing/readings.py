@@ -1,0 +1,261 @@
+"""Readings checked and laid out, once for the skin and the tracker.
+
+Whatever comes in (an array of any kind, a list with one array for each plane, a labelled array) leaves as one real floating array
+(*batch, channel, *array) for each plane, in SI units and in the order of the arrays' own channels and taxels, or is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import as_real, from_numpy, namespace, to_numpy
+from palpate.elastic.half_space import Floats, Pad
+from palpate.elastic.quantities import channel_unit
+from palpate.elastic.viscoelastic import CreepFilter
+from palpate.errors import InvalidInput
+from palpate.sensing.arrays import Array
+from palpate.sensing.grids import Grid
+from palpate.sensing.labels import is_labelled, labelled_readings, labelled_time, labelled_traction
+
+__all__ = [
+    "Layout",
+    "check_finite",
+    "check_size",
+    "creeping",
+    "joined_planes",
+    "laid_out",
+    "laid_out_traction",
+    "plausible",
+    "stamps",
+    "with_creep",
+]
+
+
+# -- what depends on the kind of a channel, one function each --------------------------------------------------------------
+
+
+def creeping(array: Array) -> npt.NDArray[np.bool_]:
+    """(channel,): True where a channel creeps with the pad (strain and displacement do, stress does not)."""
+    return np.array([not c.startswith("stress") for c in array.channels])
+
+
+def plausible(pad: Pad, array: Array) -> list[tuple[float, str]]:
+    """What no reading of each channel can exceed in an elastic pad, with the reason."""
+    shear, nu = pad.material(array.depth)
+    modulus = 2.0 * shear * (1.0 + nu)
+    extent = float(np.ptp(array.points, axis=0).max())
+    kinds = {
+        "stress": (30.0 * modulus, f"30 times the pad's Young's modulus ({modulus:g} Pa)"),
+        "strain": (3.0, "3 (300 %)"),
+        "displacement": (extent, f"the width of the array ({extent:g} m)"),
+    }
+    return [kinds[c.split("_")[0]] for c in array.channels]
+
+
+# -- layout ----------------------------------------------------------------------------------------------------------------
+
+
+def joined_planes(parts: Sequence[Any], planes: Sequence[Array]) -> Any:
+    """Planes of one shape joined along the channel axis; planes of different shapes as a list."""
+    if len(parts) == 1:
+        return parts[0]
+    if len({p.shape for p in planes}) == 1:
+        return namespace(parts[0]).concat(list(parts), axis=-1 - len(planes[0].shape))
+    return list(parts)
+
+
+def laid_out(readings: Any, planes: Sequence[Array], *, single: bool = False) -> list[Any]:
+    """One array (*batch, channel, *array) per plane; missing readings are NaN. ``single``: one frame, no batch axes."""
+    several = len(planes) > 1 and isinstance(readings, list | tuple) and len(readings) == len(planes)
+    if several:
+        # one array per plane; the rows of a nested list of numbers have fewer axes
+        ranks = [_rank(r) for r in readings]
+        if all(rank >= 1 + len(p.shape) for rank, p in zip(ranks, planes)):
+            return [_part(r, p, single) for r, p in zip(readings, planes)]
+    if len(planes) == 1:
+        return [_part(readings, planes[0], single)]
+    if len({p.shape for p in planes}) != 1:
+        raise InvalidInput(f"the {len(planes)} planes differ in shape: pass a list with one array per plane.")
+    values: Any = labelled_readings(readings, planes) if is_labelled(readings) else as_real(readings, "readings")
+    d = len(planes[0].shape)
+    counts = [len(p.channels) for p in planes]
+    if values.ndim < 1 + d or values.shape[-1 - d] != sum(counts):
+        raise InvalidInput(
+            f"readings must have shape (*batch, channel, *array) with {sum(counts)} channels over all {len(planes)} planes "
+            f"({', '.join(c for p in planes for c in p.channels)}), or be a list with one array per plane; got "
+            f"{tuple(values.shape)}."
+        )
+    out, start = [], 0
+    for plane, count in zip(planes, counts):
+        rows = slice(start, start + count)
+        out.append(_shaped(values[(..., rows, *(slice(None),) * d)], plane, single))
+        start += count
+    return out
+
+
+def _rank(x: Any) -> int:
+    rank = getattr(x, "ndim", None)
+    if rank is not None:
+        return int(rank)
+    depth = 0
+    while isinstance(x, list | tuple) and x:
+        x, depth = x[0], depth + 1
+    return depth + int(getattr(x, "ndim", 0))
+
+
+def _part(readings: Any, array: Array, single: bool) -> Any:
+    values = labelled_readings(readings, [array]) if is_labelled(readings) else as_real(readings, "readings")
+    return _shaped(values, array, single)
+
+
+def _shaped(values: Any, array: Array, single: bool) -> Any:
+    expected = (len(array.channels), *array.shape)
+    shape = tuple(values.shape)
+    if single and shape != expected:
+        raise InvalidInput(
+            f"a frame must have shape (channel, *array) = {expected} with channels {', '.join(array.channels)}; got "
+            f"{shape}. A Tracker takes one frame at a time."
+        )
+    if shape[-len(expected) :] != expected:
+        raise InvalidInput(
+            f"readings must have shape (*batch, channel, *array) = (..., {', '.join(map(str, expected))}) with channels "
+            f"{', '.join(array.channels)}; got {shape}."
+        )
+    if 0 in shape:
+        raise InvalidInput(f"readings are empty: shape {shape}.")
+    return values
+
+
+def laid_out_traction(traction: Any, surface: Grid) -> Any:
+    """Checked traction (*batch, component, *surface) [Pa]."""
+    values = labelled_traction(traction, surface) if is_labelled(traction) else as_real(traction, "traction")
+    expected = (len(surface.components), *surface.shape)
+    if values.ndim < len(expected) or tuple(values.shape[-len(expected) :]) != expected:
+        raise InvalidInput(
+            f"traction must have shape (*batch, component, *surface) = (..., {', '.join(map(str, expected))}) with "
+            f"components {', '.join(surface.components)}; got {tuple(values.shape)}."
+        )
+    xp = namespace(values)
+    if not bool(xp.all(xp.isfinite(values))):
+        raise InvalidInput(
+            "traction contains values that are not finite (a flat punch is infinite at its edge: use sample())."
+        )
+    return values
+
+
+# -- checks ----------------------------------------------------------------------------------------------------------------
+
+
+def check_finite(values: Any, array: Array) -> Any:
+    """Readings with 0 at taxels that are masked; refused where others are not finite."""
+    xp = namespace(values)
+    if array.mask is not None:
+        values = xp.where(from_numpy(array.valid, values), values, xp.zeros_like(values))
+    bad = ~xp.isfinite(values)
+    if bool(xp.any(bad)):
+        where = to_numpy(bad)
+        taxels = where.reshape(-1, *array.shape).any(axis=0)
+        raise InvalidInput(
+            f"readings hold {int(where.sum())} values that are missing or not finite, at {int(taxels.sum())} of {taxels.size} "
+            f"taxels (first at index {tuple(int(i) for i in np.argwhere(taxels)[0])}). Leave dead taxels out: "
+            "array.masked(working)."
+        )
+    return values
+
+
+def check_size(values: Any, array: Array, limits: Sequence[tuple[float, str]]) -> None:
+    """Readings far outside linear elasticity are a unit mistake."""
+    xp = namespace(values)
+    d = len(array.shape)
+    for i, (channel, (limit, what)) in enumerate(zip(array.channels, limits)):
+        largest = float(xp.max(xp.abs(values[(..., i, *(slice(None),) * d)])))
+        if largest > limit:
+            raise InvalidInput(
+                f"{channel} reaches {largest:g} {channel_unit(channel)}, more than {what}: no elastic pad does that. Check the "
+                f"units: readings are in {channel_unit(channel)}, lengths in m, moduli in Pa."
+            )
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The one door for readings of some planes in a pad."""
+
+    planes: tuple[Array, ...]
+    pad: Pad
+
+    def checked(self, readings: Any) -> list[Any]:
+        """One array (*batch, channel, *array) per plane, finite and of a size that an elastic pad gives."""
+        out = []
+        for values, array in zip(laid_out(readings, self.planes), self.planes):
+            finite = check_finite(values, array)
+            check_size(finite, array, plausible(self.pad, array))
+            out.append(finite)
+        return out
+
+    def frame(self, reading: Any) -> tuple[list[Floats], Any]:
+        """One frame (channel, *array) per plane in double precision, NaN where missing; and an array of the caller's kind."""
+        parts = laid_out(reading, self.planes, single=True)
+        return [to_numpy(p).astype(np.float64) for p in parts], parts[0]
+
+    def limits(self) -> Floats:
+        """(reading,): what no reading exceeds, working taxels in the order plane, channel, taxel."""
+        return self.over_readings([np.array([limit for limit, _ in plausible(self.pad, a)]) for a in self.planes])
+
+    def creeping(self) -> npt.NDArray[np.bool_]:
+        """(reading,): True for readings that creep with the pad."""
+        return self.over_readings([creeping(a) for a in self.planes])
+
+    def over_readings(self, per_channel: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+        """One value per reading from one per channel of each plane."""
+        return np.concatenate([np.repeat(v, int(a.valid.sum())) for v, a in zip(per_channel, self.planes)])
+
+
+# -- time ------------------------------------------------------------------------------------------------------------------
+
+
+def stamps(readings: Any, parts: Sequence[Any], planes: Sequence[Array], time: npt.ArrayLike | None) -> Floats | None:
+    """Checked time of each frame [s]: as given, or as the readings' own label; None where there is neither."""
+    if time is None:
+        time = labelled_time(readings)
+        if time is None:
+            return None
+    found = np.asarray(time, dtype=np.float64)
+    d = len(planes[0].shape)
+    frames = tuple(parts[0].shape[: -1 - d])
+    if len(frames) != 1 or found.shape != frames:
+        raise InvalidInput(
+            f"time must have one entry for each frame of (frame, channel, *array); got {found.shape} for {frames}."
+        )
+    if not np.isfinite(found).all() or np.any(np.diff(found) <= 0):
+        raise InvalidInput("time must be finite and increase from frame to frame.")
+    return found
+
+
+def with_creep(
+    parts: Sequence[Any],
+    planes: Sequence[Array],
+    prony: Sequence[tuple[float, float]],
+    time: Floats | None,
+    direction: Literal["add", "remove"],
+) -> list[Any]:
+    """Creep put into or taken out of the strains and displacements of each plane, frame by frame."""
+    if time is None:
+        raise InvalidInput("the pad creeps (Viscoelastic): give time=..., the time of each frame in seconds.")
+    out = []
+    for array, part in zip(planes, parts):
+        creeps = creeping(array)
+        if not creeps.any():
+            out.append(part)
+            continue
+        xp = namespace(part)
+        weight = from_numpy(creeps.astype(np.float64).reshape(-1, *(1,) * len(array.shape)), part)
+        one = CreepFilter(prony)
+        step = one.add if direction == "add" else one.remove
+        frames = [step(part[i, ...], float(t)) for i, t in enumerate(time)]
+        out.append(weight * xp.stack(frames, axis=0) + (1.0 - weight) * part)
+    return out
