@@ -762,26 +762,26 @@ def _random_edges() -> None:
 def section_crossing() -> None:
     """Coverage of the 50 and 95 % intervals where a contact crosses the array's edge, 600 random ones (line, area, area with shear)."""
     from palpate import bench
-    from palpate.touch import calibrated, calibration_case
+    from palpate.uncertainty import Case, calibrated
 
-    inside: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    frames: dict[str, int] = {}
+    inside: dict[tuple[Case, str], list[tuple[float, float]]] = {}
+    frames: dict[Case, int] = {}
     none = np.asarray(-np.inf)
     for i in range(600):
         rng = np.random.default_rng((987, i))
         layout, traction, noise = bench.crossing(rng)
         if not layout.make(traction)[1].any():
             continue
-        case = calibration_case(layout.array.dimensions, layout.components)
+        case = layout.case
         frames[case] = frames.get(case, 0) + 1
         for quantity, z in bench.run(layout, "random", traction, noise, rng, ("adaptive",))[0].z.items():
             known = calibrated("adaptive", case, quantity)
             ends = [known.bounds(level, np.zeros(()), np.ones(()), np.zeros(()), none) for level in (0.5, 0.95)]
             half, most = (float(np.mean((z >= low) & (z <= high))) for low, high in ends)
             inside.setdefault((case, quantity), []).append((half, most))
-    for (case, quantity), parts in sorted(inside.items()):
+    for (case, quantity), parts in sorted(inside.items(), key=str):
         half, most = np.mean(parts, axis=0)
-        print(f"  {case:<16} {quantity:<20} {half:.2f}, {most:.2f}  ({frames[case]} frames)")
+        print(f"  {case.contact:<16} {quantity:<20} {half:.2f}, {most:.2f}  ({frames[case]} frames)")
 
 
 def section_channels() -> None:

@@ -1,10 +1,16 @@
 from __future__ import annotations
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 
 import palpate as pp
 from palpate import solutions
+from palpate._batches import per_frame_fields
+from palpate.inverse.account import Errors
+from palpate.touch import joined
+from palpate.uncertainty import Case, constants
 
 
 def pressed(*, batch: int | None = None) -> pp.Touch:
@@ -89,3 +95,147 @@ def test_what_was_not_sought_is_not_reported() -> None:
         touch.contact(threshold=2.0)
     with pytest.raises(pp.InvalidInput, match="truth"):
         touch.plot(truth=np.zeros((2, 4)))
+
+
+# -- no field is lost ------------------------------------------------------------------------------------------------------
+
+
+def full(frames: int = 4) -> pp.Touch:
+    """A batch with every field, each frame's numbers its own."""
+    grid = pp.AreaGrid(shape=(3, 4), spacing=1e-3)
+    rng = np.random.default_rng(0)
+
+    def some(*shape: int) -> np.ndarray:
+        return rng.random((frames, *shape))
+
+    maps = {n: some(3, 3, 4) for n in ("traction", "detail", "outer_traction")}
+    errors = Errors(
+        **maps,
+        force=some(3),
+        moment=some(3),
+        center=some(2),
+        peak=some(),
+        outer_force=some(3),
+        outer_moment=some(3),
+        outer_center=some(2),
+        outer_peak=some(),
+    )
+    return pp.Touch(
+        some(3, 3, 4),
+        grid,
+        ("x", "y", "z"),
+        "adaptive",
+        ("a note",),
+        parameter=some(),
+        noise_std=some(3),
+        residual=some(),
+        time=np.arange(frames) * 0.5,
+        meta={"skin": "mine"},
+        errors=errors,
+        converged=np.arange(frames) % 2 == 0,
+        touching=np.arange(frames) % 3 > 0,
+        outliers=some(36) > 0.5,
+        draws=some(5, 3, 3, 4),
+        resolution=some(),
+        sliding=some(),
+        found_by=np.array(["adaptive", "constrained"] * (frames // 2)),
+    )
+
+
+def arrays(touch: pp.Touch) -> dict[str, np.ndarray]:
+    return {name: np.asarray(value) for name, value in per_frame_fields(touch)}
+
+
+def test_the_test_touch_has_every_field() -> None:
+    declared = {f.name for f in fields(pp.Touch) if f.metadata.get("per_frame")}
+    assert declared == {name.split(".")[0] for name in arrays(full())}
+
+
+def test_a_frame_keeps_every_field() -> None:
+    touch = full()
+    one = touch.frame(2)
+    for name, value in arrays(touch).items():
+        np.testing.assert_array_equal(arrays(one)[name], value[2], err_msg=name)
+    assert (one.notes, one.meta, one.method) == (touch.notes, touch.meta, touch.method)
+    assert one.time == 1.0
+
+
+def test_frames_joined_again_are_the_batch() -> None:
+    touch = full()
+    for parts in ([touch.frame(i) for i in range(4)], [touch[:1], touch[1:]], list(touch)):
+        whole = joined(parts)
+        for name, value in arrays(touch).items():
+            np.testing.assert_array_equal(arrays(whole)[name], value, err_msg=name)
+        assert whole.meta == touch.meta
+
+
+def test_what_only_some_frames_have_is_missing_in_the_rest() -> None:
+    touch = full()
+    bare = pp.Touch(touch.values[0], touch.surface, touch.components, "tikhonov")
+    whole = joined([touch.frame(0), bare])
+    assert list(whole.methods) == ["adaptive", "tikhonov"]
+    assert np.isnan(whole.time[1])  # type: ignore[index]
+    assert np.isnan(whole.errors.force[1]).all()  # type: ignore[union-attr]
+    low, high = whole.interval(0.95, "force")
+    assert np.isfinite(low[0]).all()
+    assert np.isnan(low[1]).all()
+    assert np.isnan(high[1]).all()
+    np.testing.assert_array_equal(low[0], touch.frame(0).interval(0.95, "force")[0])
+
+
+def test_each_frame_uses_the_error_bars_of_the_method_that_found_it() -> None:
+    touch = full()
+    low, high = touch.interval(0.9, "peak_pressure")
+    for i, method in enumerate(touch.methods):
+        alone = replace(touch.frame(i), method=str(method), found_by=None)
+        np.testing.assert_array_equal([low[i], high[i]], alone.interval(0.9, "peak_pressure"))
+
+
+def test_indices_pick_frames_as_numpy_does() -> None:
+    touch = full()
+    np.testing.assert_array_equal(touch[-1].values, touch.values[3])
+    np.testing.assert_array_equal(touch[[2, 0]].time, [1.0, 0.0])
+    np.testing.assert_array_equal(touch[touch.touching].sliding, touch.sliding[touch.touching])  # type: ignore[index]
+    assert len(touch[1:3]) == 2
+    with pytest.raises(pp.InvalidInput, match="no frames 7"):
+        touch[7]
+    with pytest.raises(TypeError, match="one frame"):
+        len(touch[0])
+
+
+def test_a_touch_does_not_change() -> None:
+    values = np.ones((3, 5, 5))
+    touch = pp.Touch(values, pp.AreaGrid(shape=(5, 5), spacing=1.0), ("x", "y", "z"), "known")
+    with pytest.raises(ValueError, match="read-only"):
+        touch.values[0, 0, 0] = 2.0
+    values[0, 0, 0] = 2.0  # the caller's own array stays as it is
+    with pytest.raises(ValueError, match="read-only"):
+        full().errors.force[0] = 0.0  # type: ignore[union-attr]
+
+
+def test_fields_must_have_the_batch_axes() -> None:
+    grid = pp.LineGrid(count=5, spacing=1.0)
+    with pytest.raises(pp.InvalidInput, match=r"time must have the batch axes \(3,\)"):
+        pp.Touch(np.ones((3, 2, 5)), grid, ("x", "z"), "known", time=np.zeros(2))
+    with pytest.raises(pp.InvalidInput, match="values must have shape"):
+        pp.Touch(np.ones((5, 2)), grid, ("x", "z"), "known")
+
+
+def test_results_of_different_skins_are_not_joined() -> None:
+    one = pp.Touch(np.ones((2, 5)), pp.LineGrid(count=5, spacing=1.0), ("x", "z"), "known")
+    other = replace(one, surface=pp.LineGrid(count=5, spacing=2.0))
+    with pytest.raises(pp.InvalidInput, match="different surfaces"):
+        joined([one, other])
+    with pytest.raises(pp.InvalidInput, match="nothing to join"):
+        joined([])
+
+
+def test_a_case_without_constants_of_its_own_says_so() -> None:
+    touch = full()
+    assert touch.calibration_note == ""
+    other = replace(touch, case=Case("area with shear", "mixed", "layers"))
+    assert "not calibrated for this case" in other.calibration_note
+    assert "not calibrated" in other.summary()
+    for case in (Case("line"), Case("area"), Case("area with shear")):
+        assert constants("adaptive", case).case == case
+        assert constants("adaptive", case).population["frames"] > 100

@@ -17,11 +17,11 @@ from palpate.errors import InvalidInput
 __all__ = ["as_real", "device_of", "fftn", "from_numpy", "irfftn", "is_numpy", "namespace", "rfftn", "to_numpy"]
 
 
-def namespace(x: Any) -> Any:
-    """The array namespace of ``x`` (NumPy for NumPy arrays, in its array-API form)."""
+def namespace(*x: Any) -> Any:
+    """The array namespace of the arrays ``x`` (NumPy for NumPy arrays, in its array-API form)."""
     import array_api_compat
 
-    return array_api_compat.array_namespace(x)
+    return array_api_compat.array_namespace(*x)
 
 
 def device_of(x: Any) -> Any:

@@ -39,6 +39,7 @@ from palpate.sensing.surface import default_surface
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
 from palpate.tracking import Tracker
+from palpate.uncertainty import Case
 
 if TYPE_CHECKING:
     from palpate.recordings.recording import Recording
@@ -207,6 +208,10 @@ class Skin:
     def observability(self, wavelength: npt.ArrayLike, *, components: Sequence[str] | None = None) -> Observability:
         """How well each ``wavelength`` [m] of the traction is seen: the condition of its matrix."""
         return observability(self._elastic, self._planes, wavelength, self._names(components))
+
+    def case(self, components: Sequence[str] | None = None) -> Case:
+        """What the constants of its error bars must be for."""
+        return Case.of(self._elastic, self._planes, self._names(components))
 
     def masked(self, working: npt.ArrayLike | Sequence[npt.ArrayLike]) -> Skin:
         """The same skin without the taxels where ``working`` is False; of several planes, one mask for each."""
@@ -400,6 +405,7 @@ class Skin:
             draws=estimate.draws,
             resolution=estimate.resolution,
             sliding=estimate.sliding,
+            case=self.case(sought),
         )
 
     def track(
@@ -455,6 +461,7 @@ class Skin:
             names,
             self._layout,
             notes=self._notes(names, "constrained", solver),
+            case=self.case(names),
             creep=filters,
             baseline=baseline,
             tolerance=tolerance,

@@ -28,6 +28,7 @@ from palpate.inverse.account import Errors
 from palpate.inverse.constrained import FAINT, MARGIN, MODEL_ERROR, Constrained, grown
 from palpate.sensing.readings import Layout
 from palpate.touch import Touch
+from palpate.uncertainty import Case
 
 __all__ = ["Health", "Tracker"]
 
@@ -132,6 +133,7 @@ class Tracker:
         *,
         notes: tuple[str, ...] = (),
         creep: Callable[[], list[CreepFilter | None]] | None = None,
+        case: Case | None = None,
         baseline: Any = 0,
         tolerance: float = 1e-3,
         budget: float | None = None,
@@ -144,7 +146,7 @@ class Tracker:
                 raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
         self.estimator, self.names, self.notes = estimator, names, notes
         self.tolerance, self.budget, self.rezero, self.rate = tolerance, budget, rezero, rate
-        self._make_creep = creep
+        self._make_creep, self._case = creep, case
         self._layout, self._limits, self._label = layout, layout.limits(), label
         self._std = estimator.readings.std
         self._arrays = estimator.readings.arrays
@@ -673,6 +675,7 @@ class Tracker:
             outliers=self.health.left_out.copy(),
             time=np.asarray(now),
             resolution=None if self._resolution is None else np.asarray(self._resolution),
+            case=self._case,
         )
         self._touch = touch
         return touch

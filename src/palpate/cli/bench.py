@@ -79,16 +79,45 @@ def bench_accuracy(
 def bench_calibration(
     frames: Annotated[int, typer.Option(min=20, help="Random contacts.")] = 500,
     method: Annotated[str, typer.Option(help="adaptive or constrained.")] = "adaptive",
+    contact: Annotated[
+        str | None, typer.Option(help='"line", "area" or "area with shear"; by default a mixture of all.')
+    ] = None,
+    sensing: Annotated[str, typer.Option(help="stress, strain or displacement.")] = "stress",
+    body: Annotated[str, typer.Option(help="half-space or layers.")] = "half-space",
     seed: Annotated[int, typer.Option(help="Seed of the contacts and the noise.")] = 12345,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    write: Annotated[
+        Path | None, typer.Option(help="File of constants (constants.json) to put the new ones into.")
+    ] = None,
 ) -> None:
     """The constants of the error bars, from a random population of contacts."""
+    import palpate
     from palpate import bench
 
+    for name, value, accepted in (
+        ("contact", contact, (None, "line", "area", "area with shear")),
+        ("sensing", sensing, ("stress", "strain", "displacement")),
+        ("body", body, ("half-space", "layers")),
+    ):
+        if value not in accepted:
+            raise InvalidInput(f"{name} must be one of {', '.join(str(a) for a in accepted if a)}; got {value!r}.")
     if method not in ("adaptive", "constrained"):
         raise InvalidInput(f"method must be adaptive or constrained; got {method!r}.")
     with Bar("contacts", frames) as step:
-        found = bench.calibration(frames, method=method, seed=seed, jobs=jobs, report=lambda i: step(f"{i}"))
-    typer.echo(f"{'contact':<17}{'quantity':<21}{'shift':>8}{'scale':>8}{'freedom':>9}")
-    for (case, quantity), (shift, scale, freedom) in found.items():
-        typer.echo(f"{case:<17}{quantity:<21}{shift:>8.3f}{scale:>8.3f}{freedom:>9.2f}")
+        found = bench.calibration(
+            frames,
+            method=method,
+            contact=contact,
+            sensing=sensing,
+            body=body,
+            seed=seed,
+            jobs=jobs,
+            report=lambda i: step(f"{i}"),
+        )
+    typer.echo(f"{'case':<44}{'quantity':<21}{'shift':>8}{'scale':>8}{'freedom':>9}")
+    for case, quantities in found.items():
+        for quantity, (shift, scale, freedom) in quantities.items():
+            typer.echo(f"{case!s:<44}{quantity:<21}{shift:>8.3f}{scale:>8.3f}{freedom:>9.2f}")
+    if write is not None:
+        bench.write_constants(write, found, method=method, frames=frames, seed=seed, version=palpate.__version__)
+        typer.echo(f"wrote           {write}")

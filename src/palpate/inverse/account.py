@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
+from palpate._batches import freeze, per_frame
 from palpate.elastic.half_space import Floats
 from palpate.inverse.cone import Solution, cholesky
 from palpate.inverse.stencil import Sparse, Stencil
@@ -38,17 +39,20 @@ class Errors:
     beyond the outermost taxels, where nothing is measured: it is known to a part of itself.
     """
 
-    traction: Floats
-    force: Floats
-    moment: Floats
-    center: Floats
-    peak: Floats
-    detail: Floats
-    outer_traction: Floats
-    outer_force: Floats
-    outer_moment: Floats
-    outer_center: Floats
-    outer_peak: Floats
+    traction: Floats = field(metadata=per_frame())
+    force: Floats = field(metadata=per_frame())
+    moment: Floats = field(metadata=per_frame())
+    center: Floats = field(metadata=per_frame())
+    peak: Floats = field(metadata=per_frame())
+    detail: Floats = field(metadata=per_frame())
+    outer_traction: Floats = field(metadata=per_frame())
+    outer_force: Floats = field(metadata=per_frame())
+    outer_moment: Floats = field(metadata=per_frame())
+    outer_center: Floats = field(metadata=per_frame())
+    outer_peak: Floats = field(metadata=per_frame())
+
+    def __post_init__(self) -> None:
+        freeze(self)
 
     @classmethod
     def gathered(cls, parts: Sequence[Errors | None], gather: Callable[[list[Any]], Any]) -> Errors:

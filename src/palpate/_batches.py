@@ -1,0 +1,110 @@
+"""Fields with batch axes: declared once, walked by everything that picks, joins or copies frames.
+
+A field declared with ``field(metadata=per_frame())`` carries the batch axes first. Picking a frame, joining results, indexing, saving and loading all
+go through the functions below, so a new field needs its declaration and nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from palpate._arrays import is_numpy, namespace, to_numpy
+from palpate.errors import InvalidInput
+
+__all__ = ["freeze", "per_frame", "per_frame_fields", "rebuilt", "stacked"]
+
+Record = TypeVar("Record")
+
+
+def per_frame(*, missing: Any = math.nan) -> dict[str, Any]:
+    """Metadata of a dataclass field with batch axes; ``missing`` stands for frames that do not have it."""
+    return {"per_frame": True, "missing": missing}
+
+
+def per_frame_fields(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """(dotted name, value) of every per-frame field that is there, those of nested records too."""
+    for f in fields(record):
+        if not f.metadata.get("per_frame"):
+            continue
+        value = getattr(record, f.name)
+        if is_dataclass(value):
+            yield from per_frame_fields(value, f"{prefix}{f.name}.")
+        elif value is not None:
+            yield prefix + f.name, value
+
+
+def rebuilt(record: Record, change: Callable[[Any], Any]) -> Record:
+    """The same record with ``change`` applied to every per-frame array, those of nested records too."""
+    changes = {}
+    for f in fields(record):  # type: ignore[arg-type]
+        value = getattr(record, f.name)
+        if f.metadata.get("per_frame") and value is not None:
+            changes[f.name] = rebuilt(value, change) if is_dataclass(value) else change(value)
+    return replace(record, **changes)  # type: ignore[type-var]
+
+
+def stacked(records: Sequence[Any], *, new_axis: bool, counts: Sequence[int]) -> dict[str, Any]:
+    """Per-frame fields of many records as one: along a new first axis, or end to end along the first.
+
+    ``counts`` are the frames of each record. Frames of records that lack a field hold its missing value.
+    """
+    out: dict[str, Any] = {}
+    for f in fields(records[0]):
+        if not f.metadata.get("per_frame"):
+            continue
+        parts = [getattr(r, f.name) for r in records]
+        known = next((p for p in parts if p is not None), None)
+        if known is None:
+            out[f.name] = None
+        elif is_dataclass(known):
+            inner = [_absent(known, n, new_axis) if p is None else p for p, n in zip(parts, counts)]
+            out[f.name] = replace(known, **stacked(inner, new_axis=new_axis, counts=counts))  # type: ignore[type-var]
+        else:
+            filled = [
+                _filled(known, f.metadata["missing"], n, new_axis) if p is None else p for p, n in zip(parts, counts)
+            ]
+            out[f.name] = _together(f.name, filled, new_axis)
+    return out
+
+
+def _absent(known: Any, count: int, new_axis: bool) -> Any:
+    """A record shaped like ``known`` that holds nothing but missing values."""
+    missing = {f.name: f.metadata["missing"] for f in fields(known) if getattr(known, f.name) is not None}
+    return replace(known, **{n: _filled(getattr(known, n), fill, count, new_axis) for n, fill in missing.items()})
+
+
+def _filled(known: Any, missing: Any, count: int, new_axis: bool) -> Any:
+    """Missing values for the frames of one record, shaped as those of ``known``."""
+    array = to_numpy(known)
+    shape = array.shape if new_axis else (count, *array.shape[1:])
+    dtype = array.dtype if not isinstance(missing, float) or array.dtype.kind == "f" else np.float64
+    return np.full(shape, missing, dtype=dtype)
+
+
+def _together(name: str, parts: list[Any], new_axis: bool) -> Any:
+    if all(is_numpy(p) for p in parts) or not all(hasattr(p, "dtype") for p in parts):
+        arrays = [to_numpy(p) for p in parts]
+        shapes = {a.shape if new_axis else a.shape[1:] for a in arrays}
+        if len(shapes) > 1:
+            raise InvalidInput(
+                f"results of different kinds cannot be joined: {name} has the shapes {', '.join(map(str, sorted(shapes)))}. "
+                "Join results of one skin and one number of draws."
+            )
+        return np.stack(arrays) if new_axis else np.concatenate(arrays)
+    xp = namespace(*parts)
+    return xp.stack(parts, axis=0) if new_axis else xp.concat(parts, axis=0)
+
+
+def freeze(record: Any) -> None:
+    """Make the NumPy arrays of a frozen record's per-frame fields read-only (as views: the caller's own stay as they are)."""
+    for f in fields(record):
+        value = getattr(record, f.name)
+        if f.metadata.get("per_frame") and is_numpy(value) and value.flags.writeable:
+            view = value.view()
+            view.flags.writeable = False
+            object.__setattr__(record, f.name, view)

@@ -1,0 +1,197 @@
+"""Accuracy: contacts x noise x methods, beside the clairvoyant filter."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.bench.contacts import Traction
+from palpate.bench.layouts import LAYOUTS, Layout
+from palpate.elastic.half_space import Floats
+from palpate.touch import Touch, intervals
+from palpate.uncertainty import calibrated, constants
+
+__all__ = ["NOISES", "Record", "accuracy", "coverage", "ratios", "run", "spread_over", "standardised", "table"]
+
+#: Noise levels, as parts of the largest reading.
+NOISES = (1e-3, 1e-2, 5e-2)
+
+
+@dataclass(frozen=True)
+class Record:
+    """One reconstruction against the truth."""
+
+    layout: str
+    contact: str
+    noise: float
+    method: str
+    error: float
+    clairvoyant: float
+    z: dict[str, Floats]
+
+    @property
+    def ratio(self) -> float:
+        """Error over that of the clairvoyant filter."""
+        return self.error / self.clairvoyant
+
+
+def standardised(touch: Touch, truth: Floats, friction: float | None) -> dict[str, Floats]:
+    """(true - found)/std of the model for every quantity; cells are those in contact, in truth or as found."""
+    grid = touch.surface
+    columns = [grid.components.index(c) for c in touch.components]
+    true = Touch(truth, grid, touch.components, "truth")
+    known = constants(touch.method, touch.calibration_case)
+
+    def z(of: str, value: Any, mu: float | None = None) -> Floats:
+        found, std, outer, _ = intervals.uncalibrated(touch, known, of, mu)
+        return known.quantities[of].standardised(np.asarray(value), found, std, outer)
+
+    out = {
+        "traction": z("traction", truth)[columns][:, (truth[-1] > 0) | (np.asarray(touch.values)[-1] > 0)],
+        "force": z("force", true.force)[-1:],
+        "moment": z("moment", true.moment),
+        "center_of_pressure": z("center_of_pressure", true.center_of_pressure),
+        "peak_pressure": z("peak_pressure", true.peak_pressure),
+    }
+    if len(columns) > 1:
+        found, std, outer, _ = intervals.uncalibrated(touch, known, "force")
+        away = np.sign(found)
+        shear = known.quantities["shear_force"]
+        out["shear_force"] = shear.standardised(away * true.force, away * found, std, outer)[columns[:-1]]
+    if friction is not None:
+        out["slip_margin"] = z("slip_margin", true.slip_margin(friction), friction)
+    return {
+        k: np.nan_to_num(np.ravel(v).astype(np.float64), nan=0.0, posinf=99.0, neginf=-99.0)
+        for k, v in out.items()
+        if np.size(v)
+    }
+
+
+def run(
+    layout: Layout,
+    name: str,
+    traction: Traction,
+    noise: float,
+    rng: np.random.Generator,
+    methods: Iterable[str],
+    *,
+    yardstick: bool = True,
+) -> list[Record]:
+    """One noise draw of one contact, by the methods asked for; without ``yardstick`` the clairvoyant filter's error is NaN."""
+    readings, truth = layout.make(traction)
+    std = noise * float(np.abs(readings).max())
+    noisy = readings + std * rng.standard_normal(readings.shape)
+    key = (name, noise)
+    if not yardstick:
+        clairvoyant = math.nan
+    elif key in layout.yardsticks:
+        clairvoyant = layout.yardsticks[key]
+    else:
+        clairvoyant = layout.yardsticks[key] = layout.clairvoyant(layout.middle.get(name, traction), std)
+    columns = [layout.skin.surface.components.index(c) for c in layout.components]
+    size = float(np.linalg.norm(truth[columns]))
+    records = []
+    for method in methods:
+        options: dict[str, Any] = {"friction": layout.friction} if method in ("adaptive", "constrained") else {}
+        if method != "adaptive":
+            options["method"] = method
+        touch = layout.skin.reconstruct(noisy, components=list(layout.components), **options)
+        error = float(np.linalg.norm((np.asarray(touch.values) - truth)[columns])) / size
+        z = standardised(touch, truth, layout.friction) if touch.errors is not None else {}
+        records.append(Record(layout.name, name, noise, method, error, clairvoyant, z))
+    return records
+
+
+def accuracy(
+    layouts: Sequence[str] = tuple(LAYOUTS),
+    noises: Sequence[float] = NOISES,
+    *,
+    draws: int = 2,
+    seed: int = 0,
+    family: bool = True,
+    jobs: int = 1,
+    report: Callable[[Record], None] | None = None,
+) -> list[Record]:
+    """Every contact of the layouts at every noise level, ``draws`` times."""
+    tasks = [
+        (name, noise, contact, draws, seed, family)
+        for name in layouts
+        for noise in noises
+        for contact in LAYOUTS[name].contacts
+    ]
+    records = []
+    for some in spread_over(_one_contact, tasks, jobs):
+        for record in some:
+            records.append(record)
+            if report is not None:
+                report(record)
+    return records
+
+
+def _one_contact(task: tuple[str, float, str, int, int, bool]) -> list[Record]:
+    name, noise, contact, draws, seed, family = task
+    layout = LAYOUTS[name]
+    out = []
+    for draw in range(draws):
+        rng = np.random.default_rng([seed, draw, zlib.crc32(f"{name} {contact} {noise}".encode())])
+        out += run(
+            layout, contact, layout.contacts[contact], noise, rng, ("adaptive", *(layout.methods if family else ()))
+        )
+    return out
+
+
+def ratios(records: Sequence[Record], method: str = "adaptive") -> dict[tuple[str, str, float], float]:
+    """Mean error over draws, over the clairvoyant filter's, of each layout, contact and noise."""
+    groups: dict[tuple[str, str, float], list[float]] = {}
+    for r in records:
+        if r.method == method:
+            groups.setdefault((r.layout, r.contact, r.noise), []).append(r.ratio)
+    return {k: float(np.mean(v)) for k, v in groups.items()}
+
+
+def coverage(records: Sequence[Record], level: float, method: str = "adaptive") -> dict[str, float]:
+    """Part of true values inside the interval of that level, for each quantity; every contact and noise counts alike."""
+    inside: dict[str, dict[tuple[str, str, float], list[float]]] = {}
+    zero, one, none = np.asarray(0.0), np.asarray(1.0), np.asarray(-math.inf)
+    for record in records:
+        if record.method != method:
+            continue
+        for quantity, z in record.z.items():
+            known = calibrated(method, LAYOUTS[record.layout].case, quantity)
+            low, high = (float(v) for v in known.bounds(level, zero, one, zero, none))
+            # every frame counts once, however many cells it has
+            group = inside.setdefault(quantity, {}).setdefault((record.layout, record.contact, record.noise), [])
+            group.append(float(np.mean((z >= low) & (z <= high))))
+    return {quantity: float(np.mean([np.mean(v) for v in groups.values()])) for quantity, groups in inside.items()}
+
+
+def spread_over(function: Callable[[Any], Any], tasks: Sequence[Any], jobs: int) -> Iterable[Any]:
+    """Results in order, from ``jobs`` processes."""
+    if jobs == 1:
+        yield from map(function, tasks)
+        return
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    # a fresh interpreter each: a forked one would share the state of threaded linear algebra
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(function, tasks, chunksize=1)
+
+
+def table(records: Sequence[Record]) -> list[tuple[str, str, float, float, float, int]]:
+    """(layout, method, noise, geometric mean of the ratios, largest ratio, contacts), largest noise last."""
+    rows = []
+    methods = list(dict.fromkeys(r.method for r in records))
+    for method in methods:
+        found: Mapping[tuple[str, str, float], float] = ratios(records, method)
+        for layout in dict.fromkeys(k[0] for k in found):
+            for noise in (*sorted({k[2] for k in found}), math.nan):
+                some = [v for k, v in found.items() if k[0] == layout and (math.isnan(noise) or k[2] == noise)]
+                if some:
+                    rows.append((layout, method, noise, float(np.exp(np.mean(np.log(some)))), max(some), len(some)))
+    return rows

@@ -1,0 +1,226 @@
+"""Calibration of the error bars: constants from a random population of contacts."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from palpate.bench.accuracy import run, spread_over
+from palpate.bench.contacts import Patch, Traction, area_contact, line_contact
+from palpate.bench.layouts import Layout
+from palpate.elastic import BondedLayers, HalfSpace, Layer
+from palpate.elastic.half_space import Floats, Pad
+from palpate.sensing import AreaArray, LineArray
+from palpate.uncertainty import Case, constants
+
+__all__ = ["calibration", "crossing", "population", "write_constants"]
+
+#: Quantities whose error has a sign: pressure only adds up, edges are rounded, weak shear is drawn to zero.
+SHIFTED = ("force", "peak_pressure", "shear_force", "slip_margin")
+
+
+#: Channels of each kind of sensing: of pressure alone, and with shear.
+CHANNELS = {
+    "stress": (["stress_zz"], ["stress_xz", "stress_yz", "stress_zz"]),
+    "strain": (["strain_zz"], ["strain_xz", "strain_yz", "strain_zz"]),
+    "displacement": (["displacement_z"], ["displacement_x", "displacement_y", "displacement_z"]),
+}
+
+
+def population(
+    rng: np.random.Generator, *, contact: str | None = None, sensing: str = "stress", body: str = "half-space"
+) -> tuple[Layout, Traction, float]:
+    """A random layout, contact (inside the array) and noise, none of them those of `LAYOUTS`.
+
+    ``contact`` is "line", "area" or "area with shear" (default: any of them); ``sensing`` and ``body`` are those of a
+    `palpate.uncertainty.Case`.
+    """
+    noise = float(np.exp(rng.uniform(math.log(5e-4), math.log(7e-2))))
+    ratio = float(rng.uniform(0.3, 0.5))
+    line = rng.random() < 0.5
+    if line if contact is None else contact == "line":
+        count = int(rng.integers(60, 140))
+        depth = float(rng.uniform(0.5, 2.5))
+        array = LineArray(count=count, pitch=0.5, depth=depth, channels=CHANNELS[sensing][0])
+        reach = 0.25 * count - 2.0 * array.depth  # contacts end inside the array
+        parts = []
+        for _ in range(int(rng.choice([1, 1, 2, 3]))):
+            kind = str(rng.choice(["cylinder", "punch", "strip", "wedge", "tilted", "bump"]))
+            width = float(np.exp(rng.uniform(math.log(0.6), math.log(min(9.0, 0.8 * reach)))))
+            parts.append((kind, float(rng.uniform(-1, 1) * (reach - width)), width, float(rng.uniform(0.4, 1.0))))
+        return Layout("line", _body(body, ratio, depth, rng), array, {}), line_contact(*parts), noise
+    shear = rng.random() < 0.3
+    shear = shear if contact is None else contact == "area with shear"
+    size = int(rng.integers(14, 25 if shear else 33))
+    depth = float(rng.uniform(1.0, 3.0))
+    area = AreaArray(shape=(size, size), pitch=1.0, depth=depth, channels=CHANNELS[sensing][int(shear)])
+    patches = []
+    for _ in range(1 if shear else int(rng.choice([1, 1, 2]))):
+        a, b = np.exp(rng.uniform(math.log(1.2), math.log(0.28 * size), size=2))
+        kind = str(rng.choice(["ball", "ball", "punch", "block", "ring", "cone", "tilted"]))
+        center = (float(rng.uniform(-0.15, 0.15) * size), float(rng.uniform(-0.15, 0.15) * size))
+        patches.append(
+            Patch(kind, center, (float(a), float(b)), float(rng.uniform(0.4, 1.0)), float(rng.uniform(0, 3)))
+        )
+    mu = float(rng.uniform(0.2, 0.9))
+    traction = area_contact(
+        *patches, shear=str(rng.choice(["slide", "stick", "twist", ""])) if shear else "", friction=mu
+    )
+    components = ("x", "y", "z") if shear else ("z",)
+    pad = _body(body, ratio, depth, rng)
+    return Layout("area", pad, area, {}, components, mu if shear else None), traction, noise
+
+
+def _body(body: str, ratio: float, depth: float, rng: np.random.Generator) -> Pad:
+    """A half-space, or a layer on a rigid base 1.05 to 3 times as deep as the taxels."""
+    if body == "half-space":
+        return HalfSpace(youngs_modulus=1.0, poissons_ratio=ratio)
+    thickness = depth * float(rng.uniform(1.05, 3.0))
+    return BondedLayers([Layer(thickness=thickness, youngs_modulus=1.0, poissons_ratio=min(ratio, 0.495))])
+
+
+def crossing(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
+    """The same with a contact across the array's edge: from almost all of it inside to more than half beyond."""
+    noise = float(np.exp(rng.uniform(math.log(5e-4), math.log(7e-2))))
+    pad = HalfSpace(youngs_modulus=1.0, poissons_ratio=float(rng.uniform(0.3, 0.5)))
+    part, side = float(rng.uniform(-0.95, 0.5)), float(rng.choice([-1, 1]))
+    peak = float(rng.uniform(0.4, 1.0))
+    if rng.random() < 0.5:
+        count = int(rng.integers(60, 140))
+        line = LineArray(count=count, pitch=0.5, depth=float(rng.uniform(0.5, 2.5)), channels=["stress_zz"])
+        kind = str(rng.choice(["cylinder", "punch", "strip", "wedge", "tilted", "bump"]))
+        width = float(np.exp(rng.uniform(0.0, math.log(9.0))))
+        traction = line_contact((kind, side * (0.25 * count + part * width), width, peak))
+        return Layout("line", pad, line, {}), traction, noise
+    shear = rng.random() < 0.3
+    channels = ["stress_xz", "stress_yz", "stress_zz"] if shear else ["stress_zz"]
+    size = int(rng.integers(14, 20 if shear else 26))
+    area = AreaArray(shape=(size, size), pitch=1.0, depth=float(rng.uniform(1.0, 3.0)), channels=channels)
+    a, b = (float(v) for v in np.exp(rng.uniform(math.log(1.2), math.log(0.28 * size), size=2)))
+    kind = str(rng.choice(["ball", "ball", "punch", "block", "ring", "cone", "tilted"]))
+    center = (side * (0.5 * size + part * 0.5 * (a + b)), float(rng.uniform(-0.5, 0.5) * size))
+    patch = Patch(kind, center if rng.random() < 0.5 else center[::-1], (a, b), peak, float(rng.uniform(0, 3)))
+    mu = float(rng.uniform(0.2, 0.9))
+    traction = area_contact(patch, shear=str(rng.choice(["slide", "stick", "twist", ""])) if shear else "", friction=mu)
+    components = ("x", "y", "z") if shear else ("z",)
+    return Layout("area", pad, area, {}, components, mu if shear else None), traction, noise
+
+
+def calibration(
+    frames: int = 400,
+    *,
+    method: str = "adaptive",
+    contact: str | None = None,
+    sensing: str = "stress",
+    body: str = "half-space",
+    seed: int = 12345,
+    jobs: int = 1,
+    report: Callable[[int], None] | None = None,
+) -> dict[Case, dict[str, tuple[float, float, float]]]:
+    """Shift, scale and degrees of freedom of each case and quantity that make the intervals of 50 and 95 % hold.
+
+    From a random `population` of contacts.
+    """
+    z: dict[Case, dict[str, list[Floats]]] = {}
+    tasks = [(seed, i, method, contact, sensing, body) for i in range(frames)]
+    for i, (case, found) in enumerate(spread_over(_one_frame, tasks, jobs)):
+        for quantity, values in found.items():
+            z.setdefault(case, {}).setdefault(quantity, []).append(values)
+        if report is not None:
+            report(i + 1)
+    ordered = sorted(z.items(), key=lambda item: str(item[0]))
+    return {
+        case: {quantity: _fit(values, shifted=quantity in SHIFTED) for quantity, values in sorted(found.items())}
+        for case, found in ordered
+    }
+
+
+def _one_frame(task: tuple[int, int, str, str | None, str, str]) -> tuple[Case, dict[str, Floats]]:
+    seed, index, method, contact, sensing, body = task
+    rng = np.random.default_rng((seed, index))
+    layout, traction, noise = population(rng, contact=contact, sensing=sensing, body=body)
+    return layout.case, run(layout, "random", traction, noise, rng, (method,), yardstick=False)[0].z
+
+
+def write_constants(
+    path: str | Path,
+    found: Mapping[Case, Mapping[str, tuple[float, float, float]]],
+    *,
+    method: str,
+    frames: int,
+    seed: int,
+    version: str,
+) -> None:
+    """Put new constants into the file of constants: entries of the same method and case are replaced, others kept.
+
+    What the frames did not show (shear where none is sought) and the part beyond the array are taken from the nearest entry.
+    """
+    file = Path(path)
+    data = json.loads(file.read_text(encoding="utf-8"))
+    for case, quantities in found.items():
+        near = constants(method, case)
+        borrowed = sorted(set(near.quantities) - set(quantities))
+        entry = {
+            "method": method,
+            "contact": case.contact,
+            "sensing": case.sensing,
+            "body": case.body,
+            "beyond": near.beyond,
+            "population": {
+                "description": "random contacts and noise, palpate.bench.population",
+                "frames": frames,
+                "seed": seed,
+                "version": version,
+                "borrowed": f"beyond, {', '.join(borrowed)} from {near.case}"
+                if borrowed
+                else f"beyond from {near.case}",
+            },
+            "quantities": {
+                **{q: [c.shift, c.scale, c.freedom] for q, c in near.quantities.items() if q in borrowed},
+                **{q: list(numbers) for q, numbers in quantities.items()},
+            },
+        }
+        place = {(e["method"], e["contact"], e["sensing"], e["body"]): i for i, e in enumerate(data["entries"])}
+        here = place.get((method, case.contact, case.sensing, case.body))
+        if here is None:
+            data["entries"].append(entry)
+        else:
+            data["entries"][here] = entry
+    file.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+
+def _fit(frames: Sequence[Floats], *, shifted: bool) -> tuple[float, float, float]:
+    """(shift, scale, freedom) of b + s t_nu with the right share of errors within its 50 and 95 % intervals."""
+    import scipy.optimize
+    import scipy.special
+
+    values = np.concatenate(frames)
+    weights = np.concatenate([np.full(len(v), 1.0 / len(v)) for v in frames])
+    order = np.argsort(values)
+    share = np.cumsum(weights[order]) / weights.sum()
+    quartiles = np.interp([0.25, 0.5, 0.75], share, values[order])
+    shift = float(0.5 * (quartiles[0] + quartiles[2])) if shifted else 0.0
+    size = np.abs(values - shift)
+    order = np.argsort(size)
+    share = np.cumsum(weights[order]) / weights.sum()
+    half, most = np.interp([0.5, 0.95], share, size[order])
+
+    def miss(log_freedom: float) -> float:
+        nu = math.exp(log_freedom)
+        return float(scipy.special.stdtrit(nu, 0.975) / scipy.special.stdtrit(nu, 0.75) - most / half)
+
+    low, high = math.log(0.6), math.log(1e4)
+    if miss(low) < 0:
+        log_freedom = low
+    elif miss(high) > 0:
+        log_freedom = high
+    else:
+        log_freedom = float(scipy.optimize.brentq(miss, low, high))
+    freedom = math.exp(log_freedom)
+    # between the two levels where no Student distribution fits both
+    scale = float(np.sqrt(half / scipy.special.stdtrit(freedom, 0.75) * most / scipy.special.stdtrit(freedom, 0.975)))
+    return round(shift, 3), round(scale, 3), round(freedom, 2)

@@ -1,0 +1,171 @@
+"""Calibrated error bars of a touch.
+
+Each frame's interval uses the constants of the method that found it; frames of a method without error bars hold NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.account import Errors
+from palpate.uncertainty import Calibration, Constants, constants
+
+if TYPE_CHECKING:
+    from palpate.touch.result import Touch
+
+__all__ = ["calibration_note", "errors", "exceeds", "interval", "std", "uncalibrated"]
+
+
+def errors(touch: Touch) -> Errors:
+    """The closed-form standard deviations, or `Unsupported` where the method gives none."""
+    if touch.errors is None:
+        raise Unsupported(
+            f'method="{touch.method}" gives no error bars; use method="adaptive" (the default where pressure is sought).'
+        )
+    return touch.errors
+
+
+def _each_method(touch: Touch, function: Callable[[Constants], tuple[Floats, ...]]) -> tuple[Floats, ...]:
+    """``function`` of the constants of each frame's method, put together; NaN where a method has none."""
+    methods = touch.methods
+    out: tuple[Floats, ...] | None = None
+    for method in dict.fromkeys(methods.ravel().tolist()):
+        try:
+            known = constants(method, touch.calibration_case)
+        except Unsupported:
+            if out is None and (methods == method).all():
+                raise
+            continue
+        found = function(known)
+        if out is None:
+            out = tuple(np.full(np.shape(f), math.nan) for f in found)
+        for whole, part in zip(out, found):
+            mask = np.reshape(methods == method, (*methods.shape, *(1,) * (np.ndim(part) - methods.ndim)))
+            np.copyto(whole, part, where=mask)
+    if out is None:
+        raise Unsupported(f'method="{touch.method}" gives no error bars.')
+    return out
+
+
+def calibration_note(touch: Touch) -> str:
+    """Whose constants are used, where the case has none of its own."""
+    if touch.errors is None:
+        return ""
+    for method in dict.fromkeys(touch.methods.ravel().tolist()):
+        try:
+            used = constants(method, touch.calibration_case).case
+        except Unsupported:
+            continue
+        if used != touch.calibration_case:
+            return (
+                f"error bars are not calibrated for this case ({touch.calibration_case}); those for {used} are used, and may be too "
+                "narrow or too wide"
+            )
+    return ""
+
+
+def std(touch: Touch) -> Floats:
+    """Standard deviation of the traction (*batch, component, *surface) [Pa]."""
+    errors(touch)
+
+    def of(known: Constants) -> tuple[Floats, ...]:
+        _, raw, outer, _ = uncalibrated(touch, known, "traction")
+        traction = known.quantities["traction"]
+        return (traction.std * np.hypot(raw, outer / traction.scale),)
+
+    return _each_method(touch, of)[0]
+
+
+def interval(touch: Touch, level: float, of: str, friction: float | None) -> tuple[Floats, Floats]:
+    """See `Touch.interval`."""
+    if not (isinstance(level, int | float) and 0 < level < 1):
+        raise InvalidInput(f"level must lie between 0 and 1; got {level!r}.")
+    errors(touch)
+
+    def bounds(known: Constants) -> tuple[Floats, Floats]:
+        table = known.quantities
+        names = [q for q in table if q != "shear_force"]
+        if of not in names:
+            raise InvalidInput(f"of must be one of {', '.join(names)}; got {of!r}.")
+        if (friction is not None) != (of == "slip_margin"):
+            raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
+        value, deviation, outer, floor = uncalibrated(touch, known, of, friction)
+        low, high = table[of].bounds(level, value, deviation, outer, floor)
+        if of == "force" and "shear_force" in table:
+            # pressure only adds up, so that its sum is biased where that of shear is not
+            sides = table["shear_force"].bounds(level, value, deviation, outer, floor, away=True)
+            for side, shear in zip((low, high), sides):
+                side[..., :-1] = shear[..., :-1]
+        if touch.touching is not None and not touch.touching.all():
+            # an empty frame's error is that of what would not show: nothing was found that could be biased
+            empty = ~touch.touching.reshape((*touch.touching.shape, *(1,) * (low.ndim - touch.touching.ndim)))
+            plain = Calibration().bounds(level, value, deviation, outer, floor)
+            low, high = np.where(empty, plain[0], low), np.where(empty, plain[1], high)
+        return low, high
+
+    low, high = _each_method(touch, bounds)
+    return low, high
+
+
+def exceeds(touch: Touch, limit: float, of: str) -> Floats:
+    """See `Touch.exceeds`."""
+    if of not in ("peak_pressure", "force"):
+        raise InvalidInput(f'of must be "peak_pressure" or "force" (the normal force); got {of!r}.')
+    errors(touch)
+
+    def chance(known: Constants) -> tuple[Floats, ...]:
+        value, deviation, outer, _ = uncalibrated(touch, known, of)
+        if of == "force":
+            value, deviation, outer = value[..., -1], deviation[..., -1], outer[..., -1]
+        return (known.quantities[of].above(limit, value, deviation, outer),)
+
+    return _each_method(touch, chance)[0]
+
+
+def uncalibrated(
+    touch: Touch, known: Constants, of: str, friction: float | None = None
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Of a quantity: value, standard deviation by the model, error of what lies beyond the array, and what it cannot go below."""
+    found = errors(touch)
+    sign = np.full(len(touch.surface.components), -math.inf)
+    sign[-1] = 0.0 if "z" in touch.components else -math.inf
+    none = np.asarray(-math.inf)
+    if of == "traction":
+        floor = sign.reshape(-1, *(1,) * touch.surface.dimensions)
+        return to_numpy(touch.values), found.traction, known.beyond * found.outer_traction, floor
+    if of == "force":
+        return to_numpy(touch.force), found.force, known.beyond * found.outer_force, sign
+    if of == "moment":
+        return to_numpy(touch.moment), found.moment, known.beyond * found.outer_moment, none
+    if of == "center_of_pressure":
+        return to_numpy(touch.center_of_pressure), found.center, known.beyond * found.outer_center, none
+    if of == "peak_pressure":
+        return to_numpy(touch.peak_pressure), found.peak, known.beyond * found.outer_peak, np.asarray(sign[-1])
+    value, deviation = _slip(touch, found, float(friction or 0.0))
+    return value, deviation, np.zeros_like(deviation), none
+
+
+def _slip(touch: Touch, found: Errors, friction: float) -> tuple[Floats, Floats]:
+    """Slip margin and its standard deviation, that of mu p - |q| in the cell that is nearest to slip."""
+    value = to_numpy(touch.slip_margin(friction))
+    values, d = to_numpy(touch.values), touch.surface.dimensions
+    variance = np.moveaxis(found.traction**2, -1 - d, 0)
+    traction = np.moveaxis(values, -1 - d, 0)
+    shear, p = traction[:-1], traction[-1]
+    size = np.sqrt((shear**2).sum(axis=0))
+    along = (shear**2 * variance[:-1]).sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = np.where(size > 0, along / size**2, variance[:-1].mean(axis=0))
+    total = friction**2 * variance[-1] + along
+    margin = np.where(to_numpy(touch.contact()), friction * p - size, math.inf)
+    flat = margin.reshape(*margin.shape[: margin.ndim - d], -1)
+    index = np.argmin(flat, axis=-1)[..., None]
+    variance_there = np.take_along_axis(total.reshape(flat.shape), index, axis=-1)[..., 0]
+    return value, np.where(np.isfinite(value), np.sqrt(variance_there), math.nan)

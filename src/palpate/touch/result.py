@@ -1,0 +1,462 @@
+"""The result: traction on the surface, and what can be read off it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import from_numpy, is_numpy, namespace, to_numpy
+from palpate._batches import freeze, per_frame, per_frame_fields, rebuilt, stacked
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput, NotObservable
+from palpate.inverse.account import Errors
+from palpate.sensing.grids import Grid
+from palpate.touch import intervals
+from palpate.uncertainty import Case, contact_kind
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+__all__ = ["Touch", "joined"]
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """What touches the pad.
+
+    Attributes
+    ----------
+    values : array (*batch, component, *surface)
+        Traction [Pa] in the caller's array kind; components ("x", "z") on a line, ("x", "y", "z") on an area.
+        Components that were not sought are 0.
+    surface : LineGrid or AreaGrid
+        Where the traction lives.
+    components : tuple of str
+        The components that were sought; the others were taken as zero.
+    method : str
+        The method that was asked for; `methods` says what found each frame.
+    notes : tuple of str
+        What was assumed and what could not be seen.
+    parameter : array (*batch) or None
+        Regularisation parameter: the weight of int |D^m t|^2 [Pa^2 m^(d - 2m)] against the squared, noise-scaled residuals.
+    noise_std : array (*batch, channel) or None
+        Standard deviation of the noise of each channel, as given or as estimated from the misfit.
+    residual : array (*batch) or None
+        Root mean square misfit in units of `noise_std` as used for weighting (1 is perfect where the noise was given).
+    unseen_force : tuple of str
+        Components whose net force leaves no trace in the readings; `force` is NaN there.
+    time : array (*batch) or None
+        Time of each frame [s].
+    errors : Errors or None
+        Standard deviations in closed form, as the model gives them; `std` and `interval` put them to use.
+    converged : array (*batch) of bool or None
+        Whether the optimisation reached its tolerance.
+    touching : array (*batch) of bool or None
+        False where noise alone explains the frame.
+    outliers : array (*batch, reading) of bool or None
+        Readings that were left out because no contact explains them.
+    draws : array (*batch, draw, component, *surface) or None
+        Samples of the posterior [Pa], where asked for.
+    resolution : array (*batch) or None
+        Finest detail that the readings tell [m]: the size of the patch that has one degree of freedom of its own. What is finer
+        is the prior's.
+    sliding : array (*batch) or None
+        Where friction was given: probability that shear is in one proportion to pressure all over, as where the contact slides as a whole;
+        NaN where nothing touches.
+    found_by : array (*batch) of str or None
+        The method that found each frame, where that is not ``method`` for all.
+    case : Case or None
+        What the error bars' constants must be for: contact, kind of channels, body (`palpate.uncertainty`).
+
+    Notes
+    -----
+    A Touch does not change: its NumPy arrays are read-only (copy one to change it). Maps (`traction`, `pressure`, `shear`, `std`,
+    `detail`, the interval of the traction) are labelled xarray objects; numbers read off them (`force`, `moment`,
+    `center_of_pressure`, `peak_pressure`, ... and their intervals) are plain arrays of the caller's kind with the batch axes first.
+    Positions and vectors are (x, y) or (x, y, z); array axes are (y, x).
+    """
+
+    values: Any = field(metadata=per_frame())
+    surface: Grid
+    components: tuple[str, ...]
+    method: str
+    notes: tuple[str, ...] = ()
+    parameter: Floats | None = field(default=None, metadata=per_frame())
+    noise_std: Floats | None = field(default=None, metadata=per_frame())
+    residual: Floats | None = field(default=None, metadata=per_frame())
+    unseen_force: tuple[str, ...] = ()
+    time: Floats | None = field(default=None, metadata=per_frame())
+    meta: dict[str, str] = field(default_factory=dict)
+    errors: Errors | None = field(default=None, metadata=per_frame())
+    converged: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))
+    touching: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))
+    outliers: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=False))
+    draws: Floats | None = field(default=None, metadata=per_frame())
+    resolution: Floats | None = field(default=None, metadata=per_frame())
+    sliding: Floats | None = field(default=None, metadata=per_frame())
+    found_by: npt.NDArray[np.str_] | None = field(default=None, metadata=per_frame(missing=""))
+    case: Case | None = None
+
+    def __post_init__(self) -> None:
+        expected = (len(self.surface.components), *self.surface.shape)
+        shape = tuple(np.shape(self.values))
+        if shape[-len(expected) :] != expected:
+            raise InvalidInput(
+                f"values must have shape (*batch, component, *surface) = (..., {', '.join(map(str, expected))}); got {shape}."
+            )
+        batch = self.batch
+        for name, value in per_frame_fields(self):
+            if tuple(np.shape(value))[: len(batch)] != batch:
+                raise InvalidInput(
+                    f"{name} must have the batch axes {batch} of values first; it has the shape {tuple(np.shape(value))}."
+                )
+        freeze(self)
+
+    # -- frames --------------------------------------------------------------------------------------------------------
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Shape of the batch axes; () for one frame."""
+        return tuple(np.shape(self.values))[: -1 - self.surface.dimensions]
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __len__(self) -> int:
+        """Number of frames along the first batch axis."""
+        if not self.batch:
+            raise TypeError("this Touch is one frame and has no length")
+        return self.batch[0]
+
+    def __iter__(self) -> Iterator[Touch]:
+        return (self[i] for i in range(len(self)))
+
+    def __getitem__(self, index: Any) -> Touch:
+        """Frames picked along the batch axes, as NumPy picks: ``touch[3]``, ``touch[10:20]``, ``touch[touch.touching]``.
+
+        Raises
+        ------
+        InvalidInput
+            No such frame, or more indices than batch axes.
+        """
+        picks = index if isinstance(index, tuple) else (index,)
+        try:
+            where = np.arange(math.prod(self.batch)).reshape(self.batch)[picks]
+        except IndexError as error:
+            raise InvalidInput(f"no frames {index!r} in a result with the batch axes {self.batch}.") from error
+        return self._picked(np.asarray(where))
+
+    def _picked(self, where: npt.NDArray[np.intp]) -> Touch:
+        """The frames with these flat indices, shaped as the indices are."""
+        lead, count = len(self.batch), math.prod(self.batch)
+
+        def pick(a: Any) -> Any:
+            rest = tuple(a.shape[lead:])
+            if is_numpy(a) or not hasattr(a, "dtype"):
+                return np.asarray(a).reshape(count, *rest)[where]
+            xp = namespace(a)
+            flat = xp.reshape(a, (count, *rest))
+            taken = xp.take(flat, xp.asarray(where.ravel(), device=getattr(a, "device", None)), axis=0)
+            return xp.reshape(taken, (*where.shape, *rest))
+
+        return rebuilt(self, pick)
+
+    def frame(self, index: int) -> Touch:
+        """One frame, counted over all batch axes (the touch itself where there is no batch)."""
+        if not self.batch:
+            return self
+        count = math.prod(self.batch)
+        if not -count <= index < count:
+            raise InvalidInput(f"frame {index} is not among the {count} frames.")
+        return self._picked(np.asarray(index % count))
+
+    @property
+    def methods(self) -> npt.NDArray[np.str_]:
+        """The method that found each frame (*batch)."""
+        return np.full(self.batch, self.method) if self.found_by is None else self.found_by
+
+    # -- labelled views ------------------------------------------------------------------------------------------------
+
+    @property
+    def traction(self) -> xarray.DataArray:
+        """Traction [Pa] with coordinates: (time, component, y, x), or (component, x) for one frame on a line."""
+        import xarray
+
+        data = to_numpy(self.values)
+        d = self.surface.dimensions
+        batch = data.shape[: -1 - d]
+        dims = ["time"] if len(batch) == 1 else [f"batch_{i}" for i in range(len(batch))]
+        coords: dict[str, Any] = {"component": list(self.surface.components)}
+        if len(batch) == 1:
+            coords["time"] = np.arange(batch[0], dtype=np.float64) if self.time is None else self.time
+        elif not batch and self.time is not None:
+            coords["time"] = float(self.time)
+        for name, axis in zip(("x",) if d == 1 else ("y", "x"), self.surface.axes):
+            coords[name] = axis
+        out = xarray.DataArray(
+            data,
+            dims=[*dims, "component", *(("x",) if d == 1 else ("y", "x"))],
+            coords=coords,
+            name="traction",
+            attrs={
+                "units": "Pa",
+                "long_name": "surface traction",
+                "method": self.method,
+                "notes": "\n".join(self.notes),
+            },
+        )
+        for name in ("x", "y")[:d]:
+            out[name].attrs["units"] = "m"
+        if len(batch) == 1:
+            out["time"].attrs["units"] = "frame" if self.time is None else "s"
+        return out
+
+    @property
+    def pressure(self) -> xarray.DataArray:
+        """Pressure p [Pa], positive into the pad."""
+        return self._sought("z").sel(component="z", drop=True).rename("pressure")
+
+    @property
+    def shear(self) -> xarray.DataArray:
+        """Shear traction [Pa]: component "x", or "x" and "y"."""
+        names = [c for c in self.surface.components if c != "z"]
+        return self._sought(*names).sel(component=names).rename("shear")
+
+    def _sought(self, *names: str) -> xarray.DataArray:
+        self._require(*names)
+        return self.traction
+
+    def _require(self, *names: str) -> None:
+        missing = [n for n in names if n not in self.components]
+        if missing:
+            raise NotObservable(
+                f"the component{'s' if len(missing) > 1 else ''} {', '.join(missing)} of the traction was not sought: "
+                f"only {', '.join(self.components)} {'was' if len(self.components) == 1 else 'were'}, and the rest taken as "
+                "zero. Measure more channels or another plane, and ask for it with components=[...]."
+            )
+
+    # -- numbers -------------------------------------------------------------------------------------------------------
+
+    def _component(self, name: str) -> Any:
+        d = self.surface.dimensions
+        return self.values[(..., self.surface.components.index(name), *(slice(None),) * d)]
+
+    def _integral(self, x: Any) -> Any:
+        xp = namespace(x)
+        return xp.sum(x, axis=tuple(range(-self.surface.dimensions, 0))) * self.surface.cell
+
+    def _coordinate(self, name: str) -> Any:
+        """x or y [m], shaped to multiply a component."""
+        if name == "x":
+            return from_numpy(self.surface.x, self.values)
+        return from_numpy(self.surface.axes[0][:, None], self.values)
+
+    @property
+    def force(self) -> Any:
+        """Net force (*batch, component) [N], or [N/m] on a line; NaN where `unseen_force` says it cannot be known."""
+        xp = namespace(self.values)
+        total = self._integral(self.values)
+        if self.unseen_force:
+            lost = np.array([math.nan if c in self.unseen_force else 0.0 for c in self.surface.components])
+            total = total + from_numpy(lost, self.values)
+        return xp.asarray(total)
+
+    @property
+    def moment(self) -> Any:
+        """Moment about the origin of the surface coordinates.
+
+        On an area (*batch, 3) [N m]: (int y p, -int x p, int (x q_y - y q_x)). On a line (*batch, 1) [N]: about y, -int x p.
+        NaN where it involves a component of `unseen_force`.
+        """
+        xp = namespace(self.values)
+        x, p = self._coordinate("x"), self._component("z")
+        about_y = -self._integral(x * p)
+        if self.surface.dimensions == 1:
+            parts, needs = [about_y], ["z"]
+        else:
+            y = self._coordinate("y")
+            spin = self._integral(x * self._component("y") - y * self._component("x"))
+            parts, needs = [self._integral(y * p), about_y, spin], ["z", "z", "xy"]
+        out = xp.stack(parts, axis=-1)
+        lost = np.array([math.nan if any(c in self.unseen_force for c in n) else 0.0 for n in needs])
+        return out + from_numpy(lost, self.values)
+
+    @property
+    def center_of_pressure(self) -> Any:
+        """(*batch, 2) as (x, y), or (*batch, 1) on a line [m]: int x p / int p over the `contact`; NaN without contact.
+
+        Only the contact counts: far from it the recovered pressure is noise around zero, which a long lever would amplify.
+        """
+        self._require("z")
+        xp = namespace(self.values)
+        p = xp.where(self.contact(), self._component("z"), xp.zeros_like(self._component("z")))
+        total = self._integral(p)
+        safe = xp.where(total > 0, total, xp.ones_like(total) * math.nan)
+        names = ("x",) if self.surface.dimensions == 1 else ("x", "y")
+        return xp.stack([self._integral(self._coordinate(n) * p) / safe for n in names], axis=-1)
+
+    @property
+    def peak_pressure(self) -> Any:
+        """Largest pressure (*batch) [Pa]."""
+        self._require("z")
+        return self._largest(self._component("z"))
+
+    def _largest(self, x: Any) -> Any:
+        return namespace(x).max(x, axis=tuple(range(-self.surface.dimensions, 0)))
+
+    def contact(self, *, threshold: float = 0.1) -> Any:
+        """True (*batch, *surface) where the pressure exceeds ``threshold`` times its peak."""
+        self._require("z")
+        if not 0 < threshold < 1:
+            raise InvalidInput(f"threshold must lie between 0 and 1; got {threshold!r}.")
+        p = self._component("z")
+        peak = self.peak_pressure[(..., *(None,) * self.surface.dimensions)]
+        return (p > threshold * peak) & (peak > 0)
+
+    def contact_area(self, *, threshold: float = 0.1) -> Any:
+        """Area (*batch) [m^2] (a width [m] on a line) where the pressure exceeds ``threshold`` times its peak."""
+        xp = namespace(self.values)
+        return self._integral(xp.astype(self.contact(threshold=threshold), self.values.dtype))
+
+    def slip_margin(self, friction: float, *, threshold: float = 0.1) -> Any:
+        """Grasp stability (*batch) [Pa]: the smallest friction * p - |q| over the contact.
+
+        Positive: every point of the contact could bear more shear. Negative: some point is beyond the friction limit, so it
+        slides, or the friction is higher than said. ``threshold`` delimits the contact as in `contact`, because at its
+        edge both p and q vanish. NaN without contact.
+        """
+        self._require(*self.surface.components)
+        if not (isinstance(friction, int | float) and math.isfinite(friction) and friction > 0):
+            raise InvalidInput(f"friction must be a positive number; got {friction!r}.")
+        xp = namespace(self.values)
+        margin = friction * self._component("z") - self._shear_size()
+        inside = self.contact(threshold=threshold)
+        margin = xp.where(inside, margin, xp.ones_like(margin) * math.inf)
+        smallest = -self._largest(-margin)
+        return xp.where(xp.isfinite(smallest), smallest, xp.ones_like(smallest) * math.nan)
+
+    def _shear_size(self) -> Any:
+        xp = namespace(self.values)
+        if self.surface.dimensions == 1:
+            return xp.abs(self._component("x"))
+        return xp.sqrt(self._component("x") ** 2 + self._component("y") ** 2)
+
+    # -- how sure ------------------------------------------------------------------------------------------------------
+
+    @property
+    def std(self) -> xarray.DataArray:
+        """Standard deviation of the traction [Pa], labelled like `traction`."""
+        return self._map(intervals.std(self), "std")
+
+    @property
+    def detail(self) -> xarray.DataArray:
+        """How much of the traction in each cell is measured (1) rather than assumed (0): 1 - posterior over prior variance.
+
+        NaN where there is no contact. Low values are where the map shows what the prior expects between what the data fix:
+        features much finer than the depth, and cells beyond the array.
+        """
+        return self._map(intervals.errors(self).detail, "detail", unit="1")
+
+    def interval(self, level: float = 0.95, of: str = "traction", *, friction: float | None = None) -> tuple[Any, Any]:
+        """Lower and upper end of the interval that holds the true value with probability ``level``.
+
+        Parameters
+        ----------
+        level : float
+            Between 0 and 1, e.g. 0.5 or 0.95.
+        of : str
+            "traction" (every cell and component), "force", "moment", "center_of_pressure", "peak_pressure" or
+            "slip_margin" (which needs ``friction``).
+
+        Returns
+        -------
+        low, high : arrays
+            Shaped like the quantity: labelled for "traction", else of the caller's kind. Pressure, normal force and peak pressure do not
+            reach below 0. NaN in frames whose method gives no error bars.
+
+        Notes
+        -----
+        value + std (b -+ s t), with t the quantile of Student's distribution and b, s and its degrees of freedom fixed
+        once for each quantity, method and case on simulated contacts (`palpate.uncertainty`), so that the intervals hold the truth as
+        often as they say. That is a statement about contacts like those: a mean over contacts and noise, not a promise about one. Where the
+        case has no constants of its own, `calibration_note` says whose are used. Contact found beyond the outermost taxels adds a fixed part
+        of itself to s std, in quadrature.
+        """
+        low, high = intervals.interval(self, level, of, friction)
+        if of == "traction":
+            return self._map(low, "low"), self._map(high, "high")
+        return from_numpy(low, self.values), from_numpy(high, self.values)
+
+    def exceeds(self, limit: float, of: str = "peak_pressure") -> Any:
+        """Probability (*batch) that the true peak pressure [Pa], or the true normal "force" [N], exceeds ``limit``.
+
+        From the same calibrated distribution as `interval`.
+        """
+        return from_numpy(intervals.exceeds(self, limit, of), self.values)
+
+    @property
+    def calibration_case(self) -> Case:
+        """What the constants of the error bars must be for."""
+        return self.case or Case(contact_kind(self.surface.dimensions, self.components))
+
+    @property
+    def calibration_note(self) -> str:
+        """Whose constants the error bars use, where the case has none of its own; else empty."""
+        return intervals.calibration_note(self)
+
+    def _map(self, values: Any, name: str, *, unit: str = "Pa") -> xarray.DataArray:
+        """A field labelled like `traction`."""
+        out = replace(self, values=from_numpy(np.asarray(values), self.values)).traction.rename(name)
+        out.attrs["units"] = unit
+        return out
+
+    # -- pictures ------------------------------------------------------------------------------------------------------
+
+    def plot(self, *, frame: int = 0, truth: Any = None, title: str | None = None) -> Figure:
+        """A figure of pressure and shear (of one ``frame`` of a batch); ``truth`` (component, *surface) is drawn beside it."""
+        from palpate._plot import plot_touch
+
+        return plot_touch(self, frame=frame, truth=truth, title=title)
+
+    def summary(self, *, friction: float | None = None, frame: int = 0) -> str:
+        """Force, peak pressure, centre of pressure and (with ``friction``) slip margin in words, one to a line."""
+        from palpate.touch.words import summary
+
+        return summary(self.frame(frame), friction)
+
+
+def joined(touches: Sequence[Touch]) -> Touch:
+    """One touch of many frames: from batches, end to end, or from single frames of one skin, along a new axis.
+
+    Every field is kept. Notes are those of any; what only some have (error bars, where a stream has not got to them yet) is NaN
+    in the rest.
+
+    Raises
+    ------
+    InvalidInput
+        Nothing to join, single frames mixed with batches, or results on different surfaces or of different components.
+    """
+    if not touches:
+        raise InvalidInput("there is nothing to join: give at least one touch.")
+    first = touches[0]
+    single = not first.batch
+    for t in touches:
+        if t.surface != first.surface or t.components != first.components or t.unseen_force != first.unseen_force:
+            raise InvalidInput("results of different surfaces or components cannot be joined; join those of one skin.")
+        if (not t.batch) != single or len(t.batch) > 1:
+            raise InvalidInput("single frames join with single frames, and batches (frame, ...) with batches.")
+    counts = [1 if single else t.batch[0] for t in touches]
+    arrays = stacked(touches, new_axis=single, counts=counts)
+    if any(not np.array_equal(t.methods, np.full(t.batch, first.method)) for t in touches):
+        found = [np.atleast_1d(t.methods) for t in touches]
+        arrays["found_by"] = np.concatenate(found)
+    meta: dict[str, str] = {}
+    for t in touches:
+        meta.update(t.meta)
+    return replace(first, **arrays, notes=tuple(dict.fromkeys(n for t in touches for n in t.notes)), meta=meta)

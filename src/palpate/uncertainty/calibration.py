@@ -1,0 +1,180 @@
+"""From the standard deviations of the model to intervals that hold the truth as often as they say.
+
+The constants are data: ``constants.json`` beside this file, written by ``palpate bench calibration --write``, with the population,
+seed and version of the code that made each entry. One entry serves one method and one case: line or area, pressure alone or with
+shear, the kind of channels, half-space or layers. A case that has no entry of its own uses the nearest one and says so.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from palpate.elastic.half_space import Floats, Pad
+from palpate.errors import Unsupported
+from palpate.sensing.arrays import Array
+
+__all__ = ["Calibration", "Case", "Constants", "calibrated", "constants", "contact_kind"]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Distribution of a quantity's error in units of the model's standard deviation: b + s t_nu.
+
+    Attributes
+    ----------
+    shift : float
+        b, the error's median.
+    scale : float
+        s.
+    freedom : float
+        Degrees of freedom nu of Student's distribution.
+    """
+
+    shift: float = 0.0
+    scale: float = 1.0
+    freedom: float = 1e6
+
+    @property
+    def std(self) -> float:
+        """Half the central 68 % of the distribution."""
+        return self.scale * self._quantile(0.5 * (1.0 + 0.6827))
+
+    def _quantile(self, probability: float) -> float:
+        import scipy.special
+
+        return float(scipy.special.stdtrit(self.freedom, probability))
+
+    def above(self, limit: float, value: Floats, std: Floats, outer: Floats) -> Floats:
+        """Probability that the true value lies above ``limit``."""
+        import scipy.special
+
+        size = np.hypot(self.scale * std, outer)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = (limit - value - self.shift * std) / size
+        chance = np.where(size > 0, scipy.special.stdtr(self.freedom, -z), value > limit)
+        # what is not known exceeds no limit and stays below none
+        return np.asarray(np.where(np.isfinite(size + value), chance, np.nan), dtype=np.float64)
+
+    def bounds(
+        self, level: float, value: Floats, std: Floats, outer: Floats, floor: Floats, *, away: bool = False
+    ) -> tuple[Floats, Floats]:
+        """Ends of the central interval, none below ``floor``; with ``away`` the shift is away from zero."""
+        half = self._quantile(0.5 * (1.0 + level)) * np.hypot(self.scale * std, outer)
+        middle = value + std * (self.shift * np.sign(value) if away else self.shift)
+        return np.maximum(middle - half, floor), np.maximum(middle + half, floor)
+
+    def standardised(self, truth: Floats, value: Floats, std: Floats, outer: Floats) -> Floats:
+        """(truth - value)/std, such that `bounds` for a value of 0 and a std of 1 hold it where the true ones hold the truth."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = self.shift + (truth - value - self.shift * std) * self.scale / np.hypot(self.scale * std, outer)
+            return np.asarray(np.where(outer > 0, far, (truth - value) / std))
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a set of constants is for.
+
+    Attributes
+    ----------
+    contact : str
+        "line", "area" (pressure alone) or "area with shear".
+    sensing : str
+        Kind of the channels: "stress", "strain", "displacement", or "mixed".
+    body : str
+        "half-space" or "layers".
+    """
+
+    contact: str
+    sensing: str = "stress"
+    body: str = "half-space"
+
+    @classmethod
+    def of(cls, pad: Pad, planes: Sequence[Array], components: Sequence[str]) -> Case:
+        """The case of a pad, its arrays and what is sought."""
+        kinds = {c.split("_")[0] for p in planes for c in p.channels}
+        layered = getattr(pad, "thickness", None) is not None
+        return cls(
+            contact_kind(planes[0].dimensions, components),
+            kinds.pop() if len(kinds) == 1 else "mixed",
+            "layers" if layered else "half-space",
+        )
+
+    def __str__(self) -> str:
+        return f"{self.contact}, {self.sensing}, {self.body}"
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Constants of one method and case.
+
+    Attributes
+    ----------
+    method, case
+        What they are for.
+    quantities : mapping
+        `Calibration` of each quantity.
+    beyond : float
+        Relative standard deviation of what is found beyond the outermost taxels.
+    population : mapping
+        What made them: description, frames, seed, version of the code.
+    """
+
+    method: str
+    case: Case
+    quantities: Mapping[str, Calibration]
+    beyond: float
+    population: Mapping[str, Any]
+
+
+def contact_kind(dimensions: int, components: Sequence[str]) -> str:
+    """ "line", "area" (one component sought) or "area with shear"."""
+    if dimensions == 1:
+        return "line"
+    return "area with shear" if len(components) > 1 else "area"
+
+
+@cache
+def _table() -> Mapping[tuple[str, Case], Constants]:
+    text = resources.files("palpate.uncertainty").joinpath("constants.json").read_text(encoding="utf-8")
+    found = {}
+    for entry in json.loads(text)["entries"]:
+        case = Case(entry["contact"], entry["sensing"], entry["body"])
+        quantities = {name: Calibration(*numbers) for name, numbers in entry["quantities"].items()}
+        found[entry["method"], case] = Constants(
+            entry["method"], case, MappingProxyType(quantities), entry["beyond"], MappingProxyType(entry["population"])
+        )
+    return MappingProxyType(found)
+
+
+def constants(method: str, case: Case) -> Constants:
+    """The constants of a method for a case, or for the nearest case that has some (compare ``.case`` to know).
+
+    Nearest: the same contact, then the same sensing, then the same body.
+
+    Raises
+    ------
+    Unsupported
+        A method without error bars.
+    """
+    table = _table()
+    candidates = [c for m, c in table if m == method and c.contact == case.contact]
+    if not candidates:
+        raise Unsupported(
+            f'method="{method}" gives no error bars for {case.contact} contact; methods that do: '
+            f"{', '.join(dict.fromkeys(m for m, _ in table))}."
+        )
+    nearest = max(candidates, key=lambda c: (c.sensing == case.sensing, c.body == case.body))
+    return table[method, nearest]
+
+
+def calibrated(method: str, case: Case, quantity: str) -> Calibration:
+    """How the errors of a quantity found by a method are distributed."""
+    return constants(method, case).quantities[quantity]
