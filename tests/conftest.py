@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-import importlib.util
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,26 +12,19 @@ from hypothesis import settings
 settings.register_profile("palpate", deadline=None, derandomize=True)
 settings.load_profile("palpate")
 
-SHARED = Path(__file__).resolve().parents[2] / "shared"
+DATA = Path(__file__).parent / "data"
 
 
 @pytest.fixture(scope="session")
-def shared() -> Path:
-    """Other people's published data and reference solutions; they are not part of the project."""
-    if not SHARED.is_dir():
-        pytest.skip("the folder ../shared with published data and oracles is not here")
-    return SHARED
+def tables() -> Path:
+    """Small tables of other people's published numbers (sources and licences in the folder's README)."""
+    return DATA
 
 
 @pytest.fixture(scope="session")
-def oracle(shared: Path) -> Any:
-    """`load(name)` of the oracle folder."""
-    spec = importlib.util.spec_from_file_location("oracle_load", shared / "oracles" / "load.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.load
+def oracle() -> Callable[[str], dict[str, np.ndarray]]:
+    """Reference solutions made without Fourier transforms, by name."""
+    return lambda name: dict(np.load(DATA / f"{name}.npz"))
 
 
 @pytest.fixture
