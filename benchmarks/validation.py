@@ -48,11 +48,8 @@ def orders(errors: list[float]) -> str:
 
 def section_paper() -> None:
     """Mean absolute errors of the founding paper's cases."""
-    for row in paper.error_table():
-        print(
-            f"  {row['case']:<46} {row['channel']:<10} paper {row['paper']:>8}  dft {row['dft']:.3e}  "
-            f"float32 {row['dft, float32']:.1e}  7 decimals {row['dft, 7 decimals']:.1e}  linear {row['linear']:.1e}"
-        )
+    for row in (*paper.error_table(), *paper.friction_table()):
+        print("  " + "  ".join(f"{k} {v:.2e}" if isinstance(v, float) else str(v) for k, v in row.items()))
 
 
 def section_line() -> None:

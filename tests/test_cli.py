@@ -262,8 +262,11 @@ def test_paper(tmp_path: Path) -> None:
     out = run("paper", "--out", "report", cwd=tmp_path)
     assert out.returncode == 0, out.stderr
     names = set(os.listdir(tmp_path / "report"))
-    assert {f"figure-{n:02d}.{e}" for n in range(2, 23) for e in ("png", "csv")} <= names
-    assert {"report.html", "errors.csv", "noise.csv", "truncation.csv", "speed.csv"} <= names
+    assert {f"figure-{n:02d}.png" for n in range(1, 23)} <= names
+    assert {f"figure-{n:02d}.csv" for n in range(2, 23) if n != 8} <= names
+    assert {f"ours-{n}.{e}" for n in "ABC" for e in ("png", "csv")} <= names
+    tables = ("errors", "friction", "claims", "noise", "truncation", "speed", "profile-readings", "friction-readings")
+    assert {"report.html", *(f"{n}.csv" for n in tables)} <= names
     text = (tmp_path / "report" / "report.html").read_text()
     assert "4.04e-05" in text
     assert "http://" not in text

@@ -7,7 +7,7 @@ import pytest
 
 import palpate as pp
 from conftest import relative
-from palpate import paper, solutions
+from palpate import solutions
 from palpate.inverse import DifferencePrior, Regularised, SpectralPrior, choose_parameter, hilgers_prior, regularised
 from palpate.inverse.parameter import tikhonov, truncate
 from palpate.sensing.operator import Operator
@@ -15,38 +15,7 @@ from palpate.sensing.operator import Operator
 PAD = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.4)
 
 
-# -- the founding paper ------------------------------------------------------------------------------------------------
-
-
-def test_the_papers_errors() -> None:
-    """Printed strain errors within 1 %; all four frictionless errors vanish once the linear system is solved."""
-    rows = {(r["case"], r["channel"]): r for r in paper.error_table()}
-    assert rows["cylinder", "strain_zz"]["dft"] == pytest.approx(4.04e-5, rel=0.01)
-    assert rows["punch", "strain_zz"]["dft"] == pytest.approx(1.06e-4, rel=0.01)
-    for case in ("cylinder", "punch"):
-        for channel in ("stress_zz", "strain_zz"):
-            assert rows[case, channel]["linear"] <= 1e-13
-            assert rows[case, channel]["dft"] > 1e-8  # wrap-around is there to be removed
-
-
-def test_the_papers_kernels() -> None:
-    """Sampled kernels are the paper's K1 and K2 for stress and strain (nu = 0.5, E = 1)."""
-    x, z = paper.array(["stress_zz"]).grid.x, paper.DEPTH
-    r2 = x**2 + z**2
-    stress, strain = paper._kernel("stress_zz"), paper._kernel("strain_zz")
-    np.testing.assert_allclose(stress[1], 2 * z**3 / (np.pi * r2**2), rtol=1e-12)
-    np.testing.assert_allclose(stress[0], 2 * z**2 * x / (np.pi * r2**2), rtol=1e-12, atol=1e-18)
-    np.testing.assert_allclose(strain[1], 3 * z * (z**2 - x**2) / (2 * np.pi * r2**2), rtol=1e-11, atol=1e-16)
-    np.testing.assert_allclose(strain[0], 3 * x * (z**2 - x**2) / (2 * np.pi * r2**2), rtol=1e-11, atol=1e-16)
-
-
-@pytest.mark.parametrize("channel", ["stress_zz", "strain_zz"])
-def test_the_papers_friction_case(channel: str) -> None:
-    found = paper.friction_case(channel, "dft")
-    assert found["half-width"] == pytest.approx(3.75, abs=0.02)
-    printed = 1.15e-3
-    assert found["pressure error"] < printed
-    assert found["shear error"] < printed
+# -- constant friction -----------------------------------------------------------------------------------------------
 
 
 def test_constant_friction_off_centre_and_noisy(rng: np.random.Generator) -> None:

@@ -18,7 +18,9 @@ def paper(
     ),
     force: Force = False,
 ) -> None:
-    """Reproduce the paper that founded the field: figures 2 to 22, its error table, and three studies."""
+    """Reproduce the paper that founded the field: its figures 1 to 22, its errors, its formulas, and what lies beyond it."""
+    import csv
+
     from palpate import paper as module
 
     if any(make_folder(out).iterdir()) and not force:
@@ -28,12 +30,18 @@ def paper(
 
     with Bar("the founding paper", 26) as step:
         path = module.report(out, progress=step)
-    typer.echo(f"{'case':<46}{'channel':<11}{'paper':>9}{'dft':>10}{'linear':>10}")
-    import csv
-
-    with open(out / "errors.csv", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            typer.echo(
-                f"{row['case']:<46}{row['channel']:<11}{row['paper']:>9}{float(row['dft']):>10.2e}{float(row['linear']):>10.1e}"
-            )
+    for name in ("errors", "friction"):
+        with open(out / f"{name}.csv", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        for row in ({k: k for k in rows[0]}, *rows):
+            cells = (_short(v) for v in row.values())
+            typer.echo("  ".join(f"{c:<12}" if i < 2 else f"{c:>22}" for i, c in enumerate(cells)).rstrip())
     typer.echo(f"report          {path}")
+
+
+def _short(text: str) -> str:
+    """A number to three digits; anything else as it is."""
+    try:
+        return text if len(text) < 9 else f"{float(text):.2e}"
+    except ValueError:
+        return text

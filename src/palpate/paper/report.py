@@ -117,8 +117,8 @@ body { font: 10.5pt/1.4 "Source Serif 4", "Noto Serif", Georgia, "Times New Roma
 main { max-width: 180mm; margin: auto; padding: 8mm 4mm; }
 h1 { font-size: 18pt; margin: 0 0 .5em; } h2 { font-size: 13pt; margin: 1.2em 0 .4em; break-after: avoid; }
 p { margin: .4em 0; text-align: justify; hyphens: auto; }
-.figures { columns: 2; column-gap: 7mm; margin-top: 4mm; }
-figure { margin: 0 0 4mm; break-inside: avoid; }
+.figures { display: grid; grid-template-columns: 1fr 1fr; gap: 3mm 7mm; align-items: start; margin-top: 4mm; }
+figure { margin: 0; break-inside: avoid; }
 img { width: 100%; display: block; }
 figcaption { font-size: 8.5pt; line-height: 1.3; margin-top: 1mm; }
 .wide { margin: 4mm 0; } .title { font-size: 9pt; line-height: 1.3; break-after: avoid; }
@@ -127,5 +127,5 @@ thead { border-top: 1pt solid; border-bottom: .5pt solid; } tbody { border-botto
 th, td { padding: .5mm 1.5mm; text-align: left; vertical-align: top; } th { vertical-align: bottom; } tr { break-inside: avoid; }
 code { font: 7.5pt ui-monospace, "DejaVu Sans Mono", monospace; overflow-wrap: anywhere; }
 @media print { main { padding: 0; max-width: none; } }
-@media (max-width: 150mm) { .figures { columns: 1; } .wide { overflow-x: auto; } }
+@media (max-width: 150mm) { .figures { grid-template-columns: 1fr; } .wide { overflow-x: auto; } }
 </style></head><body><main>"""

@@ -96,7 +96,7 @@ def _cell(column: str, value: Any) -> str:
         text = str(value)
         return {"stress_zz": "stress", "strain_zz": "strain"}.get(text, _CASES.get(text, text))
     if isinstance(value, int):
-        return f"{value:+d}" if column == "M too wide by" else str(value)
+        return f"{value:+d}" if column == "M too wide by" and value else str(value)
     if column == "linear system" and value < 1e-13:
         return "< 1e-13"
     if value == 0.0:
