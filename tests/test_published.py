@@ -56,10 +56,10 @@ def test_alva_homogeneous(tables: Path, name: str, x: float, y: float) -> None:
     with (tables / f"{name.lower()}.csv").open() as file:
         rows = [{k: float(v) for k, v in r.items()} for r in csv.DictReader(file)]
     pad = pp.HalfSpace(youngs_modulus=200.0, poissons_ratio=0.35)  # MPa and mm throughout
-    grid = pp.AreaGrid(shape=(304, 304), spacing=1.0)
-    sub = (np.arange(10) + 0.5) / 10 - 0.5
+    grid = pp.AreaGrid(shape=(102, 102), spacing=3.0)
+    sub = 3.0 * ((np.arange(30) + 0.5) / 30 - 0.5)
     fine = (grid.x[:, None] + sub).ravel()
-    disc = (fine[None, :] ** 2 + fine[:, None] ** 2 <= 150.0**2).reshape(304, 10, 304, 10).mean(axis=(1, 3)) * 1.1
+    disc = (fine[None, :] ** 2 + fine[:, None] ** 2 <= 150.0**2).reshape(102, 30, 102, 30).mean(axis=(1, 3)) * 1.1
     names = {
         "stress_xx": "sig_x",
         "stress_yy": "sig_y",
@@ -68,10 +68,10 @@ def test_alva_homogeneous(tables: Path, name: str, x: float, y: float) -> None:
         "stress_xz": "sig_xz",
     }
     names |= {"stress_xy": "sig_xy", "displacement_z": "uz", "displacement_x": "ux", "displacement_y": "uy"}
-    traction = np.zeros((3, 304, 304))
+    traction = np.zeros((3, 102, 102))
     traction[2] = disc
     for row in rows:
-        if row["pos_mm"] == 0:  # on the surface the cells of 1 mm show
+        if row["pos_mm"] == 0:  # on the surface the cells of 3 mm show
             continue
         array = pp.ScatteredArray(positions=[[x, y], [x + 77.0, y + 55.0]], depth=row["pos_mm"], channels=list(names))
         found = pp.Skin(pad, array, surface=grid).sense(traction)[:, 0]
@@ -118,7 +118,16 @@ def test_beads_through_the_command_line(tables: Path, tmp_path: Path) -> None:
         assert np.corrcoef(found[component].ravel(), published[:, :, component].T.ravel())[0, 1] > 0.9999999
     assert "net force cannot be known" in out.stdout
 
-    # the same beads as they lie, no grid, no periodic copies, nothing to tune
+
+@pytest.mark.long
+def test_beads_as_they_lie(tables: Path, tmp_path: Path) -> None:
+    """The same beads without a grid and without periodic copies, nothing to tune."""
+    import h5py
+
+    source = tables / "beads_axon.h5"
+    with h5py.File(source) as file:
+        published = file["force_field/0"][()]
+    pixel = 1e-6 / 1.3
     (tmp_path / "scattered.toml").write_text(BEADS.replace('"area"', '"scattered"'))
     run(
         "convert",
