@@ -1,0 +1,233 @@
+"""Which frames are taken, and from whom: one sender at a time, its frames in order, whatever else arrives.
+
+A sender is an address (UDP) or a connection (TCP, WebSocket). Its frames form a session that begins with its first good frame and has a
+clock of its own. Within a session a frame is taken when its sequence and its time are a little after those of the last one. A frame far
+from the last may be damage or the sender's new beginning. It is held until `RUN` such frames follow each other, and then all of them are
+taken as a new session (the rule for sources that restart in RFC 3550, appendix A.1). Frames a little before the last are late or copies.
+
+Frames of two senders never mix. A second one is refused until the first has been silent for a while, several times its own interval.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput
+from palpate.network.frames import HEAD, MAGIC, frame_from_bytes, is_big_endian
+
+__all__ = ["REFUSALS", "Admission", "Limits"]
+
+#: Frames out of their order that must follow each other before they are a new beginning.
+RUN = 3
+#: How far the sequence may be ahead (frames lost) or behind (frames late); ahead also by `FASTEST` a second of silence.
+AHEAD, BEHIND, FASTEST = 1000, 1000, 10_000
+#: How far the time may be ahead [s], besides the silence and some of the steps before.
+LEAP, STEPS = 10.0, 10.0
+#: A sender is silent when nothing came for so many of its intervals, but for at most so long [s].
+INTERVALS, LONGEST = 5.0, 60.0
+#: Senders that were served before and are remembered, so that two slow ones do not take turns for ever.
+REMEMBERED = 64
+#: One kind of refusal is put into words at most so often [s].
+PAUSE = 10.0
+
+#: What can become of a frame, or of a connection, that is not taken.
+REFUSALS = (
+    "malformed", "big-endian", "oversized", "shape", "late", "jump", "busy", "slow", "crowded",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """How patient a listener is; times in seconds.
+
+    ``quiet``: silence after which another sender is served. ``hold``: a connection refused for so long because another is served is told
+    so and closed. ``hello``: for the first frame of a connection. ``stall``: for a frame that has begun. ``idle``: for the next frame of
+    a connection. ``connections``: at the same time; one more closes the oldest that is not served.
+    """
+
+    quiet: float = 1.0
+    hold: float = 2.0
+    hello: float = 10.0
+    stall: float = 10.0
+    idle: float = 300.0
+    connections: int = 16
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, bool) or not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+                raise InvalidInput(f"{one.name} must be a positive number; got {value!r}.")
+        if self.connections < 2 or self.connections != int(self.connections):
+            raise InvalidInput(f"connections must be a whole number from 2 on; got {self.connections!r}.")
+
+
+@dataclass
+class _Run:
+    """Frames that follow each other, but not the session."""
+
+    sequence: int
+    time: float
+    values: list[tuple[float, Floats]]
+
+
+@dataclass
+class _Session:
+    """A sender's frames since it began."""
+
+    sender: str
+    number: int
+    sequence: int
+    time: float
+    heard: float
+    interval: float = 0.0
+    step: float = 0.0
+    run: _Run | None = None
+
+
+@dataclass
+class Admission:
+    """Decides frame by frame; ``now`` is the listener's own clock, which only goes forward.
+
+    Parameters
+    ----------
+    shape : sequence of int
+        (channel, *array) of a frame.
+    limits : Limits
+    tell : callable
+        Is given what happened, in words.
+
+    Attributes
+    ----------
+    counts : dict
+        "frames" taken, "sessions" begun, and what was refused (`REFUSALS`).
+    """
+
+    shape: Sequence[int]
+    limits: Limits = field(default_factory=Limits)
+    tell: Callable[[str], None] = field(default=lambda text: None)
+
+    def __post_init__(self) -> None:
+        self.shape = tuple(int(n) for n in self.shape)
+        if len(self.shape) not in (2, 3) or min(self.shape) < 1:
+            raise InvalidInput(f"shape must be (channel, taxel) or (channel, y, x); got {self.shape}.")
+        #: (channel, row, column) as a frame states them: taxels without rows are one row
+        self.wire = self.shape if len(self.shape) == 3 else (self.shape[0], 1, self.shape[1])
+        self.largest = HEAD.size + 4 * math.prod(self.wire)
+        self.counts = dict.fromkeys(("frames", "sessions", *REFUSALS), 0)
+        self._session: _Session | None = None
+        self._before: dict[str, int] = {}
+        self._told: dict[str, float] = {}
+
+    @property
+    def sender(self) -> str | None:
+        """Who is served."""
+        return None if self._session is None else self._session.sender
+
+    def offer(self, sender: str, data: bytes, now: float) -> tuple[str, list[tuple[int, float, Floats]]]:
+        """What becomes of a message ("frames" or one of `REFUSALS`), and the frames (session, time [s], readings) that are taken for it."""
+        if len(data) > self.largest:
+            text = f"{len(data)} bytes came, a frame has {self.largest}{_states(data)}"
+            return self.refuse("oversized", sender, now, text), []
+        try:
+            sequence, time, values = frame_from_bytes(data)
+        except InvalidInput as error:
+            name = "big-endian" if is_big_endian(data) else "malformed"
+            return self.refuse(name, sender, now, str(error).rstrip(".")), []
+        if values.shape != self.wire:
+            text = f"a frame of {_times(values.shape)} came, {_times(self.wire)} (channel x row x column) is expected"
+            return self.refuse("shape", sender, now, text), []
+        values = values.reshape(tuple(self.shape))
+        session = self._session
+        if session is None or sender != session.sender:
+            if session is not None and now - session.heard < self._patience(session):
+                text = f"{session.sender} is being served, and one sender at a time is; let each send from one socket"
+                return self.refuse("busy", sender, now, text), []
+            return "frames", self._begin(sender, sequence, [(time, values)], now)
+        return self._next(session, sequence, time, values, now)
+
+    def gone(self, sender: str) -> None:
+        """A connection has ended: the next sender is served at once."""
+        if self._session is not None and self._session.sender == sender:
+            self._session = None
+            self.tell(f"sender {sender} left")
+
+    def refuse(self, name: str, sender: str, now: float, why: str) -> str:
+        """Count a refusal, and say it, though not too often."""
+        self.counts[name] += 1
+        if now - self._told.get(name, -math.inf) >= PAUSE:
+            self._told[name] = now
+            self.tell(f"sender {sender} refused ({name}): {why}")
+        return name
+
+    def _patience(self, session: _Session) -> float:
+        turns = self._before.get(session.sender, 0)
+        return min(LONGEST, max(self.limits.quiet, INTERVALS * session.interval) * 2.0 ** min(turns, 10))
+
+    def _next(
+        self, session: _Session, sequence: int, time: float, values: Floats, now: float
+    ) -> tuple[str, list[tuple[int, float, Floats]]]:
+        ahead, silent, step = (sequence - session.sequence) % 2**32, now - session.heard, time - session.time
+        if 0 < ahead <= AHEAD + FASTEST * silent and 0 < step <= LEAP + silent + STEPS * session.step:
+            session.interval += 0.1 * (silent - session.interval) if session.interval else silent
+            session.step = max(step, 0.9 * session.step)
+            session.sequence, session.time, session.heard, session.run = sequence, time, now, None
+            self.counts["frames"] += 1
+            return "frames", [(session.number, time, values)]
+        behind = (session.sequence - sequence) % 2**32
+        if step == 0 or (behind <= BEHIND and step < 0 and silent < self._patience(session)):
+            text = f"sequence {sequence} at {time:g} s is not after {session.sequence} at {session.time:g} s"
+            return self.refuse("late", session.sender, now, text), []
+        run = session.run
+        if run is not None and 0 < (sequence - run.sequence) % 2**32 <= AHEAD and time > run.time:
+            run.sequence, run.time = sequence, time
+            run.values.append((time, values))
+        else:
+            session.run = run = _Run(sequence, time, [(time, values)])
+        if len(run.values) < RUN:
+            text = f"sequence {sequence} at {time:g} s is far from {session.sequence} at {session.time:g} s"
+            return self.refuse("jump", session.sender, now, text), []
+        # they were refused while they could have been damage
+        self.counts["jump"] -= RUN - 1
+        return "frames", self._begin(session.sender, sequence, run.values, now)
+
+    def _begin(
+        self, sender: str, sequence: int, values: list[tuple[float, Floats]], now: float
+    ) -> list[tuple[int, float, Floats]]:
+        old, time = self._session, values[-1][0]
+        self.counts["sessions"] += 1
+        self.counts["frames"] += len(values)
+        number = self.counts["sessions"]
+        step = time - values[-2][0] if len(values) > 1 else 0.0
+        self._session = _Session(sender, number, sequence, time, now, step=step)
+        if old is None:
+            self.tell(f"sender {sender} is served")
+        elif old.sender == sender:
+            self._session.interval = old.interval
+            self.tell(
+                f"sender {sender} began again: sequence {sequence} at {time:g} s after {old.sequence} at {old.time:g} s"
+            )
+        else:
+            self._before[old.sender] = self._before.pop(old.sender, 0)
+            if sender in self._before:
+                self._before[sender] += 1
+            while len(self._before) > REMEMBERED:
+                del self._before[next(iter(self._before))]
+            self.tell(f"sender {sender} is served: {old.sender} was silent for {now - old.heard:.1f} s")
+        return [(number, time, one) for time, one in values]
+
+
+def _times(shape: Sequence[int]) -> str:
+    return " x ".join(map(str, shape))
+
+
+def _states(data: bytes) -> str:
+    """What the head of a frame says of its shape."""
+    try:
+        magic, _, _, *shape = HEAD.unpack_from(data)
+    except struct.error:
+        return ""
+    return f"; it says {_times(shape)}" if magic == MAGIC else ""

@@ -1,0 +1,83 @@
+"""The form of a frame on the wire.
+
+One frame is, little-endian,
+
+    "PLPF" | sequence uint32 | time float64 [s] | channels uint16 | rows uint16 | columns uint16 | values float32
+
+with the values as (channel, row, column), in SI units, compression positive, NaN where missing; taxels that lie on a line or anywhere are
+one row. Every frame states its shape. The sequence counts frames and may wrap around; it and the time begin again when the sender does.
+By UDP a frame is one datagram; by TCP each frame follows its length in bytes (uint32); by WebSocket a frame is one binary message.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput
+
+__all__ = ["HEAD", "LATEST", "MAGIC", "frame_bytes", "frame_from_bytes", "is_big_endian"]
+
+MAGIC = b"PLPF"
+HEAD = struct.Struct("<4sIdHHH")
+_SWAPPED = struct.Struct(">4sIdHHH")
+#: Times beyond this [s] cannot tell microseconds apart in double precision; nanoseconds sent as seconds are beyond it.
+LATEST = 2.0**33
+
+
+def frame_bytes(sequence: int, time: float, readings: Any) -> bytes:
+    """One frame (channel, taxel) or (channel, y, x) as bytes; masked values are missing (NaN).
+
+    >>> len(frame_bytes(0, 0.0, [[1.0, 2.0, 3.0]]))
+    38
+    """
+    values = readings if np.ma.isMaskedArray(readings) else to_numpy(readings)
+    if values.ndim not in (2, 3):
+        raise InvalidInput(f"a frame must have shape (channel, taxel) or (channel, y, x); got {values.shape}.")
+    if values.dtype.kind not in "fiu":
+        raise InvalidInput(f"a frame must hold real numbers; got {values.dtype}.")
+    if np.ma.isMaskedArray(values):
+        values = np.ma.filled(values.astype(np.float64), np.nan)
+    rows, columns = (1, values.shape[1]) if values.ndim == 2 else values.shape[1:]
+    if max(len(values), rows, columns) >= 2**16:
+        raise InvalidInput(f"a frame has at most 65535 channels, rows and columns; got {values.shape}.")
+    seconds = float(time)
+    if not abs(seconds) <= LATEST:
+        raise InvalidInput(f"the time of a frame must be seconds within 2**33 of 0; got {time!r}.")
+    head = HEAD.pack(MAGIC, int(sequence) % 2**32, seconds, len(values), rows, columns)
+    return head + np.ascontiguousarray(values, dtype="<f4").tobytes()
+
+
+def frame_from_bytes(data: bytes) -> tuple[int, float, Floats]:
+    """(sequence, time [s], readings (channel, row, column)) of a frame; `InvalidInput` where it is not one.
+
+    >>> frame_from_bytes(frame_bytes(7, 0.5, [[1.0, 2.0]]))
+    (7, 0.5, array([[[1., 2.]]]))
+    """
+    if len(data) < HEAD.size or data[:4] != MAGIC:
+        raise InvalidInput("not a palpate frame: it does not begin with PLPF.")
+    _, sequence, time, channels, rows, columns = HEAD.unpack_from(data)
+    needed = HEAD.size + 4 * channels * rows * columns
+    if len(data) != needed:
+        if is_big_endian(data):
+            raise InvalidInput("a frame of big-endian numbers; send them little-endian.")
+        raise InvalidInput(f"a frame of {channels} x {rows} x {columns} floats has {needed} bytes; got {len(data)}.")
+    if not (math.isfinite(time) and abs(time) <= LATEST):
+        raise InvalidInput(
+            f"the time of a frame must be seconds within 2**33 of 0; got {time:g}. Is it in nanoseconds?"
+        )
+    values = np.frombuffer(data, dtype="<f4", offset=HEAD.size).reshape(channels, rows, columns)
+    return sequence, time, np.asarray(values, dtype=np.float64)
+
+
+def is_big_endian(data: bytes) -> bool:
+    """Whether these bytes are a frame whose header is right when it is read big-endian, and only then."""
+    if len(data) < HEAD.size or data[:4] != MAGIC:
+        return False
+    fits = [4 * math.prod(form.unpack_from(data)[3:]) == len(data) - HEAD.size for form in (HEAD, _SWAPPED)]
+    return fits == [False, True]

@@ -1,0 +1,350 @@
+"""The sockets: one thread with one event loop takes datagrams, connections and messages in."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import socket
+import struct
+import threading
+import time as clock
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput, Unsupported
+from palpate.network.admission import Admission, Limits
+
+__all__ = ["WAITING", "FrameListener"]
+
+#: Frames that wait to be taken; the oldest make room for the newest.
+WAITING = 8
+#: Words about senders that are kept for whoever asks later.
+EVENTS = 100
+
+
+def _quiet() -> logging.Logger:
+    """Handshakes that fail are the sender's affair."""
+    logger = logging.getLogger("palpate.network")
+    logger.setLevel(logging.CRITICAL)
+    return logger
+
+
+class FrameListener:
+    """Listens for frames and gives them out one by one, the newest first where too many wait.
+
+    One sender is served at a time; `palpate.network.admission` says which frames are taken. A sender that restarts, or another in its
+    place, begins a new session, whose times may lie before those of the last.
+
+    Parameters
+    ----------
+    shape : sequence of int
+        (channel, *array) of a frame; others are refused. Taxels on a line or scattered are sent as one row.
+    kind : "udp", "tcp" or "ws"
+    port : int
+        0 takes a free one; see `port`.
+    host : str
+        Address to listen on; this machine alone by default.
+    limits : Limits, optional
+        How long it waits for what.
+    tell : callable, optional
+        Called with words about senders (who is served, who began again, who was refused and why), from the listener's thread. Refusals
+        of one kind are told at most every 10 s; ``counts`` has all of them.
+
+    Attributes
+    ----------
+    counts : dict
+        "frames" taken in, "sessions" begun, "dropped" because newer ones came, and what was refused: "malformed", "big-endian",
+        "oversized", "shape", "late" (a sequence or time not after the last), "jump" (far from the last, and no new beginning), "busy"
+        (another sender is served), "slow" (connections that sent no frame in time), "crowded" (connections closed to let another in).
+    events : deque of str
+        The latest words.
+
+    Raises
+    ------
+    InvalidInput
+        A port that is taken, an address that is not this machine's.
+    """
+
+    def __init__(
+        self,
+        shape: Sequence[int],
+        *,
+        kind: str = "udp",
+        port: int = 0,
+        host: str = "127.0.0.1",
+        limits: Limits | None = None,
+        tell: Callable[[str], None] | None = None,
+    ) -> None:
+        if kind not in ("udp", "tcp", "ws"):
+            raise InvalidInput(f'kind must be "udp", "tcp" or "ws"; got {kind!r}.')
+        self.events: deque[str] = deque(maxlen=EVENTS)
+        self.tell = tell
+        self._admission = Admission(shape, limits or Limits(), self._say)
+        self.shape = tuple(self._admission.shape)
+        self.counts = self._admission.counts
+        self.counts["dropped"] = 0
+        self._limits = self._admission.limits
+        self._frames: deque[tuple[int, float, Floats]] = deque(maxlen=WAITING)
+        self._ready = threading.Condition()
+        self._open = True
+        self._kind = kind
+        self._connections: dict[str, Any] = {}
+        self._refused: dict[str, float] = {}
+        if kind == "ws":
+            self._library()
+        self._socket = _bound(kind, host, port)
+        self.port = int(self._socket.getsockname()[1])
+        self._loop = asyncio.new_event_loop()
+        self._end = asyncio.Event()
+        self._thread = threading.Thread(target=self._run, name=f"palpate-{kind}", daemon=True)
+        self._thread.start()
+
+    def __iter__(self) -> Iterator[tuple[float, Floats]]:
+        """(time [s], readings (channel, *array)) until `close`."""
+        for _, time, values in self.frames():
+            yield time, values
+
+    def frames(self) -> Iterator[tuple[int, float, Floats]]:
+        """(session, time [s], readings (channel, *array)) until `close`; the session counts up where a sender begins (again)."""
+        while True:
+            with self._ready:
+                self._ready.wait_for(lambda: self._frames or not self._open)
+                if not self._frames:
+                    return
+                found = self._frames.popleft()
+            yield found
+
+    @property
+    def sender(self) -> str | None:
+        """Who is being served."""
+        return self._admission.sender
+
+    def close(self) -> None:
+        """Stop listening."""
+        with self._ready:
+            self._open = False
+            self._ready.notify_all()
+        with contextlib.suppress(RuntimeError):  # it has ended already
+            self._loop.call_soon_threadsafe(self._end.set)
+        self._thread.join(timeout=5)
+
+    def __enter__(self) -> FrameListener:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _say(self, text: str) -> None:
+        self.events.append(text)
+        if self.tell is not None:
+            self.tell(text)
+
+    def _run(self) -> None:
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            runner.run({"udp": self._udp, "tcp": self._tcp, "ws": self._ws}[self._kind]())
+
+    # -- datagrams -----------------------------------------------------------------------------------------------------
+
+    async def _udp(self) -> None:
+        transport, _ = await self._loop.create_datagram_endpoint(lambda: _Datagrams(self._take), sock=self._socket)
+        try:
+            await self._end.wait()
+        finally:
+            transport.close()
+
+    # -- connections ---------------------------------------------------------------------------------------------------
+
+    async def _tcp(self) -> None:
+        server = await asyncio.start_server(self._converse, sock=self._socket)
+        try:
+            await self._end.wait()
+        finally:
+            server.close()
+            self._abort_all()
+
+    async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Frames of one connection, until it leaves or speaks nonsense: after that nothing tells where a frame begins."""
+        sender = self._arrived(writer.transport)
+        why = None
+        try:
+            why = await self._listen(sender, reader)
+        except (OSError, asyncio.IncompleteReadError):
+            pass
+        finally:
+            self._left(sender)
+            if why is not None and not writer.is_closing():
+                # best effort: a sender that reads learns why
+                writer.write(f"refused: {why}\n".encode())
+            writer.close()
+            with contextlib.suppress(OSError, TimeoutError):
+                async with asyncio.timeout(self._limits.hold):
+                    await writer.wait_closed()
+
+    async def _listen(self, sender: str, reader: asyncio.StreamReader) -> str | None:
+        """Why the connection is closed; None where it ended by itself."""
+        wait, refuse = self._limits.hello, self._admission.refuse
+        while True:
+            try:
+                async with asyncio.timeout(wait):
+                    head = await reader.read(1)
+                if not head:
+                    return None
+                async with asyncio.timeout(self._limits.stall):
+                    head += await reader.readexactly(3)
+                    (size,) = struct.unpack("<I", head)
+                    if size > self._admission.largest:
+                        text = f"a message of {size} bytes was announced, a frame has {self._admission.largest}"
+                        return refuse("oversized", sender, clock.monotonic(), text)
+                    data = await reader.readexactly(size)
+            except asyncio.IncompleteReadError:
+                refuse("malformed", sender, clock.monotonic(), "the connection ended inside a frame")
+                return None
+            except TimeoutError:
+                return refuse("slow", sender, clock.monotonic(), "no whole frame came in time")
+            result = self._take(sender, data)
+            if result in ("malformed", "big-endian", "oversized"):
+                return result
+            if self._unwanted(sender, result):
+                return f"busy, {self.sender} is being served"
+            wait = self._limits.idle
+
+    async def _ws(self) -> None:
+        serve, connection = self._library()
+        arrived = self._arrived
+
+        class Counted(connection):  # type: ignore[misc, valid-type]
+            """Counted before the handshake, which may never end."""
+
+            def connection_made(self, transport: Any) -> None:
+                self.sender = arrived(transport)
+                super().connection_made(transport)
+
+        # pages in a browser bring an Origin; a sensor's driver does not
+        async with serve(
+            self._hear, sock=self._socket, max_size=self._admission.largest, compression=None, origins=[None],
+            open_timeout=self._limits.hello, close_timeout=self._limits.hold, create_connection=Counted, logger=_quiet(),
+        ):  # fmt: skip
+            await self._end.wait()
+            self._abort_all()
+
+    async def _hear(self, connection: Any) -> None:
+        """Messages of one WebSocket sender."""
+        from websockets.exceptions import ConnectionClosed
+
+        sender, wait = connection.sender, self._limits.hello
+        try:
+            while True:
+                try:
+                    async with asyncio.timeout(wait):
+                        data = await connection.recv()
+                except TimeoutError:
+                    why = self._admission.refuse("slow", sender, clock.monotonic(), "no whole frame came in time")
+                    await connection.close(1008, why)
+                    return
+                if isinstance(data, str):
+                    self._admission.refuse("malformed", sender, clock.monotonic(), "text came, frames are binary")
+                elif self._unwanted(sender, self._take(sender, data)):
+                    await connection.close(1013, f"busy, {self.sender} is being served")
+                    return
+                wait = self._limits.idle
+        except ConnectionClosed as end:
+            code = None if end.sent is None else end.sent.code
+            name = {1009: "oversized", 1002: "malformed", 1007: "malformed"}.get(code or 0)
+            if name is not None:
+                self._admission.refuse(name, sender, clock.monotonic(), f"WebSocket closed with {code}")
+        finally:
+            self._left(sender)
+
+    @staticmethod
+    def _library() -> Any:
+        try:
+            from websockets.asyncio.server import ServerConnection, serve
+        except ImportError as error:
+            raise Unsupported('WebSocket frames need more packages: pip install "palpate[live]".') from error
+        return serve, ServerConnection
+
+    def _arrived(self, transport: Any) -> str:
+        """Name of a new connection; one too many ends the oldest that is not served."""
+        peer = transport.get_extra_info("peername") or ("unknown", id(transport))
+        sender = _name(peer)
+        line = transport.get_extra_info("socket")
+        with contextlib.suppress(OSError):
+            line.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            for option, value in (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
+                if hasattr(socket, option):
+                    line.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+        # those whose handshake failed have left without a word
+        for name in [n for n, t in self._connections.items() if t.is_closing()]:
+            self._left(name)
+        if len(self._connections) >= self._limits.connections:
+            oldest = next(n for n in self._connections if n != self.sender)
+            text = f"{len(self._connections)} connections are open"
+            self._admission.refuse("crowded", oldest, clock.monotonic(), text)
+            self._connections.pop(oldest).abort()
+        self._connections[sender] = transport
+        return sender
+
+    def _left(self, sender: str) -> None:
+        self._connections.pop(sender, None)
+        self._refused.pop(sender, None)
+        self._admission.gone(sender)
+
+    def _unwanted(self, sender: str, result: str) -> bool:
+        """Whether a connection has been refused for so long, because another is served, that it must be told."""
+        if result != "busy":
+            self._refused.pop(sender, None)
+            return False
+        now = clock.monotonic()
+        return now - self._refused.setdefault(sender, now) >= self._limits.hold
+
+    def _abort_all(self) -> None:
+        for transport in self._connections.values():
+            transport.abort()
+
+    def _take(self, sender: str, data: bytes) -> str:
+        """What became of a message."""
+        result, found = self._admission.offer(sender, data, clock.monotonic())
+        if found:
+            with self._ready:
+                for frame in found:
+                    if len(self._frames) == WAITING:
+                        self.counts["dropped"] += 1
+                    self._frames.append(frame)
+                self._ready.notify()
+        return result
+
+
+class _Datagrams(asyncio.DatagramProtocol):
+    def __init__(self, take: Callable[[str, bytes], str]) -> None:
+        self._take = take
+
+    def datagram_received(self, data: bytes, address: Any) -> None:
+        self._take(_name(address), data)
+
+
+def _name(address: Any) -> str:
+    host, port = address[:2]
+    return f"[{host}]:{port}" if ":" in str(host) else f"{host}:{port}"
+
+
+def _bound(kind: str, host: str, port: int) -> socket.socket:
+    form = socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM
+    try:
+        family, *_, address = socket.getaddrinfo(host, port, type=form, flags=socket.AI_PASSIVE)[0]
+        bound = socket.socket(family, form)
+        try:
+            if kind != "udp":
+                bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            bound.bind(address)
+            if kind != "udp":
+                bound.listen(64)
+        except OSError:
+            bound.close()
+            raise
+    except OSError as error:
+        raise InvalidInput(f"cannot listen on {host}:{port} ({error.strerror}).") from error
+    bound.setblocking(False)
+    return bound
