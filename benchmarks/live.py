@@ -178,7 +178,7 @@ def main() -> None:
     args = parser.parse_args()
     session = make_session(args.rate, args.size)
     port = free_port()
-    live = Live(session)
+    live = Live(session, token="")
     server = uvicorn.Server(
         uvicorn.Config(
             live.app, host="127.0.0.1", port=port, log_level="warning", ws_max_size=1024, ws_per_message_deflate=False

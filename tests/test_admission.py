@@ -56,6 +56,15 @@ def test_a_sensor_that_restarts_after_few_frames_is_served_again() -> None:
     assert wire.counts == {"frames": 25, "sessions": 2}
 
 
+def test_a_sensor_that_restarts_at_once_is_served_after_a_moment() -> None:
+    """A run of late frames with none of the old session between is a restart too; 17 are lost, said and counted."""
+    wire = Wire()
+    wire.stream(0, 60, 0.0)
+    wire.stream(0, 60, 0.0, value=1.0)
+    assert wire.counts == {"frames": 60 + 43, "sessions": 2, "late": 17}
+    assert [v for _, _, v in wire.taken] == [0.0] * 60 + [1.0] * 43
+
+
 @pytest.mark.parametrize(
     ("sequence", "time"), [(10, 1e9), (10, -1e9), (2**31 + 500, 0.1), (2**32 - 1, 0.1), (10, 8e9), (4_000_000, 5e8)]
 )

@@ -39,11 +39,35 @@ def session(skin: pp.Skin, frames: int = 100_000, rate: float = 100.0, wrong_at:
 
     def source() -> Iterator[tuple[float, Any]]:
         for i in range(frames):
-            if i == wrong_at:
+            if wrong_at is not None and i >= wrong_at:  # a frame that is late is skipped
                 yield i / rate, np.zeros((2, 2))
             yield i / rate, (clean if i > 20 else 0.0) + 100.0 * rng.standard_normal(clean.shape)
 
     return Session(skin, source, skin.track(friction=0.6, baseline=10), pp.GraspMonitor(friction=0.6), name="test")
+
+
+#: Where the pages of these tests are.
+HERE = "http://127.0.0.1"
+
+
+def packet(socket: Any) -> dict[str, Any]:
+    """The numbers of the next packet; what is told in between is left."""
+    while True:
+        message = socket.receive()
+        if message["type"] == "websocket.close":
+            raise AssertionError("closed")
+        if message.get("bytes"):
+            return unpacked(message["bytes"])[0]
+
+
+def told(socket: Any, key: str) -> Any:
+    """The next thing of this name that a page is told."""
+    while True:
+        message = socket.receive()
+        if message["type"] == "websocket.close":
+            raise AssertionError("closed")
+        if message.get("text") and key in (facts := json.loads(message["text"])):
+            return facts[key]
 
 
 def test_packets_hold_what_the_touch_holds(skin: pp.Skin) -> None:
@@ -87,8 +111,8 @@ def test_torn_packets_are_refused() -> None:
 
 
 def test_the_page_and_its_stream(skin: pp.Skin) -> None:
-    live = Live(session(skin))
-    with testclient.TestClient(live.app) as client:
+    live = Live(session(skin), token="")
+    with testclient.TestClient(live.app, base_url=HERE) as client:
         page = client.get("/")
         assert page.status_code == 200
         assert "default-src 'self'" in page.headers["content-security-policy"]
@@ -96,11 +120,11 @@ def test_the_page_and_its_stream(skin: pp.Skin) -> None:
             assert client.get(f"/{name}").status_code == 200
             assert name in page.text
         assert client.get("/../session.py").status_code == 404
-        with client.websocket_connect("/stream") as socket:
+        with client.websocket_connect("ws://127.0.0.1/stream") as socket:
             layout = json.loads(socket.receive_text())
             assert layout["shape"] == list(skin.surface.shape)
             assert not layout["may_record"]
-            numbers = [unpacked(socket.receive_bytes())[0] for _ in range(40)]
+            numbers = [packet(socket) for _ in range(40)]
         frames = [n["frame"] for n in numbers]
         assert frames == sorted(set(frames))
         health = client.get("/health").json()
@@ -109,34 +133,39 @@ def test_the_page_and_its_stream(skin: pp.Skin) -> None:
 
 
 def test_a_slow_page_gets_the_newest_and_nothing_queues(skin: pp.Skin) -> None:
-    live = Live(session(skin, rate=400.0))
-    with testclient.TestClient(live.app) as client, client.websocket_connect("/stream") as socket:
+    live = Live(session(skin, rate=400.0), token="")
+    with (
+        testclient.TestClient(live.app, base_url=HERE) as client,
+        client.websocket_connect("ws://127.0.0.1/stream") as socket,
+    ):
         socket.receive_text()
-        socket.receive_bytes()
+        packet(socket)
         time.sleep(1.0)
         # what was under way, then the present
-        late = [unpacked(socket.receive_bytes())[0]["frame"] for _ in range(12)]
+        late = [packet(socket)["frame"] for _ in range(12)]
         assert client.get("/health").json()["frames"] - late[-1] < 400
 
 
 def test_doors(skin: pp.Skin) -> None:
     """Another origin, a missing token, long and wrong messages: refused, counted, and the service lives on."""
     live = Live(session(skin), token="secret")
-    with testclient.TestClient(live.app) as client:
+    with testclient.TestClient(live.app, base_url=HERE) as client:
         assert client.get("/").status_code == 403
         assert client.get("/health").status_code == 403
         assert client.get("/?token=secret").status_code == 200
         for headers, path in (
-            ({"origin": "http://evil.example"}, "/stream?token=secret"),
-            ({}, "/stream"),
-            ({}, "/stream?token=wrong"),
+            ({"origin": "http://evil.example"}, "ws://127.0.0.1/stream?token=secret"),
+            ({}, "ws://127.0.0.1/stream"),
+            ({}, "ws://127.0.0.1/stream?token=wrong"),
         ):
             with (
                 pytest.raises(testclient.WebSocketDisconnect),
                 client.websocket_connect(path, headers=headers) as socket,
             ):
                 socket.receive_text()
-        with client.websocket_connect("/stream?token=secret", headers={"origin": "http://testserver"}) as socket:
+        with client.websocket_connect(
+            "ws://127.0.0.1/stream?token=secret", headers={"origin": "http://127.0.0.1"}
+        ) as socket:
             socket.receive_text()
             rng = np.random.default_rng(0)
             for i in range(1000):
@@ -149,8 +178,8 @@ def test_doors(skin: pp.Skin) -> None:
                     )
             deadline = time.monotonic() + 20
             while live.refused.get("message", 0) < 1000 and time.monotonic() < deadline:
-                socket.receive_bytes()
-            assert unpacked(socket.receive_bytes())[0]["frame"] > 0
+                packet(socket)
+            assert packet(socket)["frame"] > 0
         refused = client.get("/health?token=secret").json()["refused"]
         assert refused["message"] == 1000
         assert refused["origin"] == 1
@@ -158,8 +187,11 @@ def test_doors(skin: pp.Skin) -> None:
 
 
 def test_recording_from_the_page(skin: pp.Skin, tmp_path: Path) -> None:
-    live = Live(session(skin), folder=tmp_path)
-    with testclient.TestClient(live.app) as client, client.websocket_connect("/stream") as socket:
+    live = Live(session(skin), token="", folder=tmp_path)
+    with (
+        testclient.TestClient(live.app, base_url=HERE) as client,
+        client.websocket_connect("ws://127.0.0.1/stream") as socket,
+    ):
         assert json.loads(socket.receive_text())["may_record"]
         socket.send_text('{"record": true}')
         names: list[Any] = []
@@ -171,8 +203,8 @@ def test_recording_from_the_page(skin: pp.Skin, tmp_path: Path) -> None:
                 socket.send_text('{"record": false}')
             while len(names) < 1 + stop:
                 message = socket.receive()
-                if message.get("text"):
-                    names.append(json.loads(message["text"])["recording"])
+                if message.get("text") and "recording" in (facts := json.loads(message["text"])):
+                    names.append(facts["recording"])
     assert names[1] is None
     (path,) = tmp_path.iterdir()
     assert path.name == names[0]
@@ -190,13 +222,16 @@ def test_a_sensor_on_the_network(skin: pp.Skin) -> None:
         skin, lambda: listener, skin.track(friction=0.6), pp.GraspMonitor(friction=0.6), pace=False, end=listener.close
     )
     reading = skin.sense(BALL) + 100.0 * np.random.default_rng(0).standard_normal((3, 10, 10))
-    with testclient.TestClient(Live(one).app) as client, client.websocket_connect("/stream") as page:
+    with (
+        testclient.TestClient(Live(one, token="").app, base_url=HERE) as client,
+        client.websocket_connect("ws://127.0.0.1/stream") as page,
+    ):
         page.receive_text()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             for i in range(5):
                 sender.sendto(b"noise", ("127.0.0.1", listener.port))
                 sender.sendto(frame_bytes(i, 0.01 * i, reading), ("127.0.0.1", listener.port))
-                numbers = unpacked(page.receive_bytes())[0]
+                numbers = packet(page)
         assert numbers["force"][2] == pytest.approx(1.0, abs=0.05)
         assert numbers["time"] == pytest.approx(0.04)
         begun = time.monotonic()
@@ -205,14 +240,15 @@ def test_a_sensor_on_the_network(skin: pp.Skin) -> None:
 
 
 def test_a_failing_source_is_said(skin: pp.Skin) -> None:
-    live = Live(session(skin, wrong_at=30))
-    with testclient.TestClient(live.app) as client, client.websocket_connect("/stream") as socket:
-        deadline = time.monotonic() + 20
-        while time.monotonic() < deadline:
-            message = socket.receive()
-            if message.get("text") and "failure" in json.loads(message["text"]):
-                break
-        assert "a frame must have shape" in json.loads(message["text"])["failure"]
+    live = Live(session(skin, wrong_at=30), token="")
+    with (
+        testclient.TestClient(live.app, base_url=HERE) as client,
+        client.websocket_connect("ws://127.0.0.1/stream") as socket,
+    ):
+        while (state := told(socket, "state"))["failure"] is None:
+            pass
+        assert "a frame must have shape" in state["failure"]
+        assert state["ended"]
         assert client.get("/health").json()["failure"]
 
 
@@ -288,7 +324,7 @@ def test_a_sensor_on_the_network_through_the_command(skin: pp.Skin, tmp_path: Pa
     (tmp_path / "skin.toml").write_text(SKIN)
     page, wire, glove = free_port(), free_port(), free_port()
     arguments = ["live", "--skin", "skin.toml", f"--{kind}", str(wire), "--port", str(page)]
-    arguments += ["--foxglove", str(glove), "--record", "out.h5", "--baseline", "5"]
+    arguments += ["--foxglove", str(glove), "--record", "out.h5", "--baseline", "5", "--token", ""]
     process = subprocess.Popen(
         [sys.executable, "-m", "palpate", *arguments], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     )
@@ -338,7 +374,7 @@ def test_show_takes_a_generator(skin: pp.Skin, monkeypatch: pytest.MonkeyPatch, 
 
     def serve(live: Live, *, host: str, port: int) -> None:
         assert (host, port) == ("127.0.0.1", 8765)
-        with testclient.TestClient(live.app) as client:
+        with testclient.TestClient(live.app, base_url=HERE) as client:
             deadline = time.monotonic() + 20
             while client.get("/health").json()["frames"] < 30 and time.monotonic() < deadline:
                 time.sleep(0.02)

@@ -43,16 +43,17 @@ def live(
         str, typer.Option(help="Address to listen on; anything but this machine needs a token.")
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port.")] = 8765,
-    token: Annotated[str | None, typer.Option(help="What the page must bring (made up where one is needed).")] = None,
+    token: Annotated[
+        str | None, typer.Option(help='What the page must bring: made up unless given; "" for none, on this machine only.')
+    ] = None,
 ) -> None:
     """Show in a browser what touches the pad, while it happens."""
     import os
-    import secrets
     from collections.abc import Iterator
 
     import numpy as np
 
-    from palpate.live import FoxgloveServer, Live, RerunSink, Session, serve
+    from palpate.live import FoxgloveServer, Live, RerunSink, Session, address, serve
     from palpate.live.server import BUDGET, LOCAL
     from palpate.live.session import recorded
     from palpate.recordings import Sink, recorder
@@ -71,9 +72,11 @@ def live(
         if os.path.lexists(record):
             raise InvalidInput(f"{record} exists; a recording is never overwritten. Give --record another name.")
         check_output(record, inputs=[recording_file, *skin_files(skin_file)], force=False)
-    pace, end, counts = True, None, None
-    if host not in LOCAL and token is None:
-        token = secrets.token_urlsafe(16)
+    if host not in LOCAL and token == "":
+        raise InvalidInput(
+            f"--host {host} opens the page to others: they must bring a token; leave --token out to have one made."
+        )
+    pace, end = True, None
     if demo:
         from palpate.simulation import demonstration
 
@@ -91,7 +94,7 @@ def live(
         channels = sum(len(p.channels) for p in skin.planes)
         kind, where = listening.popitem()
         listener = FrameListener((channels, *shapes.pop()), kind=kind, port=where, host=host)
-        name, pace, end, counts = f"{kind} port {listener.port}", False, listener.close, listener.counts
+        name, pace, end = f"{kind} port {listener.port}", False, listener.close
 
         def source() -> FrameListener:
             return listener
@@ -118,10 +121,7 @@ def live(
         sinks.append(RerunSink())
     if record is not None:  # last, so that nothing is left where the others fail
         sinks.append(recorder(record, **recorded(skin), meta=provenance(skin_text(skin_file), name)))
-    session = Session(
-        skin, source, tracker, monitor, name=name, pace=pace, loop=loop, end=end, sinks=sinks, counts=counts
-    )
+    session = Session(skin, source, tracker, monitor, name=name, pace=pace, loop=loop, end=end, sinks=sinks)
     view = Live(session, token=token, folder=record_to)
-    query = "" if token is None else f"?token={token}"
-    typer.echo(f"open http://{host if ':' not in host else f'[{host}]'}:{port}/{query}    (Ctrl-C ends)")
+    typer.echo(f"open {address(view, host, port)}    (Ctrl-C ends)")
     serve(view, host=host, port=port)

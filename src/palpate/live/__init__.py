@@ -2,7 +2,7 @@
 
 from palpate.live.foxglove import FoxgloveServer
 from palpate.live.rerun import RerunSink
-from palpate.live.server import Live, serve, show
+from palpate.live.server import Live, address, serve, show
 from palpate.live.session import Session, packed, unpacked
 
-__all__ = ["FoxgloveServer", "Live", "RerunSink", "Session", "packed", "serve", "show", "unpacked"]
+__all__ = ["FoxgloveServer", "Live", "RerunSink", "Session", "address", "packed", "serve", "show", "unpacked"]

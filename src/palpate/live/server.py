@@ -1,20 +1,26 @@
 """The page's server: Starlette on this machine, one binary WebSocket, only the newest packet is ever sent.
 
-It answers to this machine alone (127.0.0.1) unless told otherwise, and then only to those who bring the token. A page of another origin is
-refused, and so are messages of more than a kilobyte.
+It answers to this machine alone (127.0.0.1) unless told otherwise, and only to those who bring the token, as notebooks do: other users and
+other programs of this machine reach 127.0.0.1 too. Without a token only a page under a name of this machine itself is served, so that a
+foreign name that resolves to 127.0.0.1 (DNS rebinding) gets nothing. A page of another origin is refused, and so are messages of more than
+a kilobyte. A page that does not read for `STALLED` seconds is cut off.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import ipaddress
 import json
+import logging
 import secrets
+import socket as sockets
 import time
+from collections import deque
 from collections.abc import AsyncIterator, Iterable, Sequence
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 from palpate.errors import InvalidInput, PalpateError, Unsupported
 from palpate.grasp import GraspMonitor
@@ -22,7 +28,7 @@ from palpate.live.session import Session
 from palpate.recordings import Sink
 from palpate.skin import Skin
 
-__all__ = ["BUDGET", "LOCAL", "Live", "serve", "show"]
+__all__ = ["BUDGET", "LOCAL", "Live", "address", "is_local", "serve", "show"]
 
 #: This machine, by its names.
 LOCAL = ("127.0.0.1", "localhost", "::1")
@@ -34,6 +40,10 @@ STATIC = Path(__file__).parent / "static"
 LARGEST = 1024
 #: Pages at the same time.
 PAGES = 16
+#: Seconds that a page may leave what is sent to it unread, and that a connection may take to become a page.
+STALLED, HELLO = 10.0, 30.0
+#: Seconds between reports of what was refused on the wire, and recordings that may be begun in a minute.
+REPORT, RECORDINGS = 1.0, 60
 _SAFE = {
     "Content-Security-Policy": "default-src 'self'; connect-src 'self' ws: wss:; img-src 'self' data:; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -49,7 +59,8 @@ class Live:
     ----------
     session : Session
     token : str, optional
-        What a page must bring as ``?token=...``.
+        What a page must bring as ``?token=...`` or ``Authorization: Bearer ...``; one is made up unless it is given (``live.token``).
+        ``""`` asks for none: anybody on this machine may then look, under this machine's own names (localhost, 127.0.0.1, ::1).
     folder : str or Path, optional
         Where recordings started from the page go; without it the page cannot record.
     """
@@ -61,9 +72,10 @@ class Live:
             from starlette.routing import Route, WebSocketRoute
         except ImportError as error:
             raise Unsupported('the live view needs more packages: pip install "palpate[live]".') from error
-        self.session, self.token = session, token
+        self.session, self.token = session, secrets.token_urlsafe(16) if token is None else token
         self.folder = None if folder is None else Path(folder)
         self.refused: dict[str, int] = {}
+        self._begun: deque[float] = deque()
         self.pages = 0
 
         @contextlib.asynccontextmanager
@@ -74,15 +86,15 @@ class Live:
 
         def page(name: str, kind: str) -> Any:
             async def send(request: Any) -> Any:
-                if name == "index.html" and not self._admitted(request.query_params.get("token")):
-                    return self._refuse("token", JSONResponse({"error": "this page needs its token"}, 403))
+                if name == "index.html" and not self._admitted(request):
+                    return self._refuse("token", JSONResponse({"error": "this page needs its token: ?token=..."}, 403))
                 return FileResponse(STATIC / name, media_type=kind, headers=_SAFE)
 
             return send
 
         async def health(request: Any) -> Any:
-            if not self._admitted(request.query_params.get("token")):
-                return self._refuse("token", JSONResponse({"error": "token"}, 403))
+            if not self._admitted(request):
+                return self._refuse("token", JSONResponse({"error": "this needs the token: ?token=..."}, 403))
             known = session.tracker.health
             return JSONResponse(
                 {
@@ -90,23 +102,21 @@ class Live:
                     "late": known.late,
                     "approximate": known.approximate,
                     "behind": session.behind,
-                    "received": dict(session.counts),
                     "pages": self.pages,
                     "refused": self.refused,
-                    "failure": session.failure,
-                    "recording": session.recording,
+                    **session.state(),
                 },
                 headers=_SAFE,
             )
 
         async def stream(socket: Any) -> None:
             reason = self._unwelcome(socket.headers.get("origin"), socket.headers.get("host"))
-            if reason is None and not self._admitted(socket.query_params.get("token")):
+            if reason is None and not self._admitted(socket):
                 reason = "token"
             if reason is None and self.pages >= PAGES:
                 reason = "pages"
             if reason is not None:
-                self.refused[reason] = self.refused.get(reason, 0) + 1
+                self._refuse(reason)
                 await socket.close(1008, reason)
                 return
             await socket.accept()
@@ -116,7 +126,7 @@ class Live:
             finally:
                 self.pages -= 1
 
-        self.app = Starlette(
+        inner = Starlette(
             routes=[
                 Route("/", page("index.html", "text/html")),
                 Route("/live.js", page("live.js", "text/javascript")),
@@ -127,12 +137,37 @@ class Live:
             lifespan=lifespan,
         )
 
-    def _refuse(self, why: str, answer: Any) -> Any:
+        async def app(scope: Any, receive: Any, send: Any) -> None:
+            if scope["type"] in ("http", "websocket") and not self._known(scope):
+                self._refuse("host")
+                if scope["type"] == "http":
+                    text = "without a token this page is only at http://127.0.0.1 and http://localhost"
+                    await JSONResponse({"error": text}, 421)(scope, receive, send)
+                else:
+                    await send({"type": "websocket.close", "code": 1008, "reason": "host"})
+                return
+            await inner(scope, receive, send)
+
+        self.app = app
+
+    def _known(self, scope: Any) -> bool:
+        """Whether a request came by a name of this machine; with a token the name does not matter."""
+        if self.token:
+            return True
+        hosts = [value.decode("latin-1") for key, value in scope["headers"] if key == b"host"]
+        return len(hosts) == 1 and is_local(hosts[0])
+
+    def _refuse(self, why: str, answer: Any = None) -> Any:
         self.refused[why] = self.refused.get(why, 0) + 1
         return answer
 
-    def _admitted(self, token: str | None) -> bool:
-        return self.token is None or (token is not None and secrets.compare_digest(token.encode(), self.token.encode()))
+    def _admitted(self, request: Any) -> bool:
+        """Whether a request brings the token, in its address or its header."""
+        token = request.query_params.get("token")
+        kind, _, bearer = request.headers.get("authorization", "").partition(" ")
+        if token is None and kind.lower() == "bearer":
+            token = bearer.strip()
+        return not self.token or (token is not None and secrets.compare_digest(token.encode(), self.token.encode()))
 
     @staticmethod
     def _unwelcome(origin: str | None, host: str | None) -> str | None:
@@ -146,27 +181,44 @@ class Live:
 
         session = self.session
         loop, fresh = asyncio.get_running_loop(), asyncio.Event()
+        answers: deque[dict[str, Any]] = deque(maxlen=PAGES)
 
         def wake() -> None:
             with contextlib.suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(fresh.set)
 
+        async def send(what: dict[str, Any] | bytes) -> None:
+            # one that never reads must not keep its place
+            async with asyncio.timeout(STALLED):
+                await (socket.send_bytes(what) if isinstance(what, bytes) else socket.send_text(json.dumps(what)))
+
         end = session.listen(wake)
-        listener = asyncio.create_task(self._listen(socket))
+        listener = asyncio.create_task(self._listen(socket, answers, fresh))
         try:
-            await socket.send_text(json.dumps({**session.layout(), "may_record": self.folder is not None}))
-            sent = -1
+            layout = session.layout()
+            sent, noted, state, reported = -1, layout["noted"], session.state(), time.monotonic()
+            await send({**layout, "may_record": self.folder is not None, "state": state})
             while not listener.done():
                 waiting = asyncio.create_task(fresh.wait())
-                await asyncio.wait({waiting, listener}, return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.wait({waiting, listener}, timeout=REPORT, return_when=asyncio.FIRST_COMPLETED)
                 waiting.cancel()
                 fresh.clear()
-                if session.failure is not None:
-                    await socket.send_text(json.dumps({"failure": session.failure}))
+                while answers:
+                    await send(answers.popleft())
+                news = session.state()
+                urgent = any(news[k] != state[k] for k in ("failure", "ended", "recording", "sender"))
+                if urgent or (news != state and time.monotonic() - reported >= REPORT):
+                    state, reported = news, time.monotonic()
+                    await send({"state": state})
+                noted, texts = session.noted(noted)
+                if texts:
+                    await send({"log": texts})
                 if session.packet is not None and session.count != sent:
                     # only the newest, and the next not before this one has gone: nothing queues
                     sent = session.count
-                    await socket.send_bytes(session.packet)
+                    await send(session.packet)
+        except TimeoutError:
+            self._refuse("stalled")
         except (WebSocketDisconnect, RuntimeError):
             pass
         finally:
@@ -175,7 +227,7 @@ class Live:
             with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
                 await listener
 
-    async def _listen(self, socket: Any) -> None:
+    async def _listen(self, socket: Any, answers: deque[dict[str, Any]], fresh: asyncio.Event) -> None:
         """What the page asks for: recording, on or off. Anything else is counted and left."""
         while True:
             message = await socket.receive()
@@ -189,28 +241,89 @@ class Live:
                 record = wish["record"]
                 if not isinstance(record, bool):
                     raise ValueError("record must be true or false")
-            except (ValueError, KeyError, TypeError):
-                self.refused["message"] = self.refused.get("message", 0) + 1
+            except (ValueError, KeyError, TypeError, RecursionError):
+                self._refuse("message")
+                await asyncio.sleep(0)  # a flood of these leaves room for the others
                 continue
             try:
-                path = None
-                if record:
-                    if self.folder is None:
-                        raise InvalidInput("recording from the page is off: start with --record-to FOLDER.")
-                    path = self.folder / time.strftime("palpate-%Y%m%d-%H%M%S.mcap")
-                name = await asyncio.to_thread(self.session.record, path)
-                await socket.send_text(json.dumps({"recording": name}))
+                name = await asyncio.to_thread(self.session.record, self._path() if record else None)
+                answers.append({"recording": name})
             except PalpateError as error:
-                await socket.send_text(json.dumps({"failure": str(error), "recording": None}))
+                answers.append({"refused": str(error), "recording": self.session.recording})
+            fresh.set()
+
+    def _path(self) -> Path:
+        """Where the next recording goes; a name that is not taken yet."""
+        if self.folder is None:
+            raise InvalidInput("recording from the page is off: start with --record-to FOLDER.")
+        now = time.monotonic()
+        while self._begun and now - self._begun[0] > 60.0:
+            self._begun.popleft()
+        if len(self._begun) >= RECORDINGS:
+            self._refuse("recordings")
+            raise InvalidInput(f"{RECORDINGS} recordings were begun in the last minute; wait a little.")
+        self._begun.append(now)
+        stem = time.strftime("palpate-%Y%m%d-%H%M%S")
+        names = (f"{stem}.mcap" if i == 1 else f"{stem}-{i}.mcap" for i in range(1, 10_000))
+        return next(path for path in map(self.folder.joinpath, names) if not path.exists())
+
+
+def is_local(host: str) -> bool:
+    """Whether a Host header names this machine: localhost or a loopback address, with a port or without.
+
+    >>> is_local("localhost:8765"), is_local("[::1]:8765"), is_local("evil.example:8765")
+    (True, True, False)
+    """
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+        return name == "localhost" or ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False
+
+
+def address(live: Live, host: str, port: int) -> str:
+    """What to open in a browser."""
+    query = f"?token={quote(live.token)}" if live.token else ""
+    return f"http://{f'[{host}]' if ':' in host else host}:{port}/{query}"
 
 
 def serve(live: Live, *, host: str = "127.0.0.1", port: int = 8765) -> None:
     """Run until interrupted."""
     try:
         import uvicorn
+        from uvicorn.protocols.http.h11_impl import H11Protocol
     except ImportError as error:
         raise Unsupported('the live view needs more packages: pip install "palpate[live]".') from error
-    uvicorn.run(live.app, host=host, port=port, log_level="warning", ws_max_size=LARGEST, ws_per_message_deflate=False)
+    if host not in LOCAL and not live.token:
+        raise InvalidInput(f"host {host} opens the page to others: give a token that they must bring (?token=...).")
+
+    class Impatient(H11Protocol):  # type: ignore[misc]
+        """Ends connections that do not become a page: uvicorn waits for ever for a request that never comes or never ends."""
+
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            self.loop.call_later(HELLO, self.expire)
+
+        def expire(self) -> None:
+            if self.transport.get_protocol() is self:  # not a WebSocket by now
+                self.transport.abort()
+
+    family = sockets.AF_INET6 if ":" in host else sockets.AF_INET
+    with sockets.socket(family, sockets.SOCK_STREAM) as bound:
+        bound.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 1)
+        if hasattr(sockets, "TCP_USER_TIMEOUT"):
+            # what a page leaves unread for so long ends its connection; the library alone would keep it
+            bound.setsockopt(sockets.IPPROTO_TCP, sockets.TCP_USER_TIMEOUT, round(1e3 * STALLED))
+        try:
+            bound.bind((host, port))
+        except OSError as error:
+            raise InvalidInput(f"cannot listen on {host}:{port} ({error.strerror}).") from error
+        config = uvicorn.Config(
+            live.app, http=Impatient, log_level="warning", ws_max_size=LARGEST, ws_per_message_deflate=False,
+            timeout_graceful_shutdown=5,
+        )  # fmt: skip
+        with contextlib.suppress(KeyboardInterrupt):
+            uvicorn.Server(config).run(sockets=[bound])
 
 
 def show(
@@ -241,13 +354,18 @@ def show(
         Where the stream goes besides: a `palpate.recordings.recorder`, a `FoxgloveServer`, a `RerunSink`.
     name : str
         Shown on the page.
-    host, port, token
-        Where the page is; anything but this machine needs a token.
+    host, port
+        Where the page is; this machine alone by default.
+    token : str, optional
+        What a page must bring; made up unless it is given. ``""`` asks for none, on this machine only. The address to open is
+        logged (``logging.getLogger("palpate.live")``).
     """
-    if host not in LOCAL and token is None:
+    if host not in LOCAL and token == "":
         raise InvalidInput(f"host {host} opens the page to others: give a token that they must bring (?token=...).")
     bound = friction if {"z"} < set(skin.components) else None
     tracker = skin.track(friction=bound, baseline=baseline, budget=BUDGET)
     monitor = GraspMonitor(friction=friction) if monitor is None else monitor
     session = Session(skin, lambda: frames, tracker, monitor, name=name, pace=False, sinks=sinks)
-    serve(Live(session, token=token), host=host, port=port)
+    live = Live(session, token=token)
+    logging.getLogger("palpate.live").warning("open %s", address(live, host, port))
+    serve(live, host=host, port=port)

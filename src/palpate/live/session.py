@@ -14,7 +14,7 @@ import struct
 import threading
 import time as clock
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import Event, GraspMonitor
+from palpate.network import FrameListener
 from palpate.recordings import Sink, recorder
 from palpate.skin import Skin
 from palpate.touch import Touch
@@ -93,7 +94,7 @@ def unpacked(packet: bytes) -> tuple[dict[str, Any], Any]:
         raise InvalidInput(f"a torn palpate packet of {len(packet)} bytes.")
     try:
         numbers = json.loads(packet[8 : 8 + size])
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InvalidInput("a palpate packet whose numbers are not JSON.") from error
     return numbers, np.frombuffer(packet, dtype="<f4", offset=8 + size)
 
@@ -105,7 +106,9 @@ class Session:
     ----------
     skin : Skin
     source : callable
-        Returns an iterable of (time [s], readings).
+        Returns an iterable of (time [s], readings), or a `FrameListener`. Where its times go back (a sensor that restarts) or another
+        sender is served, times go on from the last one by this machine's clock: page, tracker and sinks see one time that only
+        increases. That is said among the events. The zero is kept.
     tracker, monitor : Tracker, GraspMonitor
     pace : bool
         Wait until each frame is due by its time (a recording); else take frames as they come (a sensor).
@@ -116,8 +119,6 @@ class Session:
     sinks : sequence of Sink
         Where readings, touches and events go besides the page: a `palpate.recordings.recorder`, a `FoxgloveServer`, a `RerunSink`. One that
         fails is reported and left; the stream goes on.
-    counts : mapping of str to int, optional
-        What a listener took in and refused (`FrameListener.counts`), shown with the sensor's health.
     """
 
     def __init__(
@@ -132,21 +133,24 @@ class Session:
         loop: bool = False,
         end: Callable[[], None] | None = None,
         sinks: Sequence[Sink] = (),
-        counts: Mapping[str, int] | None = None,
     ) -> None:
         self.skin, self.source, self.tracker, self.monitor = skin, source, tracker, monitor
         self.name, self.pace, self.loop, self._end = name, pace, loop, end
         self.packet: bytes | None = None
         self.count = self.behind = 0
         self.failure: str | None = None
+        self.ended = False
         self.past: list[str] = []
+        self._noted = 0
+        self._listener: FrameListener | None = None
+        self._shift: float | None = None
+        self._raw = self._now = self._arrived = 0.0
         self.history: deque[dict[str, Any]] = deque(maxlen=HISTORY)
         self._listeners: set[Callable[[], None]] = set()
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._sinks = list(sinks)
-        self.counts: Mapping[str, int] = {} if counts is None else counts
         self._recorder: Sink | None = None
         self.recording: str | None = None
 
@@ -187,7 +191,7 @@ class Session:
         grid = self.skin.surface
         line = grid.dimensions == 1
         with self._lock:
-            history = list(self.history)
+            history, past, noted = list(self.history), list(self.past), self._noted
         return {
             "name": self.name,
             "shape": [1, *grid.shape] if line else list(grid.shape),
@@ -197,10 +201,38 @@ class Session:
             "sought": list(self.tracker.names),
             "unit": "N/m" if line else "N",
             "notes": list(self.tracker.notes),
-            "past": self.past[-REMEMBERED:],
+            "past": past,
+            "noted": noted,
             "history": history,
-            "recording": self.recording,
         }
+
+    def state(self) -> dict[str, Any]:
+        """What a page must know even when no frame comes: how the stream is, and what became of it on the wire."""
+        listener = self._listener
+        return {
+            "failure": self.failure,
+            "ended": self.ended,
+            "recording": self.recording,
+            "sender": None if listener is None else listener.sender,
+            "received": {} if listener is None else dict(listener.counts),
+        }
+
+    def note(self, text: str) -> None:
+        """Say something among the events."""
+        with self._lock:
+            self._remember([text])
+        self._tell()
+
+    def noted(self, after: int) -> tuple[int, list[str]]:
+        """How many events there were so far, and those after so many (as far as they are remembered)."""
+        with self._lock:
+            count = self._noted
+            return count, self.past[-(count - after) :] if count > after else []
+
+    def _remember(self, texts: list[str]) -> None:
+        self.past += texts
+        del self.past[:-REMEMBERED]
+        self._noted += len(texts)
 
     def record(self, path: str | Path | None) -> str | None:
         """Begin a recording (.mcap, .nc, .zarr) at ``path``, or end the one that runs (None); returns its name."""
@@ -217,35 +249,61 @@ class Session:
 
     def run(self) -> None:
         """The stream to its end, in this thread."""
-        offset = 0.0
         try:
             while not self._stop.is_set():
-                begun = clock.perf_counter()
-                first: float | None = None
-                last = 0.0
-                for time, reading in self.source():
-                    if self._stop.is_set():
-                        return
-                    first = time if first is None else first
-                    last = time
-                    if self.pace:
-                        wait = (time - first) - (clock.perf_counter() - begun)
-                        if wait > 0:
-                            self._stop.wait(wait)
-                        elif wait < -0.1:
-                            # too late to matter: a live view shows now, not then
-                            self.behind += 1
-                            continue
-                    self._frame(offset + time - first, reading)
+                self._play()
                 if not self.loop:
                     return
-                offset += last - (first or 0.0) + 0.02
         except Exception as error:
             # the page must say that the stream has ended, whatever ended it
             self.failure = str(error) or type(error).__name__
-            self._tell()
             if not isinstance(error, PalpateError):
                 raise
+        finally:
+            self.ended = True
+            self._tell()
+
+    def _play(self) -> None:
+        """The source once."""
+        begun, first = clock.perf_counter(), None
+        number: int | None = None
+        for which, time, reading in self._frames():
+            if self._stop.is_set():
+                return
+            if first is None:
+                first = time
+                self._shift = (0.0 if self._shift is None else self._now + 0.02) - time
+            elif which != number or (time < self._raw and not self.pace):
+                waited = max(clock.monotonic() - self._arrived, 1e-3)
+                if time < self._raw:
+                    self.note(
+                        f"{self._now:.3f} s  the sensor's clock went back by {self._raw - time:.6g} s; the zero is kept"
+                    )
+                self._shift = self._now + waited - time
+            number = which
+            if self.pace:
+                wait = (time - first) - (clock.perf_counter() - begun)
+                if wait > 0:
+                    self._stop.wait(wait)
+                elif wait < -0.1:
+                    # too late to matter: a live view shows now, not then
+                    self.behind += 1
+                    continue
+            self._raw, self._now, self._arrived = time, time + (self._shift or 0.0), clock.monotonic()
+            self._frame(self._now, reading)
+
+    def _frames(self) -> Iterator[tuple[int, float, Any]]:
+        """(session, time [s], readings) of the source."""
+        source = self.source()
+        if isinstance(source, FrameListener):
+            self._listener = source
+            for text in list(source.events):
+                self.note(text)
+            source.tell = self.note
+            yield from source.frames()
+        else:
+            for time, reading in source:
+                yield 0, time, reading
 
     def _frame(self, time: float, reading: Any) -> None:
         born = 1e3 * clock.time()
@@ -260,12 +318,10 @@ class Session:
             "behind": self.behind,
             "left_out": [f"{health.label(int(r))} ({health.reasons[r]})" for r in rows[:20]],
             "left_out_count": len(rows),
-            "refused": {k: v for k, v in self.counts.items() if v and k != "frames"},
         }
         packet = packed(touch, self.monitor, events, facts, born=born, ms=1e3 * self.tracker.seconds)
         with self._lock:
-            self.past += [str(e) for e in events]
-            del self.past[:-REMEMBERED]
+            self._remember([str(e) for e in events])
             for sink in list(self._sinks):
                 try:
                     sink.readings(time, reading)

@@ -3,7 +3,8 @@
 A sender is an address (UDP) or a connection (TCP, WebSocket). Its frames form a session that begins with its first good frame and has a
 clock of its own. Within a session a frame is taken when its sequence and its time are a little after those of the last one. A frame far
 from the last may be damage or the sender's new beginning. It is held until `RUN` such frames follow each other, and then all of them are
-taken as a new session (the rule for sources that restart in RFC 3550, appendix A.1). Frames a little before the last are late or copies.
+taken as a new session (the rule for sources that restart in RFC 3550, appendix A.1). Frames a little before the last are late or copies,
+unless `LATE_RUN` of them follow each other with none of the session between: then the sender has restarted soon after it began.
 
 Frames of two senders never mix. A second one is refused until the first has been silent for a while, several times its own interval.
 """
@@ -23,6 +24,8 @@ __all__ = ["REFUSALS", "Admission", "Limits"]
 
 #: Frames out of their order that must follow each other before they are a new beginning.
 RUN = 3
+#: The same for frames a little before the last, of which a network that changes its order may deliver several.
+LATE_RUN = 20
 #: How far the sequence may be ahead (frames lost) or behind (frames late); ahead also by `FASTEST` a second of silence.
 AHEAD, BEHIND, FASTEST = 1000, 1000, 10_000
 #: How far the time may be ahead [s], besides the silence and some of the steps before.
@@ -69,9 +72,11 @@ class Limits:
 class _Run:
     """Frames that follow each other, but not the session."""
 
+    name: str
     sequence: int
     time: float
     values: list[tuple[float, Floats]]
+    count: int = 1
 
 
 @dataclass
@@ -178,20 +183,20 @@ class Admission:
             self.counts["frames"] += 1
             return "frames", [(session.number, time, values)]
         behind = (session.sequence - sequence) % 2**32
-        if step == 0 or (behind <= BEHIND and step < 0 and silent < self._patience(session)):
-            text = f"sequence {sequence} at {time:g} s is not after {session.sequence} at {session.time:g} s"
-            return self.refuse("late", session.sender, now, text), []
+        near = step == 0 or (behind <= BEHIND and step < 0 and silent < self._patience(session))
+        name = "late" if near else "jump"
         run = session.run
-        if run is not None and 0 < (sequence - run.sequence) % 2**32 <= AHEAD and time > run.time:
-            run.sequence, run.time = sequence, time
-            run.values.append((time, values))
+        if run is not None and run.name == name and 0 < (sequence - run.sequence) % 2**32 <= AHEAD and time > run.time:
+            run.sequence, run.time, run.count = sequence, time, run.count + 1
+            run.values = [*run.values, (time, values)][-RUN:]
         else:
-            session.run = run = _Run(sequence, time, [(time, values)])
-        if len(run.values) < RUN:
-            text = f"sequence {sequence} at {time:g} s is far from {session.sequence} at {session.time:g} s"
-            return self.refuse("jump", session.sender, now, text), []
-        # they were refused while they could have been damage
-        self.counts["jump"] -= RUN - 1
+            session.run = run = _Run(name, sequence, time, [(time, values)])
+        if run.count < (LATE_RUN if near else RUN):
+            how = "is not after" if near else "is far from"
+            text = f"sequence {sequence} at {time:g} s {how} {session.sequence} at {session.time:g} s"
+            return self.refuse(name, session.sender, now, text), []
+        # those that are taken now were refused while they could have been damage
+        self.counts[name] -= len(run.values) - 1
         return "frames", self._begin(session.sender, sequence, run.values, now)
 
     def _begin(

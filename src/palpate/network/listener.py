@@ -16,6 +16,7 @@ from typing import Any
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.network.admission import Admission, Limits
+from palpate.network.frames import MAGIC
 
 __all__ = ["WAITING", "FrameListener"]
 
@@ -166,7 +167,7 @@ class FrameListener:
             self._abort_all()
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Frames of one connection, until it leaves or speaks nonsense: after that nothing tells where a frame begins."""
+        """Frames of one connection, until it leaves or sends what does not begin as a frame: then nothing tells where one begins."""
         sender = self._arrived(writer.transport)
         why = None
         try:
@@ -205,7 +206,7 @@ class FrameListener:
             except TimeoutError:
                 return refuse("slow", sender, clock.monotonic(), "no whole frame came in time")
             result = self._take(sender, data)
-            if result in ("malformed", "big-endian", "oversized"):
+            if result in ("malformed", "big-endian", "oversized") and not data.startswith(MAGIC):
                 return result
             if self._unwanted(sender, result):
                 return f"busy, {self.sender} is being served"

@@ -7,6 +7,7 @@ window.palpate = hook;
 hook.latency = (q) => { const s = [...hook.latencies].sort((a, b) => a - b); return s.length ? s[Math.min(s.length - 1, Math.floor(q * s.length))] : NaN; };
 
 let layout = null, frames = [], trail = [], fresh = null, shown = null, paused = false, back = 0, top_ = 0;
+let state = { failure: null, ended: false, recording: null, sender: null, received: {} }, bad = [], heard = Date.now();
 const decoder = new TextDecoder();
 
 // -- theme ---------------------------------------------------------------------------------------
@@ -43,17 +44,16 @@ function connect() {
   const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/stream${location.search}`);
   socket.binaryType = "arraybuffer";
   hook.socket = socket;
-  socket.onopen = () => { hook.connected = true; say("live"); };
-  socket.onclose = () => { hook.connected = false; say("lost; trying again"); setTimeout(connect, 1000); };
+  socket.onopen = () => { hook.connected = true; heard = Date.now(); say(standing()); };
+  socket.onclose = (event) => { hook.connected = false; say(event.reason === "pages" ? "too many pages are open; trying again" : "lost; trying again"); setTimeout(connect, 1000); };
   socket.onmessage = (message) => {
     if (typeof message.data === "string") { told(JSON.parse(message.data)); return; }
-    hook.received++;
+    hook.received++; heard = Date.now();
     let frame;
     try { frame = parse(message.data); } catch (error) { hook.failures++; return; }
     frames.push(frame);
     if (frames.length > KEEP) frames.shift();
     trail.push(frame); if (trail.length > 2 * KEEP) trail.shift();
-    for (const text of frame.events) log(text);
     if (fresh) hook.dropped++;
     fresh = frame;
   };
@@ -61,16 +61,35 @@ function connect() {
 function told(facts) {
   if (facts.shape) {
     layout = facts; frames = []; trail = facts.history; $("name").textContent = facts.name; $("notes").textContent = facts.notes.join(" ");
-    $("record").hidden = !facts.may_record; $("events").textContent = ""; facts.past.forEach(log); size();
+    $("record").hidden = !facts.may_record; $("events").textContent = ""; facts.past.forEach((text) => log(text)); size();
   }
-  if ("recording" in facts) { $("record").setAttribute("aria-pressed", String(Boolean(facts.recording))); $("record").textContent = facts.recording ? "Stop recording" : "Record"; }
-  if (facts.failure) alarm(facts.failure);
+  if (facts.log) facts.log.forEach((text) => log(text));
+  if (facts.state) { state = facts.state; hook.state = state; recording(state.recording); say(standing()); alarms(); wire(); }
+  if ("recording" in facts) recording(facts.recording);
+  if (facts.refused) log(facts.refused, true);
 }
-function say(text) { $("status").textContent = text; }
-function log(text) {
+function recording(name) { $("record").setAttribute("aria-pressed", String(Boolean(name))); $("record").textContent = name ? "Stop recording" : "Record"; }
+// what is wrong with the stream stays in sight until it is mended, whatever the contact does
+function alarms() { alarm([...(state.failure ? [state.failure] : []), ...bad].join("; ")); }
+function standing() {
+  if (paused) return "paused";
+  if (state.ended) return state.failure ? "the stream has failed" : "the stream has ended";
+  const silent = Math.floor((Date.now() - heard) / 1000);
+  return silent < 2 ? "live" : frames.length ? `no frame for ${silent} s` : "waiting for the first frame";
+}
+const COUNTED = ["frames", "sessions"];
+function wire() {
+  const lost = Object.entries(state.received).filter(([k, v]) => v && !COUNTED.includes(k)).map(([k, v]) => `${v} ${k}`);
+  const some = Object.keys(state.received).length > 0;
+  $("wire").hidden = !some;
+  $("wire").textContent = some ? `on the wire: ${state.sender ? `${state.sender} is served` : "nobody sends"}; ${state.received.frames} frames, ${state.received.sessions} sessions; not taken: ${lost.join(", ") || "none"}` : "";
+}
+setInterval(() => { if (hook.connected) say(standing()); }, 500);
+function say(text) { if ($("status").textContent !== text) $("status").textContent = text; }
+function log(text, warn) {
   const item = document.createElement("li");
   item.textContent = text;
-  if (/(slip|excess).*began/.test(text)) item.className = "warn";
+  if (warn === true || /(slip|excess).*began|refused|began again|went back/.test(text)) item.className = "warn";
   $("events").prepend(item);
   while ($("events").children.length > 200) $("events").lastChild.remove();
 }
@@ -137,10 +156,10 @@ function numbers(f) {
   $("peak").textContent = unit(f.peak, "Pa"); $("peak-range").textContent = f.peak_low ? range(f.peak_low[0], f.peak_high[0], "Pa") : "";
   $("margin").textContent = f.utilisation === null ? "–" : (1 - f.utilisation).toFixed(2);
   $("margin-range").textContent = f.utilisation === null ? "" : `± ${(2 * f.spread).toFixed(2)}, friction ${f.friction.toFixed(2)}`;
-  const bad = f.going_on.filter((k) => k !== "contact");
-  alarm(bad.length ? bad.join(", ") : "");
+  bad = f.going_on.filter((k) => k !== "contact");
+  alarms();
   const h = f.health;
-  $("health").textContent = `frame ${h.frames}, ${f.ms.toFixed(1)} ms; ${h.late} late, ${h.approximate} approximate, ${h.behind} skipped; left out: ${h.left_out_count ? h.left_out.join(", ") : "none"}${Object.keys(h.refused || {}).length ? "; on the wire: " + Object.entries(h.refused).map(([k, v]) => `${v} ${k}`).join(", ") : ""}`;
+  $("health").textContent = `frame ${h.frames}, ${f.ms.toFixed(1)} ms; ${h.late} late, ${h.approximate} approximate, ${h.behind} skipped; left out: ${h.left_out_count ? h.left_out.join(", ") : "none"}`;
   $("map").setAttribute("aria-label", f.touching ? `Contact: ${unit(f.force[last], u)} normal, ${unit(shearOf(f), u)} shear` : "No contact");
 }
 function plot(id, upto, lines, low, high) {
@@ -183,7 +202,7 @@ function tick(now) {
 }
 
 // -- what the user does --------------------------------------------------------------------------
-function pause(on) { paused = on; if (!on) back = 0; $("pause").setAttribute("aria-pressed", String(on)); $("pause").textContent = on ? "Go on" : "Pause"; if (on) $("scrub").max = String(frames.length - 1); say(on ? "paused" : "live"); }
+function pause(on) { paused = on; if (!on) back = 0; $("pause").setAttribute("aria-pressed", String(on)); $("pause").textContent = on ? "Go on" : "Pause"; if (on) $("scrub").max = String(frames.length - 1); say(standing()); }
 function look(index) {
   if (!frames.length) return;
   const i = Math.max(0, Math.min(frames.length - 1, index));
