@@ -376,7 +376,9 @@ def test_show_takes_a_generator(skin: pp.Skin, monkeypatch: pytest.MonkeyPatch, 
         assert (host, port) == ("127.0.0.1", 8765)
         with testclient.TestClient(live.app, base_url=HERE) as client:
             deadline = time.monotonic() + 20
-            while client.get("/health").json()["frames"] < 30 and time.monotonic() < deadline:
+            assert client.get("/health").status_code == 403
+            health = f"/health?token={live.token}"
+            while client.get(health).json()["frames"] < 30 and time.monotonic() < deadline:
                 time.sleep(0.02)
 
     monkeypatch.setattr(server, "serve", serve)

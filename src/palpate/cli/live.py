@@ -44,7 +44,8 @@ def live(
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port.")] = 8765,
     token: Annotated[
-        str | None, typer.Option(help='What the page must bring: made up unless given; "" for none, on this machine only.')
+        str | None,
+        typer.Option(help='What the page must bring: made up unless given; "" for none, on this machine only.'),
     ] = None,
 ) -> None:
     """Show in a browser what touches the pad, while it happens."""
