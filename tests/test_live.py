@@ -391,7 +391,7 @@ def test_show_takes_a_generator(skin: pp.Skin, monkeypatch: pytest.MonkeyPatch, 
     )
     np.testing.assert_array_equal(read_recording(tmp_path / "a.zarr").readings, np.stack([clean] * 30))
     with pytest.raises(pp.InvalidInput, match="token"):
-        show(skin, [], host="0.0.0.0")
+        show(skin, [], host="0.0.0.0", token="")
 
 
 def test_ros_node(skin: pp.Skin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
