@@ -1,0 +1,246 @@
+"""Recording and Touch to labelled arrays (xarray) and back: the one place where what is written gets its names, units and dimensions.
+
+What becomes a Dataset here comes back equal. NetCDF, HDF5 and Zarr hold these data sets as they are.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate.elastic.quantities import COMPONENTS
+from palpate.errors import InvalidInput
+from palpate.inverse.account import Errors
+from palpate.recordings.recording import Recording
+from palpate.sensing.grids import AreaGrid, Grid, LineGrid
+from palpate.touch import Touch
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["CONVENTIONS", "recording_dataset", "recording_of", "touch_dataset", "touch_of"]
+
+CONVENTIONS = "palpate recording 1"
+#: Attributes of a result that are its own; the others are its provenance.
+_OWN = ("Conventions", "method", "notes", "sought", "unseen_force", "surface", "meta")
+#: What a result holds besides traction: field -> its dimensions after those of the batch.
+_FIELDS: dict[str, tuple[str, ...]] = {
+    "parameter": (),
+    "noise_std": ("channel",),
+    "residual": (),
+    "converged": (),
+    "touching": (),
+    "outliers": ("reading",),
+    "draws": ("draw", "component", "*"),
+    "resolution": (),
+    "sliding": (),
+}
+_ERRORS: dict[str, tuple[str, ...]] = {
+    "traction": ("component", "*"),
+    "force": ("component",),
+    "moment": ("about",),
+    "center": ("along",),
+    "peak": (),
+    "detail": ("component", "*"),
+}
+
+
+# -- recordings --------------------------------------------------------------------------------------------------------
+
+
+def recording_dataset(recording: Recording) -> xarray.Dataset:
+    """Readings (time, channel, taxel) or (time, channel, y, x) with time, channels, units and positions.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    xarray.Dataset
+        ``readings`` in SI units, ``unit`` and (scattered taxels) ``positions`` [m]; coordinates ``time`` [s] and ``channel``. The
+        attribute ``meta`` is JSON.
+    """
+    import xarray
+
+    array = ("taxel",) if recording.readings.ndim == 3 else ("y", "x")
+    dataset = xarray.Dataset(
+        {
+            "readings": (
+                ("time", "channel", *array),
+                recording.readings,
+                {"long_name": "sensor readings in SI units, compression positive"},
+            ),
+            "unit": (("channel",), np.array(recording.units, dtype=object)),
+        },
+        coords={
+            "time": ("time", recording.time, {"units": "s"}),
+            "channel": ("channel", np.array(recording.channels, dtype=object)),
+        },
+        attrs={"meta": json.dumps(recording.meta), "Conventions": CONVENTIONS},
+    )
+    if recording.positions is not None:
+        dims = ("taxel", "axis")[: recording.positions.ndim]
+        dataset["positions"] = (dims, recording.positions, {"units": "m"})
+    return dataset
+
+
+def recording_of(dataset: xarray.Dataset, name: str = "the data set") -> Recording:
+    """The recording that a Dataset holds; `InvalidInput` where it holds none. ``name`` is what messages call it."""
+    missing = [n for n in ("readings", "channel", "time") if n not in dataset.variables]
+    if missing:
+        held = ", ".join(map(str, dataset.variables)) or "nothing"
+        raise InvalidInput(f"{name}: not a palpate recording: it lacks {', '.join(missing)} (it holds {held}).")
+    readings = dataset["readings"]
+    array = [str(d) for d in readings.dims if d not in ("time", "channel")]
+    if sorted(array) not in (["taxel"], ["x", "y"]) or not {"time", "channel"} <= set(readings.dims):
+        raise InvalidInput(
+            f"{name}: readings must have the dimensions (time, channel, taxel) or (time, channel, y, x); got {readings.dims}."
+        )
+    order = ("taxel",) if len(array) == 1 else ("y", "x")
+    positions = None
+    if "positions" in dataset.variables:
+        found = dataset["positions"]
+        positions = found.transpose("taxel", ...).values if "taxel" in found.dims else found.values
+    return Recording(
+        readings=readings.transpose("time", "channel", *order).values,
+        channels=tuple(_text(c) for c in dataset["channel"].values),
+        time=dataset["time"].values,
+        positions=positions,
+        meta=_meta(dataset.attrs.get("meta", "{}"), name),
+    )
+
+
+def _text(value: Any) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _meta(text: Any, name: str) -> dict[str, str]:
+    try:
+        found = json.loads(text)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InvalidInput(f"{name}: meta cannot be read; the file may be truncated.") from error
+    if not isinstance(found, dict):
+        raise InvalidInput(f"{name}: meta must be a JSON object.")
+    return {str(k): str(v) for k, v in found.items()}
+
+
+# -- touches -----------------------------------------------------------------------------------------------------------
+
+
+def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> xarray.Dataset:
+    """A result with everything in it: traction with coordinates and units, net force, error bars, status.
+
+    Parameters
+    ----------
+    touch : Touch
+    provenance : mapping of str to str, optional
+        What it takes to make the result again; each becomes an attribute.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``traction`` [Pa] and ``force`` [N or N/m]; with error bars ``std``, ``force_low``, ``force_high`` (95 %) as they are to be
+        used, and ``errors_*`` as the model gives them before calibration; the further fields of `Touch` by their names.
+    """
+    import xarray
+
+    traction = touch.traction
+    surface = ("x",) if touch.surface.dimensions == 1 else ("y", "x")
+    batch = tuple(str(d) for d in traction.dims[: traction.ndim - 1 - len(surface)])
+    unit = "N/m" if touch.surface.dimensions == 1 else "N"
+    dataset = xarray.Dataset({"traction": traction})
+    dataset["force"] = ((*batch, "component"), to_numpy(touch.force), {"units": unit, "long_name": "net force"})
+    if touch.errors is not None:
+        dataset["std"] = touch.std
+        for name, side in zip(("force_low", "force_high"), touch.interval(0.95, "force")):
+            attrs = {"units": unit, "long_name": "net force, 95 % interval"}
+            dataset[name] = ((*batch, "component"), side, attrs)
+        for field in fields(Errors):
+            dims = _expanded(_ERRORS[field.name.removeprefix("outer_")], surface)
+            dataset[f"errors_{field.name}"] = ((*batch, *dims), to_numpy(getattr(touch.errors, field.name)))
+    for key, tail in _FIELDS.items():
+        value = getattr(touch, key)
+        if value is not None:
+            dataset[key] = ((*batch, *_expanded(tail, surface)), to_numpy(value))
+    if touch.time is not None and "time" not in dataset.coords:
+        dataset["time"] = (batch, np.asarray(touch.time), {"units": "s"})
+    dataset.attrs.update({k: str(v) for k, v in (provenance or {}).items() if k not in _OWN})
+    dataset.attrs.update(
+        {
+            "method": touch.method,
+            "notes": "\n".join(touch.notes),
+            "sought": ",".join(touch.components),
+            "unseen_force": ",".join(touch.unseen_force),
+            "surface": json.dumps(_described(touch.surface)),
+            "meta": json.dumps(touch.meta),
+        }
+    )
+    return dataset
+
+
+def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
+    """The result that a Dataset of `touch_dataset` holds; `InvalidInput` where it holds none."""
+    attrs = dataset.attrs
+    missing = [n for n in ("traction", "component") if n not in dataset.variables]
+    missing += [n for n in ("surface", "sought", "method") if n not in attrs]
+    if missing:
+        raise InvalidInput(f"{name}: not a whole palpate result: it lacks {', '.join(missing)}.")
+    grid = _grid(attrs["surface"], name)
+    traction = dataset["traction"]
+    order = [
+        *(d for d in traction.dims if d not in ("component", "y", "x")),
+        "component",
+        *("y", "x")[-grid.dimensions :],
+    ]
+    values = traction.transpose(*order).values
+    if values.shape[len(order) - 1 - grid.dimensions :] != (len(COMPONENTS[grid.dimensions]), *grid.shape):
+        raise InvalidInput(f"{name}: traction of shape {values.shape} does not lie on a surface of {grid.shape} cells.")
+    errors = None
+    if "errors_traction" in dataset:
+        errors = Errors(**{f.name: dataset[f"errors_{f.name}"].values for f in fields(Errors)})
+    time = dataset["time"] if "time" in dataset.variables else None
+    if time is not None and time.attrs.get("units") == "frame":
+        time = None
+    return Touch(
+        values=values,
+        surface=grid,
+        components=_listed(attrs["sought"]),
+        method=attrs["method"],
+        notes=tuple(attrs.get("notes", "").splitlines()),
+        unseen_force=_listed(attrs.get("unseen_force", "")),
+        time=None if time is None else time.values,
+        meta=_meta(attrs.get("meta", "{}"), name),
+        errors=errors,
+        **{key: dataset[key].values if key in dataset else None for key in _FIELDS},
+    )
+
+
+def _expanded(dims: tuple[str, ...], surface: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(d for dim in dims for d in (surface if dim == "*" else (dim,)))
+
+
+def _listed(text: str) -> tuple[str, ...]:
+    return tuple(text.split(",")) if text else ()
+
+
+def _described(grid: Grid) -> dict[str, Any]:
+    """What makes the same grid again, to the last bit: coordinates alone would not."""
+    if isinstance(grid, LineGrid):
+        return {"count": grid.count, "spacing": grid.spacing, "center": grid.center}
+    return {"shape": grid.shape, "spacing": grid.spacing, "center": grid.center}
+
+
+def _grid(text: str, name: str) -> Grid:
+    try:
+        found = json.loads(text)
+        if "count" in found:
+            return LineGrid(**found)
+        return AreaGrid(**{k: tuple(v) if isinstance(v, list) else v for k, v in found.items()})
+    except (TypeError, ValueError, KeyError, RecursionError) as error:
+        raise InvalidInput(f"{name}: its surface cannot be read; the file may be damaged.") from error

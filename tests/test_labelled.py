@@ -1,0 +1,174 @@
+"""Recordings and touches as labelled arrays, as NetCDF and as Zarr: they come back equal."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import palpate as pp
+from palpate import solutions
+from palpate.inverse.account import Errors
+from palpate.recordings.labelled import recording_dataset, recording_of, touch_dataset, touch_of
+from palpate.sensing.grids import AreaGrid, LineGrid
+
+WORDS = st.text(st.characters(codec="utf-8", exclude_characters="\x00\r\n\x0b\x0c\x1c\x1d\x1e\x85\u2028\u2029"), max_size=8)  # fmt: skip
+CHANNELS = st.sampled_from(("stress_xz", "stress_zz", "displacement_x", "strain_xz"))
+
+
+@st.composite
+def recordings(draw: Any) -> pp.Recording:
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    frames, channels = draw(st.integers(1, 4)), draw(st.lists(CHANNELS, min_size=1, max_size=3))
+    shape = draw(st.sampled_from(((1,), (4,), (2, 3), (1, 2))))
+    readings = rng.standard_normal((frames, len(channels), *shape)).astype(draw(st.sampled_from(("f4", "f8"))))
+    if draw(st.booleans()):
+        readings.flat[0] = np.nan
+    positions = draw(st.sampled_from((None, (), (2,)))) if len(shape) == 1 else None
+    return pp.Recording(
+        readings=readings,
+        channels=tuple(channels),
+        time=np.cumsum(rng.uniform(1e-3, 1.0, frames)) - draw(st.sampled_from((0.0, 5.0))),
+        positions=None if positions is None else rng.standard_normal((*shape, *positions)),
+        meta=draw(st.dictionaries(WORDS, WORDS, max_size=3)),
+    )
+
+
+@st.composite
+def touches(draw: Any) -> pp.Touch:
+    """Any touch that the type allows, most of which no method would find."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    spacing = draw(st.sampled_from((1e-3, 1 / 3)))
+    grid: Any = draw(
+        st.sampled_from(
+            (
+                LineGrid(count=5, spacing=spacing, center=0.1),
+                AreaGrid(shape=(2, 3), spacing=spacing, center=(0.1, -0.2)),
+                AreaGrid(shape=(3, 2), spacing=(spacing, 2 * spacing)),
+            )
+        )
+    )
+    batch = draw(st.sampled_from(((), (1,), (3,), (2, 2))))
+    n = len(grid.components)
+
+    def some(*tail: int) -> Any:
+        return rng.standard_normal((*batch, *tail))
+
+    def maybe(value: Any) -> Any:
+        return value if draw(st.booleans()) else None
+
+    full = (n, *grid.shape)
+    about = 1 if grid.dimensions == 1 else 3
+    errors = Errors(
+        **{
+            f.name: np.abs(some(*{"traction": full, "detail": full, "force": (n,), "moment": (about,), "center": (grid.dimensions,), "peak": ()}[f.name.removeprefix("outer_")]))
+            for f in fields(Errors)
+        }
+    )  # fmt: skip
+    return pp.Touch(
+        values=some(*full).astype(draw(st.sampled_from(("f4", "f8")))),
+        surface=grid,
+        components=draw(st.sampled_from((grid.components, ("z",)))),
+        method="adaptive",
+        notes=tuple(draw(st.lists(WORDS.filter(bool), max_size=2))),
+        parameter=maybe(some()),
+        noise_std=maybe(some(3)),
+        residual=maybe(some()),
+        unseen_force=draw(st.sampled_from(((), ("x",)))),
+        time=maybe(some()),
+        meta=draw(st.dictionaries(WORDS, WORDS, max_size=2)),
+        errors=maybe(errors),
+        converged=maybe(some() > 0),
+        touching=maybe(some() > 0),
+        outliers=maybe(some(6) > 0),
+        draws=maybe(some(2, *full)),
+        resolution=maybe(some()),
+        sliding=maybe(some()),
+    )
+
+
+def same_recording(a: pp.Recording, b: pp.Recording) -> None:
+    assert a.readings.dtype == b.readings.dtype
+    np.testing.assert_array_equal(a.readings, b.readings)
+    np.testing.assert_array_equal(a.time, b.time)
+    assert (a.channels, a.units, a.meta) == (b.channels, b.units, b.meta)
+    assert (a.positions is None) == (b.positions is None)
+    if a.positions is not None:
+        np.testing.assert_array_equal(a.positions, b.positions)
+
+
+def same_touch(a: pp.Touch, b: pp.Touch) -> None:
+    for field in fields(pp.Touch):
+        one, other = getattr(a, field.name), getattr(b, field.name)
+        if field.name == "errors" and one is not None:
+            for part in fields(Errors):
+                np.testing.assert_array_equal(getattr(one, part.name), getattr(other, part.name), err_msg=part.name)
+        elif isinstance(one, np.ndarray | np.generic):
+            assert np.asarray(one).dtype == np.asarray(other).dtype, field.name
+            np.testing.assert_array_equal(one, other, err_msg=field.name)
+        else:
+            assert one == other, field.name
+
+
+@settings(max_examples=60, deadline=None)
+@given(recordings())
+def test_recordings_come_back_equal(recording: pp.Recording) -> None:
+    same_recording(recording_of(recording_dataset(recording)), recording)
+
+
+@settings(max_examples=40, deadline=None)
+@given(touches())
+def test_touches_come_back_equal(touch: pp.Touch) -> None:
+    same_touch(touch_of(touch_dataset(touch)), touch)
+
+
+def test_dimensions_in_another_order() -> None:
+    """Labels are honoured: a data set that somebody transposed is the same recording and the same touch."""
+    rng = np.random.default_rng(0)
+    recording = pp.Recording(readings=rng.standard_normal((3, 2, 4, 4)), channels=("stress_xz", "stress_zz"))
+    same_recording(recording_of(recording_dataset(recording).transpose("x", "channel", "y", "time")), recording)
+    scattered = pp.Recording(
+        readings=rng.standard_normal((3, 1, 2)), channels=("stress_zz",), positions=rng.standard_normal((2, 2))
+    )
+    same_recording(recording_of(recording_dataset(scattered).transpose("axis", "taxel", "channel", "time")), scattered)
+
+
+def test_what_was_found_comes_back() -> None:
+    """A real result, every field, line and area, one frame and many."""
+    area = pp.Skin(
+        pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48),
+        pp.AreaArray(shape=(6, 7), pitch=1e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"]),
+    )
+    readings = np.asarray(area.sense(area.sample(solutions.hertz_point(radius=2e-3, force=1.0).sliding(0.3))))
+    for given_readings in (readings, np.stack([readings, 0 * readings, 2 * readings])):
+        same_touch(touch_of(touch_dataset(found := area.reconstruct(given_readings, friction=0.6))), found)
+        assert found.errors is not None
+
+
+def test_what_is_no_recording_and_no_touch() -> None:
+    recording = pp.Recording(readings=np.zeros((2, 1, 3)), channels=("stress_zz",))
+    good = recording_dataset(recording)
+    for bad, words in (
+        (good.drop_vars("time"), "lacks time"),
+        (xarray.Dataset(), "lacks readings, channel, time"),
+        (good.rename(taxel="marker"), "must have the dimensions"),
+        (good.assign_attrs(meta="{"), "meta cannot be read"),
+        (good.assign_attrs(meta="[" * 100_000), "meta cannot be read"),
+        (good.assign_attrs(meta="3"), "must be a JSON object"),
+    ):
+        with pytest.raises(pp.InvalidInput, match=words):
+            recording_of(bad)
+    touch = pp.Touch(np.zeros((2, 4)), LineGrid(count=4, spacing=1.0), ("x", "z"), "linear")
+    whole = touch_dataset(touch)
+    for bad, words in (
+        (whole.drop_vars("traction"), "lacks traction"),
+        (whole.assign_attrs(surface="{}"), "surface cannot be read"),
+        (whole.assign_attrs(surface='{"count": 5, "spacing": 1.0}'), "does not lie on a surface"),
+    ):
+        with pytest.raises(pp.InvalidInput, match=words):
+            touch_of(bad)
