@@ -34,15 +34,26 @@ from typing import Any
 import numpy as np
 
 import palpate as pp
-from palpate.recordings import TopicMapping, read_recording, read_skin, read_stream, read_table, read_touch, recorder
-from palpate.recordings import write_recording, write_touch
+from palpate.recordings import (
+    TopicMapping,
+    read_recording,
+    read_skin,
+    read_stream,
+    read_table,
+    read_touch,
+    recorder,
+    write_recording,
+    write_touch,
+)
 
 #: Seconds after which a reader hangs, bytes that it may take, and bytes that it may take for one small file.
 PATIENCE, ADDRESSES, GREED = 60.0, 12 * 2**30, 512 * 2**20
 SHEAR = ("stress_xz", "stress_yz", "stress_zz")
 TABLE = {"columns": ["x", "y", "u", "v"], "channels": ["displacement_x", "displacement_y"], "position_factor": 1e-6}
 TIP = TopicMapping(topic="/tip", channels=("stress_zz",), path="data", shape=(3, 4))
-GRID = TopicMapping(topic="/palpate/touch", channels=SHEAR, fields=("shear_x", "shear_y", "pressure"), stamp="timestamp")
+GRID = TopicMapping(
+    topic="/palpate/touch", channels=SHEAR, fields=("shear_x", "shear_y", "pressure"), stamp="timestamp"
+)
 
 
 # -- good files --------------------------------------------------------------------------------------------------------
@@ -178,7 +189,13 @@ READERS = {
         Reader("csv salvage", ".csv", _whole, lambda p: read_recording(p, salvage=True), text=True, trusting=True),
         Reader("csv of others", ".csv", _foreign_csv, read_recording, text=True, trusting=True),
         Reader("table csv", ".csv", _table_csv, lambda p: read_table(p, **TABLE), text=True, trusting=True),  # type: ignore[arg-type]
-        Reader("table h5", ".h5", _table_h5, lambda p: read_table(p, columns=["pos", "vec"], channels=TABLE["channels"]), trusting=True),  # type: ignore[arg-type]  # fmt: skip
+        Reader(
+            "table h5",
+            ".h5",
+            _table_h5,
+            lambda p: read_table(p, columns=["pos", "vec"], channels=TABLE["channels"]),
+            trusting=True,
+        ),  # type: ignore[arg-type]
         Reader("npz", ".npz", _whole, read_recording),
         Reader("nc", ".nc", _whole, read_recording),
         Reader("h5 streamed", ".h5", _streamed, read_recording),
@@ -188,8 +205,12 @@ READERS = {
         Reader("mcap salvage", ".mcap", _whole, lambda p: read_recording(p, salvage=True), salvage=True),
         Reader("mcap grid", ".mcap", _touches, lambda p: read_recording(p, mapping=GRID)),
         Reader("bag ros1", ".bag", _ros1, lambda p: read_recording(p, mapping=TIP), trusting=True),
-        Reader("bag db3", "", lambda p, s: _ros2(p, s, "SQLITE3"), lambda p: read_recording(p, mapping=TIP), trusting=True),  # fmt: skip
-        Reader("bag mcap", "", lambda p, s: _ros2(p, s, "MCAP"), lambda p: read_recording(p, mapping=TIP), trusting=True),
+        Reader(
+            "bag db3", "", lambda p, s: _ros2(p, s, "SQLITE3"), lambda p: read_recording(p, mapping=TIP), trusting=True
+        ),
+        Reader(
+            "bag mcap", "", lambda p, s: _ros2(p, s, "MCAP"), lambda p: read_recording(p, mapping=TIP), trusting=True
+        ),
         Reader("skin.toml", ".toml", _skin_file, _skin_words, text=True, trusting=True),
         Reader("touch nc", ".nc", _touches, read_touch),
         Reader("touch zarr", ".zarr", _touches, read_touch),
@@ -297,7 +318,16 @@ def _words(data: bytes, other: bytes, rng: Rng) -> bytes:
         column = int(rng.integers(0, 6))
         return b"\n".join(b",".join(c for i, c in enumerate(li.split(b",")) if i != column) for li in lines)
     at = int(rng.integers(0, len(lines)))
-    odd = [b"", lines[at] + lines[at], b'"' + lines[at], b"\x00", b"[" * 1500, b"#" + lines[at], lines[0], b"x" * 140_000]
+    odd = [
+        b"",
+        lines[at] + lines[at],
+        b'"' + lines[at],
+        b"\x00",
+        b"[" * 1500,
+        b"#" + lines[at],
+        lines[0],
+        b"x" * 140_000,
+    ]
     lines[at] = odd[int(rng.integers(len(odd)))]
     return b"\n".join(lines)
 
@@ -358,7 +388,8 @@ def _parts(found: Any) -> dict[str, Any]:
     if isinstance(found, str):
         return {"text": found}
     if isinstance(found, pp.Recording):
-        return {k: getattr(found, k) for k in ("readings", "time", "positions", "channels", "meta")}
+        held = {k: getattr(found, k) for k in ("readings", "time", "positions", "channels")}
+        return {**held, "meta": {k: v for k, v in found.meta.items() if k != "source"}}  # the source is the file's name
     return {**{str(k): v.values for k, v in found.variables.items()}, "attributes": {**found.attrs}}
 
 
@@ -482,7 +513,9 @@ class Report:
     damages: dict[str, Counter[str]] = field(default_factory=dict)
 
     def bad(self, outcome: str) -> bool:
-        return outcome in ("traceback", "crash", "hang", "memory") or (outcome == "CHANGED" and not self.reader.trusting)
+        return outcome in ("traceback", "crash", "hang", "memory") or (
+            outcome == "CHANGED" and not self.reader.trusting
+        )
 
 
 def fuzz(reader: Reader, count: int, *, keep: Path | None = None, child: Child | None = None) -> Report:
@@ -530,7 +563,12 @@ def main() -> None:
             reports.append(report)
             total += report.outcomes.total()
             failed += sum(report.failures.values())
-            print(f"| {name} | {report.outcomes.total()} | " + " | ".join(str(report.outcomes[c] or "") for c in columns) + " |", flush=True)
+            print(
+                f"| {name} | {report.outcomes.total()} | "
+                + " | ".join(str(report.outcomes[c] or "") for c in columns)
+                + " |",
+                flush=True,
+            )
     finally:
         child.close()
     print(f"\n{total} files, {failed} failures")

@@ -77,7 +77,7 @@ def test_results(ending: str, tmp_path: Path) -> None:
             rows = np.loadtxt(path, delimiter=",", skiprows=2)
             assert len(rows) == touch.values[:, 0].size
             np.testing.assert_array_equal(rows[:, -1], touch.values[:, -1].ravel())
-    with pytest.raises(pp.InvalidInput, match="only NetCDF"):
+    with pytest.raises(pp.InvalidInput, match=r"read back as \.nc, \.h5, \.hdf5, \.zarr; got '\.csv'"):
         read_touch(tmp_path / "touch.csv")
 
 

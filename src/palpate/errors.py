@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["InvalidInput", "NotObservable", "PalpateError", "Unsupported"]
+__all__ = ["InvalidInput", "NotObservable", "PalpateError", "UncheckedInput", "Unsupported"]
 
 
 class PalpateError(ValueError):
@@ -19,3 +19,7 @@ class NotObservable(PalpateError):
 
 class Unsupported(PalpateError):
     """A combination of options that this method cannot serve; the message names one that can."""
+
+
+class UncheckedInput(UserWarning):
+    """A file that may have been cut or changed without a trace: it is read, and the warning says what to compare."""

@@ -1,13 +1,15 @@
 """Recordings and skins in and out of files."""
 
-from palpate.recordings.formats import read_recording, read_table, write_recording
+from palpate.recordings.formats import Format, read_recording, write_recording
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recorder import Recorder, Sink, recorder
 from palpate.recordings.recording import Recording
 from palpate.recordings.skinfile import read_skin, read_stream
+from palpate.recordings.tables import read_table
 from palpate.recordings.touchfile import read_touch, write_touch
 
 __all__ = [
+    "Format",
     "Recorder",
     "Recording",
     "Sink",

@@ -1,397 +1,262 @@
-"""Recordings as NetCDF/HDF5, NPZ and CSV. A file is written beside its name and moved into place when complete."""
+"""File formats: one class each, found by the ending of the name, and by what is inside where the ending does not tell.
+
+A new format is one file with a class that derives from `Format` and one line: in `BUILT_IN`, or as an entry point ``palpate.formats`` of
+another package. Everything else (errors, the command line, results and recordings) takes the formats from here.
+"""
 
 from __future__ import annotations
 
-import csv
-import json
-import os
-import re
-from collections.abc import Sequence
+import functools
+import importlib
+import importlib.metadata
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
-from palpate.elastic.half_space import Floats
-from palpate.elastic.quantities import channel_unit
 from palpate.errors import InvalidInput
-from palpate.recordings import mcapfile
-from palpate.recordings.files import atomically
+from palpate.recordings.files import atomically, in_place
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
-from palpate.units import convert_factor
 
-__all__ = ["FORMATS", "atomically", "file_format", "read_recording", "read_table", "write_recording"]
+if TYPE_CHECKING:
+    from palpate.recordings.recorder import Recorder
+    from palpate.touch import Touch
 
-#: file name ending -> format
-FORMATS = {
-    ".nc": "netcdf",
-    ".h5": "netcdf",
-    ".hdf5": "netcdf",
-    ".npz": "npz",
-    ".csv": "csv",
-    ".mcap": "mcap",
-    ".zarr": "zarr",
+__all__ = [
+    "BUILT_IN",
+    "ENTRY_POINTS",
+    "Format",
+    "atomically",
+    "endings",
+    "existing",
+    "file_format",
+    "find_format",
+    "formats",
+    "read_recording",
+    "write_recording",
+]
+
+#: The formats of palpate itself: "module:class". What is inside a file is looked at in this order, so plain text comes last.
+BUILT_IN = (
+    "palpate.recordings.netcdf:NetCDF",
+    "palpate.recordings.npz:Npz",
+    "palpate.recordings.robots:Mcap",
+    "palpate.recordings.robots:Bag",
+    "palpate.recordings.zarrstore:Zarr",
+    "palpate.recordings.csvfile:Csv",
+)
+#: Entry points of other packages, one per format.
+ENTRY_POINTS = "palpate.formats"
+
+
+class Format:
+    """One file format. A subclass sets the class variables and overrides what the format can do; the rest is refused by name.
+
+    ``read`` and ``read_touch`` get a path that exists and looks like this format. They raise `palpate.InvalidInput` for anything that
+    cannot be read, and never return numbers that may be wrong. The writing methods get a fresh name in the right folder: what they
+    leave there is moved into place when it is complete.
+
+    Example
+    -------
+    >>> class Words(Format):
+    ...     name, extensions = "words", (".words",)
+    >>> Words().can("read")
+    False
+    """
+
+    #: what messages call it
+    name: ClassVar[str]
+    #: endings of file names, in lower case, the usual one first
+    extensions: ClassVar[tuple[str, ...]]
+    #: a recording is a folder
+    folder: ClassVar[bool] = False
+
+    def recognises(self, path: Path) -> bool:
+        """Whether what is inside looks like this format. Only what begins alike is asked for, not that it is whole."""
+        return False
+
+    def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
+        """The recording in a file; ``salvage``: what is whole of a torn one."""
+        raise self._cannot("read", path)
+
+    def write(self, recording: Recording, path: Path) -> None:
+        """Write a whole recording."""
+        raise self._cannot("write", path)
+
+    def read_touch(self, path: Path) -> Any:
+        """The xarray.Dataset of a result."""
+        raise self._cannot("read_touch", path)
+
+    def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
+        """Write a result; ``record`` is what it takes to make it again."""
+        raise self._cannot("write_touch", path)
+
+    def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
+        """What writes a stream while it happens."""
+        raise self._cannot("recorder", path)
+
+    def can(self, task: str) -> bool:
+        """Whether ``task``, the name of a method, is overridden."""
+        return getattr(type(self), task) is not getattr(Format, task)
+
+    def _cannot(self, task: str, path: Path) -> InvalidInput:
+        return InvalidInput(f"{path}: {_TASKS[task]} as {', '.join(endings(task))}; got {path.suffix.lower()!r}.")
+
+
+_TASKS = {
+    "read": "a recording is read",
+    "write": "a recording is written",
+    "read_touch": "a result is read back",
+    "write_touch": "a result is written",
+    "recorder": "a stream is recorded",
 }
 
 
-def file_format(path: str | Path) -> str:
+# -- the registry ------------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def _built_in() -> tuple[Format, ...]:
+    return tuple(getattr(importlib.import_module(m), n)() for m, n in (entry.split(":") for entry in BUILT_IN))
+
+
+def _plugged_in() -> tuple[Format, ...]:
+    found: list[Format] = []
+    for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
+        try:
+            made = entry.load()()
+        except (ImportError, AttributeError, TypeError) as error:
+            raise InvalidInput(
+                f"the file format {entry.name} ({entry.value}) of another package cannot be loaded ({error}); update or uninstall it."
+            ) from error
+        if not isinstance(made, Format):
+            raise InvalidInput(
+                f"the file format {entry.name} ({entry.value}) does not derive from Format; uninstall it."
+            )
+        for other in (*_built_in(), *found):
+            taken = set(made.extensions) & set(other.extensions)
+            if taken:
+                raise InvalidInput(
+                    f"the file formats {made.name} ({entry.value}) and {other.name} both claim {', '.join(sorted(taken))}; uninstall one."
+                )
+        found.append(made)
+    return tuple(found)
+
+
+def formats() -> tuple[Format, ...]:
+    """All formats: palpate's own, then those of other packages."""
+    return (*_built_in(), *_plugged_in())
+
+
+def endings(task: str | None = None) -> tuple[str, ...]:
+    """Endings of file names that are accepted; of those formats that can do ``task``, the name of a method of `Format`."""
+    return tuple(e for f in formats() if task is None or f.can(task) for e in f.extensions)
+
+
+def find_format(path: str | Path) -> Format:
     """The format of a file name, or `InvalidInput`."""
     suffix = Path(path).suffix.lower()
-    if suffix not in FORMATS:
-        raise InvalidInput(f"{path}: the ending {suffix!r} is not known; accepted: {', '.join(FORMATS)}.")
-    return FORMATS[suffix]
+    for known in _built_in():  # those of others are looked for only where these do not serve
+        if suffix in known.extensions:
+            return known
+    for known in _plugged_in():
+        if suffix in known.extensions:
+            return known
+    raise InvalidInput(f"{path}: the ending {suffix!r} is not known; accepted: {', '.join(endings())}.")
 
 
-def _existing(path: str | Path) -> Path:
+def file_format(path: str | Path) -> str:
+    """The name of the format of a file name, or `InvalidInput`."""
+    return find_format(path).name
+
+
+# -- reading and writing -----------------------------------------------------------------------------------------------
+
+
+def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
+    """A file that is there, and its format: by its name, confirmed by what is inside; `InvalidInput` says what is wrong."""
     found = Path(path)
     if not found.exists():
+        find_format(found)  # a name that cannot be served is told first
         raise InvalidInput(f"{found}: no such file.")
     if found.is_dir():
-        raise InvalidInput(f"{found} is a folder; give a file.")
+        inside = next((f for f in _built_in() if f.folder and f.recognises(found)), None)
+        if inside is not None:
+            return found, inside
+        try:
+            known = find_format(found)
+        except InvalidInput as error:
+            raise InvalidInput(f"{found} is a folder; give a file, a ROS 2 bag or a Zarr store.") from error
+        if not known.folder:
+            raise InvalidInput(f"{found} is a folder; give a file.")
+        raise InvalidInput(f"{found}: cannot be read as {known.name}; it is damaged or something else.")
     if found.stat().st_size == 0:
         raise InvalidInput(f"{found} is empty.")
-    return found
-
-
-# -- reading -----------------------------------------------------------------------------------------------------------
+    try:
+        known = find_format(found)
+    except InvalidInput as error:
+        inside = next((f for f in formats() if f.can(task) and not f.folder and f.recognises(found)), None)
+        if inside is None or inside.name == "csv":
+            raise
+        raise InvalidInput(
+            f"{str(error).rstrip('.')}. What is inside looks like {inside.name}: rename it to {found.with_suffix(inside.extensions[0]).name}."
+        ) from error
+    if known.folder and known.name != "bag":
+        raise InvalidInput(f"{found}: a {known.name} store is a folder; got a file.")
+    if known.can("recognises") and not known.recognises(found):
+        inside = next((f for f in formats() if not f.folder and f.recognises(found)), None)
+        hint = "it is truncated, damaged or of another format"
+        if inside is not None and inside.name != "csv":
+            hint = (
+                f"what is inside looks like {inside.name}: rename it to {found.with_suffix(inside.extensions[0]).name}"
+            )
+        raise InvalidInput(f"{found}: cannot be read as {known.name}; {hint}.")
+    return found, known
 
 
 def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
-    """Read a recording; the format follows the file name (`FORMATS`), a folder is a ROS 2 bag or a Zarr store.
+    """Read a recording; the format follows the file name (`endings`), a folder is a ROS 2 bag or a Zarr store.
 
-    ``mapping`` says where the readings are in a robot's MCAP file or bag (palpate's own need none). ``salvage`` reads a torn file as far
-    as it goes (MCAP, and HDF5 that a `Recorder` did not close).
+    Files that palpate wrote carry checksums: one that was damaged is refused.
+
+    Parameters
+    ----------
+    path : str or Path
+    mapping : TopicMapping, optional
+        Where the readings are in a robot's MCAP file or bag (palpate's own need none).
+    salvage : bool
+        Read a torn file as far as it goes (MCAP, HDF5 that a `Recorder` did not close, the whole lines of a CSV).
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InvalidInput
+        The file is not there, damaged, or does not hold a recording.
     """
-    from palpate.recordings import robots
-
-    found = Path(path)
-    if robots.is_bag(found):
-        return robots.read_robot(found, mapping)
-    kind = file_format(path)
-    if kind == "zarr":
-        from palpate.recordings.stores import read_zarr
-
-        return read_zarr(found)
-    found = _existing(path)
-    if kind == "mcap":
-        if mapping is not None and mcapfile.own(found) is not None and mapping.topic not in robots.topics(found):
-            mapping = None  # the mapping of a robot's messages does not concern palpate's own
-        return robots.read_robot(found, mapping, salvage=salvage)
-    if kind == "netcdf":
-        return _read_netcdf(found, salvage)
-    return {"npz": _read_npz, "csv": _read_csv}[kind](found)
-
-
-def _json(text: bytes | str, what: str) -> Any:
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InvalidInput(f"{what} cannot be read; the file may be truncated.") from error
-
-
-def _decode(text: bytes | str, path: Path) -> dict[str, str]:
-    loaded = _json(text, f"{path}: meta")
-    if not isinstance(loaded, dict):
-        raise InvalidInput(f"{path}: meta must be a JSON object.")
-    return {str(k): str(v) for k, v in loaded.items()}
-
-
-def _read_netcdf(path: Path, salvage: bool) -> Recording:
-    import h5py
-
-    try:
-        # what a killed recorder left is open for writing still, and can only be read beside it
-        with h5py.File(path, "r", swmr=salvage) as file:
-            missing = [n for n in ("readings", "channel", "time") if n not in file]
-            if missing:
-                raise InvalidInput(
-                    f"{path}: not a palpate recording: it lacks {', '.join(missing)} (it holds {', '.join(file) or 'nothing'})."
-                )
-            channels = [c.decode() if isinstance(c, bytes) else str(c) for c in file["channel"][()]]
-            count = min(len(file["readings"]), len(file["time"]))
-            return Recording(
-                readings=file["readings"][:count],
-                channels=tuple(channels),
-                time=file["time"][:count],
-                positions=file["positions"][()] if "positions" in file else None,
-                meta=_decode(file.attrs["meta"], path) if "meta" in file.attrs else {},
-            )
-    except OSError as error:
-        raise InvalidInput(
-            f"{path}: cannot be read as NetCDF/HDF5; it is still being written, truncated, or of another format. palpate convert "
-            "--salvage takes what a recording that was broken off holds."
-        ) from error
-
-
-def _read_npz(path: Path) -> Recording:
-    import zipfile
-
-    try:
-        with path.open("rb") as handle, np.load(handle, allow_pickle=False) as file:
-            missing = [n for n in ("readings", "channel", "time") if n not in file]
-            if missing:
-                raise InvalidInput(
-                    f"{path}: not a palpate recording: it lacks {', '.join(missing)} (it holds {', '.join(file) or 'nothing'})."
-                )
-            return Recording(
-                readings=file["readings"],
-                channels=tuple(str(c) for c in file["channel"]),
-                time=file["time"],
-                positions=file.get("positions"),
-                meta=_decode(str(file["meta"]), path) if "meta" in file else {},
-            )
-    except (zipfile.BadZipFile, EOFError, OSError, KeyError) as error:
-        raise InvalidInput(f"{path}: cannot be read as NPZ; the file is truncated or of another format.") from error
-    except ValueError as error:
-        if isinstance(error, InvalidInput):
-            raise
-        raise InvalidInput(f"{path}: cannot be read as NPZ; the file is truncated or of another format.") from error
-
-
-_COLUMN = re.compile(r"^(?P<name>\w+?)(?:\[(?P<index>[\d;]+)\])?(?:\s*\((?P<unit>[^)]*)\))?$")
-
-
-def _read_csv(path: Path) -> Recording:
-    """Columns "time (s)", then "channel[taxel] (unit)" or "channel[row;column] (unit)"; scattered positions in comments."""
-    meta: dict[str, str] = {}
-    positions: Any = None
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = file.read().splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{path}: cannot be read as text.") from error
-    body = []
-    for number, line in enumerate(lines, 1):
-        if line.startswith("# positions (m): "):
-            positions = np.array(_json(line.removeprefix("# positions (m): "), f"{path}, line {number}: positions"))
-        elif line.startswith("# meta: "):
-            meta = _decode(line.removeprefix("# meta: "), path)
-        elif line.strip() and not line.startswith("#"):
-            body.append((number, line))
-    if len(body) < 2:
-        raise InvalidInput(f"{path}: no frames; a CSV recording has a header line and one line per frame.")
-    header = next(csv.reader([body[0][1]]))
-    columns = []
-    for title in header:
-        match = _COLUMN.match(title.strip())
-        if match is None:
-            raise InvalidInput(f'{path}, line {body[0][0]}: column {title!r} is not like "stress_zz[0;1] (Pa)".')
-        columns.append(match)
-    if columns[0]["name"] != "time":
-        raise InvalidInput(f'{path}, line {body[0][0]}: the first column must be "time (s)"; got {header[0]!r}.')
-    channels: list[str] = []
-    places: list[tuple[int, ...]] = []
-    factors = [convert_factor(columns[0]["unit"] or "", "s", f"{path}: time")]
-    for match, title in zip(columns[1:], header[1:]):
-        name = match["name"]
-        if match["index"] is None or name.split("_")[0] not in ("displacement", "stress", "strain"):
-            raise InvalidInput(f'{path}, line {body[0][0]}: column {title!r} is not like "stress_zz[0;1] (Pa)".')
-        if match["unit"] is None:
-            raise InvalidInput(
-                f'{path}, line {body[0][0]}: column {title!r} has no unit: write "{title} (Pa)" or the like.'
-            )
-        if name not in channels:
-            channels.append(name)
-        place = tuple(int(i) for i in match["index"].split(";"))
-        places.append((channels.index(name), *place))
-        factors.append(convert_factor(match["unit"], channel_unit(name), f"{path}: {title}"))
-    if len({len(p) for p in places}) != 1:
-        raise InvalidInput(f"{path}: columns mix one and two indices.")
-    shape = tuple(int(m) + 1 for m in np.max(places, axis=0))
-    if len(set(places)) != len(places) or len(places) != int(np.prod(shape)):
-        raise InvalidInput(
-            f"{path}: {len(places)} columns do not fill {len(channels)} channels of {shape[1:]} taxels once each."
-        )
-    data = np.full((len(body) - 1, *shape), np.nan)
-    time = np.empty(len(body) - 1)
-    index = tuple(np.array(places).T)
-    for row, (number, line) in enumerate(body[1:]):
-        cells = next(csv.reader([line]))
-        if len(cells) != len(header):
-            raise InvalidInput(
-                f"{path}, line {number}: {len(cells)} values for {len(header)} columns; the file may be truncated."
-            )
-        try:
-            numbers = [float(c) if c.strip() else np.nan for c in cells]
-        except ValueError as error:
-            raise InvalidInput(f"{path}, line {number}: {str(error).split(': ')[-1]} is not a number.") from error
-        time[row] = numbers[0] * factors[0]
-        data[(row, *index)] = np.array(numbers[1:]) * factors[1:]
-    return Recording(readings=data, channels=tuple(channels), time=time, positions=positions, meta=meta)
-
-
-# -- writing -----------------------------------------------------------------------------------------------------------
+    found, known = existing(path)
+    return known.read(found, mapping=mapping, salvage=salvage)
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:
     """Write a recording; the format follows the file name.
 
-    NetCDF, NPZ and Zarr keep every bit, CSV writes 17 digits, MCAP single precision and nanoseconds.
+    NetCDF, NPZ and Zarr keep every bit, CSV writes 17 digits, MCAP single precision and nanoseconds. All carry a checksum.
     """
-    kind = file_format(path)
-    if kind == "csv" and len(set(recording.channels)) != len(recording.channels):
-        raise InvalidInput(
-            f"{path}: a CSV names each column once, but the recording has one channel on several planes; write .nc or .npz."
-        )
-    if kind == "zarr":
-        from palpate.recordings.stores import write_zarr
-
-        write_zarr(recording, path)
-        return
-    writer = {"netcdf": _write_netcdf, "npz": _write_npz, "csv": _write_csv, "mcap": _write_mcap}[kind]
-    atomically(path, lambda name: writer(recording, name))
+    into_place(path, lambda known, name: known.write(recording, name), task="write")
 
 
-def _dimensions(recording: Recording) -> tuple[str, ...]:
-    return ("time", "channel", "taxel") if recording.readings.ndim == 3 else ("time", "channel", "y", "x")
-
-
-def _write_netcdf(recording: Recording, name: str) -> None:
-    import h5netcdf
-    import h5py
-
-    readings = recording.readings
-    with h5netcdf.File(name, "w") as file:
-        for dimension, size in zip(_dimensions(recording), readings.shape):
-            file.dimensions[dimension] = size
-        variable = file.create_variable("readings", _dimensions(recording), data=readings, compression="gzip")
-        variable.attrs["long_name"] = "sensor readings in SI units, compression positive"
-        time = file.create_variable("time", ("time",), data=recording.time)
-        time.attrs["units"] = "s"
-        text = h5py.string_dtype()
-        file.create_variable("channel", ("channel",), data=np.array(recording.channels, dtype=object), dtype=text)
-        file.create_variable("unit", ("channel",), data=np.array(recording.units, dtype=object), dtype=text)
-        if recording.positions is not None:
-            dims: tuple[str, ...] = ("taxel",)
-            if recording.positions.ndim == 2:
-                file.dimensions["axis"] = 2
-                dims = ("taxel", "axis")
-            positions = file.create_variable("positions", dims, data=recording.positions)
-            positions.attrs["units"] = "m"
-        file.attrs["meta"] = json.dumps(recording.meta)
-        file.attrs["Conventions"] = "palpate recording 1"
-
-
-def _write_mcap(recording: Recording, name: str) -> None:
-    os.unlink(name)  # a recorder makes its own file
-    mcapfile.write_mcap(recording, name)
-
-
-def _write_npz(recording: Recording, name: str) -> None:
-    arrays: dict[str, Any] = {
-        "readings": recording.readings,
-        "time": recording.time,
-        "channel": np.array(recording.channels),
-        "unit": np.array(recording.units),
-        "meta": np.array(json.dumps(recording.meta)),
-    }
-    if recording.positions is not None:
-        arrays["positions"] = recording.positions
-    with open(name, "wb") as file:
-        np.savez_compressed(file, **arrays)
-
-
-def _write_csv(recording: Recording, name: str) -> None:
-    readings = recording.readings
-    shape = readings.shape[2:]
-    with open(name, "w", newline="", encoding="utf-8") as file:
-        file.write("# palpate recording 1\n")
-        file.write(f"# meta: {json.dumps(recording.meta)}\n")
-        if recording.positions is not None:
-            file.write(f"# positions (m): {json.dumps(recording.positions.tolist())}\n")
-        writer = csv.writer(file)
-        titles = [
-            f"{c}[{';'.join(map(str, place))}] ({u})"
-            for c, u in zip(recording.channels, recording.units)
-            for place in np.ndindex(*shape)
-        ]
-        writer.writerow(["time (s)", *titles])
-        for t, frame in zip(recording.time, readings.reshape(len(readings), -1)):
-            writer.writerow([repr(float(t)), *("" if np.isnan(v) else repr(float(v)) for v in frame)])
-
-
-# -- tables of others --------------------------------------------------------------------------------------------------
-
-
-def read_table(
-    path: str | Path,
-    *,
-    columns: Sequence[str],
-    channels: Sequence[str],
-    position_factor: float = 1.0,
-    reading_factor: float = 1.0,
-    follow: bool = False,
-) -> Recording:
-    """One frame of scattered readings from a CSV table with a header, or from ``pos`` and ``vec`` of an HDF5 file.
-
-    Parameters
-    ----------
-    columns : sequence of str
-        For a CSV table: the columns that hold x, y and then each channel. For HDF5: the data sets that hold positions and
-        vectors, shaped (2, n) or (n, 2).
-    channels : sequence of str
-        What the reading columns are.
-    position_factor, reading_factor : float
-        Multiply positions to metres and readings to SI units, e.g. 1e-6/1.3 for pixels of 1.3 per micrometre.
-    follow : bool
-        Move each position by its own displacement (the vectors then belong to where the markers went).
-    """
-    found = _existing(path)
-    if found.suffix.lower() in (".h5", ".hdf5"):
-        values = _read_h5_vectors(found, columns)
+def into_place(path: str | Path, write: Callable[[Format, Path], None], *, task: str) -> None:
+    """Write beside the name, in its format, and move it there when it is complete; nothing is left where that fails."""
+    known = find_format(path)
+    if not known.can(task):
+        raise known._cannot(task, Path(path))
+    if known.folder:
+        if Path(path).exists():
+            raise InvalidInput(f"{path} exists; a store is not overwritten. Give another name.")
+        with in_place(path) as fresh:
+            write(known, fresh)
     else:
-        values = _read_columns(found, columns)
-    if len(values) != 2 + len(channels):
-        raise InvalidInput(
-            f"{found}: {len(values)} columns for x, y and {len(channels)} channels ({', '.join(channels)})."
-        )
-    positions = values[:2].T * position_factor
-    readings = values[2:] * reading_factor
-    if follow:
-        shift = {c.split("_")[1]: r for c, r in zip(channels, readings) if c.startswith("displacement")}
-        positions = positions + np.stack([shift.get("x", 0 * readings[0]), shift.get("y", 0 * readings[0])], axis=1)
-    return Recording(
-        readings=readings[None], channels=tuple(channels), positions=positions, meta={"source": found.name}
-    )
-
-
-def _read_h5_vectors(path: Path, names: Sequence[str]) -> Floats:
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            missing = [n for n in names if n not in file]
-            if missing or len(names) != 2:
-                raise InvalidInput(
-                    f"{path}: name two data sets, positions and vectors, among {', '.join(file)}; got {', '.join(names)}."
-                )
-            parts = [np.asarray(file[n][()], dtype=np.float64) for n in names]
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read as HDF5; the file is truncated or of another format.") from error
-    parts = [p if p.shape[0] == 2 else p.T for p in parts]
-    if any(p.ndim != 2 or p.shape[0] != 2 for p in parts) or parts[0].shape != parts[1].shape:
-        raise InvalidInput(f"{path}: {' and '.join(names)} must have shape (2, n) or (n, 2) each.")
-    return np.concatenate(parts)
-
-
-def _read_columns(path: Path, columns: Sequence[str]) -> Floats:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InvalidInput(f"{path}: cannot be read as a CSV table.") from error
-    header = [c.strip() for c in rows[0]]
-    missing = [c for c in columns if c not in header]
-    if missing:
-        raise InvalidInput(f"{path}: no column {', '.join(missing)}; it has {', '.join(header)}.")
-    index = [header.index(c) for c in columns]
-    values = np.empty((len(columns), len(rows) - 1))
-    for number, row in enumerate(rows[1:], 2):
-        try:
-            values[:, number - 2] = [float(row[i]) for i in index]
-        except (ValueError, IndexError) as error:
-            raise InvalidInput(
-                f"{path}, line {number}: not {len(columns)} numbers; the file may be truncated."
-            ) from error
-    return values
+        atomically(path, lambda name: write(known, Path(name)))

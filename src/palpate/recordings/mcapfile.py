@@ -10,13 +10,16 @@ numbers or of points, packed as ROS 2 does (cdr) or as Protobuf. Their definitio
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+import struct
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.errors import InvalidInput, Unsupported
+from palpate.errors import InvalidInput, PalpateError, Unsupported
+from palpate.recordings.checked import CHECKSUM
 from palpate.recordings.messages import Encoder, Kind, nanoseconds, ros_types
 from palpate.recordings.recording import Recording
 from palpate.touch import Touch
@@ -76,11 +79,12 @@ class McapRecorder:
             raise InvalidInput(f"{path} exists; a recording is not overwritten. Give another name.") from error
         except OSError as error:
             raise InvalidInput(f"{path}: cannot write there ({error.strerror}).") from error
-        self._writer = mcap.writer.Writer(self._file, chunk_size=chunk)
+        self._writer = mcap.writer.Writer(self._file, chunk_size=chunk, enable_data_crcs=True)
         self._writer.start(profile="ros2", library="palpate")
         facts = {"channels": json.dumps(self.channels), "meta": json.dumps(meta or {})}
         if positions is not None:
             facts["positions"] = json.dumps(np.asarray(positions).tolist())
+        facts[CHECKSUM] = str(_sum(facts))
         self._writer.add_metadata("palpate", facts)
         self._file.flush()
         self._ids: dict[str, int] = {}
@@ -144,27 +148,75 @@ def write_mcap(recording: Recording, path: str | Path) -> None:
 # -- reading -----------------------------------------------------------------------------------------------------------
 
 
-def _records(path: Path, salvage: bool) -> Iterator[tuple[Any, Any, Any]]:
-    """(schema, channel, message) in the file's order; the end of a torn file is its last whole message."""
-    _library()
+#: What damaged bytes raise in the parser; decompressors add their own.
+_DAMAGE = (
+    EOFError,
+    OSError,
+    ValueError,
+    KeyError,
+    IndexError,
+    TypeError,
+    RuntimeError,
+    OverflowError,
+    MemoryError,
+    struct.error,
+)
+
+
+def _damage() -> tuple[type[Exception], ...]:
     import mcap.exceptions
+    import zstandard
+
+    return (mcap.exceptions.McapError, zstandard.ZstdError, *_DAMAGE)
+
+
+def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tuple[Any, Any, Any]]:
+    """(schema, channel, message) of a topic in the file's order; with ``salvage`` up to the last whole chunk of a torn file.
+
+    Checksums of chunks, of the data and of the index are confirmed where the file has them.
+    """
+    _library()
     import mcap.reader
 
+    limit = path.stat().st_size
+    ours = not salvage and own(path) is not None
     with path.open("rb") as file:
         try:
-            if salvage:
-                yield from mcap.reader.NonSeekingReader(file).iter_messages(log_time_order=False)
+            if salvage or ours:  # in the order of the file; the index is not needed
+                reader = mcap.reader.NonSeekingReader(file, validate_crcs=True, record_size_limit=limit)
+                yield from reader.iter_messages(topic, log_time_order=False)
             else:
-                yield from mcap.reader.make_reader(file).iter_messages()
-        except (mcap.exceptions.McapError, EOFError, ValueError, OSError) as error:
+                _confirm(file, limit)
+                file.seek(0)
+                reader = mcap.reader.make_reader(file, validate_crcs=True)
+                yield from reader.iter_messages(topic)
+        except _damage() as error:
             if not salvage:
                 raise InvalidInput(
-                    f"{path}: cannot be read as MCAP; the file is torn or of another format. palpate convert --salvage takes what "
-                    "is whole."
+                    f"{path}: cannot be read as MCAP; the file is torn, damaged or of another format ({_short(error)}). palpate convert "
+                    "--salvage takes what is whole."
                 ) from error
-        except Exception as error:  # a decompressor at the torn end of a chunk
-            if not salvage:
-                raise InvalidInput(f"{path}: cannot be read as MCAP ({error}).") from error
+
+
+def _short(error: Exception) -> str:
+    return str(error)[:120] or type(error).__name__
+
+
+def _confirm(file: Any, limit: int) -> None:
+    """Read a file of others once through: its records follow each other, and its checksums are right."""
+    import mcap.records
+    import mcap.stream_reader
+
+    footer = None
+    for record in mcap.stream_reader.StreamReader(
+        file, emit_chunks=True, validate_crcs=True, record_size_limit=limit
+    ).records:
+        footer = record
+    if isinstance(footer, mcap.records.Footer) and footer.summary_crc and footer.summary_start:
+        # up to the checksum itself: 4 bytes of it and 8 of the mark at the end are left
+        file.seek(footer.summary_start)
+        if zlib.crc32(file.read(limit - 12 - footer.summary_start)) != footer.summary_crc:
+            raise ValueError("the checksum of its index is wrong")
 
 
 def topics(path: Path) -> dict[str, str]:
@@ -175,9 +227,18 @@ def topics(path: Path) -> dict[str, str]:
 def read_messages(path: Path, topic: str, *, salvage: bool = False) -> Iterator[tuple[float, Any]]:
     """(time [s], message) of a topic, as they come in the file."""
     decode = _Decoder()
-    for schema, channel, message in _records(path, salvage):
-        if channel.topic == topic:
-            yield message.log_time * 1e-9, decode(schema, channel, message)
+    for schema, channel, message in _records(path, salvage, topic):
+        try:
+            decoded = decode(schema, channel, message)
+        except PalpateError:
+            raise
+        except decode.damage() as error:
+            if salvage:
+                return
+            raise InvalidInput(
+                f"{path}: a message of {topic} cannot be read ({_short(error)}); it is damaged."
+            ) from error
+        yield message.log_time * 1e-9, decoded
 
 
 class _Decoder:
@@ -188,6 +249,25 @@ class _Decoder:
         self._store = self._typesys.get_typestore(self._typesys.Stores.ROS2_HUMBLE)
         self._known: set[str] = set()
         self._protobuf: dict[int, Any] = {}
+
+    def damage(self) -> tuple[type[Exception], ...]:
+        """What damaged messages and definitions raise in the libraries."""
+        import rosbags.interfaces
+        import rosbags.serde
+
+        found = (
+            *_DAMAGE,
+            AttributeError,
+            AssertionError,
+            RecursionError,
+            rosbags.serde.SerdeError,
+            self._typesys.TypesysError,
+        )
+        if self._protobuf:
+            import google.protobuf.message
+
+            return (*found, google.protobuf.message.Error)
+        return found
 
     def __call__(self, schema: Any, channel: Any, message: Any) -> Any:
         if schema is not None and channel.message_encoding == "protobuf" and schema.encoding == "protobuf":
@@ -211,7 +291,11 @@ class _Decoder:
         return self._store.deserialize_cdr(message.data, name)
 
 
-def own(path: Path) -> dict[str, str] | None:
+def _sum(facts: Mapping[str, str]) -> int:
+    return zlib.crc32(json.dumps({k: v for k, v in facts.items() if k != CHECKSUM}, sort_keys=True).encode())
+
+
+def own(path: Path) -> dict[str, Any] | None:
     """What palpate wrote down about its own file: channels, positions, meta."""
     _library()
     import mcap.records
@@ -219,11 +303,29 @@ def own(path: Path) -> dict[str, str] | None:
 
     with path.open("rb") as file:
         try:
-            for record in mcap.stream_reader.StreamReader(file).records:
+            for record in mcap.stream_reader.StreamReader(file, record_size_limit=path.stat().st_size).records:
                 if isinstance(record, mcap.records.Metadata) and record.name == "palpate":
-                    return dict(record.metadata)
+                    return _facts(record.metadata, path)
                 if isinstance(record, mcap.records.Message | mcap.records.Chunk):
                     return None
-        except Exception:  # torn or foreign bytes, in the parser or a decompressor: the reading that follows says so
+        except PalpateError:
+            raise
+        except _damage():  # the reading that follows says so
             return None
     return None
+
+
+def _facts(held: Mapping[str, str], path: Path) -> dict[str, Any]:
+    """Channels, positions and meta as they were written, or `InvalidInput`."""
+    damaged = InvalidInput(
+        f"{path} was damaged: its names of channels, positions or meta do not agree with their checksum."
+    )
+    if CHECKSUM in held and held[CHECKSUM] != str(_sum(held)):
+        raise damaged
+    try:
+        facts = {k: json.loads(held[k]) for k in ("channels", "positions", "meta") if k in held}
+    except (ValueError, RecursionError) as error:
+        raise damaged from error
+    if not isinstance(facts.get("channels"), list) or not isinstance(facts.get("meta"), dict):
+        raise damaged
+    return facts

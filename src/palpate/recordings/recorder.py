@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from palpate.errors import InvalidInput
 from palpate.touch import Touch
 
 if TYPE_CHECKING:
@@ -55,15 +54,6 @@ def recorder(
     meta : mapping of str to str
         Anything worth keeping.
     """
-    from palpate.recordings.mcapfile import McapRecorder
-    from palpate.recordings.stores import HdfRecorder, ZarrRecorder
+    from palpate.recordings.formats import find_format
 
-    suffix = Path(path).suffix.lower()
-    known: dict[str, Any] = {
-        ".mcap": McapRecorder,
-        **dict.fromkeys((".nc", ".h5", ".hdf5"), HdfRecorder),
-        ".zarr": ZarrRecorder,
-    }
-    if suffix not in known:
-        raise InvalidInput(f"{path}: a stream is recorded as {', '.join(known)}; got {suffix!r}.")
-    return known[suffix](path, channels, positions=positions, meta=meta)
+    return find_format(path).recorder(Path(path), channels, positions=positions, meta=meta)

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput, PalpateError
 from palpate.recordings import mcapfile
+from palpate.recordings.formats import Format
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.messages import READINGS, ros_types
 from palpate.recordings.recording import Recording
 
-__all__ = ["frames", "is_bag", "read_robot", "topics"]
+if TYPE_CHECKING:
+    from palpate.recordings.recorder import Recorder
+    from palpate.touch import Touch
+
+__all__ = ["Bag", "Mcap", "frames", "is_bag", "read_robot", "topics"]
 
 #: Definitions for bags that carry none (ROS 2 before Iron), besides those of ROS itself.
 DEFINITIONS = {"tactile_msgs/msg/TactileState": "std_msgs/Header header\nsensor_msgs/ChannelFloat32[] sensors\n"}
@@ -98,7 +102,7 @@ def topics(path: str | Path) -> dict[str, str]:
         reader.close()
 
 
-def _own(path: Path) -> dict[str, str] | None:
+def _own(path: Path) -> dict[str, Any] | None:
     if path.suffix.lower() == ".mcap":
         return mcapfile.own(path)
     # `ros2 bag record` and the like may hold palpate's own file
@@ -127,7 +131,7 @@ def _frames(path: Path, mapping: TopicMapping | None, salvage: bool) -> Iterator
             raise InvalidInput(
                 f"{path} was not written by palpate: name the topic and channels of its readings. It has {_listed(path)}."
             )
-        mapping = TopicMapping(topic=READINGS, channels=json.loads(known["channels"]))
+        mapping = TopicMapping(topic=READINGS, channels=[str(c) for c in known["channels"]])
     messages = (
         _bag_messages(path, mapping) if is_bag(path) else mcapfile.read_messages(path, mapping.topic, salvage=salvage)
     )
@@ -169,15 +173,59 @@ def read_robot(path: str | Path, mapping: TopicMapping | None = None, *, salvage
             raise InvalidInput(f"{path}: a frame of shape {values.shape} follows frames of {parts[0].shape}.")
         stamps.append(time)
         parts.append(values)
-    channels = tuple(mapping.channels) if mapping is not None else tuple(json.loads((known or {})["channels"]))
+    channels = tuple(mapping.channels) if mapping is not None else tuple(map(str, (known or {})["channels"]))
     readings = np.stack(parts).astype(np.float32)
     positions = None
     if known is not None and "positions" in known:
-        positions = np.asarray(json.loads(known["positions"]))
+        positions = np.asarray(known["positions"])
         readings = readings.reshape(len(readings), readings.shape[1], -1)
     elif readings.ndim == 4 and readings.shape[2] == 1:
         readings = readings[:, :, 0]
     if rest is not None and readings.ndim == 3:
         positions = rest[:2].T
-    meta = json.loads(known["meta"]) if known is not None else {"source": found.name}
+    meta = {str(k): str(v) for k, v in known["meta"].items()} if known is not None else {"source": found.name}
     return Recording(readings=readings, channels=channels, time=np.array(stamps), positions=positions, meta=meta)
+
+
+class Mcap(Format):
+    """MCAP files: palpate's own, and those of robots with a `TopicMapping`. A CRC-32 guards each chunk, one all the data."""
+
+    name = "mcap"
+    extensions = (".mcap",)
+
+    def recognises(self, path: Path) -> bool:
+        with path.open("rb") as file:
+            return file.read(8) == b"\x89MCAP0\r\n"
+
+    def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
+        if mapping is not None and mcapfile.own(path) is not None and mapping.topic not in topics(path):
+            mapping = None  # the mapping of a robot's messages does not concern palpate's own
+        return read_robot(path, mapping, salvage=salvage)
+
+    def write(self, recording: Recording, path: Path) -> None:
+        path.unlink(missing_ok=True)  # a recorder makes its own file
+        mcapfile.write_mcap(recording, path)
+
+    def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
+        path.unlink(missing_ok=True)
+        with mcapfile.McapRecorder(path, (), meta=dict(record)) as out:
+            count = 1 if touch.values.ndim == 1 + touch.surface.dimensions else len(touch.values)
+            for i in range(count):
+                out.touch(touch.frame(i), float(i) if touch.time is None else float(np.atleast_1d(touch.time)[i]))
+
+    def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
+        return mcapfile.McapRecorder(path, channels, positions=positions, meta=meta)
+
+
+class Bag(Format):
+    """What ROS records: a folder (ROS 2, with db3 or mcap inside) or a file (ROS 1). Their messages carry no checksums."""
+
+    name = "bag"
+    extensions = (".bag",)
+    folder = True
+
+    def recognises(self, path: Path) -> bool:
+        return is_bag(path)
+
+    def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
+        return read_robot(path, mapping, salvage=salvage)

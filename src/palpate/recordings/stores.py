@@ -17,14 +17,12 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.elastic.quantities import channel_unit
 from palpate.errors import InvalidInput, Unsupported
-from palpate.recordings.files import in_place
-from palpate.recordings.recording import Recording
 from palpate.touch import Touch
 
 if TYPE_CHECKING:
     from palpate.grasp import Event
 
-__all__ = ["HdfRecorder", "ZarrRecorder", "into_place", "read_zarr", "write_zarr", "zarr_library"]
+__all__ = ["HdfRecorder", "ZarrRecorder", "zarr_library"]
 
 #: Frames in a block: what a killed process can lose.
 BLOCK = 32
@@ -335,48 +333,3 @@ def zarr_library() -> Any:
     except ImportError as error:
         raise Unsupported('Zarr needs one more package: pip install "palpate[zarr]".') from error
     return zarr
-
-
-def write_zarr(recording: Recording, path: str | Path) -> None:
-    """A whole recording as a Zarr store."""
-    into_place(path, lambda name: _whole(recording, name))
-
-
-def _whole(recording: Recording, name: Path) -> None:
-    with ZarrRecorder(name, recording.channels, positions=recording.positions, meta=recording.meta) as out:
-        for time, values in zip(recording.time, recording.readings):
-            out.readings(float(time), values)
-
-
-def into_place(path: str | Path, write: Callable[[Path], None]) -> None:
-    """Write a folder beside its name, then move it there; nothing is left where that fails."""
-    zarr_library()
-    target = Path(path)
-    if target.exists():
-        raise InvalidInput(f"{path} exists; a Zarr store is not overwritten. Give another name.")
-    with in_place(target) as fresh:
-        write(fresh)
-
-
-def read_zarr(path: Path) -> Recording:
-    """A recording from a Zarr store; blocks that were not finished are left out."""
-    zarr = zarr_library()
-    if not path.is_dir():
-        raise InvalidInput(f"{path}: no such folder; a Zarr store is a folder.")
-    try:
-        root = zarr.open_group(str(path), mode="r")
-        missing = [n for n in ("readings", "time") if n not in root] + [n for n in ("channel",) if n not in root.attrs]
-        if missing:
-            raise InvalidInput(f"{path}: not a palpate recording: it lacks {', '.join(missing)}.")
-        count = min(root["time"].shape[0], root["readings"].shape[0])
-        return Recording(
-            readings=root["readings"][:count],
-            channels=tuple(root.attrs["channel"]),
-            time=root["time"][:count],
-            positions=root["positions"][...] if "positions" in root else None,
-            meta=json.loads(root.attrs.get("meta", "{}")),
-        )
-    except (OSError, KeyError, ValueError) as error:
-        if isinstance(error, InvalidInput):
-            raise
-        raise InvalidInput(f"{path}: cannot be read as a Zarr store; it is damaged or something else.") from error

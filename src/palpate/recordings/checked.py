@@ -1,0 +1,102 @@
+"""What stands between a damaged file and a plausible number: a checksum over all that was written, and limits on what a header may claim."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.errors import InvalidInput
+from palpate.recordings.labelled import recording_dataset
+from palpate.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["CHECKSUM", "affordable", "checksum", "confirm", "confirm_recording", "json_object", "recording_checksum"]
+
+#: Attribute that holds the checksum.
+CHECKSUM = "palpate_crc32"
+#: The most that deflate can shrink (1032), and what small files may claim in any case.
+DEFLATE, SMALL = 1032, 1 << 20
+
+
+def checksum(dataset: xarray.Dataset) -> int:
+    """CRC-32 of names, dimensions, values and attributes, whatever the file format: numbers count in double precision.
+
+    A CRC-32 tells every change of up to 32 neighbouring bits, and all but one of 4e9 other changes.
+    """
+    crc = 0
+    for name in sorted(map(str, dataset.variables)):
+        variable = dataset.variables[name]
+        crc = zlib.crc32(json.dumps([name, *map(str, variable.dims), *variable.shape]).encode(), crc)
+        values = variable.values
+        for block in (
+            np.atleast_1d(values) if values.ndim > 1 else (values,)
+        ):  # frame by frame: no second copy of a recording
+            crc = zlib.crc32(_canonical(block), crc)
+    attributes = {str(k): _plain(v) for k, v in dataset.attrs.items() if k != CHECKSUM}
+    return zlib.crc32(json.dumps(attributes, sort_keys=True).encode(), crc)
+
+
+def _canonical(values: Any) -> bytes:
+    if values.dtype.kind == "f":
+        block = values.astype("<f8")
+        block[np.isnan(block)] = np.nan
+        return bytes(block.tobytes())
+    if values.dtype.kind in "biu":
+        return bytes(values.astype("<i8").tobytes())
+    return json.dumps([v.decode() if isinstance(v, bytes) else str(v) for v in np.ravel(values)]).encode()
+
+
+def _plain(value: Any) -> Any:
+    found = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+    return list(found) if isinstance(found, tuple) else found
+
+
+def confirm(dataset: xarray.Dataset, expected: Any, path: str | Path, remedy: str = "") -> None:
+    """Refuse what is not what was written. ``expected`` None: the file says nothing (of another program, or a stream)."""
+    if expected is None:
+        return
+    try:
+        wanted = int(np.asarray(expected).item())
+    except (TypeError, ValueError, OverflowError):
+        wanted = -1
+    if wanted != checksum(dataset):
+        raise InvalidInput(
+            f"{path} was damaged or changed: what it holds does not agree with its checksum. {remedy or 'Take another copy.'}"
+        )
+
+
+def recording_checksum(recording: Recording) -> int:
+    """The checksum of a recording."""
+    return checksum(recording_dataset(recording))
+
+
+def confirm_recording(recording: Recording, expected: Any, path: str | Path, remedy: str = "") -> Recording:
+    """The recording, if it is what was written."""
+    if expected is not None:
+        confirm(recording_dataset(recording), expected, path, remedy)
+    return recording
+
+
+def affordable(claimed: int, stored: int, path: str | Path, *, shrink: float = DEFLATE) -> None:
+    """Refuse a header that claims more bytes than ``stored`` ones can hold, before anything is allocated."""
+    if claimed < 0 or claimed > SMALL + shrink * stored:
+        raise InvalidInput(
+            f"{path}: its header claims {claimed:.3g} bytes of numbers, but only {stored:.3g} bytes are stored; it is damaged."
+        )
+
+
+def json_object(text: Any, what: str) -> dict[str, Any]:
+    """A JSON object, or `InvalidInput`: not JSON, nested a thousand times, or not an object."""
+    try:
+        found = json.loads(text)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InvalidInput(f"{what} cannot be read; the file may be truncated.") from error
+    if not isinstance(found, dict):
+        raise InvalidInput(f"{what} must be a JSON object.")
+    return found

@@ -1,0 +1,227 @@
+"""Recordings and results as text.
+
+A recording has the columns "time (s)", then "channel[taxel] (unit)" or "channel[row;column] (unit)". Lines that begin with # are comments,
+which other programs leave out; some say more: ``# meta``, ``# positions (m)`` of scattered taxels, and at the end ``# palpate_crc32``, a checksum
+of all the numbers. A file of others ends with a line break, or `palpate.errors.UncheckedInput` warns that its last number may be cut.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.elastic.quantities import channel_unit
+from palpate.errors import InvalidInput, UncheckedInput
+from palpate.recordings.checked import CHECKSUM, confirm_recording, json_object, recording_checksum
+from palpate.recordings.formats import Format
+from palpate.recordings.mapping import TopicMapping
+from palpate.recordings.recording import Recording
+from palpate.units import convert_factor
+
+if TYPE_CHECKING:
+    from palpate.touch import Touch
+
+__all__ = ["Csv", "cells", "number", "text_of", "warn_of_a_cut"]
+
+_TITLE = "# palpate recording 2"
+_EDITED = "If you edited it on purpose, delete its last line (# palpate_crc32 ...), and it is read as it is."
+_COLUMN = re.compile(r"^(?P<name>\w+?)(?:\[(?P<index>\d{1,7}(?:;\d{1,7})?)\])?(?:\s*\((?P<unit>[^)]*)\))?$", re.ASCII)
+_NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?\s*", re.ASCII)
+
+
+class Csv(Format):
+    """Text that any program reads."""
+
+    name = "csv"
+    extensions = (".csv",)
+
+    def recognises(self, path: Path) -> bool:
+        with path.open("rb") as file:
+            return b"\0" not in file.read(4096)
+
+    def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
+        lines, ended = text_of(path)
+        meta: dict[str, str] = {}
+        positions: Any = None
+        expected: str | None = None
+        body = []
+        for count, line in enumerate(lines, 1):
+            where = f"{path}, line {count}"
+            if line.startswith("# positions (m): "):
+                positions = _positions(line.removeprefix("# positions (m): "), where)
+            elif line.startswith("# meta: "):
+                found = json_object(line.removeprefix("# meta: "), f"{where}: meta")
+                meta = {str(k): str(v) for k, v in found.items()}
+            elif line.startswith(f"# {CHECKSUM} "):
+                expected = line.removeprefix(f"# {CHECKSUM} ").strip(" ,")
+            elif line.strip() and not line.startswith("#"):
+                body.append((count, line))
+        if not ended and salvage and body and body[-1][0] == len(lines):
+            body.pop()  # torn within a line
+        if len(body) < 2:
+            raise InvalidInput(f"{path}: no frames; a CSV recording has a header line and one line per frame.")
+        own = lines[0].strip(" ,") == _TITLE
+        if expected is None and not salvage:
+            if own:
+                raise InvalidInput(
+                    f"{path} is truncated: its last line, the checksum, is missing. palpate convert --salvage takes the whole lines; "
+                    f'if you deleted it on purpose, delete the first line ("{_TITLE}") too.'
+                )
+            if not ended:
+                warn_of_a_cut(path, lines[-1])
+        recording = _table(path, body, positions, meta)
+        return recording if salvage else confirm_recording(recording, expected, path, _EDITED)
+
+    def write(self, recording: Recording, path: Path) -> None:
+        if len(set(recording.channels)) != len(recording.channels):
+            raise InvalidInput(
+                f"{path}: a CSV names each column once, but the recording has one channel on several planes; write .nc or .npz."
+            )
+        readings = recording.readings
+        with path.open("w", newline="", encoding="utf-8") as file:
+            file.write(f"{_TITLE}\n# meta: {json.dumps(recording.meta)}\n")
+            if recording.positions is not None:
+                file.write(f"# positions (m): {json.dumps(recording.positions.tolist())}\n")
+            writer = csv.writer(file)
+            titles = [
+                f"{c}[{';'.join(map(str, place))}] ({u})"
+                for c, u in zip(recording.channels, recording.units)
+                for place in np.ndindex(*readings.shape[2:])
+            ]
+            writer.writerow(["time (s)", *titles])
+            for t, frame in zip(recording.time, readings.reshape(len(readings), -1)):
+                writer.writerow([repr(float(t)), *("" if np.isnan(v) else repr(float(v)) for v in frame)])
+            file.write(f"# {CHECKSUM} {recording_checksum(recording)}\n")
+
+    def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
+        """One line per frame, cell and component."""
+        traction = touch.traction
+        if "time" not in traction.dims:
+            traction = traction.expand_dims("time")
+        names = [d for d in ("y", "x") if d in traction.dims]
+        with path.open("w", newline="", encoding="utf-8") as file:
+            file.write(f"# {json.dumps(dict(record))}\n")
+            writer = csv.writer(file)
+            writer.writerow(
+                ["time (s)", *(f"{n} (m)" for n in names), *(f"traction_{c} (Pa)" for c in touch.surface.components)]
+            )
+            values = np.moveaxis(traction.values, 1, -1)
+            axes = [traction[n].values for n in names]
+            for t, frame in zip(traction["time"].values, values):
+                for place in np.ndindex(*frame.shape[:-1]):
+                    where = [repr(float(a[i])) for a, i in zip(axes, place)]
+                    writer.writerow([repr(float(t)), *where, *(repr(float(v)) for v in frame[place])])
+
+
+def text_of(path: Path) -> tuple[list[str], bool]:
+    """Lines of a text file, and whether the last one is ended; a file that is not text is refused."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: cannot be read as text in UTF-8; save it as CSV in UTF-8.") from error
+    if "\0" in text:
+        raise InvalidInput(f"{path}: holds NUL characters; it is damaged or not text.")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    return text.rstrip("\n").split("\n"), text.endswith("\n")
+
+
+def warn_of_a_cut(path: Path, last: str) -> None:
+    """Say that nothing tells whether the last number of a file is whole."""
+    warnings.warn(
+        f"{path}: the last line has no line break; if the file was cut, its last number {last.split(',')[-1][:40]!r} is wrong. "
+        "Compare it with the source, then end the line with a line break.",
+        UncheckedInput,
+        stacklevel=5,
+    )
+
+
+def cells(line: str, where: str) -> list[str]:
+    """The cells of one line."""
+    try:
+        return next(csv.reader(io.StringIO(line), strict=True), [])
+    except csv.Error as error:
+        # without quotes a line needs no parser, and may be as long as it is
+        if '"' not in line:
+            return line.split(",")
+        raise InvalidInput(f"{where}: cannot be read as CSV ({error}).") from error
+
+
+def number(text: str, where: str) -> float:
+    """A number as it is written in files, or `InvalidInput`; nothing (or "nan") is missing."""
+    if not text.strip() or text.strip().lower() == "nan":
+        return float("nan")
+    if _NUMBER.fullmatch(text) is None:
+        raise InvalidInput(f"{where}: {text[:40]!r} is not a number.")
+    value = float(text)
+    if not np.isfinite(value):
+        raise InvalidInput(f"{where}: {text[:40]!r} is larger than numbers can be.")
+    return value
+
+
+def _positions(text: str, where: str) -> Any:
+    problem = f'{where}: positions must be a list of [x, y] or of x, in metres, like "[[0.001, 0.002], [0.003, 0.004]]"'
+    try:
+        found = json.loads(text)
+        if not isinstance(found, list):
+            raise InvalidInput(f"{problem}; got {text[:40]!r}.")
+        return np.array(found, dtype=np.float64)
+    except InvalidInput:
+        raise
+    except (TypeError, ValueError, RecursionError, OverflowError) as error:
+        raise InvalidInput(f"{problem}; got {text[:40]!r}.") from error
+
+
+def _table(path: Path, body: list[tuple[int, str]], positions: Any, meta: dict[str, str]) -> Recording:
+    start = f"{path}, line {body[0][0]}"
+    header = cells(body[0][1], start)
+    columns = []
+    for title in header:
+        match = _COLUMN.match(title.strip())
+        if match is None:
+            raise InvalidInput(f'{start}: column {title[:40]!r} is not like "stress_zz[0;1] (Pa)".')
+        columns.append(match)
+    if columns[0]["name"] != "time":
+        raise InvalidInput(f'{start}: the first column must be "time (s)"; got {header[0][:40]!r}.')
+    if len(columns) < 2:
+        raise InvalidInput(f'{start}: no column of readings, like "stress_zz[0;1] (Pa)", follows the time.')
+    channels: list[str] = []
+    places: list[tuple[int, ...]] = []
+    factors = [convert_factor(columns[0]["unit"] or "", "s", f"{path}: time")]
+    for match, title in zip(columns[1:], header[1:]):
+        name = match["name"]
+        if match["index"] is None or name.split("_")[0] not in ("displacement", "stress", "strain"):
+            raise InvalidInput(f'{start}: column {title[:40]!r} is not like "stress_zz[0;1] (Pa)".')
+        if match["unit"] is None:
+            raise InvalidInput(f'{start}: column {title!r} has no unit: write "{title} (Pa)" or the like.')
+        if name not in channels:
+            channels.append(name)
+        place = tuple(int(i) for i in match["index"].split(";"))
+        places.append((channels.index(name), *place))
+        factors.append(convert_factor(match["unit"], channel_unit(name), f"{path}: {title}"))
+    if len({len(p) for p in places}) != 1:
+        raise InvalidInput(f"{path}: columns mix one and two indices.")
+    shape = tuple(int(m) + 1 for m in np.max(places, axis=0))
+    if len(set(places)) != len(places) or len(places) != int(np.prod(shape)):
+        raise InvalidInput(
+            f"{path}: {len(places)} columns do not fill {len(channels)} channels of {shape[1:]} taxels once each."
+        )
+    data = np.full((len(body) - 1, *shape), np.nan)
+    time = np.empty(len(body) - 1)
+    index = tuple(np.array(places).T)
+    for row, (count, line) in enumerate(body[1:]):
+        where = f"{path}, line {count}"
+        values = cells(line, where)
+        if len(values) != len(header):
+            raise InvalidInput(f"{where}: {len(values)} values for {len(header)} columns; the file may be truncated.")
+        numbers = [number(v, where) for v in values]
+        time[row] = numbers[0] * factors[0]
+        data[(row, *index)] = np.array(numbers[1:]) * factors[1:]
+    return Recording(readings=data, channels=tuple(channels), time=time, positions=positions, meta=meta)

@@ -1,0 +1,273 @@
+"""Recordings and results as NetCDF 4, which is HDF5 (.nc, .h5, .hdf5)."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.errors import InvalidInput
+from palpate.recordings.checked import (
+    CHECKSUM,
+    affordable,
+    checksum,
+    confirm,
+    confirm_recording,
+    json_object,
+)
+from palpate.recordings.formats import Format
+from palpate.recordings.labelled import recording_dataset, touch_dataset
+from palpate.recordings.mapping import TopicMapping
+from palpate.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import xarray
+
+    from palpate.recordings.recorder import Recorder
+    from palpate.touch import Touch
+
+__all__ = ["NetCDF", "damage", "guard", "opened"]
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+#: What h5py and h5netcdf raise where a file is damaged: each layer translates the library's errors in its own way.
+DAMAGE = (
+    OSError,
+    RuntimeError,
+    KeyError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    MemoryError,
+)
+
+
+def damage(path: Path, error: Exception) -> InvalidInput:
+    """What to say of a file that the library cannot read."""
+    reason = str(error).strip("'\". ")[:120]
+    return InvalidInput(
+        f"{path}: cannot be read as NetCDF/HDF5; it is still being written, truncated, damaged or of another format ({reason}). "
+        "palpate convert --salvage takes what a recording that was broken off holds."
+    )
+
+
+class NetCDF(Format):
+    """NetCDF 4. HDF5 guards each block of numbers (Fletcher-32), a CRC-32 of ours the whole."""
+
+    name = "netcdf"
+    extensions = (".nc", ".h5", ".hdf5")
+
+    def recognises(self, path: Path) -> bool:
+        with path.open("rb") as file:
+            size, at = path.stat().st_size, 0
+            while at < size:  # HDF5 may begin with a block of the user's
+                file.seek(at)
+                if file.read(8) == _SIGNATURE:
+                    return True
+                at = 2 * at or 512
+        return False
+
+    def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
+        try:
+            with opened(path, salvage=salvage) as file:
+                missing = [n for n in ("readings", "channel", "time") if n not in file]
+                if missing:
+                    held = ", ".join(map(_text, file)) or "nothing"
+                    raise InvalidInput(
+                        f"{path}: not a palpate recording: it lacks {', '.join(missing)} (it holds {held})."
+                    )
+                guard(file, path)
+                count = min(len(file["readings"]), len(file["time"]))
+                time = file["time"][:count]
+                if salvage:
+                    # blocks that were not written read as fill values
+                    whole = np.isfinite(time) & (np.diff(time, prepend=-np.inf) > 0)
+                    count = int(np.argmin(whole)) if not whole.all() else count
+                    time = time[:count]
+                meta = json_object(_text(file.attrs["meta"]), f"{path}: meta") if "meta" in file.attrs else {}
+                recording = Recording(
+                    readings=file["readings"][:count],
+                    channels=tuple(_text(c) for c in file["channel"][()]),
+                    time=time,
+                    positions=file["positions"][()] if "positions" in file else None,
+                    meta={str(k): str(v) for k, v in meta.items()},
+                )
+                expected = None if salvage else file.attrs.get(CHECKSUM)
+        except InvalidInput:
+            raise
+        except DAMAGE as error:
+            raise damage(path, error) from error
+        return confirm_recording(recording, expected, path)
+
+    def write(self, recording: Recording, path: Path) -> None:
+        _write(recording_dataset(recording), path)
+
+    def read_touch(self, path: Path) -> Any:
+        import xarray
+
+        def group(name: str | None) -> xarray.Dataset:
+            return xarray.load_dataset(path, engine="h5netcdf", group=name, decode_times=False)
+
+        try:
+            with opened(path) as file:
+                name = "touch" if "traction" not in file and "touch" in file else None
+                guard(file[name] if name else file, path)
+            found = group(name)
+            if "traction" not in found:
+                raise InvalidInput(
+                    f"{path}: holds no touches (it holds {', '.join(map(str, found.variables)) or 'nothing'})."
+                )
+        except InvalidInput:
+            raise
+        except DAMAGE as error:
+            raise InvalidInput(
+                f"{path}: holds no touches that can be read; it is truncated, damaged, still being written, or of another format."
+            ) from error
+        confirm(found, found.attrs.pop(CHECKSUM, None), path)
+        return found
+
+    def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
+        _write(touch_dataset(touch, record), path)
+
+    def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
+        from palpate.recordings.stores import HdfRecorder
+
+        return HdfRecorder(path, channels, positions=positions, meta=meta)
+
+
+def _text(value: Any) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _write(dataset: xarray.Dataset, path: Path) -> None:
+    encoding: dict[str, dict[str, Any]] = {}
+    for name, variable in dataset.variables.items():
+        if variable.ndim and variable.dtype.kind in "fiub" and variable.size:
+            chunks = variable.shape
+            if variable.ndim > 1:  # blocks of whole frames, about a megabyte each
+                frames = max(1, (1 << 20) // max(1, variable[:1].nbytes))
+                chunks = (min(frames, variable.shape[0]), *variable.shape[1:])
+            encoding[str(name)] = {"fletcher32": True, "chunksizes": chunks}
+            if variable.ndim > 1:
+                encoding[str(name)] |= {"compression": "gzip"}
+    dataset = dataset.assign_attrs({CHECKSUM: checksum(dataset)})
+    dataset.to_netcdf(path, engine="h5netcdf", encoding=encoding)
+
+
+def guard(group: Any, path: Path) -> None:
+    """Refuse data sets that claim more than the file can hold, before anything is allocated."""
+    import h5py
+
+    stored = os.path.getsize(path)
+    for name in group:
+        held = group.get(name)
+        if isinstance(held, h5py.Dataset) and held.shape is not None:
+            claimed = held.dtype.itemsize
+            for size in held.shape:
+                claimed *= int(size)
+            affordable(claimed, stored, f"{path}, {_text(name)}")
+            affordable(
+                int(np.prod(held.chunks or (0,), dtype=np.float64)) * held.dtype.itemsize,
+                stored,
+                f"{path}, {_text(name)}",
+            )
+
+
+@contextmanager
+def opened(path: Path, *, salvage: bool = False) -> Iterator[Any]:
+    """An HDF5 file; ``salvage``: also one whose recorder was killed while it had it open."""
+    import h5py
+
+    if not salvage:
+        with h5py.File(path, "r") as file:
+            yield file
+        return
+    with path.open("rb") as raw, h5py.File(_Closed(raw), "r") as file:
+        yield file
+
+
+class _Closed(io.RawIOBase):
+    """A file that its writer left open, as if it had been closed: the first bytes (the superblock) are put right while they are read.
+
+    The library's own way to read such a file (SWMR) waits for a writer that is dead: one damaged byte took minutes.
+    """
+
+    def __init__(self, raw: Any) -> None:
+        self._raw = raw
+        size = raw.seek(0, os.SEEK_END)
+        raw.seek(0)
+        head = bytearray(raw.read(48))
+        # superblock version 3: flags at 11, end of file at 28 to 36, its checksum at 44 to 48
+        if len(head) == 48 and head[:9] == _SIGNATURE + b"\x03" and head[9:11] == b"\x08\x08":
+            if _lookup3(bytes(head[:44])) != int.from_bytes(head[44:], "little"):
+                raise OSError("the superblock is damaged")
+            head[11] = 0
+            head[28:36] = size.to_bytes(8, "little")
+            head[44:] = _lookup3(bytes(head[:44])).to_bytes(4, "little")
+        self._head, self._at = bytes(head), 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._at = self._raw.seek(offset, whence)
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def readinto(self, buffer: Any) -> int:
+        self._raw.seek(self._at)
+        data = self._raw.read(len(buffer))
+        if self._at < len(self._head):
+            patch = self._head[self._at : self._at + len(data)]
+            data = patch + data[len(patch) :]
+        buffer[: len(data)] = data
+        self._at += len(data)
+        return len(data)
+
+
+def _lookup3(data: bytes) -> int:
+    """Bob Jenkins' hash that HDF5 puts at the end of its headers (hashlittle of lookup3.c, public domain)."""
+    mask = 0xFFFFFFFF
+
+    def rotated(x: int, k: int) -> int:
+        return ((x << k) | (x >> (32 - k))) & mask
+
+    a = b = c = (0xDEADBEEF + len(data)) & mask
+    parts = [int.from_bytes(data[i : i + 4], "little") for i in range(0, len(data), 4)]
+    while len(parts) > 3:
+        a, b, c = (a + parts[0]) & mask, (b + parts[1]) & mask, (c + parts[2]) & mask
+        del parts[:3]
+        a = (a - c) & mask ^ rotated(c, 4)
+        c = (c + b) & mask
+        b = (b - a) & mask ^ rotated(a, 6)
+        a = (a + c) & mask
+        c = (c - b) & mask ^ rotated(b, 8)
+        b = (b + a) & mask
+        a = (a - c) & mask ^ rotated(c, 16)
+        c = (c + b) & mask
+        b = (b - a) & mask ^ rotated(a, 19)
+        a = (a + c) & mask
+        c = (c - b) & mask ^ rotated(b, 4)
+        b = (b + a) & mask
+    parts += [0] * (3 - len(parts))
+    a, b, c = (a + parts[0]) & mask, (b + parts[1]) & mask, (c + parts[2]) & mask
+    for x, y, k in (
+        ("c", "b", 14),
+        ("a", "c", 11),
+        ("b", "a", 25),
+        ("c", "b", 16),
+        ("a", "c", 4),
+        ("b", "a", 14),
+        ("c", "b", 24),
+    ):
+        held = {"a": a, "b": b, "c": c}
+        held[x] = ((held[x] ^ held[y]) - rotated(held[y], k)) & mask
+        a, b, c = held["a"], held["b"], held["c"]
+    return c

@@ -1,0 +1,116 @@
+"""Tables that other programs made: positions and vectors of one frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput
+from palpate.recordings.csvfile import cells, number, text_of, warn_of_a_cut
+from palpate.recordings.formats import existing
+from palpate.recordings.netcdf import DAMAGE, NetCDF, guard, opened
+from palpate.recordings.recording import Recording
+
+__all__ = ["read_table"]
+
+
+def read_table(
+    path: str | Path,
+    *,
+    columns: Sequence[str],
+    channels: Sequence[str],
+    position_factor: float = 1.0,
+    reading_factor: float = 1.0,
+    follow: bool = False,
+) -> Recording:
+    """One frame of scattered readings from a CSV table with a header, or from ``pos`` and ``vec`` of an HDF5 file.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        For a CSV table: the columns that hold x, y and then each channel. For HDF5: the data sets that hold positions and
+        vectors, shaped (2, n) or (n, 2).
+    channels : sequence of str
+        What the reading columns are.
+    position_factor, reading_factor : float
+        Multiply positions to metres and readings to SI units, e.g. 1e-6/1.3 for pixels of 1.3 per micrometre.
+    follow : bool
+        Move each position by its own displacement (the vectors then belong to where the markers went).
+    """
+    found = Path(path)
+    if not found.is_file():
+        raise InvalidInput(f"{found} is a folder; give a file." if found.is_dir() else f"{found}: no such file.")
+    if found.stat().st_size == 0:
+        raise InvalidInput(f"{found} is empty.")
+    if found.suffix.lower() in NetCDF.extensions:
+        existing(found)
+        values = _read_h5_vectors(found, columns)
+    else:
+        values = _read_columns(found, columns)
+    if len(values) != 2 + len(channels):
+        raise InvalidInput(
+            f"{found}: {len(values)} columns for x, y and {len(channels)} channels ({', '.join(channels)})."
+        )
+    positions = values[:2].T * position_factor
+    readings = values[2:] * reading_factor
+    if follow:
+        shift = {c.split("_")[1]: r for c, r in zip(channels, readings) if c.startswith("displacement")}
+        positions = positions + np.stack([shift.get("x", 0 * readings[0]), shift.get("y", 0 * readings[0])], axis=1)
+    return Recording(
+        readings=readings[None], channels=tuple(channels), positions=positions, meta={"source": found.name}
+    )
+
+
+def _read_h5_vectors(path: Path, names: Sequence[str]) -> Floats:
+    try:
+        with opened(path) as file:
+            held = [n if isinstance(n, str) else repr(n) for n in file]
+            missing = [n for n in names if n not in held]
+            if missing or len(names) != 2:
+                raise InvalidInput(
+                    f"{path}: name two data sets, positions and vectors, among {', '.join(held)}; got {', '.join(names)}."
+                )
+            guard(file, path)
+            parts = [np.asarray(file[n][()], dtype=np.float64) for n in names]
+    except InvalidInput:
+        raise
+    except DAMAGE as error:
+        raise InvalidInput(
+            f"{path}: cannot be read as HDF5; the file is truncated, damaged or of another format."
+        ) from error
+    if any(p.ndim != 2 or 2 not in p.shape for p in parts):
+        raise InvalidInput(f"{path}: {' and '.join(names)} must have shape (2, n) or (n, 2) each.")
+    parts = [p if p.shape[0] == 2 else p.T for p in parts]
+    if parts[0].shape != parts[1].shape:
+        raise InvalidInput(f"{path}: {' and '.join(names)} must have shape (2, n) or (n, 2) each.")
+    return np.concatenate(parts)
+
+
+def _read_columns(path: Path, columns: Sequence[str]) -> Floats:
+    lines, ended = text_of(path)
+    rows: list[tuple[int, list[str]]] = [
+        (n, cells(line, f"{path}, line {n}")) for n, line in enumerate(lines, 1) if line.strip()
+    ]
+    if len(rows) < 2:
+        raise InvalidInput(f"{path}: a table has a header line and one line per position; got {len(rows)} lines.")
+    header = [c.strip() for c in rows[0][1]]
+    missing = [c for c in columns if c not in header]
+    if missing:
+        raise InvalidInput(f"{path}: no column {', '.join(missing)}; it has {', '.join(header)[:200]}.")
+    double = [c for c in columns if header.count(c) > 1]
+    if double:
+        raise InvalidInput(f"{path}: the column {double[0]} is there {header.count(double[0])} times; name each once.")
+    index = [header.index(c) for c in columns]
+    values: Any = np.empty((len(columns), len(rows) - 1))
+    for place, (count, row) in enumerate(rows[1:]):
+        where = f"{path}, line {count}"
+        if len(row) != len(header):
+            raise InvalidInput(f"{where}: {len(row)} values for {len(header)} columns; the file may be truncated.")
+        values[:, place] = [number(row[i], where) for i in index]
+    if not ended:
+        warn_of_a_cut(path, lines[-1])
+    return np.asarray(values)

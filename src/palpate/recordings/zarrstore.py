@@ -1,0 +1,140 @@
+"""Recordings and results as Zarr stores (folders)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.errors import InvalidInput
+from palpate.recordings import stores
+from palpate.recordings.checked import (
+    CHECKSUM,
+    affordable,
+    checksum,
+    confirm,
+    confirm_recording,
+    json_object,
+    recording_checksum,
+)
+from palpate.recordings.formats import Format
+from palpate.recordings.labelled import touch_dataset
+from palpate.recordings.mapping import TopicMapping
+from palpate.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    from palpate.recordings.recorder import Recorder
+    from palpate.touch import Touch
+
+__all__ = ["Zarr"]
+
+#: What zarr and its codecs raise where a store is damaged.
+_DAMAGE = (
+    OSError,
+    RuntimeError,
+    KeyError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    RecursionError,
+    NotImplementedError,
+    MemoryError,
+)
+
+
+class Zarr(Format):
+    """Zarr 3 stores. A CRC-32 guards each block of a stream, and one the whole of what was finished."""
+
+    name = "zarr"
+    extensions = (".zarr",)
+    folder = True
+
+    def recognises(self, path: Path) -> bool:
+        return (path / "zarr.json").is_file()
+
+    def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
+        zarr = stores.zarr_library()
+        try:
+            root = zarr.open_group(str(path), mode="r", zarr_format=3)
+            missing = [n for n in ("readings", "time") if n not in root] + [
+                n for n in ("channel",) if n not in root.attrs
+            ]
+            if missing:
+                raise InvalidInput(f"{path}: not a palpate recording: it lacks {', '.join(missing)}.")
+            _guard(root, path)
+            # blocks that were not finished are left out
+            count = min(root["time"].shape[0], root["readings"].shape[0])
+            meta = json_object(root.attrs.get("meta", "{}"), f"{path}: meta")
+            recording = Recording(
+                readings=root["readings"][:count],
+                channels=tuple(str(c) for c in root.attrs["channel"]),
+                time=root["time"][:count],
+                positions=root["positions"][...] if "positions" in root else None,
+                meta={str(k): str(v) for k, v in meta.items()},
+            )
+            expected = None if salvage else root.attrs.get(CHECKSUM)
+        except InvalidInput:
+            raise
+        except _DAMAGE as error:
+            raise InvalidInput(f"{path}: cannot be read as a Zarr store; it is damaged or something else.") from error
+        return confirm_recording(recording, expected, path)
+
+    def write(self, recording: Recording, path: Path) -> None:
+        with stores.ZarrRecorder(path, recording.channels, positions=recording.positions, meta=recording.meta) as out:
+            for time, values in zip(recording.time, recording.readings):
+                out.readings(float(time), values)
+        stores.zarr_library().open_group(str(path), mode="r+").attrs[CHECKSUM] = recording_checksum(recording)
+
+    def read_touch(self, path: Path) -> Any:
+        import xarray
+
+        zarr = stores.zarr_library()
+        try:
+            root = zarr.open_group(str(path), mode="r", zarr_format=3)
+            name = "touch" if "traction" not in root and "touch" in root else None
+            _guard(root[name] if name else root, path)
+            found = xarray.open_zarr(path, group=name, consolidated=False, decode_times=False).load()
+            if "traction" not in found:
+                raise InvalidInput(f"{path}: holds no touches.")
+            found = found.assign_coords(component=list(map(str, found.attrs["component"])))
+            del found.attrs["component"]
+        except InvalidInput:
+            raise
+        except _DAMAGE as error:
+            raise InvalidInput(
+                f"{path}: holds no touches that can be read; it is damaged, still being written, or of another format."
+            ) from error
+        confirm(found, found.attrs.pop(CHECKSUM, None), path)
+        return found
+
+    def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
+        stores.zarr_library()
+        dataset = touch_dataset(touch, record)
+        dataset.attrs[CHECKSUM] = checksum(dataset)
+        # text has no settled form in Zarr 3
+        dataset.attrs["component"] = [str(c) for c in dataset["component"].values]
+        dataset.drop_vars("component").to_zarr(path, zarr_format=3, consolidated=False)
+
+    def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
+        return stores.ZarrRecorder(path, channels, positions=positions, meta=meta)
+
+
+def _guard(group: Any, path: Path) -> None:
+    """Refuse arrays that claim more than is stored: more blocks than there are files, or blocks that no codec shrinks so far."""
+    for name, array in group.arrays():
+        place = f"{path}, {name}"
+        held = [
+            p.stat().st_size for p in (path / group.path / name).rglob("*") if p.is_file() and p.name != "zarr.json"
+        ]
+        block = array.dtype.itemsize * float(np.prod(array.chunks, dtype=np.float64))
+        # Zstandard writes a block that is all the same in a dozen bytes: what counts is that each block is there
+        blocks = float(np.prod([-(-s // max(1, c)) for s, c in zip(array.shape, array.chunks)], dtype=np.float64))
+        affordable(int(min(block, 2.0**62)), sum(held), place, shrink=20_000)
+        if blocks > len(held):
+            raise InvalidInput(
+                f"{place}: {blocks:.6g} blocks are claimed, but {len(held)} are there; the store is damaged."
+            )
