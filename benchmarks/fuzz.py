@@ -459,7 +459,8 @@ def _work() -> None:
 class Child:
     """The process that reads; started anew where it ends."""
 
-    def __init__(self) -> None:
+    def __init__(self, patience: float = PATIENCE) -> None:
+        self.patience = patience
         self._process: subprocess.Popen[str] | None = None
 
     def _start(self) -> subprocess.Popen[str]:
@@ -485,10 +486,10 @@ class Child:
             process.stdin.flush()  # type: ignore[union-attr]
         while True:
             try:
-                line = self._answers.get(timeout=PATIENCE)
+                line = self._answers.get(timeout=self.patience)
             except queue.Empty:
                 self.close()
-                return "hang", f"over {PATIENCE:g} s"
+                return "hang", f"over {self.patience:g} s"
             if not line:
                 return "crash", f"signal {-process.wait()}"
             if line.startswith("\x1e"):
@@ -548,6 +549,7 @@ def main() -> None:
     parser.add_argument("--reader", action="append", choices=list(READERS), help="only these")
     parser.add_argument("--keep", type=Path, help="folder for the files that fail")
     parser.add_argument("--damages", action="store_true", help="also one line per damage")
+    parser.add_argument("--patience", type=float, default=PATIENCE, help="seconds after which a reader hangs")
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:
@@ -555,7 +557,7 @@ def main() -> None:
         return
     columns = ("refused", "same", "first frames", "warned", "CHANGED", "traceback", "crash", "hang", "memory")
     print("| reader | files | " + " | ".join(columns) + " |\n|---|" + "---:|" * (len(columns) + 1))
-    child, failed, total = Child(), 0, 0
+    child, failed, total = Child(options.patience), 0, 0
     reports = []
     try:
         for name in options.reader or READERS:

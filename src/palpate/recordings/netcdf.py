@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import mmap
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 __all__ = ["NetCDF", "damage", "guard", "opened"]
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
+#: How a global heap begins: its signature, version 1 and three zeros.
+_HEAP = b"GCOL\x01\0\0\0"
 #: What h5py and h5netcdf raise where a file is damaged: each layer translates the library's errors in its own way.
 DAMAGE = (
     OSError,
@@ -186,12 +189,35 @@ def opened(path: Path, *, salvage: bool = False) -> Iterator[Any]:
     """An HDF5 file; ``salvage``: also one whose recorder was killed while it had it open."""
     import h5py
 
+    _guard_heaps(path)
     if not salvage:
         with h5py.File(path, "r") as file:
             yield file
         return
     with path.open("rb") as raw, h5py.File(_Closed(raw), "r") as file:
         yield file
+
+
+def _guard_heaps(path: Path) -> None:
+    """Refuse heaps of text whose parts do not follow each other: the library walks through them for ever."""
+    with path.open("rb") as raw, mmap.mmap(raw.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        start = data.find(_HEAP)
+        while start >= 0:
+            size = int.from_bytes(data[start + 8 : start + 16], "little")
+            at, end = start + 16, start + size
+            if not 16 <= size <= len(data) - start:
+                raise OSError("a heap of text is longer than the file")
+            while at + 16 <= end:
+                index, length = (
+                    int.from_bytes(data[at : at + 2], "little"),
+                    int.from_bytes(data[at + 8 : at + 16], "little"),
+                )
+                # the last one, number 0, is what is free, its own head included
+                step = length if index == 0 else 16 + -(-length // 8) * 8
+                if step < 16 or step > end - at:
+                    raise OSError("a heap of text is damaged")
+                at += step
+            start = data.find(_HEAP, start + 8)
 
 
 class _Closed(io.RawIOBase):
