@@ -19,6 +19,9 @@ UNITS: dict[str, dict[str, float]] = {
     "force per length": {"N/m": 1.0, "N/mm": 1e3, "mN/mm": 1.0},
 }
 
+#: Lengths below this [m] cannot be meant, and their squares are lost in double precision.
+SMALLEST_LENGTH = 1e-18
+
 #: kind of each SI unit of a channel
 KIND_OF_SI = {"m": "length", "Pa": "pressure", "1": "strain", "s": "time"}
 
@@ -50,6 +53,8 @@ def parse_quantity(text: object, kind: str, what: str) -> float:
     value = float(match[1]) * units[match[2]]
     if not math.isfinite(value):
         raise InvalidInput(f"{what} = {text!r} is not finite.")
+    if kind == "length" and 0 < abs(value) < SMALLEST_LENGTH:
+        raise InvalidInput(f"{what} = {text!r} is far below the size of an atom; check its unit.")
     return value
 
 

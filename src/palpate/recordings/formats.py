@@ -36,7 +36,7 @@ __all__ = [
     "write_recording",
 ]
 
-#: The formats of palpate itself: "module:class". What is inside a file is looked at in this order, so plain text comes last.
+#: The formats of palpate itself: "module:class". What is inside a file is looked at in this order.
 BUILT_IN = (
     "palpate.recordings.netcdf:NetCDF",
     "palpate.recordings.npz:Npz",
@@ -195,8 +195,8 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
     try:
         known = find_format(found)
     except InvalidInput as error:
-        inside = next((f for f in formats() if f.can(task) and not f.folder and f.recognises(found)), None)
-        if inside is None or inside.name == "csv":
+        inside = _inside(found, task)
+        if inside is None:
             raise
         raise InvalidInput(
             f"{str(error).rstrip('.')}. What is inside looks like {inside.name}: rename it to {found.with_suffix(inside.extensions[0]).name}."
@@ -204,14 +204,19 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
     if known.folder and known.name != "bag":
         raise InvalidInput(f"{found}: a {known.name} store is a folder; got a file.")
     if known.can("recognises") and not known.recognises(found):
-        inside = next((f for f in formats() if not f.folder and f.recognises(found)), None)
+        inside = _inside(found, task)
         hint = "it is truncated, damaged or of another format"
-        if inside is not None and inside.name != "csv":
+        if inside is not None:
             hint = (
                 f"what is inside looks like {inside.name}: rename it to {found.with_suffix(inside.extensions[0]).name}"
             )
         raise InvalidInput(f"{found}: cannot be read as {known.name}; {hint}.")
     return found, known
+
+
+def _inside(path: Path, task: str) -> Format | None:
+    """The format that a file looks like; any text would look like CSV."""
+    return next((f for f in formats() if f.name != "csv" and not f.folder and f.can(task) and f.recognises(path)), None)
 
 
 def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from palpate.inverse.account import Errors
 from palpate.recordings.recording import Recording
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.touch import Touch
+from palpate.uncertainty import Case
 
 if TYPE_CHECKING:
     import xarray
@@ -27,7 +28,7 @@ __all__ = ["CONVENTIONS", "recording_dataset", "recording_of", "touch_dataset", 
 
 CONVENTIONS = "palpate recording 1"
 #: Attributes of a result that are its own; the others are its provenance.
-_OWN = ("Conventions", "method", "notes", "sought", "unseen_force", "surface", "meta")
+_OWN = ("Conventions", "method", "notes", "sought", "unseen_force", "surface", "meta", "case", "found_by")
 #: What a result holds besides traction: field -> its dimensions after those of the batch.
 _FIELDS: dict[str, tuple[str, ...]] = {
     "parameter": (),
@@ -181,6 +182,11 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
             "meta": json.dumps(touch.meta),
         }
     )
+    # text by frame is an attribute: Zarr 3 has no settled form of it
+    if touch.found_by is not None:
+        dataset.attrs["found_by"] = json.dumps(np.asarray(touch.found_by).tolist())
+    if touch.case is not None:
+        dataset.attrs["case"] = json.dumps(asdict(touch.case))
     return dataset
 
 
@@ -217,8 +223,25 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         time=None if time is None else time.values,
         meta=_meta(attrs.get("meta", "{}"), name),
         errors=errors,
-        **{key: dataset[key].values if key in dataset else None for key in _FIELDS},
+        found_by=np.array(_loaded(attrs["found_by"], name)) if "found_by" in attrs else None,
+        case=_case(attrs["case"], name) if "case" in attrs else None,
+        **{key: dataset[key].values for key in _FIELDS if key in dataset},
     )
+
+
+def _loaded(text: Any, name: str) -> Any:
+    try:
+        return json.loads(text)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InvalidInput(f"{name}: its attributes cannot be read; the file may be damaged.") from error
+
+
+def _case(text: Any, name: str) -> Case:
+    held = _loaded(text, name)
+    try:
+        return Case(**held)
+    except TypeError as error:
+        raise InvalidInput(f"{name}: the case of its error bars cannot be read; the file may be damaged.") from error
 
 
 def _expanded(dims: tuple[str, ...], surface: tuple[str, ...]) -> tuple[str, ...]:

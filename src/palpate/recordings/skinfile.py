@@ -69,6 +69,9 @@ Time = Annotated[float, BeforeValidator(lambda v: parse_quantity(v, "time", "tim
 Pressure = Annotated[float, BeforeValidator(lambda v: parse_quantity(v, "pressure", "pressure"))]
 
 
+Count = Annotated[int, Field(ge=1, le=1_000_000)]
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
 
@@ -105,8 +108,8 @@ class _Plane(_Strict):
     aperture: Lengths = 0.0
     noise: str | list[str] | None = None
     noise_correlation: Length = 0.0
-    count: int | None = None
-    shape: tuple[int, int] | None = None
+    count: Count | None = None
+    shape: tuple[Count, Count] | None = None
     pitch: Lengths | None = None
     center: Any = None
     positions_file: str | None = None
@@ -114,8 +117,8 @@ class _Plane(_Strict):
 
 class _Surface(_Strict):
     spacing: Lengths
-    count: int | None = None
-    shape: tuple[int, int] | None = None
+    count: Count | None = None
+    shape: tuple[Count, Count] | None = None
     center: Any = None
 
 
@@ -125,7 +128,7 @@ class _Stream(_Strict):
     path: str = ""
     fields: list[str] = []
     channels: list[str] | None = None
-    shape: tuple[int, int] | None = None
+    shape: tuple[Count, Count] | None = None
     markers: bool = False
     stamp: str = ""
     definitions: str = ""
@@ -207,8 +210,8 @@ def _text(found: Path) -> str:
 def _validated(text: str, name: str) -> _Skin:
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InvalidInput(f"{name}: not valid TOML: {error}.") from error
+    except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and brackets in brackets
+        raise InvalidInput(f"{name}: not valid TOML: {str(error)[:200].rstrip('.')}.") from error
     try:
         return _Skin.model_validate(data)
     except ValidationError as error:
