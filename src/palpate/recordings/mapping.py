@@ -40,7 +40,7 @@ class TopicMapping:
     scale : float or sequence of float
         Multiplies the numbers (of each channel) to SI units; negative turns the sign.
     shape : (int, int), optional
-        Rows and columns of the taxels; without it they are one row.
+        Rows and columns of the taxels; without it they are one row. An image or Grid of several rows states its own, which must agree.
     markers : bool
         The numbers are positions of markers: their displacement from the first message is read, and where they were then are the
         positions of the taxels.
@@ -105,6 +105,12 @@ class TopicMapping:
             if values[0].size != math.prod(self.shape):
                 raise InvalidInput(
                     f"{self.topic}: {values[0].size} taxels do not make a shape of {self.shape[0]} x {self.shape[1]}."
+                )
+            # a single row states no shape; more rows do
+            if values.ndim == 3 and values.shape[1] > 1 and values.shape[1:] != tuple(self.shape):
+                raise InvalidInput(
+                    f"{self.topic}: messages state {values.shape[1]} rows of {values.shape[2]} taxels, but shape says {self.shape[0]} x "
+                    f"{self.shape[1]} (rows x columns); give the shape that they state, or leave it out."
                 )
             values = values.reshape(len(values), *self.shape)
         scale = np.broadcast_to(np.asarray(self.scale, dtype=np.float64), (len(values),))
