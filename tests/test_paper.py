@@ -17,7 +17,7 @@ import palpate as pp
 from conftest import relative
 from palpate import paper
 from palpate.paper import algorithm, cases, formulas, studies, tables
-from palpate.paper.figures import PaperFigure
+from palpate.paper.pictures import PaperFigure
 
 ROOT = Path(__file__).resolve().parents[1]
 Z = 1.5

@@ -7,10 +7,10 @@ found from normal stress or strain at depth by dividing Fourier transforms. Dept
     cases       its numbers, loads, data and measure of error
     formulas    its sections 2 and 3.1 in the continuum; every equation with the function that computes it
     algorithm   its sections 3.1 and 3.2 on samples: division, and the half-width of a contact with friction
-    figures     its figures 1 to 22, as data and as pictures
+    pictures    its figures 1 to 22, as data and as pictures (sketches 1 and 8 in `sketches`), and ours (`beyond`)
     studies     ours: errors, friction, noise, truncation, speed, two planes, three dimensions, an analog network
-    claims      what it says, and what we find
-    report      all of it on one page
+    findings    what it says, and what we find
+    page        all of it on one page; `tables` are those of the page and of the documentation
 """
 
 from palpate.paper.algorithm import sliding
@@ -29,10 +29,10 @@ from palpate.paper.cases import (
     data,
     mean_error,
 )
-from palpate.paper.claims import claims
-from palpate.paper.figures import PaperFigure, figures
+from palpate.paper.findings import claims
 from palpate.paper.formulas import EQUATIONS
-from palpate.paper.report import report
+from palpate.paper.page import report
+from palpate.paper.pictures import PaperFigure, figures
 from palpate.paper.studies import error_table, friction_table, noise_study, speed_study, truncation_study
 
 __all__ = [

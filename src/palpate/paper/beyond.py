@@ -9,7 +9,7 @@ import numpy as np
 from palpate.elastic.half_space import Floats
 from palpate.paper.algorithm import divide, solve_linear
 from palpate.paper.cases import SENSORS, array, data
-from palpate.paper.figures import Panel, PaperFigure
+from palpate.paper.pictures import Panel, PaperFigure
 from palpate.paper.studies import CHANNELS, FRICTIONLESS, Row
 
 __all__ = ["our_figures"]

@@ -239,7 +239,7 @@ def truncation_study(counts: Sequence[int] = (121, 81, 41, 21)) -> list[Row]:
     return rows
 
 
-def speed_study(counts: Sequence[int] = (121, 241, 481), repeats: int = 30) -> list[Row]:
+def speed_study(counts: Sequence[int] = (121, 241, 481), repeats: int = 15) -> list[Row]:
     """Time per frame [s] (best of ``repeats``) by division and by Hilgers' method, its parameter chosen on every frame."""
     rows = []
     for count in counts:

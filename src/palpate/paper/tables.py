@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from palpate.paper import studies
-from palpate.paper.claims import Claim, claims
-from palpate.paper.figures import PaperFigure
+from palpate.paper.findings import Claim, claims
 from palpate.paper.formulas import EQUATIONS
+from palpate.paper.pictures import PaperFigure
 from palpate.paper.studies import Row
 
 __all__ = ["Results", "formula_rows", "results", "to_csv", "to_html", "to_markdown"]

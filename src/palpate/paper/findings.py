@@ -94,8 +94,8 @@ def _physics() -> list[Claim]:
         ),
         Claim(
             "2",
-            "Normal stress on planes parallel to the surface dies out faster along y than that across it, and is used for that.",
-            f"Between y = 20 and 40 they fall like y to the power −{falls[0]:.2f} and −{falls[1]:.2f}.",
+            "Of the two normal stresses the one along the depth dies out faster with y, and is used for that.",
+            f"Between y = 20 and 40 it falls like y to the power −{falls[0]:.2f}, the one along the surface −{falls[1]:.2f}.",
         ),
         Claim(
             "2",
@@ -143,7 +143,7 @@ def _transforms() -> list[Claim]:
         Claim(
             "4",
             "Truncation is one of the sources of the error.",
-            f"It is all of it in double precision: of data that repeat as the DFT has it, division recovers everything to {_small(circular)}.",
+            f"Without friction it is all of it in double precision: from data that repeat as the DFT has it, division recovers the pressure to {_small(circular)}.",
         ),
     ]
 

@@ -161,7 +161,7 @@ def _dress(axes: Any, panel: Panel) -> None:
     axes.set_ylim(panel.y_range)
     for axis, limits, step in ((axes.xaxis, panel.x_range, panel.x_step), (axes.yaxis, panel.y_range, panel.y_step)):
         if step is not None:
-            axis.set_ticks(np.arange(round((limits[1] - limits[0]) / step) + 1) * step + limits[0])
+            axis.set_ticks(np.arange(int((limits[1] - limits[0]) / step + 1e-6) + 1) * step + limits[0])
     if panel.log_x:
         axes.set_xscale("log")
     if panel.log:

@@ -11,7 +11,7 @@ from pathlib import Path
 from palpate.errors import InvalidInput
 from palpate.paper.beyond import our_figures
 from palpate.paper.cases import DEPTH, EPS, FRICTION, HALF_WIDTH, LOAD, PITCH, SENSORS
-from palpate.paper.figures import PaperFigure, figures
+from palpate.paper.pictures import PaperFigure, figures
 from palpate.paper.tables import Results, results, to_csv, to_html
 from palpate.recordings.formats import atomically
 
@@ -98,7 +98,7 @@ the paper&rsquo;s samples hold 15/14 of it).</p>{text["friction"]}</div>
 <div class="wide"><p class="title"><b>Table 4.</b> Every equation, and what computes it.</p>{formulas}</div>
 <h2>Beyond the paper</h2>
 <p>What follows is ours.</p>
-<section class="figures">{"".join(own)}</section>
+<section class="ours">{"".join(own)}</section>
 <div class="wide"><p class="title"><b>Table 5.</b> Which a, P and &epsilon; the paper used: those that give both errors from strain without friction. The axes of
 its figures leave the cylinder&rsquo;s peak between 0.10 and 0.13, the rectangle&rsquo;s between 0.3 and 0.4; one line keeps to
 them.</p>{text["profile_readings"]}</div>
@@ -118,6 +118,7 @@ main { max-width: 180mm; margin: auto; padding: 8mm 4mm; }
 h1 { font-size: 18pt; margin: 0 0 .5em; } h2 { font-size: 13pt; margin: 1.2em 0 .4em; break-after: avoid; }
 p { margin: .4em 0; text-align: justify; hyphens: auto; }
 .figures { display: grid; grid-template-columns: 1fr 1fr; gap: 3mm 7mm; align-items: start; margin-top: 4mm; }
+.ours { columns: 2; column-gap: 7mm; margin-top: 4mm; } .ours figure { margin-bottom: 4mm; }
 figure { margin: 0; break-inside: avoid; }
 img { width: 100%; display: block; }
 figcaption { font-size: 8.5pt; line-height: 1.3; margin-top: 1mm; }
@@ -127,5 +128,5 @@ thead { border-top: 1pt solid; border-bottom: .5pt solid; } tbody { border-botto
 th, td { padding: .5mm 1.5mm; text-align: left; vertical-align: top; } th { vertical-align: bottom; } tr { break-inside: avoid; }
 code { font: 7.5pt ui-monospace, "DejaVu Sans Mono", monospace; overflow-wrap: anywhere; }
 @media print { main { padding: 0; max-width: none; } }
-@media (max-width: 150mm) { .figures { grid-template-columns: 1fr; } .wide { overflow-x: auto; } }
+@media (max-width: 150mm) { .figures { grid-template-columns: 1fr; } .ours { columns: 1; } .wide { overflow-x: auto; } }
 </style></head><body><main>"""
