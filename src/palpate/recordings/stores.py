@@ -259,8 +259,9 @@ class HdfRecorder(_Recorder):
                 grows = variable.data is None
                 chunks = (self._block, *variable.attrs.get("shape", ())) if grows else None
                 # not compressed: that would hold up the stream
+                # a block that was damaged is told by its checksum
                 made = place.create_variable(
-                    name, variable.dims, dtype=variable.dtype, data=variable.data, chunks=chunks
+                    name, variable.dims, dtype=variable.dtype, data=variable.data, chunks=chunks, fletcher32=grows
                 )
                 for key, value in variable.attrs.items():
                     if key != "shape":
