@@ -122,7 +122,20 @@ def live(
         sinks.append(RerunSink())
     if record is not None:  # last, so that nothing is left where the others fail
         sinks.append(recorder(record, **recorded(skin), meta=provenance(skin_text(skin_file), name)))
-    session = Session(skin, source, tracker, monitor, name=name, pace=pace, loop=loop, end=end, sinks=sinks)
+    session = Session(
+        skin,
+        source,
+        tracker,
+        monitor,
+        name=name,
+        pace=pace,
+        loop=loop,
+        end=end,
+        sinks=sinks,
+        report=lambda words: typer.echo(f"warning: {words} The live view goes on without it.", err=True),
+    )
     view = Live(session, token=token, folder=record_to)
     typer.echo(f"open {address(view, host, port)}    (Ctrl-C ends)")
     serve(view, host=host, port=port)
+    if session.lost:
+        raise session.lost[0]

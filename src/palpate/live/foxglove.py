@@ -73,4 +73,7 @@ class FoxgloveServer:
             self._channels[kind.topic] = self._foxglove.Channel(
                 kind.topic, schema=schema, message_encoding=kind.message_encoding, context=self._context
             )
-        self._channels[kind.topic].log(data, log_time=nanoseconds(time))
+        try:
+            self._channels[kind.topic].log(data, log_time=nanoseconds(time))
+        except (RuntimeError, OSError) as error:
+            raise InvalidInput(f"Foxglove: sending {kind.topic} failed ({error}).") from error

@@ -8,6 +8,7 @@ frame came [ms]), "force", "force_low", "force_high" [N or N/m], "peak", "peak_l
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import struct
@@ -119,6 +120,8 @@ class Session:
     sinks : sequence of Sink
         Where readings, touches and events go besides the page: a `palpate.recordings.recorder`, a `FoxgloveServer`, a `RerunSink`. One that
         fails is reported and left; the stream goes on.
+    report : callable, optional
+        Told in one sentence when a sink fails.
     """
 
     def __init__(
@@ -133,6 +136,7 @@ class Session:
         loop: bool = False,
         end: Callable[[], None] | None = None,
         sinks: Sequence[Sink] = (),
+        report: Callable[[str], None] | None = None,
     ) -> None:
         self.skin, self.source, self.tracker, self.monitor = skin, source, tracker, monitor
         self.name, self.pace, self.loop, self._end = name, pace, loop, end
@@ -151,6 +155,9 @@ class Session:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._sinks = list(sinks)
+        self._report = report
+        #: Why sinks were left; the stream went on without them.
+        self.lost: list[PalpateError] = []
         self._recorder: Sink | None = None
         self.recording: str | None = None
 
@@ -166,13 +173,14 @@ class Session:
             self._end()
         if self._thread is not None:
             self._thread.join(timeout=10)
-        self.record(None)
         with self._lock:
+            self._recorder, self.recording = None, None
             while self._sinks:
+                sink = self._sinks.pop()
                 try:
-                    self._sinks.pop().close()
+                    sink.close()
                 except PalpateError as error:  # a full disk; the others are finished all the same
-                    self.failure = str(error)
+                    self._leave(sink, error)
         self.tracker.close()
 
     def listen(self, wake: Callable[[], None]) -> Callable[[], None]:
@@ -238,9 +246,9 @@ class Session:
         """Begin a recording (.mcap, .nc, .zarr) at ``path``, or end the one that runs (None); returns its name."""
         with self._lock:
             if self._recorder is not None:
-                self._sinks.remove(self._recorder)
-                self._recorder.close()
-                self._recorder, self.recording = None, None
+                ended, self._recorder, self.recording = self._recorder, None, None
+                self._sinks.remove(ended)
+                ended.close()
             if path is not None:
                 self._recorder = recorder(path, **recorded(self.skin), meta={"source": self.name})
                 self._sinks.append(self._recorder)
@@ -329,16 +337,25 @@ class Session:
                     for event in events:
                         sink.event(event)
                 except PalpateError as error:
-                    self.failure = str(error)
                     self._sinks.remove(sink)
-                    if sink is self._recorder:
-                        self._recorder, self.recording = None, None
+                    self._leave(sink, error)
         self.packet = packet
         numbers = unpacked(packet)[0]
         with self._lock:
             self.history.append({k: numbers[k] for k in TRAIL if k in numbers})
         self.count += 1
         self._tell()
+
+    def _leave(self, sink: Sink, error: PalpateError) -> None:
+        """Go on without a sink that failed."""
+        self.failure = str(error)
+        self.lost.append(error)
+        if sink is self._recorder:
+            self._recorder, self.recording = None, None
+        with contextlib.suppress(PalpateError):  # it has said why
+            sink.close()
+        if self._report is not None:
+            self._report(str(error))
 
     def _tell(self) -> None:
         with self._lock:

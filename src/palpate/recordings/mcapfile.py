@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import struct
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,8 @@ import numpy as np
 
 from palpate.errors import InvalidInput, PalpateError, Unsupported
 from palpate.recordings.checked import CHECKSUM
-from palpate.recordings.messages import Encoder, Kind, nanoseconds, ros_types
+from palpate.recordings.heldfile import Apart, HeldFile
+from palpate.recordings.messages import READINGS, Encoder, Kind, nanoseconds, ros_types
 from palpate.recordings.recording import Recording
 from palpate.touch import Touch
 
@@ -73,22 +74,28 @@ class McapRecorder:
         mcap = _library()
         self.path, self.channels = Path(path), tuple(channels)
         self._encoder = Encoder(self.channels)
-        try:
-            self._file = open(self.path, "xb")  # noqa: SIM115
-        except FileExistsError as error:
-            raise InvalidInput(f"{path} exists; a recording is not overwritten. Give another name.") from error
-        except OSError as error:
-            raise InvalidInput(f"{path}: cannot write there ({error.strerror}).") from error
-        self._writer = mcap.writer.Writer(self._file, chunk_size=chunk, enable_data_crcs=True)
-        self._writer.start(profile="ros2", library="palpate")
         facts = {"channels": json.dumps(self.channels), "meta": json.dumps(meta or {})}
         if positions is not None:
             facts["positions"] = json.dumps(np.asarray(positions).tolist())
         facts[CHECKSUM] = str(_sum(facts))
-        self._writer.add_metadata("palpate", facts)
-        self._file.flush()
+        try:
+            self._file = HeldFile(self.path)
+        except FileExistsError as error:
+            raise InvalidInput(f"{path} exists; a recording is not overwritten. Give another name.") from error
+        except OSError as error:
+            raise InvalidInput(f"{path}: cannot write there ({error.strerror}).") from error
+        self._open = True
+        self._apart = Apart()
         self._ids: dict[str, int] = {}
-        self._count = 0
+        self._count = self._frames = self._kept = 0
+        self._writer = mcap.writer.Writer(self._file, chunk_size=chunk, enable_data_crcs=True)
+        self._writer.start(profile="ros2", library="palpate")
+        self._writer.add_metadata("palpate", facts)
+        try:
+            self._guarded(self._file.commit)
+        except InvalidInput:
+            self.path.unlink(missing_ok=True)
+            raise
 
     def readings(self, time: float, values: Any) -> None:
         """One frame (channel, *array) at ``time`` [s]."""
@@ -106,9 +113,10 @@ class McapRecorder:
 
     def close(self) -> None:
         """Finish the file: index and summary."""
-        if not self._file.closed:
-            self._writer.finish()
-            self._file.close()
+        if self._open:
+            self._guarded(self._finish)
+            self._open = False
+            self._apart.end()
 
     def __enter__(self) -> McapRecorder:
         return self
@@ -117,23 +125,43 @@ class McapRecorder:
         self.close()
 
     def _add(self, kind: Kind, data: bytes, time: float) -> None:
+        if not self._open:
+            raise InvalidInput(f"{self.path}: this recording is closed.")
         now = nanoseconds(time)
-        try:
-            if kind.topic not in self._ids:
-                schema = self._writer.register_schema(name=kind.name, encoding=kind.schema_encoding, data=kind.schema)
-                self._ids[kind.topic] = self._writer.register_channel(
-                    topic=kind.topic, message_encoding=kind.message_encoding, schema_id=schema
-                )
-            self._writer.add_message(
-                self._ids[kind.topic], log_time=now, data=data, publish_time=now, sequence=self._count
+        self._guarded(lambda: self._put(kind, data, now))
+
+    def _put(self, kind: Kind, data: bytes, now: int) -> None:
+        if kind.topic not in self._ids:
+            schema = self._writer.register_schema(name=kind.name, encoding=kind.schema_encoding, data=kind.schema)
+            self._ids[kind.topic] = self._writer.register_channel(
+                topic=kind.topic, message_encoding=kind.message_encoding, schema_id=schema
             )
-            self._file.flush()  # whole chunks are then with the system, and survive this process
-        except OSError as error:
-            raise InvalidInput(
-                f"{self.path}: writing failed ({error.strerror}); what was written before is readable with "
-                "palpate convert --salvage."
-            ) from error
+        self._writer.add_message(self._ids[kind.topic], log_time=now, data=data, publish_time=now, sequence=self._count)
         self._count += 1
+        self._frames += kind.topic == READINGS
+        # whole chunks go to the system, and survive this process
+        if self._file.commit():
+            self._kept = self._frames
+
+    def _finish(self) -> None:
+        self._writer.finish()
+        self._file.commit()
+        self._file.close()
+
+    def _guarded(self, act: Callable[[], Any]) -> None:
+        try:
+            self._apart(act)
+        except OSError as error:
+            # nothing more is tried: the chunks before are whole, and what follows would not be
+            self._open = False
+            self._file.close()
+            self._apart.end()
+            what = (
+                f"the {self._kept} frames before are readable with palpate convert --salvage"
+                if self._kept
+                else "no frame was kept"
+            )
+            raise InvalidInput(f"{self.path}: writing failed ({error.strerror or error}); {what}.") from error
 
 
 def write_mcap(recording: Recording, path: str | Path) -> None:

@@ -22,6 +22,7 @@ from palpate.recordings.checked import (
     json_object,
 )
 from palpate.recordings.formats import Format
+from palpate.recordings.heldfile import write_netcdf
 from palpate.recordings.labelled import recording_dataset, touch_dataset
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
@@ -162,7 +163,7 @@ def _write(dataset: xarray.Dataset, path: Path) -> None:
             if variable.ndim > 1:
                 encoding[str(name)] |= {"compression": "gzip"}
     dataset = dataset.assign_attrs({CHECKSUM: checksum(dataset)})
-    dataset.to_netcdf(path, engine="h5netcdf", encoding=encoding)
+    write_netcdf(dataset, path, encoding)
 
 
 def guard(group: Any, path: Path) -> None:

@@ -7,7 +7,10 @@ Both hold what a whole recording holds (``readings``, ``time``, ``channel``, ``u
 from __future__ import annotations
 
 import abc
+import contextlib
 import json
+import shutil
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +20,8 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.elastic.quantities import channel_unit
 from palpate.errors import InvalidInput, Unsupported
+from palpate.recordings.heldfile import Apart, HeldFile
+from palpate.recordings.labelled import CONVENTIONS
 from palpate.touch import Touch
 
 if TYPE_CHECKING:
@@ -42,6 +47,8 @@ class _Variable:
 
     def __init__(self, dims: tuple[str, ...], dtype: Any, attrs: Mapping[str, Any], data: Any = None) -> None:
         self.dims, self.dtype, self.attrs, self.data = dims, np.dtype(dtype), dict(attrs), data
+        #: What a place holds that was never written.
+        self.empty = np.nan if self.dtype.kind == "f" else 0
 
 
 class _Recorder(abc.ABC):
@@ -61,6 +68,7 @@ class _Recorder(abc.ABC):
         self._meta, self._block = dict(meta or {}), block
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._begun: set[str] = set()
+        self._kept: dict[str, int] = {}
         self._last = -np.inf
         self._shape: tuple[int, ...] | None = None
         self._open = True
@@ -68,8 +76,13 @@ class _Recorder(abc.ABC):
             raise InvalidInput(f"{path} exists; a recording is not overwritten. Give another name.")
         if not self.path.parent.is_dir():
             raise InvalidInput(f"{path}: the folder {self.path.parent} does not exist; make it first.")
-        self._guarded(self._create)
-        self._guarded(lambda: self._start("events", self._event_layout()))
+        self._apart = Apart()
+        try:
+            self._guarded(self._create)
+            self._guarded(lambda: self._start("events", self._event_layout()))
+        except InvalidInput:
+            _removed(self.path)
+            raise
 
     def readings(self, time: float, values: Any) -> None:
         """One frame (channel, *array) at ``time`` [s]; one that is not after the last is left out."""
@@ -109,12 +122,11 @@ class _Recorder(abc.ABC):
     def close(self) -> None:
         """Write what is left and finish the file."""
         if self._open:
+            for group in list(self._rows):
+                self._guarded(lambda group=group: self._flush(group))  # type: ignore[misc]
+            self._guarded(self._finish)
             self._open = False
-            try:
-                for group in list(self._rows):
-                    self._flush(group)
-            finally:
-                self._guarded(self._finish)
+            self._apart.end()
 
     def __enter__(self) -> Any:
         return self
@@ -139,6 +151,10 @@ class _Recorder(abc.ABC):
     @abc.abstractmethod
     def _finish(self) -> None:
         """What is left to do at the end."""
+
+    @abc.abstractmethod
+    def _abandon(self) -> None:
+        """Let go of everything without another write."""
 
     # -- layouts --------------------------------------------------------------------------------------------------------
 
@@ -193,8 +209,11 @@ class _Recorder(abc.ABC):
     def _put(self, group: str, row: dict[str, Any], layout: Callable[[], dict[str, _Variable]]) -> None:
         if not self._open:
             raise InvalidInput(f"{self.path}: this recording is closed.")
+        self._guarded(lambda: self._take(group, row, layout))
+
+    def _take(self, group: str, row: dict[str, Any], layout: Callable[[], dict[str, _Variable]]) -> None:
         if group not in self._begun and group != "events":
-            self._guarded(lambda: self._start(group, layout()))
+            self._start(group, layout())
             self._begun.add(group)
         rows = self._rows.setdefault(group, [])
         rows.append(row)
@@ -202,25 +221,36 @@ class _Recorder(abc.ABC):
             self._flush(group)
 
     def _flush(self, group: str) -> None:
-        rows = self._rows.get(group, [])
-        if not rows:
-            return
-        block = {k: np.stack([np.asarray(row[k]) for row in rows]) for k in rows[0]}
-        self._rows[group] = []
-        self._guarded(lambda: self._append(group, block))
+        rows = self._rows.pop(group, [])
+        if rows:
+            self._append(group, {k: np.stack([np.asarray(row[k]) for row in rows]) for k in rows[0]})
+            self._kept[group] = self._kept.get(group, 0) + len(rows)
 
     def _guarded(self, act: Callable[[], Any]) -> None:
         try:
-            act()
-        except (OSError, RuntimeError) as error:  # h5py raises both where a disk is full
-            reason = getattr(error, "strerror", None) or str(error)
-            raise InvalidInput(f"{self.path}: writing failed ({reason}); the blocks before are kept.") from error
+            self._apart(act)
+        except OSError as error:
+            # nothing more is tried: the next attempt would fail as well, at the latest in close()
+            self._open, self._rows = False, {}
+            self._apart(self._abandon)
+            self._apart.end()
+            kept = self._kept.get("", self._kept.get("touch", 0))
+            what = f"the {kept} frames before are kept and can be read" if kept else "no frame was kept"
+            raise InvalidInput(f"{self.path}: writing failed ({error.strerror or error}); {what}.") from error
+
+
+def _removed(path: Path) -> None:
+    """Without what holds nothing yet."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 class HdfRecorder(_Recorder):
-    """Writes a stream into an HDF5 file (.nc, .h5) that is NetCDF at the end, and can be read beside the writing (SWMR).
+    """Writes a stream into an HDF5 file (.nc, .h5) that is NetCDF, and opens at any time.
 
-    A killed process leaves what was written to `read_recording` with ``salvage`` (`palpate convert --salvage`).
+    On the disk the file is whole after every block, also where the process is killed or the disk is full (`HeldFile`).
 
     Takes what `palpate.recordings.recorder` takes, and ``block``, the frames in a block.
     """
@@ -228,20 +258,21 @@ class HdfRecorder(_Recorder):
     def _create(self) -> None:
         import h5netcdf
 
-        with h5netcdf.File(self.path, "w", libver="latest") as file:
+        self._opened: list[Any] = []
+        self._held = HeldFile(self.path)
+        # what is still open when the process ends would call back when nothing can answer
+        self._left = weakref.finalize(self, _let_go, self._held, self._opened)
+        with h5netcdf.File(self._held, "w") as file:
             file.attrs["meta"] = json.dumps(self._meta)
-            file.attrs["Conventions"] = "palpate recording 1"
-        self._file: Any = None
+            file.attrs["Conventions"] = CONVENTIONS
+        self._held.commit()
 
     def _start(self, group: str, layout: dict[str, _Variable]) -> None:
         import h5netcdf
         import h5py
 
-        # new variables cannot be made while others may read
-        if self._file is not None:
-            self._file.close()
-            self._file = None
-        with h5netcdf.File(self.path, "a", libver="latest") as file:
+        _shut(self._opened)  # it is NetCDF's for a while
+        with h5netcdf.File(self._held, "a") as file:
             place = file.create_group(group) if group else file
             sizes: dict[str, int | None] = {}
             for variable in layout.values():
@@ -257,32 +288,49 @@ class HdfRecorder(_Recorder):
                     place.create_variable(name, variable.dims, data=data, dtype=h5py.string_dtype())
                     continue
                 grows = variable.data is None
-                chunks = (self._block, *variable.attrs.get("shape", ())) if grows else None
+                options: dict[str, Any] = {}
+                if grows:
+                    # what is not there says so, and what was damaged is told by its checksum
+                    chunks = (self._block, *variable.attrs.get("shape", ()))
+                    options = {"chunks": chunks, "fillvalue": variable.empty, "fletcher32": True}
                 # not compressed: that would hold up the stream
-                # a block that was damaged is told by its checksum
-                made = place.create_variable(
-                    name, variable.dims, dtype=variable.dtype, data=variable.data, chunks=chunks, fletcher32=grows
-                )
+                made = place.create_variable(name, variable.dims, dtype=variable.dtype, data=variable.data, **options)
                 for key, value in variable.attrs.items():
                     if key != "shape":
                         made.attrs[key] = value
-        self._file = h5py.File(self.path, "r+", libver="latest")
-        self._file.swmr_mode = True
+        self._held.commit()
+        self._opened.append(h5py.File(self._held, "r+"))
 
     def _append(self, group: str, block: dict[str, Any]) -> None:
-        if self._file is None:
-            raise OSError("it could not be opened again")
-        place = self._file[group] if group else self._file
+        file = self._opened[0]
+        place = file[group] if group else file
         before = len(place["time"])
         for name, data in block.items():
             if name in place:
                 place[name].resize(before + len(data), axis=0)
                 place[name][before:] = data
-        self._file.flush()
+        file.flush()
+        self._held.commit()
 
     def _finish(self) -> None:
-        if self._file is not None:
-            self._file.close()
+        _shut(self._opened)
+        self._held.commit()
+        self._held.close()
+
+    def _abandon(self) -> None:
+        if hasattr(self, "_left"):
+            self._left()
+
+
+def _shut(opened: list[Any]) -> None:
+    while opened:
+        opened.pop().close()
+
+
+def _let_go(held: HeldFile, opened: list[Any]) -> None:
+    """Close HDF5's view of a file that is not written on: into memory, and the disk keeps what it has."""
+    _shut(opened)
+    held.close()
 
 
 class ZarrRecorder(_Recorder):
@@ -293,7 +341,7 @@ class ZarrRecorder(_Recorder):
 
     def _create(self) -> None:
         self._root = zarr_library().create_group(store=str(self.path), zarr_format=3)
-        self._root.attrs.update({"meta": json.dumps(self._meta), "Conventions": "palpate recording 1"})
+        self._root.attrs.update({"meta": json.dumps(self._meta), "Conventions": CONVENTIONS})
         self._arrays: dict[tuple[str, str], Any] = {}
 
     def _start(self, group: str, layout: dict[str, _Variable]) -> None:
@@ -310,6 +358,7 @@ class ZarrRecorder(_Recorder):
                 shape=(0, *shape) if grows else variable.data.shape,
                 chunks=(self._block, *shape) if grows else variable.data.shape,
                 dtype=variable.dtype,
+                fill_value=variable.empty,
                 dimension_names=variable.dims,
                 attributes={k: v for k, v in variable.attrs.items() if k != "shape"},
             )
@@ -319,12 +368,25 @@ class ZarrRecorder(_Recorder):
                 array[...] = variable.data
 
     def _append(self, group: str, block: dict[str, Any]) -> None:
+        before = self._kept.get(group, 0)
         # time comes last: a frame counts when all of it is there
-        for name in sorted(block, key=lambda n: n == "time"):
-            if (group, name) in self._arrays:
+        names = sorted((n for n in block if (group, n) in self._arrays), key=lambda n: n == "time")
+        try:
+            for name in names:
                 self._arrays[group, name].append(block[name].astype(self._arrays[group, name].dtype))
+        except OSError:
+            for name in names:
+                array = self._arrays[group, name]
+                with contextlib.suppress(
+                    OSError
+                ):  # where not even that can be written, readers stop at the time that is missing
+                    array.resize((before, *array.shape[1:]))
+            raise
 
     def _finish(self) -> None:
+        pass
+
+    def _abandon(self) -> None:
         pass
 
 

@@ -1,0 +1,228 @@
+"""A file that HDF5 writes through us, so that a full disk neither crashes HDF5 nor tears what is there.
+
+HDF5 cannot survive a write that fails: what it could not write it tries again when each of its objects is closed, at the latest when the
+process ends, and then it reads freed memory (h5py issues 914, 1775, 2160). So it never sees one. It writes into memory; `HeldFile.commit`
+brings that to the disk in an order in which the file on the disk is whole before and after: first all that lies beyond its end, which alone
+needs room, then the few pages that are changed. Where the room is missing the file stays as it was at the last commit.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import weakref
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["Apart", "HeldFile", "write_netcdf"]
+
+PAGE = 4096
+#: Bytes after which a file that nobody reads yet goes to the disk.
+HELD = 16 * 2**20
+T = TypeVar("T")
+
+
+class HeldFile:
+    """What h5py wants of a file object; `commit` writes to the disk, and alone can fail.
+
+    Parameters
+    ----------
+    path : str or Path
+    exclusive : bool
+        The file must not exist yet; else it is emptied.
+    hold : int, optional
+        Commit by itself after so many bytes; by default all waits for `commit`. A failure is kept until then.
+    """
+
+    def __init__(self, path: str | Path, *, exclusive: bool = True, hold: int | None = None) -> None:
+        flags = os.O_RDWR | os.O_CREAT | (os.O_EXCL if exclusive else os.O_TRUNC) | getattr(os, "O_BINARY", 0)
+        self._disk = open(os.open(path, flags, 0o666), "r+b", buffering=0)  # noqa: SIM115
+        self._committed = self._size = self._at = 0
+        self._pages: dict[int, tuple[bytes, bytearray]] = {}
+        self._tail = bytearray()
+        self._hold = hold
+        self._failure: OSError | None = None
+
+    # -- what HDF5 does ------------------------------------------------------------------------------------------------
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Where the next read or write is."""
+        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
+        return self._at
+
+    def tell(self) -> int:
+        """Where the next read or write is."""
+        return self._at
+
+    def read(self, size: int = -1) -> bytes:
+        """Bytes from here on, those that were only held included."""
+        count = max(0, self._size - self._at) if size < 0 else size
+        data = bytearray(count)
+        del data[self.readinto(data) :]
+        return bytes(data)
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill ``buffer`` from here on; returns how many bytes there were."""
+        view = memoryview(buffer).cast("B")
+        count = max(0, min(len(view), self._size - self._at))
+        done = 0
+        while done < count:
+            at = self._at + done
+            if at >= self._committed:
+                piece: bytes | bytearray = self._tail[at - self._committed : at - self._committed + count - done]
+            elif at // PAGE in self._pages:
+                piece = self._pages[at // PAGE][1][at % PAGE : at % PAGE + count - done]
+            else:
+                piece = self._from_disk(at, min(PAGE - at % PAGE, self._committed - at, count - done))
+            view[done : done + len(piece)] = piece
+            done += len(piece)
+        self._at += count
+        return count
+
+    def write(self, data: Any) -> int:
+        """Hold ``data`` for here."""
+        view = memoryview(data).cast("B")
+        done = 0
+        while done < len(view):
+            at = self._at + done
+            if at >= self._committed:
+                start = at - self._committed
+                if start > len(self._tail):
+                    self._tail.extend(bytes(start - len(self._tail)))
+                self._tail[start : start + len(view) - done] = view[done:]
+                break
+            number, start = divmod(at, PAGE)
+            if number not in self._pages:
+                before = self._from_disk(number * PAGE, min(PAGE, self._committed - number * PAGE))
+                self._pages[number] = (before, bytearray(before))
+            page = self._pages[number][1]
+            count = min(len(page) - start, len(view) - done)
+            page[start : start + count] = view[done : done + count]
+            done += count
+        self._at += len(view)
+        self._size = max(self._size, self._at)
+        if self._hold is not None and len(self._tail) > self._hold and self._failure is None:
+            with contextlib.suppress(OSError):  # kept for `commit`
+                self._to_disk()
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the length."""
+        self._size = self._at if size is None else size
+        wanted = max(0, self._size - self._committed)
+        del self._tail[wanted:]
+        self._tail.extend(bytes(wanted - len(self._tail)))
+        return self._size
+
+    def flush(self) -> None:
+        """Nothing: what is held goes to the disk when `commit` says so."""
+
+    # -- what we do ----------------------------------------------------------------------------------------------------
+
+    def commit(self) -> bool:
+        """Bring what is held to the disk, and say whether anything was; `OSError` where that fails, and the disk is as it was."""
+        if self._failure is not None:
+            raise self._failure
+        if not (self._tail or self._pages or self._size < self._committed):
+            return False
+        self._to_disk()
+        return True
+
+    def close(self) -> None:
+        """End; what was not committed is gone. `OSError` where the system could not keep what it had taken."""
+        if not self._disk.closed:
+            try:
+                if self._failure is None:
+                    os.fsync(self._disk.fileno())
+            finally:
+                self._disk.close()
+
+    def _from_disk(self, at: int, count: int) -> bytes:
+        self._disk.seek(at)
+        return (self._disk.read(count) or b"").ljust(count, b"\0")
+
+    def _put(self, at: int, data: bytes | bytearray) -> None:
+        self._disk.seek(at)
+        view = memoryview(data)
+        while view:
+            view = view[self._disk.write(view) :]
+
+    def _to_disk(self) -> None:
+        done: list[int] = []
+        try:
+            self._put(self._committed, self._tail)
+            # first how long the file is; then from the end: what is found by an address is there before the address
+            for number in sorted(self._pages, key=lambda n: (n > 0, -n)):
+                done.append(number)
+                self._put(number * PAGE, self._pages[number][1])
+            if self._size < self._committed:
+                self._disk.truncate(self._size)
+        except OSError as error:
+            self._failure = error
+            with contextlib.suppress(OSError):
+                self._disk.truncate(self._committed)
+                for number in done:
+                    self._put(number * PAGE, self._pages[number][0])
+            raise
+        self._committed = self._size
+        self._pages, self._tail = {}, bytearray()
+
+
+class Apart:
+    """Does things in one thread of its own, one after the other.
+
+    Ctrl-C is heard in the main thread only: there it can break into what HDF5 calls back, or between two arrays of a block, and leave a file
+    that is torn or, worse, shifted. Here it finds something that is done, or not begun.
+    """
+
+    def __init__(self) -> None:
+        self._jobs: SimpleQueue[Any] = SimpleQueue()
+        threading.Thread(target=_work, args=(self._jobs,), name="palpate-writer", daemon=True).start()
+        self.end: Callable[[], None] = weakref.finalize(self, self._jobs.put, None)
+
+    def __call__(self, act: Callable[[], T]) -> T:
+        """Do it, and wait."""
+        answer: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
+        self._jobs.put((act, answer))
+        value, error = answer.get()
+        if error is not None:
+            raise error
+        return value
+
+
+def _work(jobs: SimpleQueue[Any]) -> None:
+    while (job := jobs.get()) is not None:
+        act, answer = job
+        try:
+            answer.put((act(), None))
+        except BaseException as error:  # raised where it was asked for
+            answer.put((None, error))
+        del job, act, answer
+
+
+def write_netcdf(dataset: xarray.Dataset, path: str | Path, encoding: Mapping[str, Any]) -> None:
+    """A whole data set as NetCDF (HDF5), over what is at ``path``; `OSError` where the disk is full."""
+
+    def write() -> None:
+        import h5netcdf
+        from xarray.backends import H5NetCDFStore
+
+        held = HeldFile(path, exclusive=False, hold=HELD)
+        try:
+            with h5netcdf.File(held, "w") as file:
+                dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)
+            held.commit()
+        finally:
+            held.close()
+
+    apart = Apart()
+    try:
+        apart(write)
+    finally:
+        apart.end()
