@@ -25,8 +25,16 @@ def test_states_obey_the_elasticity_equations(nu: float) -> None:
     k, z = np.array([0.3, 1.0, 4.0]), 0.7
 
     def at(depth: float) -> tuple[np.ndarray, np.ndarray]:
-        s = body.states(k, depth)
-        return np.concatenate([s.in_plane[:2] / k, s.in_plane[2:]]), np.stack([s.antiplane[0] / k, s.antiplane[1]])
+        # along x the states are (i U, u_t, u_z, i S, T, N)
+        s = np.moveaxis(body.states(k, np.stack([np.ones(3), np.zeros(3)], -1), depth), 0, -1)
+        radial, transverse = s[[0, 2, 3, 5]] / np.array([1j, 1, 1j, 1])[:, None, None], s[[1, 4], 1]
+        assert not s[[0, 2, 3, 5], 1].any()
+        assert not s[[1, 4]][:, [0, 2]].any()
+        columns = radial[:, [0, 2]] * np.array([1j, 1])[:, None]  # per unit S0 and N0
+        assert not columns.imag.any()
+        assert not transverse.imag.any()
+        in_plane = columns.real
+        return np.concatenate([in_plane[:2] / k, in_plane[2:]]), np.stack([transverse.real[0] / k, transverse.real[1]])
 
     def slope(h: float, which: int) -> np.ndarray:
         return (at(z + h)[which] - at(z - h)[which]) / (2 * h)

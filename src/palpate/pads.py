@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats, HalfSpace, Pad
+from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.layers import BondedLayers
+from palpate.elastic.pad import Floats, Pad, isotropic_constants
 from palpate.elastic.quantities import COMPONENTS, transfer
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.sensing.arrays import Array
@@ -28,8 +29,8 @@ def surface_half_space(pad: Pad) -> HalfSpace:
         pad = pad.elastic
     if isinstance(pad, BondedLayers):
         return pad.surface
-    mu, nu = pad.material(0.0)
-    return HalfSpace(youngs_modulus=2 * mu * (1 + nu), poissons_ratio=nu)
+    modulus, nu = isotropic_constants(pad, 0.0)
+    return HalfSpace(youngs_modulus=modulus, poissons_ratio=nu)
 
 
 @dataclass(frozen=True)

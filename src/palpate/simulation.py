@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats, HalfSpace
+from palpate.elastic.half_space import HalfSpace
+from palpate.elastic.pad import Floats, isotropic_constants
 from palpate.errors import InvalidInput
 from palpate.sensing import AreaArray
 from palpate.sensing.grids import LineGrid
@@ -179,8 +180,8 @@ def _traction(
     traction: Floats = np.zeros((len(grid.components), *grid.shape))
     if now.force <= 0:
         return traction, math.nan
-    shear, nu = skin.operator.pad.material(0.0)
-    modulus = 2.0 * shear / (1.0 - nu)  # E/(1 - nu^2)
+    modulus, nu = isotropic_constants(skin.operator.pad, 0.0)
+    modulus = modulus / (1.0 - nu**2)
     line = isinstance(grid, LineGrid)
     slides = now.drag == 1.0
     if line:

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy
-from palpate.elastic.half_space import Floats, Pad
+from palpate.elastic.channels import find_channel
+from palpate.elastic.pad import Floats, Pad, check_pad
 from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.adaptive import Adaptive
@@ -119,10 +120,7 @@ class Skin:
         surface: Grid | None = None,
         boundary: Boundary = "free",
     ) -> None:
-        if not isinstance(pad, Pad):
-            raise InvalidInput(
-                f"pad must be an elastic body, HalfSpace(...) or BondedLayers([...]); got {type(pad).__name__}."
-            )
+        check_pad(pad)
         planes = (array,) if isinstance(array, LineArray | AreaArray | ScatteredArray) else tuple(array)
         if not planes or not all(isinstance(p, LineArray | AreaArray | ScatteredArray) for p in planes):
             raise InvalidInput(
@@ -131,9 +129,9 @@ class Skin:
             )
         if len({p.dimensions for p in planes}) != 1:
             raise InvalidInput("the planes mix line and area contact; use one kind.")
-        planes = tuple(p.at_base(getattr(pad, "thickness", None)) for p in planes)
+        planes = tuple(p.at_base(pad.thickness) for p in planes)
         for p in planes:
-            pad.material(p.depth)  # refuses a depth below a rigid base
+            pad.compliance(p.depth)  # refuses a depth below a rigid base
         if boundary not in ("free", "periodic"):
             raise InvalidInput(f'boundary must be "free" or "periodic"; got {boundary!r}.')
         self._given = surface is not None
@@ -627,7 +625,7 @@ class Skin:
     def _unseen(self, names: tuple[str, ...]) -> tuple[str, ...]:
         if self._boundary != "periodic" or self._elastic.mean_compliance(0.0) is not None:
             return ()
-        return names if all(c.startswith("displacement") for p in self._planes for c in p.channels) else ()
+        return names if all(find_channel(c).kind.absolute for p in self._planes for c in p.channels) else ()
 
     def _notes(self, names: tuple[str, ...], method: str, solver: Any) -> tuple[str, ...]:
         notes = []

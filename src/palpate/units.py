@@ -14,6 +14,7 @@ UNITS: dict[str, dict[str, float]] = {
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254},
     "pressure": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/mm^2": 1e6, "psi": 6894.757293168},
     "strain": {"1": 1.0, "%": 1e-2, "ustrain": 1e-6, "µstrain": 1e-6},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "force per length": {"N/m": 1.0, "N/mm": 1e3, "mN/mm": 1.0},
@@ -23,12 +24,13 @@ UNITS: dict[str, dict[str, float]] = {
 SMALLEST_LENGTH = 1e-18
 
 #: kind of each SI unit of a channel
-KIND_OF_SI = {"m": "length", "Pa": "pressure", "1": "strain", "s": "time"}
+KIND_OF_SI = {"m": "length", "Pa": "pressure", "1": "strain", "rad": "angle", "s": "time"}
 
 _EXAMPLES = {
     "length": "1.5 mm",
     "pressure": "200 kPa",
     "strain": "0.001 1",
+    "angle": "2 mrad",
     "time": "10 ms",
     "force": "2 N",
     "force per length": "200 N/m",

@@ -57,7 +57,7 @@ def convert(
     force: Force = False,
 ) -> None:
     """Change the format of a recording, or read a table, an MCAP file or a ROS bag made elsewhere into one."""
-    from palpate.elastic.quantities import channel_unit
+    from palpate.elastic.channels import channel_unit
     from palpate.recordings import TopicMapping, read_recording, read_stream, read_table, write_recording
     from palpate.recordings.formats import file_format
     from palpate.recordings.robots import is_bag

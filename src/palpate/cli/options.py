@@ -50,7 +50,7 @@ def check_picture(path: Path) -> None:
 
 
 def known_channels(names: list[str]) -> list[str]:
-    from palpate.elastic.quantities import check_channels
+    from palpate.elastic.channels import check_channels
 
     return list(check_channels(names, 2))
 

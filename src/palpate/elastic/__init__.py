@@ -1,21 +1,27 @@
 """The physics: pads, the states of one wavevector, and the quantities a sensor can feel. Knows no grid."""
 
-from palpate.elastic.half_space import HalfSpace, Pad
+from palpate.elastic.channels import AREA_CHANNELS, CHANNELS, LINE_CHANNELS, Channel, channel_unit, find_channel
+from palpate.elastic.half_space import HalfSpace, from_radial
 from palpate.elastic.hooke import stress_from_strains
 from palpate.elastic.layers import BondedLayers, Layer
-from palpate.elastic.quantities import AREA_CHANNELS, LINE_CHANNELS, channel_unit, transfer
+from palpate.elastic.pad import Pad
+from palpate.elastic.quantities import transfer
 from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
 
 __all__ = [
     "AREA_CHANNELS",
+    "CHANNELS",
     "LINE_CHANNELS",
     "BondedLayers",
+    "Channel",
     "CreepFilter",
     "HalfSpace",
     "Layer",
     "Pad",
     "Viscoelastic",
     "channel_unit",
+    "find_channel",
+    "from_radial",
     "stress_from_strains",
     "transfer",
 ]

@@ -3,54 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 
+from palpate.elastic.closed_form import cell_influence_area
+from palpate.elastic.closed_form_line import cell_influence_line
+from palpate.elastic.pad import Complexes, Floats, Pad, isotropic_compliance
 from palpate.errors import InvalidInput
 
-__all__ = ["HalfSpace", "Pad", "States", "check_material", "decaying_states"]
-
-Floats = npt.NDArray[np.floating[Any]]
-
-
-@dataclass(frozen=True)
-class States:
-    """Fields of one wavenumber at one depth, per unit surface value.
-
-    In the frame of the wavevector (r along it, t across it, z into the pad) write u_r = i U and s_rz = i S.
-    Then the six states (U, u_z, S, N = s_zz; u_t, T = s_tz) are real linear functions of the surface values
-    (S0, N0) and T0. Displacements are stored times k, which keeps them finite as k tends to 0.
-
-    Attributes
-    ----------
-    in_plane : array (4, 2, ...)
-        Rows k U, k u_z [Pa/Pa times 1/modulus], S, N [Pa/Pa]; columns per unit S0 and N0.
-    antiplane : array (2, ...)
-        Rows k u_t and T per unit T0.
-    """
-
-    in_plane: Floats
-    antiplane: Floats
-
-
-@runtime_checkable
-class Pad(Protocol):
-    """What the rest of the code asks of an elastic body."""
-
-    def states(self, wavenumber: Floats, depth: float) -> States:
-        """States at ``depth`` [m] for wavenumbers > 0 [rad/m]."""
-        ...
-
-    def material(self, depth: float) -> tuple[float, float]:
-        """Shear modulus [Pa] and Poisson's ratio at ``depth`` [m]."""
-        ...
-
-    def mean_compliance(self, depth: float) -> tuple[float, float] | None:
-        """Displacement at ``depth`` per unit mean shear and pressure [m/Pa]; None where it is infinite."""
-        ...
+__all__ = ["Floats", "HalfSpace", "Pad", "check_material", "decaying_states", "from_radial"]
 
 
 def check_material(youngs_modulus: float, poissons_ratio: float) -> None:
@@ -99,20 +62,85 @@ class HalfSpace:
         """mu = E / (2 (1 + nu)) [Pa]."""
         return self.youngs_modulus / (2.0 * (1.0 + self.poissons_ratio))
 
-    def material(self, depth: float) -> tuple[float, float]:
-        """Shear modulus [Pa] and Poisson's ratio, the same at every depth."""
-        return self.shear_modulus, self.poissons_ratio
+    @property
+    def thickness(self) -> None:
+        """None: a half-space has no base."""
+        return None
 
-    def states(self, wavenumber: Floats, depth: float) -> States:
-        """States at ``depth`` [m] per unit surface value; ``wavenumber`` [rad/m] of any shape, >= 0."""
+    def compliance(self, depth: float) -> Floats:
+        """Compliance (6, 6) [1/Pa], the same at every depth."""
+        return isotropic_compliance(self.youngs_modulus, self.poissons_ratio)
+
+    def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:
+        """Fields of one wavevector at ``depth`` [m], see `palpate.elastic.Pad.states`."""
         kz = np.asarray(wavenumber, dtype=np.float64) * depth
         decay = np.exp(-kz)
         in_plane = decaying_states(self.shear_modulus, self.poissons_ratio, kz)
-        return States(in_plane, np.stack([decay / self.shear_modulus, decay]))
+        return from_radial(in_plane, np.stack([decay / self.shear_modulus, decay]), direction)
 
-    def mean_compliance(self, depth: float) -> tuple[float, float] | None:
+    def mean_compliance(self, depth: float) -> None:
         """None: the displacement of a half-space under a mean traction has no finite value."""
-        return None
+        return
+
+    def influence(
+        self,
+        offsets: Sequence[Floats],
+        widths: Sequence[float],
+        depth: float,
+        channels: Sequence[str],
+        *,
+        concentrated: bool = False,
+        damping: float = 0.0,
+    ) -> Floats:
+        """Channels per unit traction of one uniformly loaded surface cell, in closed form.
+
+        Parameters
+        ----------
+        offsets : one array (..., n) per axis, in the order (y, x), or (x,) in line contact
+            Point minus cell centre [m]; in area contact they span a lattice (..., ny, nx).
+        widths : one per axis
+            Cell widths [m].
+        concentrated : bool
+            The cell's force acts at its centre.
+        damping : float
+            Response times exp(-k damping): its potentials lie that much deeper [m].
+
+        Returns
+        -------
+        array (channel, component, ..., n) or (channel, component, ..., ny, nx)
+        """
+        cell = cell_influence_line if len(offsets) == 1 else cell_influence_area
+        constants = (self.shear_modulus, self.poissons_ratio)
+        return cell(constants, offsets, widths, depth, channels, concentrated=concentrated, damping=damping)
+
+
+def from_radial(in_plane: Floats, antiplane: Floats, direction: Floats) -> Complexes:
+    """States (..., 6, 3) in x, y, z from those of an isotropic body in the frame of the wavevector.
+
+    With r along the wavevector, t across it, u_r = i U and s_rz = i S the states are real.
+
+    Parameters
+    ----------
+    in_plane : array (4, 2, ...)
+        Rows k U, k u_z, S, s_zz; columns per unit S and s_zz at the surface.
+    antiplane : array (2, ...)
+        Rows k u_t and s_tz per unit s_tz at the surface.
+    direction : array (..., 2)
+    """
+    cos, sin = direction[..., 0], direction[..., 1]
+    out = np.empty((*np.shape(in_plane)[2:], 6, 3), dtype=np.complex128)
+    for vector, (along, upward, across) in enumerate(((0, 1, antiplane[0]), (2, 3, antiplane[1]))):
+        part = out[..., 3 * vector : 3 * vector + 3, :]
+        radial = in_plane[along, 0]
+        part[..., 0, 0] = cos**2 * radial + sin**2 * across
+        part[..., 1, 1] = sin**2 * radial + cos**2 * across
+        part[..., 0, 1] = part[..., 1, 0] = cos * sin * (radial - across)
+        part[..., 0, 2] = 1j * cos * in_plane[along, 1]
+        part[..., 1, 2] = 1j * sin * in_plane[along, 1]
+        part[..., 2, 0] = -1j * cos * in_plane[upward, 0]
+        part[..., 2, 1] = -1j * sin * in_plane[upward, 0]
+        part[..., 2, 2] = in_plane[upward, 1]
+    return out
 
 
 def decaying_states(shear_modulus: float, poissons_ratio: float, kz: Floats) -> Floats:

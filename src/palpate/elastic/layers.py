@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats, HalfSpace, States, check_material, decaying_states
+from palpate.elastic.half_space import HalfSpace, check_material, decaying_states, from_radial
+from palpate.elastic.pad import Complexes, Floats, isotropic_compliance
 from palpate.errors import InvalidInput
 
 __all__ = ["BondedLayers", "Layer"]
@@ -89,6 +90,11 @@ class BondedLayers:
         return sum(layer.thickness for layer in self.layers)
 
     @property
+    def surface_thickness(self) -> float:
+        """How deep the uppermost material goes [m]."""
+        return self.layers[0].thickness
+
+    @property
     def surface(self) -> HalfSpace:
         """A half-space of the uppermost material."""
         first = self.layers[0]
@@ -108,15 +114,15 @@ class BondedLayers:
             )
         return len(self.layers), depth - top
 
-    def material(self, depth: float) -> tuple[float, float]:
-        """Shear modulus [Pa] and Poisson's ratio at ``depth`` [m] (of the upper layer at an interface)."""
+    def compliance(self, depth: float) -> Floats:
+        """Compliance (6, 6) [1/Pa] at ``depth`` [m] (of the upper layer at an interface)."""
         i, _ = self._find(depth)
         part = self.base if i == len(self.layers) else self.layers[i]
         found = part if part is not None else self.layers[-1]
-        return found.shear_modulus, found.poissons_ratio
+        return isotropic_compliance(found.youngs_modulus, found.poissons_ratio)
 
-    def mean_compliance(self, depth: float) -> tuple[float, float] | None:
-        """Horizontal and vertical displacement at ``depth`` per unit mean shear and pressure [m/Pa]; None on a half-space."""
+    def mean_compliance(self, depth: float) -> Floats | None:
+        """Displacement at ``depth`` per unit mean traction (3, 3) [m/Pa]; None on a half-space."""
         if self.base is not None:
             return None
         i, local = self._find(depth)
@@ -127,15 +133,15 @@ class BondedLayers:
             h * (1 - 2 * layer.poissons_ratio) / (2 * layer.shear_modulus * (1 - layer.poissons_ratio))
             for h, layer in parts
         )
-        return shear, normal
+        return np.diag([shear, shear, normal])
 
-    def states(self, wavenumber: Floats, depth: float) -> States:
-        """States at ``depth`` [m] per unit surface value; ``wavenumber`` [rad/m] of any shape, >= 0."""
+    def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:
+        """Fields of one wavevector at ``depth`` [m], see `palpate.elastic.Pad.states`."""
         shape = np.shape(wavenumber)
         k, back = np.unique(np.asarray(wavenumber, dtype=np.float64), return_inverse=True)
         in_plane, antiplane = self._in_plane(k, depth), self._antiplane(k, depth)
         back = back.reshape(shape)
-        return States(np.moveaxis(in_plane, 0, -1)[..., back], antiplane[..., back])
+        return from_radial(np.moveaxis(in_plane, 0, -1)[..., back], antiplane[..., back], direction)
 
     def _in_plane(self, k: Floats, depth: float) -> Floats:
         """(k, 4, 2): rows k U, k u_z, S, N; columns per unit S0 and N0."""

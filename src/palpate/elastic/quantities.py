@@ -7,62 +7,110 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats, Pad
-from palpate.errors import InvalidInput
-
-__all__ = ["AREA_CHANNELS", "LINE_CHANNELS", "channel_unit", "check_channels", "mirror_parity", "transfer"]
-
-_TENSOR = ("xx", "yy", "zz", "xz", "yz", "xy")
-
-#: Every channel of area contact (three dimensions).
-AREA_CHANNELS: tuple[str, ...] = (
-    *(f"displacement_{i}" for i in "xyz"),
-    *(f"stress_{ij}" for ij in _TENSOR),
-    *(f"strain_{ij}" for ij in _TENSOR),
+from palpate.elastic.channels import (
+    AREA_CHANNELS,
+    LINE_CHANNELS,
+    channel_unit,
+    check_channels,
+    find_channel,
+    mirror_parity,
 )
+from palpate.elastic.pad import Complexes, Floats, Pad
 
-#: The channels that do not vanish identically in line contact (plane strain).
-LINE_CHANNELS: tuple[str, ...] = (
-    "displacement_x",
-    "displacement_z",
-    "stress_xx",
-    "stress_yy",
-    "stress_zz",
-    "stress_xz",
-    "strain_xx",
-    "strain_zz",
-    "strain_xz",
-)
+__all__ = [
+    "AREA_CHANNELS",
+    "COMPONENTS",
+    "LINE_CHANNELS",
+    "WaveFields",
+    "channel_unit",
+    "check_channels",
+    "mirror_parity",
+    "transfer",
+]
 
 #: Traction components, in the order of the component axis.
 COMPONENTS: dict[int, tuple[str, ...]] = {1: ("x", "z"), 2: ("x", "y", "z")}
 
+#: Directions over which the limit at k = 0 is averaged (exact for an isotropic pad, exponentially close for any other).
+DIRECTIONS = 64
 
-def channel_unit(channel: str) -> str:
-    """SI unit of a channel: "m" for displacement, "Pa" for stress, "1" for strain."""
-    return {"displacement": "m", "stress": "Pa", "strain": "1"}[channel.split("_")[0]]
-
-
-def check_channels(channels: Sequence[str], dimensions: int) -> tuple[str, ...]:
-    """The channels as a tuple, or `InvalidInput` naming the bad one and what is accepted."""
-    if isinstance(channels, str):
-        raise InvalidInput(f'channels must be a list of names; got the string {channels!r}. Write ["{channels}"].')
-    accepted = LINE_CHANNELS if dimensions == 1 else AREA_CHANNELS
-    found = tuple(channels)
-    if not found:
-        raise InvalidInput(f"channels is empty: name at least one of {', '.join(accepted)}.")
-    for name in found:
-        if name not in accepted:
-            why = "vanishes identically in line contact (plane strain)" if name in AREA_CHANNELS else "is not a channel"
-            raise InvalidInput(f"channel {name!r} {why}; accepted: {', '.join(accepted)}.")
-    if len(set(found)) != len(found):
-        raise InvalidInput(f"channels names one channel twice: {', '.join(found)}.")
-    return found
+#: Rows of the compliance that lie in the plane (xx, yy, xy), and those out of it (zz, yz, xz).
+_IN, _OUT = [0, 1, 5], [2, 3, 4]
+_PLACE = {"xx": 0, "yy": 1, "xy": 2, "zz": 3, "yz": 4, "xz": 5}
+#: Entries of Hooke's law below this part of the largest of their kind are rounding, such as 1 - 2 nu at nu = 1/2.
+_ROUNDING = 1e-14
 
 
-def mirror_parity(name: str, axis: str) -> int:
-    """+1 or -1: the sign of a channel (or traction component) when coordinate ``axis`` is mirrored."""
-    return -1 if name.split("_")[-1].count(axis) % 2 else 1
+def partial_hooke(compliance: Floats) -> Floats:
+    """Hooke's law solved for what the states leave open (6, 6): in-plane stress (xx, yy, xy) and out-of-plane strain (zz, yz, xz),
+    from in-plane strain and out-of-plane stress in the same order; shear strains doubled.
+
+    Of the compliance S only its in-plane block is inverted, which every stable solid has, the incompressible one too:
+    s_a = S_aa^-1 (e_a - S_ab s_b),    e_b = S_ba s_a + S_bb s_b.
+    """
+    aa, ab, bb = (compliance[np.ix_(i, j)] for i, j in ((_IN, _IN), (_IN, _OUT), (_OUT, _OUT)))
+    stiff = np.linalg.inv(aa)
+    out = np.empty((6, 6))
+    blocks = ((0, 0, stiff, stiff), (0, 1, -stiff @ ab, np.eye(1)), (1, 0, ab.T @ stiff, np.eye(1)))
+    for i, j, block, size in (*blocks, (1, 1, bb - ab.T @ stiff @ ab, bb)):
+        clean = np.where(np.abs(block) < _ROUNDING * np.abs(size).max(), 0.0, block)
+        out[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = clean
+    return out
+
+
+class WaveFields:
+    """Fields (..., 3) of exp(i k.x) at one depth, per unit surface traction (q_x, q_y, p)."""
+
+    def __init__(self, states: Complexes, displacement: Complexes, direction: Floats, compliance: Floats) -> None:
+        """``states`` (..., 6, 3) as of `Pad.states`; ``displacement`` (..., 3, 3) is that of the same wave, not times k."""
+        self._states, self._displacement, self._direction = states, displacement, direction
+        self._hooke = partial_hooke(compliance)
+        self._open: dict[str, Complexes] = {}
+
+    def displacement(self, i: str) -> Complexes:
+        """u_i."""
+        return self._displacement[..., "xyz".index(i), :]
+
+    def gradient(self, i: str, j: str) -> Complexes:
+        """du_i/dx_j."""
+        if j == "z":
+            if i == "z":
+                return -self.strain("zz")
+            return -2.0 * self.strain(i + "z") - self.gradient("z", i)
+        wave = 1j * self._direction[..., "xy".index(j), None]
+        return np.asarray(wave * self._states[..., "xyz".index(i), :])
+
+    def strain(self, ij: str) -> Complexes:
+        """Strain, compression positive."""
+        i, j = ij[0], ij[1]
+        if j == "z":
+            found = self._solved(ij)
+            return found if i == j else 0.5 * found
+        return -self.gradient(i, i) if i == j else -0.5 * (self.gradient(i, j) + self.gradient(j, i))
+
+    def stress(self, ij: str) -> Complexes:
+        """Stress, compression positive."""
+        if ij[1] == "z":
+            return np.asarray(self._states[..., 3 + "xyz".index(ij[0]), :])
+        return self._solved(ij)
+
+    def read(self, channels: Sequence[str]) -> Complexes:
+        """(..., channel, 3)."""
+        out = np.empty((*self._states.shape[:-2], len(channels), 3), dtype=np.complex128)
+        for row, name in enumerate(channels):
+            out[..., row, :] = find_channel(name).read(self)
+        return out
+
+    def _solved(self, ij: str) -> Complexes:
+        """In-plane stress or (doubled) out-of-plane strain by Hooke's law."""
+        if ij not in self._open:
+            total: Complexes = np.zeros(self._states[..., 0, :].shape, dtype=np.complex128)
+            for key, weight in zip(_PLACE, self._hooke[_PLACE[ij]]):
+                if weight != 0.0:
+                    known = self.stress(key) if key[1] == "z" else self.strain(key) * (2.0 if key == "xy" else 1.0)
+                    total = total + weight * known
+            self._open[ij] = total
+        return self._open[ij]
 
 
 def transfer(
@@ -103,73 +151,24 @@ def transfer(
     k = np.hypot(kx, ky)
     zero = k == 0.0
     safe = np.where(zero, 1.0, k)
-    cos, sin = np.where(zero, 1.0, kx / safe), np.where(zero, 0.0, ky / safe)
-    matrix = _rotated(pad, k, safe, cos, sin, depth, channels)
+    direction = np.stack([np.where(zero, 1.0, kx / safe), np.where(zero, 0.0, ky / safe)], axis=-1)
+    states = pad.states(k, direction, depth)
+    fields = WaveFields(states, states[..., :3, :] / safe[..., None, None], direction, pad.compliance(depth))
+    matrix = fields.read(channels)
     if np.any(zero):
         matrix[zero] = _mean_response(pad, depth, channels, line=line)
-    return matrix
+    return np.asarray(matrix, dtype=np.complex128)
 
 
 def _mean_response(pad: Pad, depth: float, channels: Sequence[str], *, line: bool) -> npt.NDArray[np.complex128]:
-    angles = np.array([0.0, np.pi]) if line else np.arange(8) * (np.pi / 4.0)
+    angles = np.array([0.0, np.pi]) if line else np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS)
+    direction = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     k = np.zeros_like(angles)
-    limit = _rotated(pad, k, np.ones_like(k), np.cos(angles), np.sin(angles), depth, channels).mean(axis=0)
-    limit[np.abs(limit) < 1e-15 * np.abs(limit).max(initial=0.0)] = 0.0
     mean = pad.mean_compliance(depth)
-    for row, name in enumerate(channels):
-        if name.startswith("displacement"):
-            limit[row] = np.nan if mean is None else 0.0
-            if mean is not None:
-                column = "xyz".index(name[-1])
-                limit[row, column] = mean[1] if column == 2 else mean[0]
-    return limit
-
-
-def _rotated(
-    pad: Pad, k: Floats, safe: Floats, cos: Floats, sin: Floats, depth: float, channels: Sequence[str]
-) -> npt.NDArray[np.complex128]:
-    mu, nu = pad.material(depth)
-    b, c = nu / (1.0 - nu), (1.0 - 2.0 * nu) / (2.0 * mu * (1.0 - nu))
-    states = pad.states(k, depth)
-    # surface values from traction: S0 = -i q_r, N0 = p, T0 = q_t; q_r = cos q_x + sin q_y, q_t = cos q_y - sin q_x
-    zeros = np.zeros_like(k)
-    s0 = np.stack([-1j * cos, -1j * sin, zeros], axis=-1)
-    n0 = np.stack([zeros, zeros, np.ones_like(k)], axis=-1)
-    t0 = np.stack([-sin, cos, zeros], axis=-1)
-
-    def in_plane(row: int) -> npt.NDArray[np.complex128]:
-        a = states.in_plane[row]
-        return np.asarray(a[0][..., None] * s0 + a[1][..., None] * n0)
-
-    ku, kuz, shear, normal = (in_plane(i) for i in range(4))
-    kut, trans = (states.antiplane[i][..., None] * t0 for i in range(2))
-    co, si = cos[..., None], sin[..., None]
-
-    # tensors in the frame of the wavevector: rr, tt, zz, rz, tz, rt
-    stress_rr = 2.0 * mu / (1.0 - nu) * ku + b * normal
-    stress = (stress_rr, nu * (stress_rr + normal), normal, 1j * shear, trans, -1j * mu * kut)
-    half = 1.0 / (2.0 * mu)
-    strain = (ku, 0.0 * ku, c * normal - b * ku, 1j * half * shear, half * trans, -0.5j * kut)
-
-    out = np.empty((*k.shape, len(channels), 3), dtype=np.complex128)
-    for row, name in enumerate(channels):
-        kind, index = name.split("_")
-        if kind == "displacement":
-            along, across = 1j * ku, kut
-            scaled = {"x": co * along - si * across, "y": si * along + co * across, "z": kuz}[index]
-            out[..., row, :] = scaled / safe[..., None]
-            continue
-        rr, tt, zz, rz, tz, rt = stress if kind == "stress" else strain
-        if index == "xx":
-            out[..., row, :] = co**2 * rr + si**2 * tt - 2.0 * co * si * rt
-        elif index == "yy":
-            out[..., row, :] = si**2 * rr + co**2 * tt + 2.0 * co * si * rt
-        elif index == "xy":
-            out[..., row, :] = co * si * (rr - tt) + (co**2 - si**2) * rt
-        elif index == "xz":
-            out[..., row, :] = co * rz - si * tz
-        elif index == "yz":
-            out[..., row, :] = si * rz + co * tz
-        else:
-            out[..., row, :] = zz
+    level = np.full((3, 3), np.nan) if mean is None else np.asarray(mean)
+    everywhere = np.broadcast_to(level, (len(k), 3, 3)).astype(np.complex128)
+    fields = WaveFields(pad.states(k, direction, depth), everywhere, direction, pad.compliance(depth))
+    limit = fields.read(channels)
+    out = np.asarray(limit.mean(axis=0))
+    out[np.abs(out) < _ROUNDING * np.abs(limit).max(axis=(0, 2))[:, None]] = 0.0
     return out

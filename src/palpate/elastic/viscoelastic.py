@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats, Pad, States
 from palpate.elastic.layers import BondedLayers
+from palpate.elastic.pad import Complexes, Floats, Pad
 from palpate.errors import InvalidInput, Unsupported
 
 __all__ = ["CreepFilter", "Viscoelastic"]
@@ -32,7 +32,7 @@ class Viscoelastic:
 
     Parameters
     ----------
-    elastic : HalfSpace or BondedLayers
+    elastic : HalfSpace, BondedLayers or another elastic Pad
         The pad at the first instant of a load: its moduli are the instantaneous ones. Layers may differ in modulus but relax
         by one common series; a stack whose layers (or base) relax differently does not separate and is refused.
     prony : sequence of (float, float)
@@ -44,7 +44,9 @@ class Viscoelastic:
 
     def __post_init__(self) -> None:
         if isinstance(self.elastic, Viscoelastic) or not isinstance(self.elastic, Pad):
-            raise InvalidInput(f"elastic must be a HalfSpace or BondedLayers; got {type(self.elastic).__name__}.")
+            raise InvalidInput(
+                f"elastic must be a HalfSpace, BondedLayers or another elastic Pad; got {type(self.elastic).__name__}."
+            )
         if isinstance(self.elastic, BondedLayers) and self.elastic.base is not None:
             raise Unsupported(
                 "layers that creep on a half-space that does not, or differently, do not separate in time and space. Use a "
@@ -65,17 +67,17 @@ class Viscoelastic:
     @property
     def thickness(self) -> float | None:
         """Depth of the base [m]; None where there is none."""
-        return getattr(self.elastic, "thickness", None)
+        return self.elastic.thickness
 
-    def states(self, wavenumber: Floats, depth: float) -> States:
-        """States of the instantaneous pad."""
-        return self.elastic.states(wavenumber, depth)
+    def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:
+        """Those of the instantaneous pad."""
+        return self.elastic.states(wavenumber, direction, depth)
 
-    def material(self, depth: float) -> tuple[float, float]:
-        """Instantaneous shear modulus [Pa] and Poisson's ratio."""
-        return self.elastic.material(depth)
+    def compliance(self, depth: float) -> Floats:
+        """That of the instantaneous pad."""
+        return self.elastic.compliance(depth)
 
-    def mean_compliance(self, depth: float) -> tuple[float, float] | None:
+    def mean_compliance(self, depth: float) -> Floats | None:
         """That of the instantaneous pad."""
         return self.elastic.mean_compliance(depth)
 

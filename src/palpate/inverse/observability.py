@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats, Pad
-from palpate.elastic.quantities import COMPONENTS, mirror_parity, transfer
+from palpate.elastic.channels import find_channel, mirror_parity
+from palpate.elastic.pad import Floats, Pad, shear_modulus
+from palpate.elastic.quantities import COMPONENTS, transfer
 from palpate.errors import InvalidInput, NotObservable
 from palpate.sensing.arrays import Array
 
@@ -42,7 +43,7 @@ class Observability:
 
 def _whitened(pad: Pad, planes: Sequence[Array], k: Floats, angle: float) -> npt.NDArray[np.complex128]:
     d = planes[0].dimensions
-    modulus = 2 * pad.material(0.0)[0]
+    modulus = 2 * shear_modulus(pad, 0.0)
     rows = []
     for array in planes:
         matrix = transfer(pad, k * np.cos(angle), k * np.sin(angle), array.depth, array.channels, line=d == 1)
@@ -51,17 +52,7 @@ def _whitened(pad: Pad, planes: Sequence[Array], k: Floats, angle: float) -> npt
         if array.noise_std is not None:
             scale: Floats = np.broadcast_to(np.asarray(array.noise_std), (len(k), len(array.channels)))
         else:  # in units of stress: strain times 2 mu, displacement times 2 mu k
-            scale = np.stack(
-                [
-                    {
-                        "stress": np.ones_like(k),
-                        "strain": np.full_like(k, 1 / modulus),
-                        "displacement": 1 / (modulus * k),
-                    }[c.split("_")[0]]
-                    for c in array.channels
-                ],
-                axis=-1,
-            )
+            scale = np.stack([find_channel(c).kind.scale(modulus, k) for c in array.channels], axis=-1)
         rows.append(matrix / scale[..., None])
     return np.concatenate(rows, axis=-2)
 

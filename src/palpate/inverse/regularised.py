@@ -22,8 +22,9 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy, irfftn, namespace, rfftn, to_numpy
+from palpate.elastic.channels import find_channel, mirror_parity
 from palpate.elastic.half_space import Floats
-from palpate.elastic.quantities import mirror_parity
+from palpate.elastic.pad import mirror_symmetric
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.parameter import Filter, choose_parameter
 from palpate.inverse.priors import Prior, wavenumbers
@@ -89,10 +90,12 @@ def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Float
         size = np.sqrt((response**2).sum(axis=(0, *range(2, response.ndim))))
         responses.append(size)
         for channel, value in zip(array.channels, size):
-            kinds.setdefault(channel.split("_")[0], []).append(float(value))
+            kinds.setdefault(find_channel(channel).kind.name, []).append(float(value))
     mean = {kind: math.sqrt(float(np.mean(np.square(v)))) for kind, v in kinds.items()}
     single = len(mean) == 1
-    return [np.array([1.0 if single else mean[c.split("_")[0]] for c in a.channels]) for a in operator.planes_of], False
+    return [
+        np.array([1.0 if single else mean[find_channel(c).kind.name] for c in a.channels]) for a in operator.planes_of
+    ], False
 
 
 class _Fold:
@@ -387,7 +390,8 @@ def _is_symmetric(operator: Operator) -> bool:
         for a, b, dx in zip(array.grid.axes, operator.surface.axes, operator.surface.spacings):
             if abs((a[0] + a[-1]) - (b[0] + b[-1])) > 1e-9 * dx:
                 return False
-    return True
+    extent = max(float(np.ptp(a.points, axis=0).max()) for a in operator.planes_of)
+    return all(mirror_symmetric(operator.pad, a.depth, extent) for a in operator.planes_of)
 
 
 class _FourierSpectrum:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.elastic.quantities import channel_unit
+from palpate.elastic.channels import channel_unit, is_channel
 from palpate.errors import InvalidInput, UncheckedInput
 from palpate.recordings.checked import CHECKSUM, confirm_recording, json_object, recording_checksum
 from palpate.recordings.formats import Format
@@ -197,7 +197,7 @@ def _table(path: Path, body: list[tuple[int, str]], positions: Any, meta: dict[s
     factors = [convert_factor(columns[0]["unit"] or "", "s", f"{path}: time")]
     for match, title in zip(columns[1:], header[1:]):
         name = match["name"]
-        if match["index"] is None or name.split("_")[0] not in ("displacement", "stress", "strain"):
+        if match["index"] is None or not is_channel(name):
             raise InvalidInput(f'{start}: column {title[:40]!r} is not like "stress_zz[0;1] (Pa)".')
         if match["unit"] is None:
             raise InvalidInput(f'{start}: column {title!r} has no unit: write "{title} (Pa)" or the like.')

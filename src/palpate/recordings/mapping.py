@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from palpate.elastic.channels import CHANNELS, is_channel
 from palpate.elastic.half_space import Floats
-from palpate.elastic.quantities import AREA_CHANNELS
 from palpate.errors import InvalidInput
 
 __all__ = ["TopicMapping"]
@@ -62,10 +62,10 @@ class TopicMapping:
     definitions: str = ""
 
     def __post_init__(self) -> None:
-        unknown = [c for c in self.channels if c not in AREA_CHANNELS]
+        unknown = [c for c in self.channels if not is_channel(c)]
         if unknown or not self.channels:
             raise InvalidInput(
-                f"channels must be names among {', '.join(AREA_CHANNELS)}; got {', '.join(unknown) or 'none'}."
+                f"channels must be names among {', '.join(CHANNELS)}; got {', '.join(unknown) or 'none'}."
             )
         if self.fields and len(self.fields) != len(self.channels):
             raise InvalidInput(f"{len(self.fields)} fields for {len(self.channels)} channels; name one field for each.")

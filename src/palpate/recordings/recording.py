@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.quantities import AREA_CHANNELS, channel_unit
+from palpate.elastic.channels import channel_unit, find_channel
 from palpate.errors import InvalidInput
 
 __all__ = ["Recording"]
@@ -51,9 +51,8 @@ class Recording:
         if 0 in readings.shape:
             raise InvalidInput(f"the recording is empty: readings have shape {readings.shape}.")
         channels = tuple(self.channels)
-        unknown = [c for c in channels if c not in AREA_CHANNELS]
-        if unknown:
-            raise InvalidInput(f"channel {unknown[0]!r} is not known; accepted: {', '.join(AREA_CHANNELS)}.")
+        for channel in channels:
+            find_channel(channel)
         if len(channels) != readings.shape[1]:
             raise InvalidInput(f"{len(channels)} channels are named but readings have {readings.shape[1]}: {channels}.")
         if np.isinf(readings).any():

@@ -37,9 +37,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from palpate.elastic.channels import channel_unit, check_channels
 from palpate.elastic.half_space import HalfSpace, Pad
 from palpate.elastic.layers import BondedLayers, Layer
-from palpate.elastic.quantities import channel_unit, check_channels
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
 from palpate.recordings.mapping import TopicMapping

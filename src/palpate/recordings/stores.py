@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate._arrays import to_numpy
-from palpate.elastic.quantities import channel_unit
+from palpate.elastic.channels import channel_unit
 from palpate.errors import InvalidInput, Unsupported
 from palpate.recordings.heldfile import Apart, HeldFile
 from palpate.recordings.labelled import CONVENTIONS

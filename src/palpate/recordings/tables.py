@@ -58,8 +58,9 @@ def read_table(
     positions = values[:2].T * position_factor
     readings = values[2:] * reading_factor
     if follow:
-        shift = {c.split("_")[1]: r for c, r in zip(channels, readings) if c.startswith("displacement")}
-        positions = positions + np.stack([shift.get("x", 0 * readings[0]), shift.get("y", 0 * readings[0])], axis=1)
+        shift = dict(zip(channels, readings))
+        still = np.zeros_like(readings[0])
+        positions = positions + np.stack([shift.get(f"displacement_{i}", still) for i in "xy"], axis=1)
     return Recording(
         readings=readings[None], channels=tuple(channels), positions=positions, meta={"source": found.name}
     )

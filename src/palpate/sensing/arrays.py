@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
-from palpate.elastic.quantities import check_channels
+from palpate.elastic.channels import check_channels
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.grids import AreaGrid, LineGrid, check_count, check_length, pair
 

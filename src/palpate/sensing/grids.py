@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.elastic.quantities import COMPONENTS
 from palpate.errors import InvalidInput
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats, HalfSpace, Pad
-from palpate.elastic.layers import BondedLayers
+from palpate.elastic.pad import Floats, Pad, offered
 from palpate.errors import InvalidInput, Unsupported
-from palpate.sensing.layered import Correction
-from palpate.solutions.line import line_fields, potentials
-from palpate.solutions.potential import PointTable, Table, area_fields, lattice_table
+from palpate.sensing.layered import Correction, Surface
+from palpate.sensing.quadrature import as_stack
 
 __all__ = ["aperture_rule", "influence"]
 
@@ -79,12 +78,14 @@ def influence(
             '(method="dft" and "linear") need depth > 0. Use method="tikhonov".'
         )
     with np.errstate(divide="ignore", invalid="ignore"):
-        if isinstance(pad, HalfSpace):
-            kernel = _half_space(pad, offsets, spacings, depth, channels, rules, concentrated, 0.0)
-        elif isinstance(pad, BondedLayers):
-            kernel = _layered(pad, offsets, spacings, depth, channels, rules, concentrated)
+        if offered(pad, "influence"):
+            kernel = _closed_form(pad, offsets, spacings, depth, channels, rules, concentrated)
+        elif offered(pad, "surface", "surface_thickness"):
+            layers: Any = pad
+            correction = Correction(pad, layers.surface, layers.surface_thickness, depth, channels)
+            kernel = _layered(correction, offsets, spacings, depth, channels, rules, concentrated)
         else:
-            raise Unsupported(f"no influence is known for a {type(pad).__name__}; use HalfSpace or BondedLayers.")
+            kernel = _any_pad(pad, offsets, spacings, depth, channels, rules, concentrated)
     if not np.isfinite(kernel).all():
         raise InvalidInput(
             f"the response of {', '.join(channels)} at depth {depth:g} m is infinite at the edge of a surface cell, and "
@@ -93,8 +94,8 @@ def influence(
     return kernel
 
 
-def _layered(
-    pad: BondedLayers,
+def _any_pad(
+    pad: Pad,
     offsets: Sequence[Floats],
     spacings: Sequence[float],
     depth: float,
@@ -102,7 +103,47 @@ def _layered(
     rules: Sequence[tuple[Floats, Floats]],
     concentrated: bool,
 ) -> Floats:
-    correction = Correction(pad, depth, channels)
+    """From the pad's states alone."""
+    reach = max(float(np.abs(o).max()) for o in offsets) + max(spacings)
+    stack = as_stack(pad, reach, depth)
+    surface = stack.surface
+    if math.isinf(stack.surface_thickness):
+        return _closed_form(surface, offsets, spacings, depth, channels, rules, concentrated)
+    correction = Correction(
+        pad, surface, stack.surface_thickness, depth, channels, orders=surface.orders, decay=min(1.0, surface.roots[0])
+    )
+    return _layered(correction, offsets, spacings, depth, channels, rules, concentrated)
+
+
+def _closed_form(
+    pad: Any,
+    offsets: Sequence[Floats],
+    spacings: Sequence[float],
+    depth: float,
+    channels: Sequence[str],
+    rules: Sequence[tuple[Floats, Floats]],
+    concentrated: bool,
+    damping: float = 0.0,
+) -> Floats:
+    """The pad's own influence, averaged over the aperture."""
+    body: Surface = pad
+    total: Any = 0.0
+    for points in itertools.product(*(zip(*rule) for rule in rules)):
+        moved = [offset + node for offset, (node, _) in zip(offsets, points)]
+        part = body.influence(moved, spacings, depth, channels, concentrated=concentrated, damping=damping)
+        total = total + math.prod(weight for _, weight in points) * part
+    return np.asarray(total)
+
+
+def _layered(
+    correction: Correction,
+    offsets: Sequence[Floats],
+    spacings: Sequence[float],
+    depth: float,
+    channels: Sequence[str],
+    rules: Sequence[tuple[Floats, Floats]],
+    concentrated: bool,
+) -> Floats:
     if len(offsets) == 1:
         out = np.zeros((len(channels), 2, *offsets[0].shape))
         for node, weight in zip(*rules[0]):
@@ -112,76 +153,8 @@ def _layered(
     else:
         out = correction.area(offsets, spacings, rules, concentrated=concentrated)
     if correction.half_space is not None:
-        for sign, lower in ((1.0, 0.0), (-1.0, correction.damping)):
-            out += sign * _half_space(
-                correction.half_space, offsets, spacings, depth, channels, rules, concentrated, lower
+        for sign, damping in ((1.0, 0.0), (-1.0, correction.damping)):
+            out += sign * _closed_form(
+                correction.half_space, offsets, spacings, depth, channels, rules, concentrated, damping
             )
     return out
-
-
-def _half_space(
-    pad: HalfSpace,
-    offsets: Sequence[Floats],
-    spacings: Sequence[float],
-    depth: float,
-    channels: Sequence[str],
-    rules: Sequence[tuple[Floats, Floats]],
-    concentrated: bool,
-    lower: float,
-) -> Floats:
-    """Closed form; with ``lower`` > 0 the response is damped by exp(-k lower): its potentials lie that much deeper."""
-    if len(offsets) == 1:
-        return _line(pad, offsets[0], spacings[0], depth, channels, rules[0], concentrated, lower)
-    return _area(pad, offsets, spacings, depth, channels, rules, concentrated, lower)
-
-
-def _line(
-    pad: HalfSpace,
-    x: Floats,
-    spacing: float,
-    depth: float,
-    channels: Sequence[str],
-    rule: tuple[Floats, Floats],
-    concentrated: bool,
-    lower: float,
-) -> Floats:
-    out = np.zeros((len(channels), 2, *x.shape))
-    for node, weight in zip(*rule):
-        zeta = (x + node) + 1j * (depth + lower)
-        parts = potentials("load" if concentrated else "strip", spacing / 2, zeta)
-        for column, component in enumerate("xz"):
-            out[:, column] += weight * spacing * line_fields(*parts, depth, component, pad, channels)
-    return out
-
-
-def _area(
-    pad: HalfSpace,
-    offsets: Sequence[Floats],
-    spacings: Sequence[float],
-    depth: float,
-    channels: Sequence[str],
-    rules: Sequence[tuple[Floats, Floats]],
-    concentrated: bool,
-    lower: float,
-) -> Floats:
-    y, x = offsets
-    dy, dx = spacings
-    y_edges, x_edges = _edges(y, dy), _edges(x, dx)
-    out = np.zeros((len(channels), 3, *y.shape, x.shape[-1]))
-    for (node_y, weight_y), (node_x, weight_x) in itertools.product(zip(*rules[0]), zip(*rules[1])):
-        table: Table
-        if concentrated:
-            table = PointTable((x + node_x)[..., None, :], (y + node_y)[..., :, None], depth + lower)
-            scale = weight_y * weight_x * dx * dy
-        else:
-            table = lattice_table(x_edges + node_x, y_edges + node_y, depth + lower)
-            scale = weight_y * weight_x
-        for column, component in enumerate("xyz"):
-            for row, field in enumerate(area_fields(table, depth, component, pad, channels)):
-                out[row, column] += scale * field
-    return out
-
-
-def _edges(centres: Floats, spacing: float) -> Floats:
-    step = np.sign(centres[..., 1:2] - centres[..., :1]) * spacing / 2
-    return np.concatenate([centres[..., :1] - step, centres + step], axis=-1)

@@ -17,15 +17,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats, HalfSpace
-from palpate.elastic.layers import BondedLayers
+from palpate.elastic.pad import Floats, Pad
 from palpate.elastic.quantities import transfer
 
-__all__ = ["Correction"]
+__all__ = ["Correction", "Surface"]
 
 #: exp(-DIGITS) is where spectra are cut.
 DIGITS = 34.0
@@ -33,24 +33,53 @@ DIGITS = 34.0
 ORDERS = 3
 
 
+class Surface(Pad, Protocol):
+    """A half-space with an influence of its own."""
+
+    def influence(
+        self,
+        offsets: Sequence[Floats],
+        widths: Sequence[float],
+        depth: float,
+        channels: Sequence[str],
+        *,
+        concentrated: bool = False,
+        damping: float = 0.0,
+    ) -> Floats:
+        """Channels per unit traction of one cell, see `palpate.HalfSpace.influence`."""
+        ...
+
+
 class Correction:
     """What is left of a layered pad's response once the damped half-space of its first material is taken out.
 
     Attributes
     ----------
-    half_space : HalfSpace or None
+    half_space : Surface or None
         The half-space that was taken out (None: nothing was).
     damping : float
         The depth d of its high-pass 1 - exp(-k d) [m].
     """
 
-    def __init__(self, pad: BondedLayers, depth: float, channels: Sequence[str]) -> None:
-        self.pad, self.depth, self.channels = pad, depth, tuple(channels)
-        first = pad.layers[0].thickness
-        self.half_space: HalfSpace | None = pad.surface if depth < 0.5 * first else None
+    def __init__(
+        self,
+        pad: Pad,
+        surface: Surface,
+        surface_thickness: float,
+        depth: float,
+        channels: Sequence[str],
+        *,
+        orders: int = ORDERS,
+        decay: float = 1.0,
+    ) -> None:
+        """``surface`` is the half-space of the uppermost material, ``decay`` the slowest exp(-decay k z) of its waves and ``orders`` the
+        highest angular order that counts."""
+        self.pad, self.depth, self.channels, self.orders = pad, depth, tuple(channels), orders
+        first = surface_thickness
+        self.half_space: Surface | None = surface if depth < 0.5 * first else None
         self.damping = first
         #: scale over which the remaining kernel varies
-        self.scale = first if self.half_space is not None else depth
+        self.scale = decay * (first if self.half_space is not None else depth)
 
     def _remaining(self, kx: Floats, ky: Floats, *, line: bool) -> npt.NDArray[np.complex128]:
         matrix = transfer(self.pad, kx, ky, self.depth, self.channels, line=line)
@@ -68,7 +97,7 @@ class Correction:
         """
         largest = DIGITS / self.scale
         widest = min(16.0 / max(reach, 1e-300), 2.0 / self.scale)
-        start = 1e-7 / max(self.pad.thickness, reach)
+        start = 1e-7 / max(self.pad.thickness or 0.0, reach)
         edges = [0.0, start]
         while edges[-1] < largest:
             edges.append(edges[-1] + min(edges[-1], widest))
@@ -124,28 +153,29 @@ class Correction:
             values = radial(distance * reach)  # (distance, order, function)
             back = back.reshape(r.shape)
             phase = np.ones_like(turn)
-            for order in range(ORDERS + 1):
+            for order in range(self.orders + 1):
                 part = np.moveaxis(values[:, order][back], -1, 0)
                 out += weight_y * weight_x * cell * (part * phase).real
                 phase = phase * turn
         return out.reshape(len(self.channels), 3, *out.shape[1:])
 
     def _radial(self, reach: float) -> _Radial:
-        from scipy.special import j0, j1
+        from scipy.special import j0, j1, jv
 
         k, weight = self._nodes(reach)
-        angles = np.arange(8) * (np.pi / 4)
+        count = 2 * self.orders + 2
+        angles = np.arange(count) * (2 * np.pi / count)
         matrix = self._remaining(k[:, None] * np.cos(angles), k[:, None] * np.sin(angles), line=False)
         coefficients = np.moveaxis(
-            np.tensordot(matrix, np.exp(-1j * np.outer(angles, np.arange(ORDERS + 1))), (1, 0)), -1, 1
+            np.tensordot(matrix, np.exp(-1j * np.outer(angles, np.arange(self.orders + 1))), (1, 0)), -1, 1
         )
-        coefficients = coefficients.reshape(k.size, ORDERS + 1, -1) / 8.0
+        coefficients = coefficients.reshape(k.size, self.orders + 1, -1) / count
         step = self.scale / 32
         radii = [0.0]
         while radii[-1] < reach:
             radii.append(radii[-1] + max(step, radii[-1] / 200))
         r = np.array([*radii, radii[-1] + step])
-        table = np.zeros((r.size, ORDERS + 1, coefficients.shape[-1]), dtype=np.complex128)
+        table = np.zeros((r.size, self.orders + 1, coefficients.shape[-1]), dtype=np.complex128)
         for start in range(0, r.size, 256):
             rows = slice(start, start + 256)
             phase = r[rows, None] * k
@@ -154,7 +184,8 @@ class Correction:
             first, second = j0(phase), j1(phase)
             third = np.where(small, phase**2 / 8, 2 * second / safe - first)
             fourth = np.where(small, phase**3 / 48, 4 * third / safe - second)
-            for order, bessel in enumerate((first, second, third, fourth)):
+            higher = (jv(n, phase) for n in range(4, self.orders + 1))
+            for order, bessel in enumerate(itertools.chain((first, second, third, fourth), higher)):
                 # order n and -n together: twice the real part of the positive one
                 factor = (1j**order) / (2 * np.pi) * (1.0 if order == 0 else 2.0)
                 table[rows, order] = factor * ((bessel * (weight * k)) @ coefficients[:, order])

@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import device_of, from_numpy, irfftn, namespace, rfftn
-from palpate.elastic.half_space import Floats, Pad
+from palpate.elastic.channels import find_channel
+from palpate.elastic.pad import Floats, Pad
 from palpate.elastic.quantities import transfer
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import Array, ScatteredArray
@@ -393,7 +394,7 @@ class Operator:
 def _floating_channels(pad: Pad, array: Array, boundary: Boundary) -> tuple[int, ...]:
     if array.dimensions == 2 or boundary == "periodic" or pad.mean_compliance(array.depth) is not None:
         return ()
-    return tuple(i for i, c in enumerate(array.channels) if c.startswith("displacement"))
+    return tuple(i for i, c in enumerate(array.channels) if find_channel(c).kind.absolute)
 
 
 def _check_periodic(array: Array, surface: Grid) -> None:

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import as_real, from_numpy, namespace, to_numpy
-from palpate.elastic.half_space import Floats, Pad
-from palpate.elastic.quantities import channel_unit
+from palpate.elastic.channels import channel_unit, find_channel
+from palpate.elastic.pad import Floats, Pad, isotropic_constants
 from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput
 from palpate.sensing.arrays import Array
@@ -41,20 +41,14 @@ __all__ = [
 
 def creeping(array: Array) -> npt.NDArray[np.bool_]:
     """(channel,): True where a channel creeps with the pad (strain and displacement do, stress does not)."""
-    return np.array([not c.startswith("stress") for c in array.channels])
+    return np.array([find_channel(c).kind.creeps for c in array.channels])
 
 
 def plausible(pad: Pad, array: Array) -> list[tuple[float, str]]:
     """What no reading of each channel can exceed in an elastic pad, with the reason."""
-    shear, nu = pad.material(array.depth)
-    modulus = 2.0 * shear * (1.0 + nu)
+    modulus, _ = isotropic_constants(pad, array.depth)
     extent = float(np.ptp(array.points, axis=0).max())
-    kinds = {
-        "stress": (30.0 * modulus, f"30 times the pad's Young's modulus ({modulus:g} Pa)"),
-        "strain": (3.0, "3 (300 %)"),
-        "displacement": (extent, f"the width of the array ({extent:g} m)"),
-    }
-    return [kinds[c.split("_")[0]] for c in array.channels]
+    return [find_channel(c).kind.limit(modulus, extent) for c in array.channels]
 
 
 # -- layout ----------------------------------------------------------------------------------------------------------------

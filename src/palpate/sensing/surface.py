@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.elastic.channels import find_channel
 from palpate.sensing.arrays import Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 
@@ -31,7 +32,7 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS) -> Grid:
     """
     first = planes[0]
     depth = min(p.depth for p in planes)
-    far = any(c.startswith("displacement") for p in planes for c in p.channels)
+    far = any(find_channel(c).kind.absolute for p in planes for c in p.channels)
     counts, spacings, centers = [], [], []
     points = [p.points for p in planes]
     for axis in range(first.dimensions):

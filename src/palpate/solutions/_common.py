@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from palpate.elastic.half_space import HalfSpace
+from palpate.elastic.pad import offered
 from palpate.errors import InvalidInput, Unsupported
 
 __all__ = ["check_half_space", "positive", "slip_ratio", "smoothed_modulus"]
@@ -23,8 +24,8 @@ def smoothed_modulus(pad: HalfSpace) -> float:
 
 
 def check_half_space(pad: object) -> None:
-    """Raise `Unsupported` unless ``pad`` is a `HalfSpace`."""
-    if not isinstance(pad, HalfSpace):
+    """Raise `Unsupported` unless ``pad`` is a `HalfSpace` whose closed forms hold (no subclass changed its states)."""
+    if not isinstance(pad, HalfSpace) or not offered(pad, "influence"):
         raise Unsupported(
             f"closed-form fields are those of a HalfSpace; got {type(pad).__name__}. Use Skin(pad, array).sense(contact)."
         )

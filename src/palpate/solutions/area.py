@@ -10,11 +10,12 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats, HalfSpace
-from palpate.elastic.quantities import check_channels
+from palpate.elastic.channels import check_channels
+from palpate.elastic.closed_form import PointTable, RectangleTable, area_fields
+from palpate.elastic.half_space import HalfSpace
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.solutions._common import check_half_space, positive, slip_ratio, smoothed_modulus
-from palpate.solutions.potential import PointTable, RectangleTable, area_fields
 
 __all__ = ["AreaContact", "flat_punch", "hertz_contact_radius", "hertz_point", "patch", "point_load"]
 
@@ -127,6 +128,7 @@ class AreaContact:
             np.asarray(depth, dtype=np.float64),
         )
         out = np.zeros((len(names), *xx.shape))
+        constants = (pad.shear_modulus, pad.poissons_ratio)
         for term in self.terms:
             if term.shape == "load":
                 table: PointTable | RectangleTable | _CircleTable = PointTable(xx, yy, zz)
@@ -135,7 +137,7 @@ class AreaContact:
             else:
                 table = _CircleTable(xx, yy, zz, term.size[0], term.shape)
             scale = term.force / (4 * term.size[0] * term.size[1]) if term.shape == "patch" else term.force
-            out += scale * np.stack(area_fields(table, zz, term.component, pad, names))
+            out += scale * np.stack(area_fields(table, zz, term.component, constants, names))
         return out
 
     def shifted(self, x: float, y: float) -> AreaContact:

@@ -1,26 +1,18 @@
-"""Line contact (plane strain) on a half-plane, by complex potentials.
-
-With zeta = x + i z and the Cauchy transform of a surface traction t, W = int t(s)/(zeta - s) ds, V' = W:
-
-    pressure:  pi s_zz = -Im W + z Re W'    pi s_xx = -Im W - z Re W'     pi s_xz = z Im W'
-    shear:     pi s_zz = z Im W'            pi s_xx = 2 Re W - z Im W'    pi s_xz = -Im W - z Re W'
-
-and displacements from Hooke's law (see `line_fields`). They follow from superposing the Flamant and tangential line loads
-s_ij = (2/pi) x_i x_j (z P + x Q)/r^4 (K. L. Johnson, Contact Mechanics, 1985, sections 2.2 to 2.7).
-"""
+"""Line contact (plane strain) on a half-plane: what presses, and its fields in closed form."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats, HalfSpace
-from palpate.elastic.quantities import check_channels
+from palpate.elastic.channels import check_channels
+from palpate.elastic.closed_form_line import Shape, line_fields, potentials
+from palpate.elastic.half_space import HalfSpace
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.solutions._common import check_half_space, positive, slip_ratio, smoothed_modulus
 
@@ -29,84 +21,9 @@ __all__ = [
     "flat_punch_line",
     "hertz_contact_half_width",
     "hertz_line",
-    "line_fields",
     "line_load",
-    "potentials",
     "strip",
 ]
-
-Complexes = npt.NDArray[Any]
-Shape = Literal["load", "strip", "hertz", "punch"]
-
-
-def potentials(shape: Shape, half_width: float, zeta: Complexes) -> tuple[Complexes, Complexes, Complexes]:
-    """(W, W', V) of a traction of unit force per length; V is chosen so that V ~ ln zeta far away."""
-    a = half_width
-    zeta = np.asarray(zeta, dtype=np.complex128)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        if shape == "load":
-            inverse: Complexes = 1.0 / zeta
-            return inverse, -(inverse**2), np.log(zeta)
-        right: Complexes = zeta + a
-        left: Complexes = zeta - a
-        if shape == "strip":
-            log_right, log_left = np.log(right), np.log(left)
-            ends: Complexes = np.where(right == 0, 0.0, right * log_right) - np.where(left == 0, 0.0, left * log_left)
-            return (
-                (log_right - log_left) / (2 * a),
-                (1.0 / right - 1.0 / left) / (2 * a),
-                ends / (2 * a) - 1.0,
-            )
-        root = np.sqrt(right) * np.sqrt(left)
-        outer = zeta + root
-        if shape == "hertz":
-            w = 2.0 / outer
-            return w, -2.0 / (root * outer), (zeta / outer - 0.5) + np.log(outer) - math.log(2.0)
-        return 1.0 / root, -zeta / root**3, np.log(outer) - math.log(2.0)
-
-
-def line_fields(
-    w: Complexes,
-    dw: Complexes,
-    v: Complexes,
-    depth: npt.ArrayLike,
-    component: str,
-    pad: HalfSpace,
-    channels: Sequence[str],
-) -> Floats:
-    """Channels (channel, ...) of a traction in ``component`` ("x" or "z") from its complex potentials."""
-    mu, nu = pad.shear_modulus, pad.poissons_ratio
-    z: Floats = np.asarray(depth, dtype=np.float64)
-    xx: Floats
-    zz: Floats
-    xz: Floats
-
-    def deep(part: Floats) -> Floats:  # z times a potential: 0 on the surface, even where the potential is singular
-        return np.asarray(z * np.where(z == 0, 0.0, part))
-
-    im_dw, re_dw = deep(dw.imag), deep(dw.real)
-    if component == "z":
-        xx, zz, xz = -w.imag - re_dw, -w.imag + re_dw, im_dw
-        ux = (1 - 2 * nu) * v.imag + deep(w.real)
-        uz = -2 * (1 - nu) * v.real - deep(w.imag)
-    else:
-        xx, zz, xz = 2 * w.real - im_dw, im_dw, -w.imag - re_dw
-        ux = -2 * (1 - nu) * v.real + deep(w.imag)
-        uz = deep(w.real) - (1 - 2 * nu) * v.imag
-    xx, zz, xz = xx / math.pi, zz / math.pi, xz / math.pi
-    half = 1.0 / (2.0 * mu)
-    table: dict[str, Callable[[], Floats]] = {
-        "stress_xx": lambda: xx,
-        "stress_zz": lambda: zz,
-        "stress_xz": lambda: xz,
-        "stress_yy": lambda: nu * (xx + zz),
-        "strain_xx": lambda: half * ((1 - nu) * xx - nu * zz),
-        "strain_zz": lambda: half * ((1 - nu) * zz - nu * xx),
-        "strain_xz": lambda: half * xz,
-        "displacement_x": lambda: half / math.pi * ux,
-        "displacement_z": lambda: half / math.pi * uz,
-    }
-    return np.stack([table[name]() for name in channels])
 
 
 @dataclass(frozen=True)
@@ -170,8 +87,10 @@ class LineContact:
         xx, zz = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(depth, dtype=np.float64))
         zeta = (xx - self.center) + 1j * zz
         out = np.zeros((len(names), *zeta.shape))
+        constants = (pad.shear_modulus, pad.poissons_ratio)
         for t in self.terms:
-            out += t.force * line_fields(*potentials(t.shape, t.half_width, zeta), zz, t.component, pad, names)
+            parts = potentials(t.shape, t.half_width, zeta)
+            out += t.force * line_fields(parts, zz, t.component, constants, names)
         return out
 
     def shifted(self, center: float) -> LineContact:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.elastic.channels import find_channel
 from palpate.elastic.half_space import Floats, Pad
 from palpate.errors import Unsupported
 from palpate.sensing.arrays import Array
@@ -99,7 +100,7 @@ class Case:
     @classmethod
     def of(cls, pad: Pad, planes: Sequence[Array], components: Sequence[str]) -> Case:
         """The case of a pad, its arrays and what is sought."""
-        kinds = {c.split("_")[0] for p in planes for c in p.channels}
+        kinds = {find_channel(c).kind.name for p in planes for c in p.channels}
         layered = getattr(pad, "thickness", None) is not None
         return cls(
             contact_kind(planes[0].dimensions, components),

@@ -19,9 +19,19 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats, HalfSpace
+from palpate.elastic.channels import find_channel
+from palpate.elastic.pad import Floats
 
-__all__ = ["PatchPrimitives", "PointTable", "RectangleTable", "Table", "area_fields", "lattice_table"]
+__all__ = [
+    "AreaFields",
+    "PatchPrimitives",
+    "PointTable",
+    "RectangleTable",
+    "Table",
+    "area_fields",
+    "cell_influence_area",
+    "lattice_table",
+]
 
 
 class Table(Protocol):
@@ -47,50 +57,96 @@ def _displacement_terms(i: str, s: str) -> tuple[_Terms, _Terms]:
     return plain, [(lambda nu: -1.0, i + s + "z")]
 
 
-def area_fields(table: Table, z: Any, source: str, pad: HalfSpace, channels: Sequence[str]) -> list[Any]:
-    """Channels of a unit traction along ``source`` ("x", "y" or "z") whose harmonic function is ``table``."""
-    mu, nu = pad.shear_modulus, pad.poissons_ratio
+class AreaFields:
+    """Fields of a unit traction along ``source`` ("x", "y" or "z") whose harmonic function is ``table``."""
 
-    def get(key: str) -> Any:
-        return table["".join(sorted(key))]
+    def __init__(self, table: Table, z: Any, source: str, constants: tuple[float, float]) -> None:
+        self._table, self._z, self._source = table, z, source
+        self._mu, self._nu = constants
+        self._deep = bool(np.any(np.asarray(z) != 0))
 
-    def total(terms: _Terms, more: str = "") -> Any:
+    def _get(self, key: str) -> Any:
+        return self._table["".join(sorted(key))]
+
+    def _total(self, terms: _Terms, more: str = "") -> Any:
         """Sum of terms; those without weight are not evaluated (they may be singular)."""
-        weighted = [(c(nu), key) for c, key in terms if c(nu) != 0.0]
-        return sum(c * get(key + more) for c, key in weighted) if weighted else 0.0 * get("zz")
+        weighted = [(c(self._nu), key) for c, key in terms if c(self._nu) != 0.0]
+        return sum(c * self._get(key + more) for c, key in weighted) if weighted else 0.0 * self._get("zz")
 
-    def displacement(i: str) -> Any:
-        plain, deep = _displacement_terms(i, source)
-        out = total(plain)
-        if np.any(np.asarray(z) != 0):
-            out = out + z * total(deep)
-        return out
-
-    def gradient(i: str, j: str) -> Any:
-        plain, deep = _displacement_terms(i, source)
-        out = total(plain, j)
+    def _gradient(self, i: str, j: str) -> Any:
+        """du_i/dx_j times 4 pi mu."""
+        plain, deep = _displacement_terms(i, self._source)
+        out = self._total(plain, j)
         if j == "z":
-            out = out + total(deep)
-        if np.any(np.asarray(z) != 0):
-            out = out + z * total(deep, j)
+            out = out + self._total(deep)
+        if self._deep:
+            out = out + self._z * self._total(deep, j)
         return out
 
-    result = []
-    for name in channels:
-        kind, index = name.split("_")
-        if kind == "displacement":
-            result.append(displacement(index) / (4 * np.pi * mu))
-            continue
-        i, j = index[0], index[1]
-        symmetric = gradient(i, i) if i == j else 0.5 * (gradient(i, j) + gradient(j, i))
-        if kind == "strain":
-            result.append(-symmetric / (4 * np.pi * mu))
-        else:
-            stress = -symmetric / (2 * np.pi)
-            if i == j and nu != 0.0:
-                stress = stress - nu / np.pi * get(source + "zz")
-            result.append(stress)
-    return result
+    def _symmetric(self, ij: str) -> Any:
+        i, j = ij[0], ij[1]
+        return self._gradient(i, i) if i == j else 0.5 * (self._gradient(i, j) + self._gradient(j, i))
+
+    def displacement(self, i: str) -> Any:
+        """u_i."""
+        plain, deep = _displacement_terms(i, self._source)
+        out = self._total(plain)
+        if self._deep:
+            out = out + self._z * self._total(deep)
+        return out / (4 * np.pi * self._mu)
+
+    def gradient(self, i: str, j: str) -> Any:
+        """du_i/dx_j."""
+        return self._gradient(i, j) / (4 * np.pi * self._mu)
+
+    def strain(self, ij: str) -> Any:
+        """Strain, compression positive."""
+        return -self._symmetric(ij) / (4 * np.pi * self._mu)
+
+    def stress(self, ij: str) -> Any:
+        """Stress, compression positive."""
+        stress = -self._symmetric(ij) / (2 * np.pi)
+        if ij[0] == ij[1] and self._nu != 0.0:
+            stress = stress - self._nu / np.pi * self._get(self._source + "zz")
+        return stress
+
+
+def area_fields(
+    table: Table, z: Any, source: str, constants: tuple[float, float], channels: Sequence[str]
+) -> list[Any]:
+    """Channels of a unit traction along ``source`` whose harmonic function is ``table``; ``constants`` are (mu, nu)."""
+    fields = AreaFields(table, z, source, constants)
+    return [find_channel(name).read(fields) for name in channels]
+
+
+def cell_influence_area(
+    constants: tuple[float, float],
+    offsets: Sequence[Floats],
+    widths: Sequence[float],
+    depth: float,
+    channels: Sequence[str],
+    *,
+    concentrated: bool,
+    damping: float,
+) -> Floats:
+    """Channels (channel, component, ..., ny, nx) per unit traction of one cell, see `palpate.HalfSpace.influence`."""
+    y, x = offsets
+    dy, dx = widths
+    table: Table
+    if concentrated:
+        table, scale = PointTable(x[..., None, :], y[..., :, None], depth + damping), dx * dy
+    else:
+        table, scale = lattice_table(_edges(x, dx), _edges(y, dy), depth + damping), 1.0
+    out = np.empty((len(channels), 3, *y.shape, x.shape[-1]))
+    for column, component in enumerate("xyz"):
+        for row, field in enumerate(area_fields(table, depth, component, constants, channels)):
+            out[row, column] = scale * field
+    return out
+
+
+def _edges(centres: Floats, spacing: float) -> Floats:
+    step = np.sign(centres[..., 1:2] - centres[..., :1]) * spacing / 2
+    return np.concatenate([centres[..., :1] - step, centres + step], axis=-1)
 
 
 class PointTable:
