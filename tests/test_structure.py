@@ -14,6 +14,7 @@ SOURCE = Path(pp.__file__).parent
 #: Rooms from the ground up: each may import only from those above it in this list (and from itself).
 ROOMS = [
     "errors",
+    "_memory",
     "status",
     "units",
     "_arrays",

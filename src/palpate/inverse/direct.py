@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy, irfftn, is_numpy, namespace, rfftn
+from palpate._memory import require
 from palpate.elastic.half_space import Pad
 from palpate.errors import NotObservable, Unsupported
 from palpate.inverse.regularised import LARGEST_BLOCK, Estimate
@@ -93,8 +94,15 @@ class LinearSolve:
         if unknowns > LARGEST_BLOCK:
             raise Unsupported(
                 f'method="linear" solves a dense system, here of {unknowns} unknowns (limit {LARGEST_BLOCK}); use '
-                'method="tikhonov" or "dft".'
+                'method="dft", or boundary="periodic" with method="tikhonov".'
             )
+        readings = sum(math.prod(a.shape) * len(a.channels) for a in planes)
+        # the map of all components twice, then what is sought of it: twice, its factors, and three more where it is not square
+        require(
+            8.0 * math.prod(self.grid.shape) * readings * (2.0 * len(self.grid.components) + 6.0 * len(self.columns)),
+            f'method="linear": {readings} readings and {unknowns} unknowns',
+            'Use method="dft".',
+        )
         operators: list[Operator] = [sampled_kernel(pad, a) for a in planes]
         blocks = [
             op.dense().reshape(-1, len(self.grid.components), *self.grid.shape)[:, self.columns] for op in operators

@@ -22,12 +22,13 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import from_numpy, to_numpy
+from palpate._memory import require
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.cone import Cone, minimise
 from palpate.inverse.parameter import tikhonov
 from palpate.inverse.priors import DifferencePrior
-from palpate.inverse.regularised import Estimate, Regularised
+from palpate.inverse.regularised import Estimate, Regularised, check_spectrum
 from palpate.inverse.stencil import Stencil
 from palpate.inverse.whitening import Readings
 from palpate.sensing.operator import Operator
@@ -72,12 +73,23 @@ class Family:
             and not (math.isfinite(parameter) and parameter > 0)
         ):
             raise InvalidInput(f"parameter must be a positive number or a rule; got {parameter!r}.")
+        check_spectrum(operator.pad, operator.planes_of, operator.surface, len(columns))
         unknowns = len(columns) * math.prod(operator.surface.shape)
+        readings = sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)
         if unknowns > LARGEST:
             raise Unsupported(
                 f'method="{method}" keeps the whole map, and {unknowns} unknowns are too many (limit {LARGEST}). Give a '
                 'coarser surface (Skin(..., surface=...)), or use method="adaptive" or "tikhonov".'
             )
+        # the whole map twice, what is sought of it scaled and whitened, and a handful of normal matrices
+        require(
+            8.0
+            * readings
+            * (2.0 * len(operator.surface.components) * math.prod(operator.surface.shape) + 2.0 * unknowns)
+            + 48.0 * unknowns**2,
+            f'method="{method}": {readings} readings and {unknowns} unknowns',
+            'Use method="adaptive" or "tikhonov".',
+        )
         names = tuple(operator.surface.components[c] for c in columns)
         if "z" not in names:
             raise Unsupported(f'method="{method}" keeps pressure from pulling: seek component z as well.')

@@ -12,13 +12,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import device_of, from_numpy, irfftn, namespace, rfftn
+from palpate._memory import require
 from palpate.elastic.channels import find_channel
+from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.pad import Floats, Pad
 from palpate.elastic.quantities import transfer
 from palpate.errors import InvalidInput, Unsupported
@@ -107,6 +110,13 @@ class _Convolution:
         self.rows, self.count = len(array.channels), len(grid.components)
         lags = [np.arange(-(n - 1), (m - 1) * r + 1) for n, m, r in zip(self.cells, self.taxels, self.ratios)]
         offsets = [s + lag * dx for s, lag, dx in zip(shifts, lags, grid.spacings)]
+        # numbers held for each lag at the most, measured: the kernel, its padded copy, its transform and what the formulas need
+        held = (10 + 8 * self.rows) if isinstance(pad, HalfSpace) else (60 + 80 * self.rows)
+        require(
+            8.0 * held * math.prod(len(lag) for lag in lags),
+            f"{' x '.join(map(str, self.taxels))} taxels and {' x '.join(map(str, self.cells))} surface cells",
+            "Describe the array in parts that overlap by a few depths.",
+        )
         self.kernel = influence(
             pad,
             offsets,
@@ -190,6 +200,11 @@ class _Dense:
                 f"{total / 1e9:.1f} GB (limit {LARGEST_DENSE / 1e9:.0f} GB). Give a coarser surface, or grid the recording "
                 "(Recording.gridded, palpate convert --grid) and use an AreaArray."
             )
+        require(
+            total + 8.0 * rows * columns * max(2_000_000, math.prod(grid.shape)) * 4.0,
+            f"{len(points)} scattered positions and {math.prod(grid.shape)} surface cells",
+            "Give a coarser surface, or grid the recording (Recording.gridded, palpate convert --grid).",
+        )
         rules = _rules(array, grid, None)
         matrix = np.empty((rows, len(points), columns, *grid.shape))
         chunk = max(1, 2_000_000 // math.prod(grid.shape))
@@ -270,6 +285,11 @@ class _Periodic:
 
     def __init__(self, pad: Pad, array: Array, grid: Grid) -> None:
         self.rows, self.count, self.size = len(array.channels), len(grid.components), grid.shape
+        require(
+            16.0 * 3.0 * self.rows * self.count * math.prod(grid.shape),
+            f"{' x '.join(map(str, array.shape))} taxels on a periodic surface",
+            "Cut the readings into parts that overlap by a few depths.",
+        )
         self.transfer = periodic_transfer(pad, grid, array)
         self.spectrum = _Cached(self.transfer)
 
@@ -320,7 +340,6 @@ class Operator:
 
     def __init__(self, pad: Pad, planes: Sequence[Array], surface: Grid, boundary: Boundary = "free") -> None:
         self.pad, self.planes_of, self.surface, self.boundary = pad, tuple(planes), surface, boundary
-        self.planes: list[_Plane] = []
         for array in planes:
             if array.dimensions != surface.dimensions:
                 raise InvalidInput(
@@ -330,13 +349,21 @@ class Operator:
                 )
             if boundary == "periodic":
                 _check_periodic(array, surface)
-                self.planes.append(_Periodic(pad, array, surface))
-            elif _commensurate(array, surface) is None:
-                self.planes.append(_Dense(pad, array, surface))
-            else:
-                self.planes.append(_Convolution(pad, array, surface))
         self._weights = [_Cached(a.valid.astype(np.float64)) if a.mask is not None else None for a in planes]
         self._floating = [_floating_channels(pad, a, boundary) for a in planes]
+
+    @cached_property
+    def planes(self) -> list[_Plane]:
+        """The map of each array, made when it is first needed: a method that cannot serve the size says so before."""
+        made: list[_Plane] = []
+        for array in self.planes_of:
+            if self.boundary == "periodic":
+                made.append(_Periodic(self.pad, array, self.surface))
+            elif _commensurate(array, self.surface) is None:
+                made.append(_Dense(self.pad, array, self.surface))
+            else:
+                made.append(_Convolution(self.pad, array, self.surface))
+        return made
 
     def forward(self, traction: Any) -> list[Any]:
         """Readings of each plane for traction (..., component, *surface)."""

@@ -1,0 +1,190 @@
+"""A size that cannot be served is refused before any work, with what it needs, what is free, and what serves that very input."""
+
+from __future__ import annotations
+
+import re
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate import _memory
+from palpate.inverse import regularised
+from palpate.inverse.regularised import Regularised, spectrum_memory
+from palpate.sensing import operator as operators
+
+PAD = pp.HalfSpace(youngs_modulus=5e3, poissons_ratio=0.48)
+STRESS = ["stress_xz", "stress_yz", "stress_zz"]
+DISPLACEMENT = ["displacement_x", "displacement_y"]
+
+
+def area(n: int, channels: list[str], **options: Any) -> Any:
+    return pp.AreaArray(shape=(n, n), pitch=1e-3, depth=2e-3, channels=channels, **options)
+
+
+def scattered(n: int) -> Any:
+    positions = np.random.default_rng(0).uniform(0.0, 1e-5 * n, (n * n, 2))
+    return pp.ScatteredArray(positions=positions, depth=0.0, channels=DISPLACEMENT)
+
+
+def without_one(array: Any) -> Any:
+    working = np.ones(array.shape, dtype=bool)
+    working[3, 4] = False
+    return array.masked(working)
+
+
+CASES: dict[str, tuple[Any, dict[str, Any], float, str]] = {
+    # array, options, bytes free, remedy
+    "127 x 127 displacements": (area(127, DISPLACEMENT), {}, 23e9, "periodic"),
+    "128 x 128 displacements": (area(128, DISPLACEMENT), {}, 23e9, "periodic"),
+    "96 x 96 displacements": (area(96, DISPLACEMENT), {}, 23e9, "periodic"),
+    "the same, constrained": (area(96, STRESS), {"method": "constrained"}, 23e9, "periodic"),
+    "the same, nnls": (area(96, STRESS), {"method": "nnls"}, 23e9, "periodic"),
+    "64 x 64 stresses, 2 GB free": (area(64, STRESS), {}, 2e9, "every 2nd taxel"),
+    "60 x 60 stresses, one dead": (without_one(area(60, STRESS)), {}, 23e9, "2nd taxel"),
+    "4900 beads": (scattered(70), {}, 23e9, "Grid the recording"),
+    "22500 beads": (scattered(150), {}, 23e9, "Grid the recording"),
+    "correlated noise": (area(96, STRESS, noise=5.0, noise_correlation=2e-3), {}, 23e9, "2nd taxel"),
+    "2000 x 2000, periodic": (area(2000, DISPLACEMENT), {"boundary": "periodic"}, 1e9, "parts"),
+    "2000 x 2000, dft": (area(2000, STRESS), {"method": "dft"}, 1e9, "parts"),
+}
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_refused_before_any_work(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    array, options, free, remedy = CASES[name]
+
+    def begun(*_: Any, **__: Any) -> Any:
+        raise RuntimeError("work was begun")
+
+    monkeypatch.setattr(operators, "influence", begun)
+    monkeypatch.setattr(operators, "periodic_transfer", begun)
+    monkeypatch.setattr(regularised, "periodic_transfer", begun)
+    for module in (_memory, regularised):
+        monkeypatch.setattr(module, "available", lambda: int(free))
+    options = dict(options)
+    skin = pp.Skin(PAD, array, boundary=options.pop("boundary", "free"))
+    readings = np.broadcast_to(0.0, (len(array.channels), *array.shape))
+    tracemalloc.start()
+    try:
+        with pytest.raises(pp.Unsupported) as refused:
+            skin._solver(
+                options.get("method") or skin._default_method(None, dict.fromkeys(("order", "parameter"))),
+                *_arguments(skin),
+            )
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    message = str(refused.value)
+    assert remedy in message
+    assert re.search(r"need about [\d.]+ [GM]B of memory", message)
+    assert f"{_memory.gigabytes(free)} are free" in message
+    assert peak < 20e6 + 48 * readings[0].size  # where the taxels are
+    assert len(message) < 500
+
+
+def _arguments(skin: pp.Skin) -> tuple[Any, ...]:
+    names = ("spectrum", "order", "parameter", "length", "friction")
+    return skin.components, dict.fromkeys(names)
+
+
+def test_the_periodic_remedy_serves_that_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    array = area(96, DISPLACEMENT)
+    with pytest.raises(pp.Unsupported, match="periodic"):
+        pp.Skin(PAD, array).reconstruct(np.zeros((2, 96, 96)))
+    readings = np.random.default_rng(0).normal(size=(2, 96, 96)) * 1e-7
+    touch = pp.Skin(PAD, array, boundary="periodic").reconstruct(readings)
+    assert np.isfinite(touch.values).all()
+
+
+@pytest.mark.parametrize(
+    "name", ["64 x 64 stresses, 2 GB free", "60 x 60 stresses, one dead", "4900 beads", "correlated noise"]
+)
+def test_the_remedy_is_accepted(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the message proposes passes the same checks."""
+    array, _, free, _ = CASES[name]
+    monkeypatch.setattr(regularised, "available", lambda: int(free))
+    skin = pp.Skin(PAD, array)
+    with pytest.raises(pp.Unsupported) as refused:
+        regularised.check_spectrum(skin.pad, skin.planes, skin.surface, len(skin.components))
+    message = str(refused.value)
+    if name == "4900 beads":
+        pitch = re.search(r"gridded\(([^)]*)\)", message)
+        assert pitch is not None
+        positions = array.points[:, ::-1]
+        recording = pp.Recording(readings=np.zeros((1, 2, len(positions))), channels=DISPLACEMENT, positions=positions)
+        shape = recording.gridded(float(pitch[1])).readings.shape[2:]
+        fewer: Any = pp.AreaArray(shape=shape, pitch=float(pitch[1]), depth=0.0, channels=DISPLACEMENT)
+    else:
+        step = re.search(r"::(\d+)", message)
+        assert step is not None
+        k = int(step[1])
+        shape = np.zeros(array.shape)[::k, ::k].shape
+        fewer = pp.AreaArray(shape=shape, pitch=k * 1e-3, depth=array.depth, channels=array.channels)
+        if name.endswith("dead"):
+            fewer = fewer.masked(array.valid[::k, ::k])
+    thin = pp.Skin(PAD, fewer)
+    regularised.check_spectrum(thin.pad, thin.planes, thin.surface, len(thin.components))
+
+
+@pytest.mark.parametrize(
+    "array",
+    [area(20, STRESS), area(28, ["stress_zz"]), without_one(area(18, STRESS)), scattered(22)],
+    ids=["blocks", "one channel", "masked", "scattered"],
+)
+def test_the_estimate_is_what_is_allocated(array: Any) -> None:
+    from palpate.inverse.parameter import tikhonov
+    from palpate.inverse.priors import DifferencePrior
+
+    skin = pp.Skin(PAD, array)
+    columns = [skin.surface.components.index(c) for c in skin.components]
+    skin.operator.planes  # noqa: B018
+    tracemalloc.start()
+    try:
+        Regularised(skin.operator, [DifferencePrior(skin.surface, 1)] * len(columns), columns, tikhonov, "evidence")
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    estimate = spectrum_memory(skin.pad, skin.planes, skin.surface, len(columns))
+    assert 1 / 1.6 < estimate / peak < 1.6
+
+
+# -- what is free ------------------------------------------------------------------------------------------------------
+
+
+def test_the_least_of_machine_group_and_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    files = {
+        "/proc/meminfo": "MemTotal: 9000000 kB\nMemFree: 10 kB\nMemAvailable: 8000000 kB\n",
+        "/proc/self/cgroup": "0::/job/step\n",
+        "/sys/fs/cgroup/job/memory.max": "3000000000\n",
+        "/sys/fs/cgroup/job/memory.current": "2500000000\n",
+        "/sys/fs/cgroup/job/memory.stat": "anon 5\ninactive_file 500000000\n",
+        "/sys/fs/cgroup/job/step/memory.max": "max\n",
+        "/sys/fs/cgroup/job/step/memory.current": "100\n",
+    }
+
+    def text(path: Path) -> str:
+        return files.get(str(path), "")
+
+    monkeypatch.setattr(_memory, "_text", text)
+    assert _memory.available() == 1_000_000_000  # of a parent group, its file cache counted as free
+    files["/proc/self/cgroup"] = "4:memory:/old\n1:name=systemd:/\n"
+    files["/sys/fs/cgroup/memory/old/memory.limit_in_bytes"] = "700000000\n"
+    files["/sys/fs/cgroup/memory/old/memory.usage_in_bytes"] = "600000000\n"
+    assert _memory.available() == 100_000_000
+    del files["/proc/self/cgroup"]
+    assert _memory.available() == 8_192_000_000
+    monkeypatch.setattr(_memory, "_address_space", lambda: -5)
+    assert _memory.available() == 0
+
+
+def test_small_things_are_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_memory, "available", lambda: 0)
+    _memory.require(1e6, "these", "Nothing.")
+    with pytest.raises(pp.Unsupported, match="need about 60 MB of memory, and 0 MB are free"):
+        _memory.require(6e7, "These", "Nothing.")
+    monkeypatch.setattr(_memory, "available", lambda: None)
+    _memory.require(1e30, "These", "Nothing.")
