@@ -68,6 +68,8 @@ def main() -> None:
         # as ctrl-C does: what is half-written is removed on the way out
         signal.signal(signal.SIGTERM, _stop)
         code = app(standalone_mode=False)
+        if code == 130:  # typer's word for ctrl-C, without a sentence
+            raise KeyboardInterrupt
     except (typer.Abort, KeyboardInterrupt):
         _fail("stopped", 130)
     except _Stopped:

@@ -24,7 +24,10 @@ def convert(
         str | None,
         typer.Option(help="Columns x, y and channels of a foreign CSV (x,y,u,v), or data sets pos,vec of HDF5."),
     ] = None,
-    channels: Annotated[str, typer.Option(help="What the columns measure.")] = "displacement_x,displacement_y",
+    channels: Annotated[
+        str | None,
+        typer.Option(help="What the columns or the messages measure (default displacement_x,displacement_y)."),
+    ] = None,
     pixel: Annotated[
         str | None,
         typer.Option(help='Size of a pixel, e.g. "0.77 um", where positions and displacements are in pixels.'),
@@ -66,9 +69,16 @@ def convert(
     file_format(target)
     check_output(target, inputs=[source, *skin_files(skin_file)], force=force)
     described = bool(path or fields or scale != "1" or shape or markers)
+    if channels is not None and columns is None and topic is None:
+        raise InvalidInput("--channels says what --columns or the messages of a --topic measure: name one of them.")
+    names = (channels or "displacement_x,displacement_y").split(",")
     if topic is not None or described or salvage or skin_file is not None:
         if columns is not None:
             raise InvalidInput("--columns describes a table; --topic, --skin and --salvage what a robot recorded.")
+        if pixel or position_unit or reading_unit or follow:
+            raise InvalidInput(
+                "--pixel, --position-unit, --reading-unit and --follow describe a table; use --scale for the numbers of a --topic."
+            )
         if described and topic is None:
             raise InvalidInput(
                 "--path, --fields, --scale, --shape and --markers describe the messages of a --topic: name it."
@@ -81,7 +91,7 @@ def convert(
         if topic is not None:
             mapping = TopicMapping(
                 topic=topic,
-                channels=channels.split(","),
+                channels=names,
                 path=path,
                 fields=fields.split(",") if fields else (),
                 scale=numbers(scale, "--scale"),
@@ -90,6 +100,8 @@ def convert(
             )
             if not (is_bag(source) or source.suffix.lower() == ".mcap"):
                 raise InvalidInput(f"--topic describes an .mcap file or a bag; got {source}.")
+        if skin_file is not None and not (is_bag(source) or source.suffix.lower() == ".mcap"):
+            raise InvalidInput(f"the section [stream] of a --skin describes an .mcap file or a bag; got {source}.")
         recording = read_recording(source, mapping=mapping, salvage=salvage)
     elif columns is None:
         if pixel or position_unit or reading_unit or follow:
@@ -98,8 +110,9 @@ def convert(
             )
         recording = read_recording(source)
     else:
-        names = channels.split(",")
         units = {channel_unit(c) for c in known_channels(names)}
+        if follow and not any(c.startswith("displacement") for c in names):
+            raise InvalidInput("--follow moves markers by their displacement; these channels hold none.")
         if pixel is not None:
             if position_unit or reading_unit:
                 raise InvalidInput(

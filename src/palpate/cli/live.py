@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from palpate.cli.files import check_output, provenance, skin_files, skin_text
-from palpate.cli.options import check_matching, grasp_monitor
+from palpate.cli.options import check_matching, check_watched, grasp_monitor
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
@@ -26,7 +26,10 @@ def live(
     ws: Annotated[int | None, typer.Option(min=1, max=65535, help="Take frames by WebSocket on this port.")] = None,
     demo: Annotated[bool, typer.Option("--demo", help="A simulated finger: needs nothing else.")] = False,
     friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
-    baseline: Annotated[int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches.")] = 0,
+    baseline: Annotated[
+        int | None,
+        typer.Option(min=0, help="Frames at the start that are the zero: nothing touches (default 0; 20 with --demo)."),
+    ] = None,
     max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
     max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,
     speed: Annotated[float, typer.Option(help="Replay so many times faster.")] = 1.0,
@@ -67,6 +70,10 @@ def live(
         raise InvalidInput("--demo brings its own skin." if demo else "what is shown needs its skin: --skin skin.toml.")
     if not (np.isfinite(speed) and speed > 0):
         raise InvalidInput(f"--speed must be a positive number; got {speed:g}.")
+    if recording_file is None and speed != 1.0:
+        raise InvalidInput("--speed is that of a RECORDING that is replayed; what comes live has its own.")
+    if listening and loop:
+        raise InvalidInput("--loop begins a RECORDING again; what comes from the network has no end.")
     if record_to is not None and not record_to.is_dir():
         raise InvalidInput(f"--record-to {record_to}: no such folder.")
     if record is not None:
@@ -82,7 +89,9 @@ def live(
         from palpate.simulation import demonstration
 
         skin, frames = demonstration()
-        friction, baseline, loop, name = friction or 0.6, baseline or 20, True, "simulated finger"
+        friction = 0.6 if friction is None else friction
+        baseline = 20 if baseline is None else baseline
+        loop, name = True, "simulated finger"
 
         source: Any = frames
     elif recording_file is None:
@@ -110,10 +119,10 @@ def live(
         def source() -> Iterator[tuple[float, Any]]:
             yield from zip((recording.time / speed).tolist(), recording.readings)
 
+    check_watched(skin, friction, max_pressure, max_force)
     monitor = grasp_monitor(skin, friction, max_pressure, max_force)
     with busy("preparing the skin"):
-        bound = friction if {"z"} < set(skin.components) else None
-        tracker = skin.track(friction=bound, baseline=baseline, budget=BUDGET)
+        tracker = skin.track(friction=friction, baseline=baseline or 0, budget=BUDGET)
     sinks: list[Sink] = []
     if foxglove is not None:
         sinks.append(FoxgloveServer(recorded(skin)["channels"], port=foxglove))

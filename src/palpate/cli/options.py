@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,21 @@ def grasp_monitor(
         max_force=None if force is None else parse_quantity(force, kind, "--max-force"),
         callback=callback,
     )
+
+
+def check_watched(skin: Skin, friction: float | None, pressure: str | None, force: str | None) -> None:
+    """Refuse what these channels cannot tell: a limit that is never reached would look like safety."""
+    if friction is not None and not (math.isfinite(friction) and friction > 0):
+        raise InvalidInput(f"--friction must be a positive number; got {friction:g}.")
+    if friction is not None and not {"z"} < set(skin.components):
+        raise InvalidInput(
+            f"--friction ties shear to pressure, but these channels tell only {', '.join(skin.components)}: leave it out, or measure more "
+            "channels."
+        )
+    if "z" not in skin.components and not (pressure is None and force is None):
+        raise InvalidInput(
+            f"--max-pressure and --max-force watch the pressure, but these channels tell only {', '.join(skin.components)}: leave them out."
+        )
 
 
 def numbers(text: str, option: str) -> list[float]:

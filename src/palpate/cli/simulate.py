@@ -58,6 +58,10 @@ def simulate(
     body = _contact(skin, contact, force, size, x, y, friction, drag, direction)
     full = skin.sample(body)
     noisy = all(p.noise_std is not None for p in skin.planes)
+    if not noisy and any(p.noise_std is not None for p in skin.planes):
+        raise InvalidInput(
+            f"{skin_file}: some planes name their noise and others do not; name it for all, or for none."
+        )
     rng = np.random.default_rng(seed) if noisy else None
     scale = (np.arange(frames) + 1.0) / frames
     stamps = np.arange(frames) / rate
@@ -99,6 +103,10 @@ def _contact(
         raise InvalidInput(
             f"friction must not be negative and drag must lie between 0 and 1; got {friction:g} and {drag:g}."
         )
+    if friction == 0 and drag != 1:
+        raise InvalidInput(f"--drag {drag:g} is a part of friction * force: give --friction too.")
+    if friction * drag == 0 and direction:
+        raise InvalidInput(f"--direction {direction:g} is that of a drag: give --friction, and a --drag above 0.")
     if load <= 0 or a <= 0:
         raise InvalidInput(f"force and size must be positive; got {force} and {size}.")
     if line:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.files import Force, check_output, provenance, skin_files
-from palpate.cli.options import check_matching, grasp_monitor
+from palpate.cli.options import check_matching, check_watched, grasp_monitor
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
@@ -51,11 +51,11 @@ def track(
     check_matching(recording, skin)
     if not baseline < len(recording.readings):
         raise InvalidInput(f"--baseline {baseline} leaves nothing of {len(recording.readings)} frames.")
+    check_watched(skin, friction, max_pressure, max_force)
     monitor = grasp_monitor(skin, friction, max_pressure, max_force, lambda event: typer.echo(str(event)))
-    bound = friction if {"z"} < set(skin.components) else None
     touches, seconds = [], []
     with busy("preparing the skin"):
-        tracker = skin.track(friction=bound, baseline=baseline, budget=None if budget is None else 1e-3 * budget)
+        tracker = skin.track(friction=friction, baseline=baseline, budget=None if budget is None else 1e-3 * budget)
     record = provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
     with contextlib.ExitStack() as stack:
         stack.enter_context(tracker)

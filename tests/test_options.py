@@ -1,0 +1,122 @@
+"""Every option of a command reaches its target or is refused; none is dropped."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate.cli import app
+from palpate.recordings import write_recording
+from palpate.recordings.recording import Recording
+
+SKIN = """\
+[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "line"
+count = 16
+pitch = "1 mm"
+depth = "1.2 mm"
+channels = ["stress_zz"]
+"""
+STREAM = SKIN + '\n[stream]\ntopic = "/finger"\nunit = "Pa"\n'
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working directory: a skin that tells pressure, one that tells shear alone, one with noise on one of two planes."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["palpate"])
+    (tmp_path / "skin.toml").write_text(SKIN)
+    (tmp_path / "stream.toml").write_text(STREAM)
+    plane = SKIN[SKIN.index("[[plane]]") :]
+    (tmp_path / "two.toml").write_text(SKIN + plane.replace("1.2 mm", "2.4 mm") + 'noise = "5 Pa"\n')
+    write_recording(Recording(readings=np.ones((3, 1, 16)), channels=("stress_zz",)), "r.nc")
+    (tmp_path / "t.csv").write_text("x,y,u,v\n1,2,0.1,0.1\n3,5,0.1,0.1\n")
+    return tmp_path
+
+
+LIVE = ("live", "r.nc", "--skin", "skin.toml")
+TRACK = ("track", "r.nc", "--skin", "skin.toml")
+SIMULATE = ("simulate", "--skin", "skin.toml", "--force", "20 N/m", "--out", "new.nc")
+TABLE = ("convert", "t.csv", "new.nc", "--columns", "x,y,u,v")
+REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
+    "speed of a demo": (("live", "--demo", "--speed", "2"), "--speed"),
+    "speed of the network": (("live", "--udp", "9000", "--skin", "skin.toml", "--speed", "2"), "--speed"),
+    "loop of the network": (("live", "--tcp", "9000", "--skin", "skin.toml", "--loop"), "--loop"),
+    "demo on no friction": (("live", "--demo", "--friction", "0"), "--friction must be"),
+    "live friction below 0": ((*LIVE, "--friction", "-0.4"), "--friction must be"),
+    "live friction without shear": ((*LIVE, "--friction", "0.4"), "tell only z"),
+    "track friction below 0": ((*TRACK, "--friction", "-0.4"), "--friction must be"),
+    "track friction without shear": ((*TRACK, "--friction", "0.4"), "tell only z"),
+    "drag without friction": ((*SIMULATE, "--drag", "0.5"), "--friction too"),
+    "direction without friction": ((*SIMULATE[:2], "area.toml", *SIMULATE[3:], "--direction", "30"), "--direction"),
+    "noise of one plane": ((*SIMULATE[:2], "two.toml", *SIMULATE[3:]), "noise"),
+    "channels of nothing": (("convert", "r.nc", "new.nc", "--channels", "stress_zz"), "--channels"),
+    "pixel of a topic": (("convert", "a.mcap", "new.nc", "--topic", "/a", "--pixel", "1 um"), "--pixel"),
+    "follow of a topic": (("convert", "a.mcap", "new.nc", "--topic", "/a", "--follow"), "--follow"),
+    "unit while salvaging": (("convert", "r.nc", "new.nc", "--salvage", "--reading-unit", "kPa"), "--reading-unit"),
+    "stream of a table": (("convert", "r.nc", "new.nc", "--skin", "stream.toml"), "bag"),
+    "follow without displacement": (
+        (*TABLE, "--channels", "stress_xz,stress_yz", "--position-unit", "mm", "--reading-unit", "Pa", "--follow"),
+        "--follow",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(REFUSED))
+def test_what_has_no_meaning_is_refused(name: str, folder: Path) -> None:
+    arguments, message = REFUSED[name]
+    area = SKIN.replace('"line"', '"area"').replace("count = 16", "shape = [6, 6]")
+    (folder / "area.toml").write_text(area)
+    if "area.toml" in arguments:
+        arguments = tuple(a.replace("20 N/m", "1 N") for a in arguments)
+    with pytest.raises(pp.InvalidInput, match=message):
+        app(list(arguments), standalone_mode=False)
+    assert not (folder / "new.nc").exists()
+
+
+def test_limits_that_cannot_be_watched(folder: Path) -> None:
+    (folder / "skin.toml").write_text(SKIN.replace("stress_zz", "stress_xz"))
+    write_recording(Recording(readings=np.ones((3, 1, 16)), channels=("stress_xz",)), "x.nc")
+    skin = pp.Skin.from_file("skin.toml")
+    if "z" in skin.components:
+        pytest.fail("this skin was meant to tell shear alone")
+    for option, value in (("--max-pressure", "40 kPa"), ("--max-force", "2 N/m")):
+        with pytest.raises(pp.InvalidInput, match="tell only x"):
+            app(["track", "x.nc", "--skin", "skin.toml", option, value], standalone_mode=False)
+
+
+@pytest.mark.parametrize(("given", "used"), [((), (20, 0.6)), (("--baseline", "0", "--friction", "0.3"), (0, 0.3))])
+def test_the_demo_takes_baseline_and_friction(
+    given: tuple[str, ...], used: tuple[int, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: dict[str, Any] = {}
+
+    class Enough(Exception):
+        pass
+
+    class Skin:
+        components = ("x", "y", "z")
+        surface = pp.AreaGrid(shape=(4, 4), spacing=1e-3)
+
+        def track(self, **options: Any) -> None:
+            seen.update(options)
+            raise Enough
+
+    def frames() -> Iterator[Any]:
+        yield from ()
+
+    monkeypatch.setattr("palpate.simulation.demonstration", lambda: (Skin(), frames))
+    with pytest.raises(Enough):
+        app(["live", "--demo", *given], standalone_mode=False)
+    assert (seen["baseline"], seen["friction"]) == used

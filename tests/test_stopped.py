@@ -1,0 +1,130 @@
+"""Commands that are stopped, and disks that do not take a result: what is left, what is said, and the exit code."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate.cli import main
+from palpate.recordings import files, read_recording, write_recording
+from palpate.recordings.recording import Recording
+
+SKIN = """\
+[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "line"
+count = 16
+pitch = "1 mm"
+depth = "1.2 mm"
+channels = ["stress_zz"]
+noise = "5 Pa"
+"""
+COMMANDS = {
+    "simulate": ["simulate", "--skin", "skin.toml", "--force", "20 N/m", "--overwrite", "--out"],
+    "reconstruct": ["reconstruct", "r.nc", "--skin", "skin.toml", "--force", "--method", "tikhonov", "--out"],
+    "track": ["track", "r.nc", "--skin", "skin.toml", "--force", "--out"],
+    "convert": ["convert", "r.nc", "--force"],
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The working directory: a skin, a recording, and a result from before. The signals are ours again afterwards."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "skin.toml").write_text(SKIN)
+    skin = pp.Skin.from_file("skin.toml")
+    readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=20.0), rng=np.random.default_rng(0))
+    write_recording(Recording(readings=np.stack([readings] * 3), channels=("stress_zz",)), "r.nc")
+    for name in ("old.nc", "old.npz", "old.csv"):
+        (tmp_path / name).write_text("old")
+    before = signal.getsignal(signal.SIGTERM)
+    yield tmp_path
+    signal.signal(signal.SIGTERM, before)
+
+
+def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setattr(sys, "argv", ["palpate", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("command", list(COMMANDS))
+def test_stopped_while_writing(
+    command: str,
+    number: int,
+    code: int,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The signal comes when all is written and nothing is in place yet."""
+    settle = files._settle
+
+    def stopped(path: Path) -> None:
+        settle(path)
+        os.kill(os.getpid(), number)
+
+    monkeypatch.setattr(files, "_settle", stopped)
+    before = sorted(os.listdir(folder))
+    for name in ("old.nc", "old.npz") if command == "track" else ("old.nc",):
+        assert run(*COMMANDS[command], name, monkeypatch=monkeypatch) == code
+        said = capsys.readouterr().err
+        assert said.startswith("error: stopped")
+        assert len(said.strip().splitlines()) == 1
+        assert (folder / name).read_text() == "old"
+    assert sorted(os.listdir(folder)) == before
+
+
+@pytest.mark.parametrize("command", list(COMMANDS))
+@pytest.mark.parametrize("reason", [errno.ENOSPC, errno.EDQUOT, errno.EIO])
+def test_a_disk_that_does_not_take_it(
+    command: str,
+    reason: int,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(reason, os.strerror(reason))
+
+    before = sorted(os.listdir(folder))
+    monkeypatch.setattr(os, "fsync", full)
+    assert run(*COMMANDS[command], "old.npz", monkeypatch=monkeypatch) == 1
+    said = capsys.readouterr().err
+    assert os.strerror(reason) in said
+    assert "old.npz: writing failed" in said
+    assert "what was there is kept" in said
+    assert len(said.strip().splitlines()) == 1
+    assert (folder / "old.npz").read_text() == "old"
+    assert sorted(os.listdir(folder)) == before
+
+
+def test_killed_while_writing(folder: Path) -> None:
+    """Nothing can tidy up then, but what was there is whole, and so is the recording."""
+    code = (
+        "import os, sys\n"
+        "from palpate.cli import main\n"
+        "from palpate.recordings import files\n"
+        "files._settle = lambda path: os.kill(os.getpid(), 9)\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *COMMANDS["convert"], "old.csv"], check=False, timeout=120)
+    assert done.returncode == -signal.SIGKILL
+    assert (folder / "old.csv").read_text() == "old"
+    assert len(read_recording("r.nc").readings) == 3
+    assert len(list(folder.glob(".palpate-*"))) == 1
