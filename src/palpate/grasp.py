@@ -23,6 +23,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput
+from palpate.status import Status
 from palpate.touch import Touch
 
 __all__ = ["Event", "GraspMonitor", "GraspState"]
@@ -153,6 +154,11 @@ class GraspMonitor:
             raise InvalidInput("a GraspMonitor needs the pressure: seek component z.")
         time = float(self._frames if touch.time is None else touch.time)
         self._frames += 1
+        if touch.status is not None and not Status.coded(int(touch.status)).known:
+            # nothing is known of this frame: what goes on goes on, and nothing is said to have ended
+            lost = np.full(len(touch.surface.components), math.nan)
+            self.state = GraspState(time, False, lost, math.nan, math.nan, *self._friction())
+            return []
         values = to_numpy(touch.values).astype(np.float64)
         force = to_numpy(touch.force).astype(np.float64)
         touching = bool(values[-1].any()) if touch.touching is None else bool(touch.touching)

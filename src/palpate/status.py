@@ -80,5 +80,10 @@ class Status(enum.IntEnum):
         """The member with this label."""
         return next(s for s in cls if s.label == label)
 
+    @classmethod
+    def coded(cls, code: int) -> Status:
+        """The member with this code, as arrays and files keep it."""
+        return next(s for s in cls if s == code)
+
     def __str__(self) -> str:
         return self.label

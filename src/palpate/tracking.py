@@ -27,6 +27,7 @@ from palpate.errors import InvalidInput
 from palpate.inverse.account import Errors
 from palpate.inverse.constrained import FAINT, MARGIN, MODEL_ERROR, Constrained, grown
 from palpate.sensing.readings import Layout
+from palpate.status import Status
 from palpate.touch import Touch
 from palpate.uncertainty import Case
 
@@ -46,16 +47,26 @@ EVERY = 8
 UNEXPLAINED, GROSS = 8.0, 0.1
 #: A reading is left out after so many bad frames (or looks) in a row, and taken back after as many good ones.
 BAD, GOOD = 5, 40
-#: Frames in which a reading may repeat itself exactly while others move.
+#: Frames in which a reading, or the whole sensor, may repeat itself exactly.
 STUCK = 50
+#: A sensor is taken for frozen only where so small a part of its frames repeated themselves before.
+SELDOM = 0.1
+#: A frame is answered where at least this part of the readings is finite, in range and not left out.
+ENOUGH = 0.5
+#: Noise is not learned to be less than this part of the largest reading: single precision tells no more.
+FINEST_NOISE = 1e-6
 #: The penalty is learned again when the energy of the readings has changed by this factor.
 RELEARN = 4.0
 #: Error bars are made again after so many frames, or when the contact has changed by this part.
 REFRESH, CHANGED = 200, 0.25
 #: Entries of the normal matrix of the whole surface that are kept.
-LARGEST = 40_000_000
+LARGEST = 20_000_000
 #: Smallest eigenvalue of the normal matrix over the largest, below which single precision does not tell it from zero.
 SMALLEST = 1e-9
+#: By so much the inverse is shrunk, more than single precision can be off.
+SHRINK = 1e-6
+#: Noise that was learned is doubted where frames without contact are so many times quieter.
+LOUD = 3.0
 #: Iterations of one frame at most.
 ITERATIONS = 300
 
@@ -64,13 +75,17 @@ ITERATIONS = 300
 class Health:
     """What became of the frames so far, and of the taxels.
 
-    ``str()`` of it says it in words. ``frames`` were given; ``late`` came with a time not after the last one and were not used; ``approximate`` were answered before the
-    tolerance was reached; ``repeated`` were the same as the frame before, bit by bit. ``left_out`` (reading) is True for readings
-    that are not used now, with ``reasons`` (reading): "", "missing", "stuck", "out of range" or "unexplained"; ``label`` names a reading.
+    ``str()`` of it says it in words. ``frames`` were given; ``late`` came with the time of the frame before, ``restarts`` with an
+    earlier one, as where a sensor's clock begins anew; ``unknown`` could not be answered (see `Status`); ``approximate`` were
+    answered before the tolerance was reached; ``repeated`` were the same as the frame before, bit by bit. ``left_out`` (reading)
+    is True for readings that are not used now, with ``reasons`` (reading): "", "missing", "stuck", "out of range" or
+    "unexplained"; ``label`` names a reading.
     """
 
     frames: int = 0
     late: int = 0
+    restarts: int = 0
+    unknown: int = 0
     approximate: int = 0
     repeated: int = 0
     rezeroed: int = 0
@@ -84,8 +99,8 @@ class Health:
         if len(rows) > 8:
             named.append(f"{len(rows) - 8} more")
         return (
-            f"{self.frames} frames, {self.late} late, {self.approximate} approximate, {self.repeated} repeated; left out: "
-            f"{', '.join(named) or 'none'}"
+            f"{self.frames} frames, {self.late} late, {self.approximate} approximate, {self.repeated} repeated, "
+            f"{self.unknown} unknown, {self.restarts} restarts of the clock; left out: {', '.join(named) or 'none'}"
         )
 
 
@@ -152,7 +167,8 @@ class Tracker:
         self._arrays = estimator.readings.arrays
         self._all = np.ones(len(self._std), dtype=bool)
         self._zero_frames, self._zero = self._check_baseline(baseline)
-        self._normal: Single | None = None
+        # in double precision: rounded to single it has negative eigenvalues, along which the iteration grows without end
+        self._normal: Floats | None = None
         self._diagonal = self._prepare()
         self._worker = None if budget is None else ThreadPoolExecutor(1, thread_name_prefix="palpate-tracker")
         self._seconds = 0.0
@@ -174,7 +190,7 @@ class Tracker:
             matrix = level.matrix(cells, self._std, self._all)
             diagonal[cells] = (matrix[:, -len(cells) :] ** 2).sum(axis=0)
             if unknowns**2 <= LARGEST:
-                parts.append(matrix.astype(np.float32).reshape(len(matrix), len(columns), len(cells)))
+                parts.append(matrix.reshape(len(matrix), len(columns), len(cells)))
         if parts:
             whole = np.concatenate(parts, axis=2).reshape(len(self._std), -1)
             self._normal = whole.T @ whole
@@ -210,10 +226,15 @@ class Tracker:
         self._unnoticed: tuple[float, Errors] | None = None
         self._touching = False
         self._bad = np.zeros(n, dtype=np.int32)
+        self._gone = np.zeros(n, dtype=np.int32)  # frames in a row in which a reading was missing or out of range
         self._repeats = np.zeros(n, dtype=np.int32)
         self._last: Floats | None = None
+        self._held = np.zeros(n)  # the last good value of each reading, for the memory of creep
+        self._absent = np.zeros(n, dtype=bool)  # not usable in this frame, besides those left out
+        self._doubts = 0
+        self._run = 0  # whole frames in a row that repeated themselves
         self._last_time: float | None = None
-        self._touch: Touch | None = None
+        self._elapsed_total = 0.0
         self._filters = self._make_creep() if self._make_creep is not None else None
         self._residual = math.nan
         self._rho: tuple[float, float] | None = None
@@ -228,68 +249,104 @@ class Tracker:
         Parameters
         ----------
         reading : array (channel, *array), or a list with one per plane
-            In SI units. Values that are not finite or out of range are left out, and said so in `health`.
+            In SI units. Values that are missing, not finite or out of range are left out in this frame where the others suffice, and
+            for longer where it happens again and again (see `health`).
         time : float, optional
-            Time of the frame [s]. A frame not later than the one before is not used: the last touch is returned again.
+            Time of the frame [s]. A time before that of the last frame is taken for a clock that has begun anew: contact is found
+            afresh, the zero is kept, and the touch says so in its notes.
 
         Returns
         -------
         Touch
-            Without batch axes. ``converged`` is False where the budget ended the iteration; ``outliers`` are the readings left out.
+            Without batch axes; always that of this frame. ``status`` says what became of it (`Status`): traction and all that follows
+            from it are NaN where the frame has no answer. ``converged`` is False where the budget ended the iteration;
+            ``outliers`` are the readings left out.
 
         Raises
         ------
         InvalidInput
-            A reading of the wrong shape.
+            A reading of the wrong shape or kind, or a time that is not finite; the tracker is then as it was before.
         """
         started = clock.perf_counter()
-        touch = self._step(reading, time, started)
+        flat, like = self._flat(reading)
+        if time is not None and not math.isfinite(time):
+            raise InvalidInput(f"time must be a finite number of seconds; got {time!r}.")
+        now, elapsed, note = self._clocked(time)
+        try:
+            touch = self._step(flat, like, now, elapsed, started, note)
+        except np.linalg.LinAlgError:
+            # the next frame begins from nothing, so that what broke this one is not carried on
+            self._touching = False
+            self._release()
+            touch = self._unknown(now, Status.FAILED, like, note)
         self._seconds = clock.perf_counter() - started
         return touch
 
-    def _step(self, reading: Any, time: float | None, started: float) -> Touch:
-        flat, like = self._flat(reading)
+    def _clocked(self, time: float | None) -> tuple[float, float, str | None]:
+        """Time of a frame, time since the one before [s], and what there is to say about it."""
+        usual = 1.0 / self.rate
+        if time is None:
+            now = 0.0 if self._last_time is None else self._last_time + usual
+        else:
+            now = float(time)
+        elapsed, note = usual, None
+        if time is not None and self._last_time is not None:
+            elapsed = now - self._last_time
+            if elapsed < 0.0:
+                self.health.restarts += 1
+                elapsed = usual
+                note = (
+                    f"the clock went back from {self._last_time:g} s to {now:g} s: contact is found afresh, the zero is kept"
+                    + ("; the pad's creep is taken on as if without a pause" if self._filters is not None else "")
+                )
+                self._touching = False
+                self._release()
+            elif elapsed == 0.0:
+                self.health.late += 1
+        self._last_time = now
+        self._elapsed_total += max(elapsed, 1e-6 * usual)
+        return now, elapsed, note
+
+    def _step(self, flat: Floats, like: Any, now: float, elapsed: float, started: float, note: str | None) -> Touch:
         health = self.health
         health.frames += 1
-        if time is not None and not math.isfinite(time):
-            raise InvalidInput(f"time must be a finite number of seconds; got {time!r}.")
-        if time is not None and self._last_time is not None and time <= self._last_time:
-            health.late += 1
-            if self._touch is not None:
-                return self._touch
-        elapsed = 1.0 / self.rate if time is None or self._last_time is None else time - self._last_time
-        now = (0.0 if self._last_time is None else self._last_time + elapsed) if time is None else time
-        self._last_time = now
-        scaled = self._sorted_out(flat, now)
+        scaled = self._sorted_out(flat)
+        if (np.isfinite(scaled) & ~health.left_out).sum() < max(1.0, ENOUGH * len(scaled)):
+            return self._unknown(now, Status.MISSING, like, note)
         if self._baseline is None:
-            return self._capture(scaled, now, like)
-        y = np.where(health.left_out | ~np.isfinite(scaled), 0.0, scaled - self._baseline)
-        missing = ~np.isfinite(scaled) & ~health.left_out
-        if missing.any() and self._region is not None:
-            y[missing] = self._explained()[missing]
+            return self._capture(scaled, now, like, note)
+        y = scaled - self._baseline
+        absent = ~np.isfinite(y) & ~health.left_out
+        y = np.where(absent | health.left_out, 0.0, y)
+        if not np.array_equal(absent, self._absent):
+            self._absent = absent
+            self._remake()
         slope = self._adjoint(y)
         noise = self._noise if self._noise is not None else self._rough_noise(y)
-        score = slope[-1] / np.sqrt(np.maximum(self._diagonal, 1e-300)) / max(noise, 1e-300)
+        score = slope[-1] / np.sqrt(np.maximum(self._diagonal, 1e-300)) / max(noise, 1e-30)
         highest = float(score.max())
         if not self._touching and highest > TAKEN and self._one_taxel(y, noise):
-            return self._answer(now, True, like)  # a glitch of one taxel is not a contact
+            return self._answer(now, True, like, note)  # a glitch of one taxel is not a contact
         self._touching = highest > (LOST if self._touching else TAKEN)
         if not self._touching:
             self._release()
-            self._follow_drift(scaled, elapsed)
-            return self._answer(now, True, like)
+            self._follow_drift(scaled, elapsed, noise)
+            self._doubt(y)
+            return self._answer(now, True, like, note)
         self._learn(y, noise)
         noise = noise if self._noise is None else self._noise
         self._move(score)
         converged = self._iterate(slope, started)
+        if not np.isfinite(self._z).all():
+            raise np.linalg.LinAlgError("the iteration left the numbers")
         if health.frames % EVERY == 0:
-            actual = np.where(np.isfinite(scaled), scaled - self._baseline, y)
+            actual = np.where(np.isfinite(scaled - self._baseline), scaled - self._baseline, self._explained())
             # a solution on its way, or on cells that are about to move, says nothing against a taxel
             self._look(y, actual, noise, judge=converged and not self._pending)
         self._refresh_errors(y, noise)
         if not converged:
             health.approximate += 1
-        return self._answer(now, converged, like)
+        return self._answer(now, converged, like, note)
 
     @property
     def seconds(self) -> float:
@@ -314,19 +371,26 @@ class Tracker:
         rows, like = self._layout.frame(reading)
         return self.estimator.readings.flat(rows), like
 
-    def _sorted_out(self, flat: Floats, now: float) -> Floats:
+    def _sorted_out(self, flat: Floats) -> Floats:
         """Readings in units of `_std` with NaN for those that cannot be right; keeps count of bad taxels."""
         health = self.health
         finite = np.isfinite(flat)
         with np.errstate(invalid="ignore"):
             wild = finite & (np.abs(flat) > self._limits)
-        self._count(~finite, "missing")
-        self._count(wild, "out of range")
+        gone = ~finite | wild
+        whole = bool((gone & ~health.left_out).mean() > 1.0 - ENOUGH)  # the sensor's fault, not that of its taxels
+        if not whole:
+            self._gone = np.where(gone, self._gone + 1, 0)
+            self._bad[gone & health.left_out] += 1
+            self._leave_out(~finite & (self._gone >= BAD), "missing")
+            self._leave_out(wild & (self._gone >= BAD), "out of range")
         if self._last is not None:
             same = flat == self._last
-            if same.all():
+            if same.all() or np.array_equal(flat, self._last, equal_nan=True):
                 health.repeated += 1
+                self._run += 1
             else:
+                self._run = 0
                 self._repeats = np.where(same, self._repeats + 1, 0)
                 # a coarse converter repeats itself everywhere: only the taxel that does so alone is stuck
                 if health.frames > STUCK and np.median(self._repeats) < STUCK // 10:
@@ -338,26 +402,43 @@ class Tracker:
         back = health.left_out & (self._bad <= -GOOD)
         if back.any():
             health.left_out[back], health.reasons[back], self._bad[back] = False, "", 0
-            self._region = None if self._region is None else self._rebuilt(self._region.cells)
+            self._remake()
         scaled = flat.copy()
         scaled[~finite | wild] = math.nan
         if self._filters is not None:
-            planes = self.estimator.readings.planes(np.nan_to_num(scaled))
-            planes = [p if f is None else f.remove(p, now) for p, f in zip(planes, self._filters)]
+            # a reading that is missing leaves the memory of its creep as if it had stayed
+            self._held = np.where(np.isfinite(scaled), scaled, self._held)
+            planes = self.estimator.readings.planes(self._held)
+            time = self._elapsed_total
+            planes = [p if f is None else f.remove(p, time) for p, f in zip(planes, self._filters)]
             creeping = self._layout.creeping()
             scaled = np.where(creeping & np.isfinite(scaled), self.estimator.readings.flat(planes), scaled)
         return scaled / self._std
 
     def _count(self, bad: Flags, reason: str) -> None:
-        health = self.health
         self._bad[bad] = np.maximum(self._bad[bad], 0) + 1
-        new = bad & ~health.left_out & (self._bad >= BAD)
-        if new.any():
-            health.left_out[new], health.reasons[new] = True, reason
-            if self._region is not None:
-                self._region = self._rebuilt(self._region.cells)
+        self._leave_out(bad & (self._bad >= BAD), reason)
 
-    def _capture(self, scaled: Floats, now: float, like: Any) -> Touch:
+    def _leave_out(self, bad: Flags, reason: str) -> None:
+        health = self.health
+        new = bad & ~health.left_out
+        if new.any():
+            self._bad[new] = BAD
+            health.left_out[new], health.reasons[new] = True, reason
+            self._absent &= ~new
+            self._remake()
+
+    def _remake(self) -> None:
+        """The region's matrices after a change of the readings that are used."""
+        if self._region is not None:
+            self._region = self._rebuilt(self._region.cells)
+
+    @property
+    def _out(self) -> Flags:
+        """Readings not used in this frame."""
+        return self.health.left_out | self._absent
+
+    def _capture(self, scaled: Floats, now: float, like: Any, note: str | None) -> Touch:
         """Frames of the start, whose mean is zero and whose spread is the noise."""
         self._captured.append(scaled)
         if len(self._captured) == self._zero_frames:
@@ -366,25 +447,41 @@ class Tracker:
                 good = np.isfinite(frames)
                 count = np.maximum(good.sum(axis=0), 1)
                 mean = np.where(good, frames, 0.0).sum(axis=0) / count
-                self._baseline = mean
+                # a reading that never came has no zero yet
+                self._baseline = np.where(good.any(axis=0), mean, math.nan)
                 if self._noise is None and self._zero_frames >= 5:
                     square = np.where(good, (frames - mean) ** 2, 0.0).sum() / max((count - 1).sum(), 1)
                     self._noise = math.sqrt(square) if square > 0 else None
                     self._noise_learned = self._noise is None
             self._captured = []
-        return self._answer(now, True, like, "the zero is being captured")
+        return self._answer(now, True, like, note, status=Status.CAPTURING_ZERO)
 
-    def _follow_drift(self, scaled: Floats, elapsed: float) -> None:
-        if self.rezero is None or self._baseline is None:
+    def _doubt(self, y: Floats) -> None:
+        """Forget a noise that was learned from a frame unlike those that follow: contact would hide in it for ever."""
+        quiet = float(np.median(np.abs(y[~self._out]))) / 0.6745
+        loud = self._noise_learned and self._noise is not None and 0.0 < LOUD * quiet < self._noise
+        self._doubts = self._doubts + 1 if loud else 0
+        if self._doubts >= PRESSED:
+            self._noise, self._learned_energy, self._doubts = None, 0.0, 0
+
+    def _follow_drift(self, scaled: Floats, elapsed: float, noise: float) -> None:
+        if self._baseline is None:
             return
-        share = -math.expm1(-elapsed / self.rezero)
         good = np.isfinite(scaled)
-        self._baseline[good] += share * (scaled - self._baseline)[good]
+        unset = good & np.isnan(self._baseline)
+        self._baseline[unset] = scaled[unset]
+        if self.rezero is None:
+            return
+        # after a long pause one frame alone, with its noise, does not become the zero
+        share = -math.expm1(-min(elapsed, self.rezero) / self.rezero)
+        # drift is slow: what is many times the noise in one frame is something else
+        change = np.clip(scaled - self._baseline, -TAKEN * noise, TAKEN * noise)
+        self._baseline[good] += share * change[good]
         self.health.rezeroed += 1
 
     def _rough_noise(self, y: Floats) -> float:
         """Noise of a frame before it is learned: robust, and no less than what a pad is known to."""
-        heard = y[~self.health.left_out]
+        heard = y[~self._out]
         return max(float(np.median(np.abs(heard))) / 0.6745, MODEL_ERROR * float(np.abs(heard).max(initial=0.0)))
 
     def _one_taxel(self, y: Floats, noise: float) -> bool:
@@ -404,12 +501,11 @@ class Tracker:
         """A' y of whitened readings, (component, cell)."""
         estimator = self.estimator
         if not estimator.readings.independent:
-            heard = ~self.health.left_out
+            heard = ~self._out
             white = np.zeros_like(y)
             white[heard] = estimator.readings.white(estimator.readings.white(y[heard], heard), heard)
             y = white
-        planes = [p.astype(np.float32) for p in estimator.readings.planes(y / self._std)]
-        adjoint = estimator.operator.adjoint(planes)
+        adjoint = estimator.operator.adjoint(estimator.readings.planes(y / self._std))
         return np.asarray(adjoint.reshape(len(adjoint), -1)[list(estimator.columns)], dtype=np.float32)
 
     def _explained(self) -> Floats:
@@ -471,9 +567,8 @@ class Tracker:
         self._errors_age = REFRESH + 1  # the error bars go by what has been learned
         self._resolution = self.estimator.resolution(self._parameter)
         if self._noise_learned:
-            self._noise = scale
-        if self._region is not None:
-            self._region = self._rebuilt(self._region.cells)
+            self._noise = max(scale, FINEST_NOISE * float(np.abs(y).max()))
+        self._remake()
 
     def _move(self, score: Floats) -> None:
         """Keep the contact inside the region of interest with a margin."""
@@ -525,10 +620,10 @@ class Tracker:
         grid, c, n = estimator.operator.surface, len(self.names), len(cells)
         estimator.check_size(c * n)
         picks = (np.arange(c)[:, None] * math.prod(grid.shape) + cells[None, :]).ravel()
-        out = self.health.left_out
+        out = self._out
         level = estimator.level(1)
         if self._normal is not None and (not out.any() or estimator.readings.independent):
-            gram = self._normal[np.ix_(picks, picks)].astype(np.float64)
+            gram = self._normal[np.ix_(picks, picks)]
             if out.any():
                 lost = level.matrix(cells, self._std, out)
                 gram -= lost.T @ lost
@@ -548,9 +643,12 @@ class Tracker:
             self._rho = parameter, math.sqrt(largest * max(smallest, SMALLEST * largest))
         rho = self._rho[1]
         gram[np.diag_indices(c * n)] += rho
-        single = _inverse(gram.astype(np.float32))
-        if single is None:
+        inverse = _inverse(gram)
+        if inverse is None:
             raise np.linalg.LinAlgError("the normal matrix of the region is not positive definite")
+        # inverted in double precision and then rounded down: rounding must not let rho (H + rho)^-1 grow anything, since
+        # the multipliers are carried from frame to frame
+        single = (inverse * (1.0 - SHRINK)).astype(np.float32)
         inside = np.zeros(grid.shape, dtype=bool)
         inside.ravel()[cells] = True
         ring = inside & grown(~inside, 1)
@@ -587,7 +685,7 @@ class Tracker:
     def _look(self, y: Floats, actual: Floats, noise: float, *, judge: bool) -> None:
         """What the contact does not explain: pressure elsewhere, or taxels that are wrong."""
         health, grid = self.health, self.estimator.operator.surface
-        out = health.left_out
+        out = self._out
         rest = actual - self._explained()
         left = np.where(out, 0.0, rest)
         self._residual = float(np.sqrt(np.mean(left[~out] ** 2)))
@@ -602,7 +700,7 @@ class Tracker:
             right = ~wrong & ~out & (self._repeats == 0)
             self._bad[right] = np.minimum(self._bad[right], 0)
             # those left out for it are taken back when contact explains them again
-            doubted = out & (health.reasons == "unexplained")
+            doubted = health.left_out & (health.reasons == "unexplained")
             self._bad[doubted] = np.where(np.abs(rest[doubted]) < limit, np.minimum(self._bad[doubted], 0) - EVERY, BAD)
         if few:
             left[wrong] = 0.0
@@ -629,7 +727,7 @@ class Tracker:
             return
         cells = region.cells[contact]
         start = self._traction()[:, contact]
-        heard = ~self.health.left_out
+        heard = ~self._out
         std = max(noise, MODEL_ERROR * float(np.abs(y).max()))
         weight = region.parameter / noise**2 if noise > 0 else 0.0
 
@@ -646,7 +744,16 @@ class Tracker:
             self._errors, self._errors_cells = found
             self._errors_age = 0
 
-    def _answer(self, now: float, converged: bool, like: Any, note: str | None = None) -> Touch:
+    def _unknown(self, now: float, status: Status, like: Any, note: str | None) -> Touch:
+        """A frame without an answer: NaN, and why."""
+        self.health.unknown += 1
+        grid = self.estimator.surface
+        values = np.full((len(grid.components), *grid.shape), math.nan)
+        return self._made(values, now, False, like, note, status, None)
+
+    def _answer(
+        self, now: float, converged: bool, like: Any, note: str | None, *, status: Status | None = None
+    ) -> Touch:
         estimator = self.estimator
         grid = estimator.surface
         values = np.zeros((len(grid.components), math.prod(estimator.operator.surface.shape)))
@@ -660,25 +767,48 @@ class Tracker:
             if self._unnoticed is None or self._unnoticed[0] != noise:
                 self._unnoticed = noise, estimator.unnoticed(noise)
             errors = self._unnoticed[1]
-        touch = Touch(
-            from_numpy(values, like) if hasattr(like, "dtype") else values,
-            grid,
+        health = self.health
+        earlier = health.frames - 1 - self._run
+        if status is None and self._run >= STUCK and health.repeated - self._run < SELDOM * earlier:
+            status = Status.FROZEN
+        elif status is None and not self._touching:
+            status = Status.NO_CONTACT
+        elif status is None:
+            status = Status.SOLVED if converged else Status.NOT_CONVERGED
+        return self._made(values, now, converged, like, note, status, errors)
+
+    def _made(
+        self,
+        values: Floats,
+        now: float,
+        converged: bool,
+        like: Any,
+        note: str | None,
+        status: Status,
+        errors: Errors | None,
+    ) -> Touch:
+        estimator, noise = self.estimator, self._noise
+        said = [] if note is None else [note]
+        if status not in (Status.SOLVED, Status.NO_CONTACT):
+            said.append(f"{status.meaning}; {status.remedy}")
+        return Touch(
+            from_numpy(values, like),
+            estimator.surface,
             self.names,
             "constrained",
-            self.notes if note is None else (*self.notes, note),
+            (*self.notes, *said),
             None if self._parameter is None else np.asarray(self._parameter),
             None if noise is None else noise * np.concatenate(estimator.scales),
-            np.asarray(self._residual),
+            np.asarray(self._residual if status.known else math.nan),
             errors=errors,
             converged=np.asarray(converged),
-            touching=np.asarray(self._touching),
-            outliers=self.health.left_out.copy(),
+            touching=np.asarray(self._touching and status.known),
+            outliers=self._out,
             time=np.asarray(now),
             resolution=None if self._resolution is None else np.asarray(self._resolution),
             case=self._case,
+            status=np.asarray(int(status), dtype=np.int8),
         )
-        self._touch = touch
-        return touch
 
 
 def _inverse(matrix: npt.NDArray[Any]) -> npt.NDArray[Any] | None:

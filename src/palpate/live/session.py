@@ -27,6 +27,7 @@ from palpate.grasp import Event, GraspMonitor
 from palpate.network import FrameListener
 from palpate.recordings import Sink, recorder
 from palpate.skin import Skin
+from palpate.status import Status
 from palpate.touch import Touch
 from palpate.tracking import Tracker
 
@@ -59,13 +60,15 @@ def packed(
 ) -> bytes:
     """One packet."""
     state = monitor.state
+    status = None if touch.status is None else Status.coded(int(touch.status))
     values = to_numpy(touch.values).astype("<f4")
     text: dict[str, Any] = {
         "frame": health["frames"],
         "time": _number(touch.time),
         "born": born,
         "ms": round(ms, 3),
-        "touching": bool(touch.touching),
+        "touching": bool(touch.touching) if status is None or status.known else None,
+        "status": None if status is None else status.label,
         "converged": bool(touch.converged),
         "force": [_number(v) for v in to_numpy(touch.force)],
         "peak": _number(touch.peak_pressure),
@@ -322,6 +325,8 @@ class Session:
         facts = {
             "frames": health.frames,
             "late": health.late,
+            "unknown": health.unknown,
+            "restarts": health.restarts,
             "approximate": health.approximate,
             "behind": self.behind,
             "left_out": [f"{health.label(int(r))} ({health.reasons[r]})" for r in rows[:20]],

@@ -16,6 +16,7 @@ from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput, NotObservable
 from palpate.inverse.account import Errors
 from palpate.sensing.grids import Grid
+from palpate.status import Status
 from palpate.touch import intervals
 from palpate.uncertainty import Case, contact_kind
 
@@ -80,6 +81,8 @@ class Touch:
     `detail`, the interval of the traction) are labelled xarray objects; numbers read off them (`force`, `moment`,
     `center_of_pressure`, `peak_pressure`, ... and their intervals) are plain arrays of the caller's kind with the batch axes first.
     Positions and vectors are (x, y) or (x, y, z); array axes are (y, x).
+    status : array (*batch) of int8 or None
+        What became of each frame, as a code of `palpate.Status`.
     """
 
     values: Any = field(metadata=per_frame())
@@ -101,6 +104,7 @@ class Touch:
     resolution: Floats | None = field(default=None, metadata=per_frame())
     sliding: Floats | None = field(default=None, metadata=per_frame())
     found_by: npt.NDArray[np.str_] | None = field(default=None, metadata=per_frame(missing=""))
+    status: npt.NDArray[np.int8] | None = field(default=None, metadata=per_frame(missing=int(Status.SOLVED)))
     case: Case | None = None
 
     def __post_init__(self) -> None:

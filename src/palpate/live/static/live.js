@@ -114,7 +114,7 @@ function paint(frame) {
   top_ = Math.max(peak, top_ * 0.995, 1e-9);
   for (let i = 0; i < ny; i++) for (let j = 0; j < nx; j++) {
     // y points up
-    const [r, g, b] = ramp(frame.pressure[i * nx + j] / top_);
+    const v = frame.pressure[i * nx + j], [r, g, b] = Number.isNaN(v) ? [128, 128, 128] : ramp(v / top_);  // grey: not known
     img.data.set([r, g, b, 255], 4 * ((ny - 1 - i) * nx + j));
   }
   cells.getContext("2d").putImageData(img, 0, 0);
@@ -139,7 +139,7 @@ function arrows(x, frame, w, h, nx, ny) {
     x.fill();
   }
 }
-const shearOf = (f) => Math.hypot(...f.force.slice(0, -1));
+const shearOf = (f) => f.force.includes(null) ? null : Math.hypot(...f.force.slice(0, -1));
 function shearRange(f) {
   if (!f.force_low) return [undefined, undefined];
   // interval of the size from those of the parts: nearest and farthest corner
@@ -157,10 +157,11 @@ function numbers(f) {
   $("margin").textContent = f.utilisation === null ? "–" : (1 - f.utilisation).toFixed(2);
   $("margin-range").textContent = f.utilisation === null ? "" : `± ${(2 * f.spread).toFixed(2)}, friction ${f.friction.toFixed(2)}`;
   bad = f.going_on.filter((k) => k !== "contact");
+  if (f.touching === null || f.status === "frozen") bad.unshift(f.touching === null ? `this frame is not known: ${f.status}` : "the sensor repeats itself: frozen?");
   alarms();
   const h = f.health;
-  $("health").textContent = `frame ${h.frames}, ${f.ms.toFixed(1)} ms; ${h.late} late, ${h.approximate} approximate, ${h.behind} skipped; left out: ${h.left_out_count ? h.left_out.join(", ") : "none"}`;
-  $("map").setAttribute("aria-label", f.touching ? `Contact: ${unit(f.force[last], u)} normal, ${unit(shearOf(f), u)} shear` : "No contact");
+  $("health").textContent = `frame ${h.frames}, ${f.ms.toFixed(1)} ms; ${h.late} late, ${h.approximate} approximate, ${h.behind} skipped, ${h.unknown || 0} unknown, ${h.restarts || 0} restarts of the clock; left out: ${h.left_out_count ? h.left_out.join(", ") : "none"}`;
+  $("map").setAttribute("aria-label", f.touching ? `Contact: ${unit(f.force[last], u)} normal, ${unit(shearOf(f), u)} shear` : f.touching === null ? `Not known: ${f.status}` : "No contact");
 }
 function plot(id, upto, lines, low, high) {
   const c = $(id), x = c.getContext("2d"), ratio = devicePixelRatio || 1, end = upto.time, pad = 34 * ratio;

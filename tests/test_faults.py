@@ -1,0 +1,322 @@
+"""A tracker fed with everything that sensors do wrong: never a foreign exception, never an old answer, unknown is NaN with a status."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate import solutions
+from palpate.grasp import GraspMonitor
+from palpate.status import Status
+
+PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+GEL = pp.BondedLayers([pp.Layer(thickness=8e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
+THREE = ["stress_xz", "stress_yz", "stress_zz"]
+BALL = solutions.hertz_point(radius=2.5e-3, force=1.0)
+NOISE = 30.0
+
+
+@pytest.fixture(scope="module")
+def skin() -> pp.Skin:
+    return pp.Skin(PAD, pp.AreaArray(shape=(9, 9), pitch=1e-3, depth=1.5e-3, channels=THREE))
+
+
+@pytest.fixture(scope="module")
+def pressed(skin: pp.Skin) -> Any:
+    return np.asarray(skin.sense(BALL))
+
+
+def status(touch: pp.Touch) -> Status:
+    assert touch.status is not None
+    return Status.coded(int(touch.status))
+
+
+def check(touch: pp.Touch) -> None:
+    """Finite, or NaN with a status that says so."""
+    values, known = np.asarray(touch.values), status(touch).known
+    if known:
+        assert np.isfinite(values).all()
+    else:
+        assert np.isnan(values).all()
+        assert np.isnan(touch.force).all()
+        assert np.isnan(float(touch.peak_pressure))
+        assert any(status(touch).meaning in note for note in touch.notes)
+        assert not touch.touching
+
+
+# -- the cases that were found -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("baseline", [0, 6])
+def test_zero_frames_before_a_contact_that_grows(seed: int, baseline: int) -> None:
+    """10 x 10 normal stresses at 2 mm in 8 mm of glued gel: the normal matrix was not positive definite in one of three."""
+    skin = _glued()
+    rng = np.random.default_rng(seed)
+    truth = np.asarray(skin.sense(BALL))
+    tracker = skin.track(baseline=baseline)
+    for _ in range(6):
+        assert not tracker.step(np.zeros_like(truth)).touching
+    noise = 10.0 ** rng.uniform(-4, -1) * np.abs(truth).max()
+    for force in np.linspace(0.02, 1.0, 12):
+        touch = tracker.step(force * truth + noise * rng.standard_normal(truth.shape))
+        check(touch)
+        assert status(touch).known
+    assert touch.force[2] == pytest.approx(1.0, abs=0.25)
+
+
+_KEPT: list[pp.Skin] = []
+
+
+def _glued() -> pp.Skin:
+    if not _KEPT:
+        _KEPT.append(pp.Skin(GEL, pp.AreaArray(shape=(10, 10), pitch=1e-3, depth=2e-3, channels=["stress_zz"])))
+    return _KEPT[0]
+
+
+def test_readings_without_noise(skin: pp.Skin, pressed: Any) -> None:
+    tracker = skin.track()
+    for _ in range(3):
+        touch = tracker.step(pressed)
+        assert touch.force[2] == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("back", [1.0, 1e-3])
+def test_a_clock_that_restarts(skin: pp.Skin, pressed: Any, back: float) -> None:
+    """Each frame after the restart is answered as itself, on the zero that was captured before."""
+    rng = np.random.default_rng(0)
+    offset = 300.0 * rng.standard_normal(pressed.shape)
+    tracker = skin.track(baseline=10)
+    for i in range(30):
+        tracker.step(offset + (i >= 10) * pressed + NOISE * rng.standard_normal(pressed.shape), 5.0 + 0.01 * i)
+    first = tracker.step(offset + 0.5 * pressed + NOISE * rng.standard_normal(pressed.shape), 5.29 - back)
+    assert any("clock went back" in n for n in first.notes)
+    assert first.force[2] == pytest.approx(0.5, abs=0.06)
+    again = [
+        tracker.step(offset + f * pressed + NOISE * rng.standard_normal(pressed.shape), 5.3 - back + 0.01 * i)
+        for i, f in enumerate([0.5, 0.8, 1.0, 0.0, 0.0])
+    ]
+    np.testing.assert_allclose([float(t.force[2]) for t in again], [0.5, 0.8, 1.0, 0.0, 0.0], atol=0.06)
+    assert tracker.health.restarts == 1
+    assert "1 restarts" in str(tracker.health)
+
+
+def test_two_frames_of_one_time_are_two_answers(skin: pp.Skin, pressed: Any) -> None:
+    tracker = skin.track()
+    rng = np.random.default_rng(0)
+    noise = NOISE * rng.standard_normal((2, *pressed.shape))
+    one, two = (tracker.step(f * pressed + n, 1.0) for f, n in zip((1.0, 0.4), noise))
+    assert one.force[2] == pytest.approx(1.0, abs=0.06)
+    assert two.force[2] == pytest.approx(0.4, abs=0.06)
+    assert tracker.health.late == 1
+
+
+def test_frames_without_readings_are_unknown(skin: pp.Skin, pressed: Any) -> None:
+    """Not 0 N, no contact that ended; and the first good frame is answered again."""
+    rng = np.random.default_rng(0)
+    tracker, monitor = skin.track(friction=0.6), GraspMonitor(friction=0.6)
+    for i in range(40):
+        lost = 15 <= i < 25
+        reading = pressed + NOISE * rng.standard_normal(pressed.shape)
+        if lost:
+            reading[:] = [math.nan, math.inf, -math.inf, 1e12][i % 4]
+        touch = tracker.step(reading, 0.01 * i)
+        check(touch)
+        monitor.update(touch)
+        assert (status(touch) is Status.MISSING) == (lost or not status(touch).known)
+        if i < 15 or i == 39:
+            assert touch.force[2] == pytest.approx(1.0, abs=0.06)
+    assert tracker.health.unknown >= 10
+    assert [e.began for e in monitor.events if e.kind == "contact"] == [True]
+
+
+@pytest.mark.parametrize("part", [0.02, 0.1, 0.3])
+def test_some_missing_taxels_are_left_out_of_that_frame(skin: pp.Skin, pressed: Any, part: float) -> None:
+    """Other taxels in every frame, while the force changes: nothing is taken from the frame before."""
+    rng = np.random.default_rng(1)
+    tracker = skin.track()
+    for i in range(30):
+        force = 1.0 if (i // 3) % 2 else 0.3
+        reading = force * pressed + NOISE * rng.standard_normal(pressed.shape)
+        reading[rng.random(pressed.shape) < part] = math.nan
+        touch = tracker.step(reading)
+        check(touch)
+        assert touch.force[2] == pytest.approx(force, abs=0.08)
+
+
+def test_a_sensor_that_freezes_says_so(skin: pp.Skin, pressed: Any) -> None:
+    rng = np.random.default_rng(0)
+    tracker = skin.track()
+    for _ in range(30):
+        reading = pressed + NOISE * rng.standard_normal(pressed.shape)
+        assert status(tracker.step(reading)) is not Status.FROZEN
+    last = [status(tracker.step(reading)) for _ in range(80)]
+    assert last[10] is Status.SOLVED
+    assert last[-1] is Status.FROZEN
+    assert status(tracker.step(pressed + NOISE * rng.standard_normal(pressed.shape))) is Status.SOLVED
+
+
+def test_missing_frames_while_the_zero_is_captured_do_not_count(skin: pp.Skin, pressed: Any) -> None:
+    rng = np.random.default_rng(0)
+    offset = 500.0 * rng.standard_normal(pressed.shape)
+    tracker = skin.track(baseline=10)
+    for i in range(20):
+        reading = offset + NOISE * rng.standard_normal(pressed.shape)
+        reading[0, 2, 2] = math.nan  # comes only after the zero
+        if i % 2:
+            reading[:] = math.nan
+        touch = tracker.step(reading)
+        assert status(touch) is (Status.MISSING if i % 2 else Status.CAPTURING_ZERO)
+    for _ in range(60):
+        assert not tracker.step(offset + NOISE * rng.standard_normal(pressed.shape)).touching
+    touch = tracker.step(offset + pressed + NOISE * rng.standard_normal(pressed.shape))
+    assert touch.force[2] == pytest.approx(1.0, abs=0.05)
+
+
+def test_what_is_refused_leaves_the_tracker_as_it_was(skin: pp.Skin, pressed: Any) -> None:
+    rng = np.random.default_rng(0)
+    one, other = skin.track(), skin.track()
+    for i in range(6):
+        reading = pressed + NOISE * rng.standard_normal(pressed.shape)
+        expected = one.step(reading, 0.01 * i)
+        for bad, time in (
+            (reading[:, :-1], 1.0),
+            (reading.astype(complex), 1.0),
+            (reading, math.nan),
+            (reading, math.inf),
+        ):
+            with pytest.raises(pp.InvalidInput):
+                other.step(bad, time)
+        np.testing.assert_array_equal(other.step(reading, 0.01 * i).values, expected.values)
+    assert other.health.frames == 6
+
+
+def test_a_numerical_failure_is_a_status(skin: pp.Skin, pressed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    from palpate.tracking import Tracker
+
+    def fail(*_: object) -> None:
+        raise np.linalg.LinAlgError("broken on purpose")
+
+    tracker = skin.track()
+    rng = np.random.default_rng(0)
+    frames = pressed + NOISE * rng.standard_normal((3, *pressed.shape))
+    tracker.step(frames[0])
+    with monkeypatch.context() as patch:
+        patch.setattr(Tracker, "_iterate", fail)
+        touch = tracker.step(frames[1])
+        assert status(touch) is Status.FAILED
+        check(touch)
+    assert tracker.step(frames[2]).force[2] == pytest.approx(1.0, abs=0.06)
+
+
+def test_creep_is_remembered_through_gaps() -> None:
+    """A frame without readings and a clock that restarts do not disturb a creeping pad's memory."""
+    soft = pp.Viscoelastic(PAD, [(0.3, 0.5)])
+    array = pp.AreaArray(
+        shape=(10, 10), pitch=1e-3, depth=0.0, channels=["displacement_x", "displacement_y", "displacement_z"]
+    )
+    skin = pp.Skin(soft, array)
+    time = np.arange(40) / 20.0
+    held = np.where((time > 0.2)[:, None, None, None], skin.sample(BALL)[None], 0.0)
+    readings = np.asarray(skin.sense(held, time=time))
+    readings += 1e-3 * np.abs(readings).max() * np.random.default_rng(0).standard_normal(readings.shape)
+    readings[20] = math.nan
+    tracker = skin.track(rezero=None, rate=20.0)
+    touches = [tracker.step(r, t if t < 1.5 else t - 1.5) for r, t in zip(readings, time)]
+    assert status(touches[20]) is Status.MISSING
+    forces = np.array([float(t.force[2]) for t in touches])
+    np.testing.assert_allclose(np.delete(forces, 20)[6:], 1.0, atol=0.07)
+
+
+# -- faults at random ----------------------------------------------------------------------------------------------------------
+
+
+def _faulty(skin: pp.Skin, pressed: Any, seed: int, frames: int) -> dict[str, int]:
+    """A stream with every fault injected at random; answers that follow a clean frame are compared with its truth."""
+    rng = np.random.default_rng(seed)
+    budget = [None, 1e-3][seed % 2]
+    tracker = skin.track(friction=[None, 0.6][seed % 3 == 0], baseline=int(rng.choice([0, 0, 5])), budget=budget)
+    monitor = GraspMonitor(friction=0.6)
+    time, counts = 0.0, dict.fromkeys(Status.__members__, 0)
+    reading = np.zeros_like(pressed)
+    loud = float(np.abs(pressed).max())
+    with tracker:
+        for i in range(frames):
+            force = max(0.0, math.sin(0.05 * i)) if i > 8 else 0.0
+            last, reading = reading, force * pressed + NOISE * rng.standard_normal(pressed.shape)
+            time += 0.01
+            fault = rng.choice(
+                ["none"] * 12
+                + ["taxels", "all", "inf", "zeros", "constant", "spike", "spikes", "back", "forward", "repeat", "clip"]
+                + ["shape", "huge", "tiny", "single", "integer", "nan time", "same time"]
+            )
+            kind: Any = reading
+            if fault == "taxels":
+                reading[rng.random(reading.shape) < rng.uniform(0, 0.9)] = math.nan
+            elif fault == "all":
+                reading[:] = math.nan
+            elif fault == "inf":
+                reading[rng.random(reading.shape) < rng.uniform(0, 1)] = rng.choice([math.inf, -math.inf])
+            elif fault == "zeros":
+                reading[:] = 0.0
+            elif fault == "constant":
+                reading[:] = rng.choice([1.0, -5e3, 5e3, loud])
+            elif fault == "spike":
+                reading[tuple(int(rng.integers(n)) for n in reading.shape)] = rng.choice([-1, 1]) * 10 * loud
+            elif fault == "spikes":
+                reading[rng.random(reading.shape) < 0.2] *= 30.0
+            elif fault == "back":
+                time = rng.choice([0.0, time - 0.02, -1e9])
+            elif fault == "forward":
+                time += rng.choice([0.1, 60.0, 1e9])
+            elif fault == "repeat":
+                reading = last
+            elif fault == "clip":
+                np.clip(reading, -0.5 * loud, 0.5 * loud, out=reading)
+            elif fault == "huge":
+                reading[:] = rng.choice([1e300, -1e300, 1e30])
+            elif fault == "tiny":
+                reading *= 1e-300
+            kind = reading
+            if fault == "single":
+                kind = reading.astype(np.float32)
+            elif fault == "integer":
+                kind = np.round(reading).astype(np.int32)
+            if fault in ("shape", "nan time"):
+                with pytest.raises(pp.InvalidInput):
+                    tracker.step(kind[:, ::2] if fault == "shape" else kind, math.nan if fault == "nan time" else time)
+                continue
+            touch = tracker.step(kind, time - 0.01 if fault == "same time" else time)
+            check(touch)
+            assert float(touch.time) == (time - 0.01 if fault == "same time" else time)
+            monitor.update(touch)
+            counts[status(touch).name] += 1
+        assert sum(counts.values()) == tracker.health.frames
+        # whatever came before, a sensor that is well again is answered well again
+        for i in range(160):
+            clean = (i >= 100) * pressed + NOISE * rng.standard_normal(pressed.shape)
+            touch = tracker.step(clean, time + 0.01 * (i + 1))
+            if i >= 150 and status(touch) is Status.SOLVED:
+                assert touch.force[2] == pytest.approx(1.0, abs=0.15)
+            assert i < 150 or status(touch) in (Status.SOLVED, Status.NOT_CONVERGED)
+    return counts
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.filterwarnings("error")
+def test_faults_at_random(skin: pp.Skin, pressed: Any, seed: int) -> None:
+    counts = _faulty(skin, pressed, seed, 120)
+    assert counts["SOLVED"] + counts["NOT_CONVERGED"] > 20
+    assert counts["MISSING"] > 3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(4, 12))
+@pytest.mark.filterwarnings("error")
+def test_thousands_of_faults_at_random(skin: pp.Skin, pressed: Any, seed: int) -> None:
+    counts = _faulty(skin, pressed, seed, 500)
+    assert counts["FAILED"] == 0
