@@ -19,6 +19,7 @@ ROOMS = [
     "units",
     "_arrays",
     "_batches",
+    "_extras",
     "elastic",
     "solutions",
     "sensing",

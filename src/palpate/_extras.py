@@ -1,13 +1,12 @@
-"""Libraries that only some tasks need: imported when they are needed, or refused with the extra that brings them."""
+"""Libraries that only some tasks need, and the extras that bring them."""
 
 from __future__ import annotations
 
-import importlib
-from typing import Any
+import importlib.util
 
 from palpate.errors import Unsupported
 
-__all__ = ["library"]
+__all__ = ["missing", "require"]
 
 #: Extra of pyproject.toml that brings each library.
 EXTRAS = {
@@ -29,20 +28,16 @@ EXTRAS = {
 }
 
 
-def library(name: str, purpose: str) -> Any:
-    """The module ``name``, or `Unsupported` that says which extra ``purpose`` needs.
+def missing(purpose: str, error: ImportError) -> Unsupported:
+    """The error to raise where ``purpose`` (in the plural: "skin files") needs a library that is not installed."""
+    top = (error.name or "").split(".")[0]
+    if top not in EXTRAS:
+        return Unsupported(f"{purpose} cannot be served: {error}.")
+    return Unsupported(f'{purpose} need the package {top}: pip install "palpate[{EXTRAS[top]}]".')
 
-    Examples
-    --------
-    >>> from palpate._extras import library
-    >>> library("h5py", "NetCDF and HDF5 files").__name__
-    'h5py'
-    """
-    top = name.split(".")[0]
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.split(".")[0] != top:
-            raise
-        extra = EXTRAS[top]
-        raise Unsupported(f'{purpose} need the package {top}: pip install "palpate[{extra}]".') from error
+
+def require(purpose: str, *libraries: str) -> None:
+    """Raise `Unsupported`, naming the extra to install, unless the libraries are there."""
+    for name in libraries:
+        if importlib.util.find_spec(name) is None:
+            raise missing(purpose, ModuleNotFoundError(name=name))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate._arrays import to_numpy
+from palpate._extras import require
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput
 
@@ -34,6 +35,7 @@ def scaled(largest: float, unit: str) -> tuple[float, str]:
 
 def plot_touch(touch: Touch, *, frame: int = 0, truth: Any = None, title: str | None = None) -> Figure:
     """A figure of one frame; see `Touch.plot`."""
+    require("figures", "matplotlib")
     one = touch.frame(frame)
     values = to_numpy(one.values).astype(np.float64)
     true = None if truth is None else to_numpy(truth).astype(np.float64)
@@ -127,6 +129,7 @@ def _plot_area(touch: Touch, values: Floats, true: Floats | None, title: str | N
 
 def plot_accuracy(records: Sequence[Any]) -> Figure:
     """Error over the clairvoyant filter's, one panel per layout, one dot per contact, method and noise."""
+    require("figures", "matplotlib")
     from matplotlib.figure import Figure
 
     layouts = list(dict.fromkeys(r.layout for r in records))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate._extras import require
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.layers import BondedLayers
 from palpate.elastic.pad import Floats, Pad, isotropic_constants
@@ -95,6 +96,7 @@ def half_space_error(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> HalfS
 
 def plot_response(pad: Pad, planes: Sequence[Array]) -> Figure:
     """Response of each channel per unit traction against wavelength: the pad (solid) and a half-space (dashed)."""
+    require("figures", "matplotlib")
     from matplotlib.figure import Figure
 
     from palpate._plot import INK, scaled

@@ -12,6 +12,11 @@ def main() -> None:
     """Entry point; ctrl-C is heeded while the commands are still being loaded."""
     try:
         from palpate.cli import commands
+    except ModuleNotFoundError as error:
+        if error.name not in ("typer", "rich"):
+            raise
+        sys.stderr.write('error: the command line needs more packages: pip install "palpate[cli]"\n')
+        sys.exit(1)
     except KeyboardInterrupt:
         sys.stderr.write("error: stopped\n")
         sys.exit(130)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import signal
 import sys
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -62,8 +62,6 @@ def main() -> None:
     The exit code is 2 where what was asked cannot be done, 1 where the system fails (a full disk), and 128 plus the signal where the
     command is stopped: 130 after ctrl-C, 143 after SIGTERM.
     """
-    # typer carries its own copy of click; its usage errors have this base in every version
-    usage_error: Any = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
     try:
         # as ctrl-C does: what is half-written is removed on the way out
         signal.signal(signal.SIGTERM, _stop)
@@ -74,7 +72,7 @@ def main() -> None:
         _fail("stopped", 130)
     except _Stopped:
         _fail("stopped by SIGTERM", 143)
-    except usage_error as error:
+    except typer.TyperException as error:
         _fail(f"{error.format_message()} (palpate --help)", 2)
     except PalpateError as error:
         _fail(str(error), 1 if isinstance(error.__cause__, OSError) and error.__cause__.errno in _DISK else 2)

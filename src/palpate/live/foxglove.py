@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from palpate.errors import InvalidInput, Unsupported
+from palpate._extras import missing
+from palpate.errors import InvalidInput
 from palpate.recordings.messages import Encoder, Kind, nanoseconds
 from palpate.touch import Touch
 
@@ -35,7 +36,7 @@ class FoxgloveServer:
         try:
             import foxglove
         except ImportError as error:
-            raise Unsupported('Foxglove needs more packages: pip install "palpate[live]".') from error
+            raise missing("Foxglove streams", error) from error
         self._encoder = Encoder(channels)
         self._foxglove = foxglove
         self._context = foxglove.Context()

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate._arrays import to_numpy
-from palpate.errors import InvalidInput, Unsupported
+from palpate._extras import missing
+from palpate.errors import InvalidInput
 from palpate.touch import Touch
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class RerunSink:
         try:
             import rerun
         except ImportError as error:
-            raise Unsupported('Rerun needs one more package: pip install "palpate[rerun]".') from error
+            raise missing("Rerun streams", error) from error
         if path is not None and Path(path).exists():
             raise InvalidInput(f"{path} exists; a recording is not overwritten. Give another name.")
         self._rerun = rerun

@@ -22,7 +22,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlsplit
 
-from palpate.errors import InvalidInput, PalpateError, Unsupported
+from palpate._extras import missing
+from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import GraspMonitor
 from palpate.live.session import Session
 from palpate.recordings import Sink
@@ -71,7 +72,7 @@ class Live:
             from starlette.responses import FileResponse, JSONResponse
             from starlette.routing import Route, WebSocketRoute
         except ImportError as error:
-            raise Unsupported('the live view needs more packages: pip install "palpate[live]".') from error
+            raise missing("live pages", error) from error
         self.session, self.token = session, secrets.token_urlsafe(16) if token is None else token
         self.folder = None if folder is None else Path(folder)
         self.refused: dict[str, int] = {}
@@ -293,7 +294,7 @@ def serve(live: Live, *, host: str = "127.0.0.1", port: int = 8765) -> None:
         import uvicorn
         from uvicorn.protocols.http.h11_impl import H11Protocol
     except ImportError as error:
-        raise Unsupported('the live view needs more packages: pip install "palpate[live]".') from error
+        raise missing("live pages", error) from error
     if host not in LOCAL and not live.token:
         raise InvalidInput(f"host {host} opens the page to others: give a token that they must bring (?token=...).")
 

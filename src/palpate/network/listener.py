@@ -13,8 +13,9 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from palpate._extras import missing
 from palpate.elastic.half_space import Floats
-from palpate.errors import InvalidInput, Unsupported
+from palpate.errors import InvalidInput
 from palpate.network.admission import Admission, Limits
 from palpate.network.frames import MAGIC
 
@@ -264,7 +265,7 @@ class FrameListener:
         try:
             from websockets.asyncio.server import ServerConnection, serve
         except ImportError as error:
-            raise Unsupported('WebSocket frames need more packages: pip install "palpate[live]".') from error
+            raise missing("WebSocket frames", error) from error
         return serve, ServerConnection
 
     def _arrived(self, transport: Any) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate._extras import require
 from palpate._plot import INK
 from palpate.elastic.half_space import Floats
 from palpate.paper import sketches
@@ -101,6 +102,7 @@ class PaperFigure:
 
     def draw(self) -> Figure:
         """The figure as a picture as wide as a column."""
+        require("figures", "matplotlib")
         import matplotlib as mpl
 
         with mpl.rc_context(STYLE):

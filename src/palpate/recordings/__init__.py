@@ -1,12 +1,18 @@
 """Recordings and skins in and out of files."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from palpate.recordings.formats import Format, read_recording, write_recording
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recorder import Recorder, Sink, recorder
 from palpate.recordings.recording import Recording
-from palpate.recordings.skinfile import read_skin, read_stream
 from palpate.recordings.tables import read_table
 from palpate.recordings.touchfile import read_touch, write_touch
+
+if TYPE_CHECKING:
+    from palpate.recordings.skinfile import read_skin, read_stream
 
 __all__ = [
     "Format",
@@ -23,3 +29,12 @@ __all__ = [
     "write_recording",
     "write_touch",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Skin files need pydantic, recordings do not: loaded when first asked for."""
+    if name in ("read_skin", "read_stream"):
+        from palpate.recordings import skinfile
+
+        return getattr(skinfile, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from palpate._extras import require
 from palpate.errors import InvalidInput
 from palpate.recordings.files import atomically, in_place
 from palpate.recordings.mapping import TopicMapping
@@ -68,6 +69,8 @@ class Format:
     name: ClassVar[str]
     #: endings of file names, in lower case, the usual one first
     extensions: ClassVar[tuple[str, ...]]
+    #: libraries that it needs besides palpate's core
+    libraries: ClassVar[tuple[str, ...]] = ()
     #: a recording is a folder
     folder: ClassVar[bool] = False
 
@@ -98,6 +101,11 @@ class Format:
     def can(self, task: str) -> bool:
         """Whether ``task``, the name of a method, is overridden."""
         return getattr(type(self), task) is not getattr(Format, task)
+
+    def usable(self) -> Format:
+        """The format itself where its libraries are installed; else `Unsupported` says which extra brings them."""
+        require(f"{self.name} files", *self.libraries)
+        return self
 
     def _cannot(self, task: str, path: Path) -> InvalidInput:
         return InvalidInput(f"{path}: {_TASKS[task]} as {', '.join(endings(task))}; got {path.suffix.lower()!r}.")
@@ -158,10 +166,10 @@ def find_format(path: str | Path) -> Format:
     suffix = Path(path).suffix.lower()
     for known in _built_in():  # those of others are looked for only where these do not serve
         if suffix in known.extensions:
-            return known
+            return known.usable()
     for known in _plugged_in():
         if suffix in known.extensions:
-            return known
+            return known.usable()
     raise InvalidInput(f"{path}: the ending {suffix!r} is not known; accepted: {', '.join(endings())}.")
 
 
@@ -182,7 +190,7 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
     if found.is_dir():
         inside = next((f for f in _built_in() if f.folder and f.recognises(found)), None)
         if inside is not None:
-            return found, inside
+            return found, inside.usable()
         try:
             known = find_format(found)
         except InvalidInput as error:

@@ -1,6 +1,6 @@
 """MCAP: recordings written while they happen, and read from robots without ROS installed.
 
-Written (``pip install palpate[live]``): the messages of `palpate.recordings.messages`. Readings are kept in single precision, time to the
+Written (``pip install palpate[bags]``): the messages of `palpate.recordings.messages`. Readings are kept in single precision, time to the
 nanosecond. A chunk goes to the file when it is full, so that a process that is killed loses less than a chunk.
 
 Read: those, and messages of others whose numbers a `TopicMapping` picks out: images of floats, foxglove Grids, and any message with lists of
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate._extras import missing
 from palpate.errors import InvalidInput, PalpateError, Unsupported
 from palpate.recordings.checked import CHECKSUM
 from palpate.recordings.heldfile import Apart, HeldFile
@@ -38,7 +39,7 @@ def _library() -> Any:
     try:
         import mcap.writer
     except ImportError as error:
-        raise Unsupported('MCAP needs more packages: pip install "palpate[live]".') from error
+        raise missing("MCAP files", error) from error
     return mcap
 
 
@@ -303,7 +304,7 @@ class _Decoder:
                 try:
                     from mcap_protobuf.decoder import DecoderFactory
                 except ImportError as error:
-                    raise Unsupported('Protobuf messages need more packages: pip install "palpate[live]".') from error
+                    raise missing("Protobuf messages", error) from error
                 self._protobuf[schema.id] = DecoderFactory().decoder_for("protobuf", schema)
             return self._protobuf[schema.id](message.data)
         if schema is None or channel.message_encoding != "cdr" or schema.encoding != "ros2msg":

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate._arrays import to_numpy
-from palpate.errors import InvalidInput, Unsupported
+from palpate._extras import missing
+from palpate.errors import InvalidInput
 from palpate.sensing.grids import AreaGrid
 from palpate.touch import Touch
 
@@ -52,7 +53,7 @@ def ros_types() -> Any:
     try:
         import rosbags.typesys
     except ImportError as error:
-        raise Unsupported('messages of ROS need more packages: pip install "palpate[live]".') from error
+        raise missing("ROS messages", error) from error
     return rosbags.typesys
 
 

@@ -67,6 +67,7 @@ class NetCDF(Format):
     """NetCDF 4. HDF5 guards each block of numbers (Fletcher-32), a CRC-32 of ours the whole."""
 
     name = "netcdf"
+    libraries = ("h5py", "h5netcdf")
     extensions = (".nc", ".h5", ".hdf5")
 
     def recognises(self, path: Path) -> bool:

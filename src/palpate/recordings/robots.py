@@ -191,6 +191,7 @@ class Mcap(Format):
     """MCAP files: palpate's own, and those of robots with a `TopicMapping`. A CRC-32 guards each chunk, one all the data."""
 
     name = "mcap"
+    libraries = ("mcap",)
     extensions = (".mcap",)
 
     def recognises(self, path: Path) -> bool:
@@ -221,6 +222,7 @@ class Bag(Format):
     """What ROS records: a folder (ROS 2, with db3 or mcap inside) or a file (ROS 1). Their messages carry no checksums."""
 
     name = "bag"
+    libraries = ("rosbags",)
     extensions = (".bag",)
     folder = True
 

@@ -35,8 +35,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from palpate._extras import missing
 from palpate.elastic.channels import channel_unit, check_channels
 from palpate.elastic.half_space import HalfSpace, Pad
 from palpate.elastic.layers import BondedLayers, Layer
@@ -48,6 +48,11 @@ from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Boundary
 from palpate.units import KIND_OF_SI, UNITS, parse_quantity
+
+try:
+    from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+except ImportError as error:
+    raise missing("skin files", error) from error
 
 __all__ = ["read_skin", "read_stream", "skin_from_text"]
 

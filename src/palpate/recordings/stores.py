@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate._arrays import to_numpy
+from palpate._extras import missing
 from palpate.elastic.channels import channel_unit
-from palpate.errors import InvalidInput, Unsupported
+from palpate.errors import InvalidInput
 from palpate.recordings.heldfile import Apart, HeldFile
 from palpate.recordings.labelled import CONVENTIONS
 from palpate.touch import Touch
@@ -394,5 +395,5 @@ def zarr_library() -> Any:
     try:
         import zarr
     except ImportError as error:
-        raise Unsupported('Zarr needs one more package: pip install "palpate[zarr]".') from error
+        raise missing("Zarr stores", error) from error
     return zarr

@@ -50,6 +50,7 @@ class Zarr(Format):
     """Zarr 3 stores. A CRC-32 guards each block of a stream, and one the whole of what was finished."""
 
     name = "zarr"
+    libraries = ("zarr",)
     extensions = (".zarr",)
     folder = True
 
