@@ -273,4 +273,4 @@ def test_cattaneo_table(tables: Path) -> None:
 def test_recordings_of_others_stay_where_they_are(tables: Path) -> None:
     with pytest.raises(pp.InvalidInput, match="lacks"):
         read_recording(tables / "beads_axon.h5")
-    assert len(AREA_CHANNELS) == 15
+    assert len(AREA_CHANNELS) == 16
