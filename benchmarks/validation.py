@@ -697,7 +697,7 @@ def _told_where_it_ends(pad: pp.HalfSpace, line: pp.LineArray) -> None:
     from unittest.mock import patch
 
     from palpate import bench
-    from palpate.inverse.adaptive import Adaptive
+    from palpate.inverse.contact.adaptive import AdaptiveEstimator
 
     layout = bench.Layout("line", pad, line, {})
     x = layout.skin.surface.x
@@ -708,12 +708,12 @@ def _told_where_it_ends(pad: pp.HalfSpace, line: pp.LineArray) -> None:
             return self._ensemble(np.abs(self.operator.surface.x - 30.0) < width + 0.25, *frame)
 
         errors = []
-        for center, accounts in ((0.0, Adaptive.accounts), (30.0, Adaptive.accounts), (30.0, told)):
+        for center, models in ((0.0, AdaptiveEstimator.models), (30.0, AdaptiveEstimator.models), (30.0, told)):
             readings, truth = layout.make(bench.line_contact((kind, center, width, 1.0)))
             found = []
             for draw in range(10):
                 noise = 0.01 * np.abs(readings).max() * np.random.default_rng(draw).standard_normal(readings.shape)
-                with patch.object(Adaptive, "accounts", accounts):
+                with patch.object(AdaptiveEstimator, "models", models):
                     touch = layout.skin.reconstruct(readings + noise, components=["z"])
                 found.append(relative(touch.values[-1][inside], truth[-1][inside]))
             errors.append(float(np.mean(found)))

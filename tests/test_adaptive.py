@@ -175,8 +175,8 @@ def test_units_do_not_matter() -> None:
 
 
 def test_batches_are_frames() -> None:
-    """Where the noise is given; where it is not, the frames of a batch share what they tell of it."""
-    skin = pp.Skin(PAD, area(noise=300.0))
+    """With the error bars."""
+    skin = pp.Skin(PAD, area())
     frames = np.stack([pressed(skin, BALL.shifted(1e-3 * i, 0), 0.02, seed=i)[0] for i in range(3)])
     batch = skin.reconstruct(frames)
     for i in range(3):
@@ -513,11 +513,11 @@ def test_equal_channels_share_their_noise() -> None:
     assert np.ptp(touch.noise_std) == 0
 
 
-# -- the family ----------------------------------------------------------------------------------------------------------
+# -- methods for comparison ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", ["nnls", "elastic_net", "tv", "maxent", "network"])
-def test_family(method: Any) -> None:
+def test_comparison_methods(method: Any) -> None:
     layout = bench.LAYOUTS["line"]
     record = bench.run(
         layout, "two cylinders", layout.contacts["two cylinders"], 1e-2, np.random.default_rng(0), [method]
@@ -625,28 +625,26 @@ def test_calibration_is_reproducible_and_sane() -> None:
         assert freedom > 0.65  # the fit's lower bound is 0.6
 
 
-# -- noise that is shared, and contacts that are not whole ---------------------------------------------------------------
+# -- noise, and contacts that are not whole ---------------------------------------------------------------
 
 
-def test_frames_share_their_noise() -> None:
-    """Many frames tell the noise better than one; a frame with gross errors does not spoil it for the others."""
+def test_each_frame_tells_its_own_noise() -> None:
+    """One frame tells its noise to a tenth, whatever the frames beside it are."""
     layout = bench.LAYOUTS["line"]
     clean, _ = layout.make(layout.contacts["small cylinder"])
     std = 0.02 * float(np.abs(clean).max())
     rng = np.random.default_rng(0)
-    frames = clean + std * rng.standard_normal((12, *clean.shape))
-    single = np.array([float(layout.skin.reconstruct(f).noise_std[0]) for f in frames]) / std  # type: ignore[index]
+    frames = clean + std * rng.standard_normal((6, *clean.shape))
     together = layout.skin.reconstruct(frames).noise_std / std
-    assert np.abs(together - 1.0).max() < 0.05
-    assert np.abs(together - 1.0).max() < 0.7 * np.abs(single - 1.0).max()
+    assert np.abs(together - 1.0).max() < 0.2
     frames[5, 0, ::3] = 0.4 * np.abs(clean).max()
     spoiled = layout.skin.reconstruct(frames).noise_std / std
-    assert np.abs(np.delete(spoiled, 5) - 1.0).max() < 0.08
+    np.testing.assert_array_equal(spoiled[:5], together[:5])
 
 
 def test_correlated_noise_in_mirror_blocks_and_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     """The whitening commutes with the mirror symmetry: both ways to the spectrum agree, and on scattered positions too."""
-    from palpate.inverse import regularised
+    from palpate.inverse.linear import spectrum
 
     array = pp.AreaArray(
         shape=(27, 27), pitch=1e-3, depth=1.5e-3, channels=["stress_zz"], noise=30.0, noise_correlation=2e-3
@@ -654,7 +652,7 @@ def test_correlated_noise_in_mirror_blocks_and_whole(monkeypatch: pytest.MonkeyP
     rng = np.random.default_rng(0)
     readings = pp.Skin(PAD, array).sense(BALL, rng=rng)
     blocks = pp.Skin(PAD, array).reconstruct(readings, method="tikhonov")
-    monkeypatch.setattr(regularised, "_is_symmetric", lambda operator: False)
+    monkeypatch.setattr(spectrum, "in_blocks", lambda *_: False)
     whole = pp.Skin(PAD, array).reconstruct(readings, method="tikhonov")
     np.testing.assert_allclose(whole.values, blocks.values, atol=1e-6 * blocks.values.max())
     scattered = pp.ScatteredArray(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import palpate as pp
 from palpate import solutions
-from palpate.inverse.account import Errors
+from palpate.inverse.estimate import Errors
 from palpate.recordings.labelled import recording_dataset, recording_of, touch_dataset, touch_of
 from palpate.sensing.grids import AreaGrid, LineGrid
 

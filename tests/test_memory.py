@@ -12,8 +12,8 @@ import pytest
 
 import palpate as pp
 from palpate import _memory
-from palpate.inverse import regularised
-from palpate.inverse.regularised import Regularised, spectrum_memory
+from palpate.inverse.linear import fourier, memory
+from palpate.inverse.linear.memory import spectrum_memory
 from palpate.sensing import operator as operators
 
 PAD = pp.HalfSpace(youngs_modulus=5e3, poissons_ratio=0.48)
@@ -62,8 +62,8 @@ def test_refused_before_any_work(name: str, monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(operators, "influence", begun)
     monkeypatch.setattr(operators, "periodic_transfer", begun)
-    monkeypatch.setattr(regularised, "periodic_transfer", begun)
-    for module in (_memory, regularised):
+    monkeypatch.setattr(fourier, "periodic_transfer", begun)
+    for module in (_memory, memory):
         monkeypatch.setattr(module, "available", lambda: int(free))
     options = dict(options)
     skin = pp.Skin(PAD, array, boundary=options.pop("boundary", "free"))
@@ -71,10 +71,7 @@ def test_refused_before_any_work(name: str, monkeypatch: pytest.MonkeyPatch) -> 
     tracemalloc.start()
     try:
         with pytest.raises(pp.Unsupported) as refused:
-            skin._solver(
-                options.get("method") or skin._default_method(None, dict.fromkeys(("order", "parameter"))),
-                *_arguments(skin),
-            )
+            skin._prepared(skin._method(options.get("method"), {}).resolved(skin.problem()), skin.components)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -84,11 +81,6 @@ def test_refused_before_any_work(name: str, monkeypatch: pytest.MonkeyPatch) -> 
     assert f"{_memory.gigabytes(free)} are free" in message
     assert peak < 20e6 + 48 * readings[0].size  # where the taxels are
     assert len(message) < 500
-
-
-def _arguments(skin: pp.Skin) -> tuple[Any, ...]:
-    names = ("spectrum", "order", "parameter", "length", "friction")
-    return skin.components, dict.fromkeys(names)
 
 
 def test_the_periodic_remedy_serves_that_input(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,10 +98,10 @@ def test_the_periodic_remedy_serves_that_input(monkeypatch: pytest.MonkeyPatch) 
 def test_the_remedy_is_accepted(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the message proposes passes the same checks."""
     array, _, free, _ = CASES[name]
-    monkeypatch.setattr(regularised, "available", lambda: int(free))
+    monkeypatch.setattr(memory, "available", lambda: int(free))
     skin = pp.Skin(PAD, array)
     with pytest.raises(pp.Unsupported) as refused:
-        regularised.check_spectrum(skin.pad, skin.planes, skin.surface, len(skin.components))
+        memory.check_spectrum(skin.pad, skin.planes, skin.surface, len(skin.components))
     message = str(refused.value)
     if name == "4900 beads":
         pitch = re.search(r"gridded\(([^)]*)\)", message)
@@ -127,7 +119,7 @@ def test_the_remedy_is_accepted(name: str, monkeypatch: pytest.MonkeyPatch) -> N
         if name.endswith("dead"):
             fewer = fewer.masked(array.valid[::k, ::k])
     thin = pp.Skin(PAD, fewer)
-    regularised.check_spectrum(thin.pad, thin.planes, thin.surface, len(thin.components))
+    memory.check_spectrum(thin.pad, thin.planes, thin.surface, len(thin.components))
 
 
 @pytest.mark.parametrize(
@@ -136,15 +128,14 @@ def test_the_remedy_is_accepted(name: str, monkeypatch: pytest.MonkeyPatch) -> N
     ids=["blocks", "one channel", "masked", "scattered"],
 )
 def test_the_estimate_is_what_is_allocated(array: Any) -> None:
-    from palpate.inverse.parameter import tikhonov
-    from palpate.inverse.priors import DifferencePrior
+    from palpate.inverse import DifferencePrior, decompose
 
     skin = pp.Skin(PAD, array)
     columns = [skin.surface.components.index(c) for c in skin.components]
     skin.operator.planes  # noqa: B018
     tracemalloc.start()
     try:
-        Regularised(skin.operator, [DifferencePrior(skin.surface, 1)] * len(columns), columns, tikhonov, "evidence")
+        decompose(skin.operator, [DifferencePrior(skin.surface, 1)] * len(columns), columns)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

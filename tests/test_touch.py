@@ -8,7 +8,7 @@ import pytest
 import palpate as pp
 from palpate import solutions
 from palpate._batches import per_frame_fields
-from palpate.inverse.account import Errors
+from palpate.inverse.estimate import Errors
 from palpate.touch import joined
 from palpate.uncertainty import Case, constants
 

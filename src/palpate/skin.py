@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +14,9 @@ from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats, Pad, check_pad
 from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
-from palpate.inverse.adaptive import Adaptive
-from palpate.inverse.cone import Cone
-from palpate.inverse.constant_friction import ConstantFriction
-from palpate.inverse.constrained import Constrained
-from palpate.inverse.direct import Division, LinearSolve
-from palpate.inverse.family import FAMILY, Family
+from palpate.inverse.contact.methods import Constrained
+from palpate.inverse.estimate import Estimate
+from palpate.inverse.method import Method, Prepared
 from palpate.inverse.observability import (
     Observability,
     blind_to_force,
@@ -29,9 +24,8 @@ from palpate.inverse.observability import (
     observability,
     observable_components,
 )
-from palpate.inverse.parameter import tikhonov, truncate
-from palpate.inverse.priors import DifferencePrior, Prior, SpectralPrior, hilgers_prior
-from palpate.inverse.regularised import Estimate, Regularised
+from palpate.inverse.problem import Kept, Problem
+from palpate.inverse.registry import method_named, unnamed
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import Grid, LineGrid
 from palpate.sensing.operator import Boundary, Operator
@@ -45,46 +39,12 @@ from palpate.uncertainty import Case
 if TYPE_CHECKING:
     from palpate.recordings.recording import Recording
 
-__all__ = ["METHODS", "Skin"]
+__all__ = ["Skin"]
 
-Method = Literal[
-    "adaptive",
-    "constrained",
-    "tikhonov",
-    "hilgers",
-    "truncated",
-    "wiener",
-    "dft",
-    "linear",
-    "constant_friction",
-    "nnls",
-    "tv",
-    "elastic_net",
-    "maxent",
-    "network",
-]
 Spectrum = Callable[[Floats], npt.ArrayLike]
 
-#: Every method of `Skin.reconstruct` with the options that it takes besides ``components``.
-METHODS: dict[str, tuple[str, ...]] = {
-    "adaptive": ("friction", "draws", "rng"),
-    "constrained": ("friction", "parameter", "draws", "rng"),
-    "tikhonov": ("order", "parameter"),
-    "hilgers": ("parameter", "length"),
-    "truncated": ("parameter",),
-    "wiener": ("spectrum",),
-    "dft": (),
-    "linear": (),
-    "constant_friction": ("order", "parameter", "friction"),
-    "nnls": (),
-    "elastic_net": ("parameter",),
-    "tv": ("parameter",),
-    "maxent": ("parameter",),
-    "network": ("parameter",),
-}
-
-#: The adaptive method seeks contact this many depths past the array, where no surface is given.
-WIDE = 4.0
+#: Methods prepared that are kept; what they share is kept by `Problem`.
+PREPARED = 8
 
 _SPOKEN = {"x": "shear along x", "y": "shear along y", "z": "pressure"}
 
@@ -143,8 +103,8 @@ class Skin:
         self._pad, self._planes, self._boundary, self._surface = pad, planes, boundary, surface
         # every spatial computation is that of the instantaneous pad; creep is a filter in time
         self._elastic: Pad = pad.elastic if isinstance(pad, Viscoelastic) else pad
-        self._operator: Operator | None = None
-        self._solvers: dict[tuple[Any, ...], Any] = {}
+        self._problem = Problem(self._elastic, planes, surface, boundary, surface.components, fixed=self._given)
+        self._methods = Kept(entries=PREPARED)
         self._default: tuple[str, ...] | None = None
 
     # -- what it is ----------------------------------------------------------------------------------------------------
@@ -184,17 +144,7 @@ class Skin:
     @property
     def operator(self) -> Operator:
         """The linear operator from traction to readings, with its adjoint."""
-        if self._operator is None:
-            self._operator = Operator(self._elastic, self._planes, self._surface, self._boundary)
-        return self._operator
-
-    @property
-    def _wide(self) -> Operator:
-        """The operator on a surface that reaches far enough to explain what presses beyond the array's edge."""
-        if self._given:
-            return self.operator
-        wide = default_surface(self._planes, depths=WIDE)
-        return Operator(self._elastic, self._planes, wide, self._boundary)
+        return self._problem.operator
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -219,7 +169,7 @@ class Skin:
         planes = [p.masked(m) for p, m in zip(self._planes, masks)]
         # missing taxels do not move the surface, so that results stay comparable
         out = Skin(self._pad, planes, surface=self._surface, boundary=self._boundary)
-        out._given = self._given
+        out._given = out._problem.fixed = self._given
         return out
 
     # -- forward -------------------------------------------------------------------------------------------------------
@@ -279,7 +229,7 @@ class Skin:
         self,
         readings: Any,
         *,
-        method: Method | None = None,
+        method: str | Method | None = None,
         components: Sequence[str] | None = None,
         order: int | None = None,
         parameter: float | str | None = None,
@@ -299,14 +249,15 @@ class Skin:
         ----------
         readings : array (*batch, channel, *array), or a list with one per plane
             In SI units, compression positive. Missing taxels (``mask``) may hold anything.
-        method : str
-            "adaptive" (default where pressure is sought on a free boundary; learned, constrained, with error bars),
-            "constrained" (one even penalty with the same constraints: less sharp, faster, what a `Tracker` does),
-            "tikhonov" (default elsewhere; linear, milliseconds a frame), "hilgers" (Sobolev kernel), "truncated" (spectral cut-off), "wiener" (given spectrum),
-            "dft" and "linear" (the founding paper's division, and the linear system it stands for; on the array's own
-            grid), "constant_friction" (the paper's sliding contact, line contact only); and for comparison "nnls", "elastic_net",
-            "tv" (total variation), "maxent" (maximum entropy), "network" (analog network), see
-            `palpate.inverse.family`.
+        method : str or Method, optional
+            A short name, or a method with its options, e.g. ``pp.Tikhonov(order=2, rule="gcv")``; `palpate.methods` lists all.
+            "automatic" (default): "adaptive" (learned, constrained, with error bars), and "tikhonov" for frames that pull, and where
+            pressure is not sought, the boundary is periodic, or ``order`` or ``parameter`` is given. "constrained" (one even
+            penalty with the same constraints: less sharp, faster, what a `Tracker` does), "tikhonov" (linear, milliseconds a frame),
+            "hilgers" (Sobolev kernel), "truncated" (spectral cut-off), "wiener" (given spectrum), "dft" and "linear" (the founding
+            paper's division, and the linear system it stands for; on the array's own grid), "constant_friction" (the paper's
+            sliding contact, line contact only); and for comparison "nnls", "elastic_net", "tv" (total variation), "maxent" (maximum
+            entropy), "network" (analog network).
         components : sequence of str, optional
             What is sought, e.g. ["z"]; the rest is taken as zero. Default: `Skin.components`.
         order : 0, 1 or 2
@@ -344,58 +295,39 @@ class Skin:
         Unsupported
             An option that the method does not take, or a layout that it cannot serve; the message says what can.
         """
-        options = {
+        given = {
             "order": order,
             "parameter": parameter,
             "spectrum": spectrum,
             "length": length,
             "friction": friction,
             "draws": draws,
-            "rng": rng,
         }
-        automatic = method is None
-        if method is None:
-            method = self._default_method(components, options)
-        if method not in METHODS:
-            raise InvalidInput(f"method must be one of {', '.join(METHODS)}; got {method!r}.")
-        for name, value in options.items():
-            if value is not None and name not in METHODS[method]:
-                takers = [m for m, accepted in METHODS.items() if name in accepted]
-                raise Unsupported(f'method="{method}" does not take {name}; it belongs to {", ".join(takers)}.')
+        chosen = self._method(method, given)
+        if rng is not None and "draws" not in chosen.options():
+            raise Unsupported(f'method="{chosen.name}" does not take rng: it draws no samples.')
         parts = self._layout.checked(readings)
         times = stamps(readings, parts, self._planes, time)
         if isinstance(self._pad, Viscoelastic):
             parts = with_creep(parts, self._planes, self._pad.prony, times, "remove")
-        names = ("z",) if method == "constant_friction" and components is None else self._names(components)
-        solver = self._solver(method, names, options)
-        if method in ("adaptive", "constrained"):
-            if draws is not None and not (isinstance(draws, int) and draws >= 0):
-                raise InvalidInput(f"draws must be a whole number >= 0; got {draws!r}.")
-            estimate: Estimate = solver.solve(parts, draws or 0, rng)
-            if (
-                automatic
-                and friction is None
-                and estimate.pushed is not None
-                and 2 * estimate.pushed.sum() < estimate.pushed.size
-            ):
-                # adhesion or cells that pull: the assumption that contact only pushes is wrong here
-                method, solver = "tikhonov", self._solver("tikhonov", names, {**options, "draws": None, "rng": None})
-                estimate = replace(solver.solve(parts), pushed=estimate.pushed)
-        else:
-            estimate = solver.solve(parts)
-        grid = solver.grid if isinstance(solver, Division | LinearSolve) else self._surface
-        sought = ("x", "z") if method == "constant_friction" else names
+        names = chosen.seeks if chosen.seeks is not None and components is None else self._names(components)
+        chosen = chosen.resolved(self._problem.seeking(names))
+        prepared = self._prepared(chosen, names)
+        estimate = prepared.solve(parts, rng)
+        sought = chosen.returns(names)
+        found_by = [chosen.name] if estimate.method is None else np.unique(estimate.method)
         return Touch(
             estimate.traction,
-            grid,
+            prepared.grid,
             sought,
-            method,
-            (*self._notes(sought, method, solver), *self._outcome(estimate)),
+            str(found_by[0]),
+            (*self._notes(sought, chosen, prepared), *self._outcome(estimate)),
             estimate.parameter,
-            self._noise(solver, estimate),
+            estimate.noise_std,
             estimate.residual,
             self._unseen(sought),
             times,
+            case=self.case(sought),
             errors=estimate.errors,
             converged=estimate.converged,
             touching=estimate.contact,
@@ -403,7 +335,7 @@ class Skin:
             draws=estimate.draws,
             resolution=estimate.resolution,
             sliding=estimate.sliding,
-            case=self.case(sought),
+            found_by=estimate.method if len(found_by) > 1 else None,
         )
 
     def track(
@@ -443,9 +375,9 @@ class Skin:
         Tracker
             Its ``step(reading, time)`` takes one frame and returns a `Touch`.
         """
-        options = dict.fromkeys(("order", "spectrum", "length", "draws", "rng"))
         names = self._names(components)
-        solver = self._solver("constrained", names, {**options, "friction": friction, "parameter": parameter})
+        method = method_named(Constrained.name, {"friction": friction, "parameter": parameter})
+        solver = self._prepared(method, names)
         filters: Callable[[], list[CreepFilter | None]] | None = None
         if isinstance(self._pad, Viscoelastic):
             prony = self._pad.prony
@@ -458,7 +390,7 @@ class Skin:
             solver,
             names,
             self._layout,
-            notes=self._notes(names, "constrained", solver),
+            notes=self._notes(names, method, solver),
             case=self.case(names),
             creep=filters,
             baseline=baseline,
@@ -469,12 +401,20 @@ class Skin:
             label=self._reading_name,
         )
 
-    def _default_method(self, components: Sequence[str] | None, options: Mapping[str, Any]) -> Method:
-        """Adaptive where there is pressure to constrain; the linear method where an option asks for it, or nothing else can."""
-        linear = any(options[o] is not None for o in ("order", "parameter"))
-        if linear or self._boundary == "periodic" or "z" not in self._names(components):
-            return "tikhonov"
-        return "adaptive"
+    @staticmethod
+    def _method(method: str | Method | None, given: Mapping[str, Any]) -> Method:
+        """The method asked for, with its options; without a name the automatic one, or the linear one whose option was given."""
+        said = {name: value for name, value in given.items() if value is not None}
+        if isinstance(method, Method):
+            if said:
+                first = next(iter(said))
+                raise InvalidInput(
+                    f"{', '.join(said)} given beside a method with its own options: say {type(method).__name__}({first}=...)."
+                )
+            return method
+        if isinstance(method, type):
+            raise InvalidInput(f"method must be a {method.__name__} with its options: {method.__name__}(...).")
+        return method_named(unnamed(said) if method is None else method, said)
 
     def _outcome(self, estimate: Estimate) -> tuple[str, ...]:
         """What happened to frames, in words."""
@@ -529,105 +469,25 @@ class Skin:
             raise InvalidInput(f"components must be a list of names among {', '.join(accepted)}; got {components!r}.")
         return tuple(c for c in accepted if c in components)
 
-    def _solver(self, method: str, names: tuple[str, ...], options: Mapping[str, Any]) -> Any:
-        spectrum = options["spectrum"]
-        spectrum_key = tuple(sorted(spectrum.items())) if isinstance(spectrum, Mapping) else spectrum
-        key = (method, names, spectrum_key, *(options[o] for o in ("order", "parameter", "length", "friction")))
-        if key not in self._solvers:
+    def problem(self, *, components: Sequence[str] | None = None) -> Problem:
+        """What a method is prepared for: operator, surface and the components sought. What methods share is kept with it."""
+        return self._problem.seeking(self._names(components))
+
+    def _prepared(self, method: Method, names: tuple[str, ...]) -> Any:
+        """The method prepared for these components, made once."""
+
+        def prepare() -> Prepared:
             check_observable(self._elastic, self._planes, names)
-            self._solvers[key] = self._prepare(method, names, options)
-        return self._solvers[key]
+            return method.prepare(self._problem.seeking(names))
 
-    def _prepare(self, method: str, names: tuple[str, ...], options: Mapping[str, Any]) -> Any:
-        columns = [self._surface.components.index(c) for c in names]
-        if method == "dft":
-            return Division(self._elastic, self._planes, columns)
-        if method == "linear":
-            return LinearSolve(self._elastic, self._planes, columns)
-        parameter = options["parameter"]
-        if method in ("adaptive", "constrained"):
-            if self._boundary == "periodic":
-                raise Unsupported(
-                    f'method="{method}" needs boundary="free"; use method="tikhonov" on a periodic surface.'
-                )
-            cone = self._cone(names, options["friction"])
-            if method == "adaptive":
-                return Adaptive(self._wide, columns, cone, self._surface)
-            return Constrained(self.operator, columns, cone, parameter="evidence" if parameter is None else parameter)
-        if method in FAMILY:
-            if self._boundary == "periodic":
-                raise Unsupported(
-                    f'method="{method}" needs boundary="free"; use method="tikhonov" on a periodic surface.'
-                )
-            return Family(self.operator, columns, method, parameter)
-        if parameter is None:
-            parameter = "gcv" if method == "truncated" else "evidence"
-        grid = self._surface
-        priors: list[Prior]
-        if method == "hilgers":
-            length = options["length"]
-            if length is None:
-                length = min(p.depth for p in self._planes) or grid.spacings[-1]
-            if not (isinstance(length, int | float) and math.isfinite(length) and length > 0):
-                raise InvalidInput(f"length must be a positive number of metres; got {length!r}.")
-            priors = [hilgers_prior(grid, float(length))] * len(names)
-        elif method == "truncated":
-            priors = [DifferencePrior(grid, 0)] * len(names)
-        elif method == "wiener":
-            priors = self._spectral_priors(names, options["spectrum"])
-            if any(p.noise_std is None for p in self._planes):
-                raise Unsupported(
-                    'method="wiener" needs the noise: give the array noise=..., or use method="tikhonov".'
-                )
-            parameter = 1.0
-        else:
-            order = 1 if options["order"] is None else options["order"]
-            priors = [DifferencePrior(grid, order)] * len(names)
-        filter_factors = truncate if method == "truncated" else tikhonov
-        inner = Regularised(self.operator, priors, columns, filter_factors, parameter)
-        if method == "constant_friction":
-            if options["friction"] is None:
-                raise InvalidInput('method="constant_friction" needs friction=..., the coefficient mu.')
-            return ConstantFriction(self._elastic, self._planes, inner, options["friction"])
-        return inner
-
-    def _cone(self, names: tuple[str, ...], friction: float | None) -> Cone:
-        if friction is not None:
-            if not (isinstance(friction, int | float) and math.isfinite(friction) and friction > 0):
-                raise InvalidInput(f"friction must be a positive number; got {friction!r}.")
-            if names == ("z",):
-                raise Unsupported(
-                    "friction ties shear to pressure, and only pressure is sought here: the channels cannot tell shear "
-                    "apart. Leave friction out, or measure more channels."
-                )
-        return Cone(names, None if friction is None else float(friction))
-
-    def _spectral_priors(self, names: tuple[str, ...], spectrum: Any) -> list[Prior]:
-        if spectrum is None:
-            raise InvalidInput(
-                'method="wiener" needs spectrum=..., a function of wavenumber [rad/m] that returns the power spectral density '
-                "of the traction."
-            )
-        if isinstance(spectrum, Mapping):
-            missing = [c for c in names if c not in spectrum]
-            if missing:
-                raise InvalidInput(f"spectrum lacks the component {', '.join(missing)}.")
-            return [SpectralPrior(self._surface, spectrum[c]) for c in names]
-        return [SpectralPrior(self._surface, spectrum)] * len(names)
-
-    def _noise(self, solver: Any, estimate: Estimate) -> Floats | None:
-        inner = solver.inner if isinstance(solver, ConstantFriction) else solver
-        if not isinstance(inner, Regularised | Constrained | Family) or estimate.noise_scale is None:
-            return None
-        scale = estimate.noise_scale if isinstance(inner, Constrained) else estimate.noise_scale[..., None]
-        return np.asarray(scale * np.concatenate(inner.scales))
+        return self._methods.get((method, names), prepare)
 
     def _unseen(self, names: tuple[str, ...]) -> tuple[str, ...]:
         if self._boundary != "periodic" or self._elastic.mean_compliance(0.0) is not None:
             return ()
         return names if all(find_channel(c).kind.absolute for p in self._planes for c in p.channels) else ()
 
-    def _notes(self, names: tuple[str, ...], method: str, solver: Any) -> tuple[str, ...]:
+    def _notes(self, names: tuple[str, ...], method: Method, prepared: Any) -> tuple[str, ...]:
         notes = []
         zero = [c for c in self._surface.components if c not in names]
         if zero:
@@ -636,20 +496,18 @@ class Skin:
                 if set(names) == set(self.components)
                 else f"{' and '.join(_SPOKEN[c] for c in zero)} taken as zero, as asked"
             )
-        if method == "constant_friction":
-            notes.append("shear is uniform over a symmetric contact and follows the net force by the friction given")
+        notes.extend(method.assumptions())
         unseen = self._unseen(names)
         if unseen:
             notes.append(
                 "net force cannot be known from displacements of a periodic half-space: the mean traction is set to zero"
             )
-        elif method not in ("dft", "linear"):
+        elif prepared.grid is self._surface:
             blind = blind_to_force(self._elastic, self._planes, names)
             if blind:
                 notes.append(
                     f"the net force of {' and '.join(_SPOKEN[c] for c in blind)} is seen only through the finite width of the "
                     "contact: these channels do not feel a uniform load"
                 )
-        if isinstance(solver, Division) and solver.condition > 1e8:
-            notes.append(f"division amplifies noise up to {solver.condition:.1e} times")
+        notes.extend(getattr(prepared, "notes", ()))
         return tuple(notes)

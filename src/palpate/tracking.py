@@ -1,6 +1,6 @@
 """One frame after another: what touches the pad while it happens.
 
-A `Tracker` solves the problem of ``method="constrained"`` (`palpate.inverse.constrained`) for every frame of a stream. What that
+A `Tracker` solves the problem of ``method="constrained"`` (`palpate.inverse.contact.constrained`) for every frame of a stream. What that
 needs is prepared once: the normal matrix of the whole surface. Between frames it keeps the cells where contact is possible, the
 inverse of their normal matrix, and the solution with its multipliers, from which the alternating direction method of multipliers
 (S. Boyd et al., Foundations and Trends in Machine Learning 3, 2011, 1-122) needs a few small matrix-vector products:
@@ -24,8 +24,9 @@ from palpate._arrays import from_numpy
 from palpate.elastic.half_space import Floats
 from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput
-from palpate.inverse.account import Errors
-from palpate.inverse.constrained import FAINT, MARGIN, MODEL_ERROR, Constrained, grown
+from palpate.inverse.contact.constrained import FAINT, MARGIN, MODEL_ERROR, ConstrainedEstimator
+from palpate.inverse.contact.model import grown
+from palpate.inverse.estimate import Errors
 from palpate.sensing.readings import Layout
 from palpate.status import Status
 from palpate.touch import Touch
@@ -120,7 +121,7 @@ class Tracker:
 
     Parameters
     ----------
-    estimator : Constrained
+    estimator : ConstrainedEstimator
         The problem of one frame.
     names : tuple of str
         Components sought.
@@ -142,7 +143,7 @@ class Tracker:
 
     def __init__(
         self,
-        estimator: Constrained,
+        estimator: ConstrainedEstimator,
         names: tuple[str, ...],
         layout: Layout,
         *,
@@ -735,9 +736,9 @@ class Tracker:
             estimator = self.estimator
             level = estimator.level(1)
             data = estimator.normal(level, cells, y / std, self._std * std, heard)
-            account = estimator.account(data, estimator.precisions(level, 1, weight), start, keep_face=True)
-            account.weight = 1.0
-            return estimator.summed_up([account])[1], len(cells)
+            model = estimator.model(data, estimator.precisions(level, 1, weight), start, keep_face=True)
+            model.weight = 1.0
+            return estimator.summed_up([model])[1], len(cells)
 
         found = self._later("errors", work)
         if found is not None:

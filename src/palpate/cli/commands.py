@@ -14,6 +14,7 @@ from palpate.cli.bench import bench_app
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
 from palpate.cli.live import live
+from palpate.cli.methods import MethodCommand
 from palpate.cli.pad import pad
 from palpate.cli.paper import paper
 from palpate.cli.reconstruct import reconstruct
@@ -47,8 +48,9 @@ def _root(
     pass
 
 
-for _command in (demo, simulate, reconstruct, track, live, convert, pad, paper):
+for _command in (demo, simulate, track, live, convert, pad, paper):
     app.command()(_command)
+app.command(cls=MethodCommand)(reconstruct)
 app.add_typer(bench_app, name="bench")
 
 

@@ -8,12 +8,14 @@ from typing import Annotated, Any
 import typer
 
 from palpate.cli.files import Force, check_output, provenance, save_figure, skin_files, written
-from palpate.cli.options import check_matching, check_picture, number_or_rule
+from palpate.cli.methods import chosen_method
+from palpate.cli.options import check_matching, check_picture
 from palpate.cli.progress import busy, progress
 from palpate.errors import InvalidInput
 
 
 def reconstruct(
+    ctx: typer.Context,
     recording_file: Annotated[
         Path,
         typer.Argument(metavar="RECORDING", help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag)."),
@@ -25,23 +27,8 @@ def reconstruct(
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of one frame to write (.png, .pdf or .svg).")] = None,
     frame: Annotated[int, typer.Option(help="Frame to draw and to print; -1 is the last.")] = -1,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            help="adaptive (default where pressure is sought), tikhonov, hilgers, truncated, dft, linear, constant_friction, "
-            "nnls, elastic_net, tv, maxent or network."
-        ),
-    ] = None,
     components: Annotated[
         str | None, typer.Option(help="What is sought, e.g. z or x,z; default: what the channels can tell apart.")
-    ] = None,
-    order: Annotated[int | None, typer.Option(help="Order of Tikhonov's penalty: 0, 1 or 2.")] = None,
-    parameter: Annotated[
-        str | None, typer.Option(help="Regularisation parameter, or evidence, gcv, lcurve, discrepancy.")
-    ] = None,
-    friction: Annotated[
-        float | None,
-        typer.Option(help="Coefficient of friction: bounds the shear (adaptive), and gives the slip margin."),
     ] = None,
     drop_missing: Annotated[
         bool, typer.Option("--drop-missing", help="Leave out taxels with missing readings instead of refusing them.")
@@ -51,12 +38,10 @@ def reconstruct(
     """Recover pressure and shear from a recording. Nothing to tune."""
     from dataclasses import replace
 
-    import numpy as np
-
     from palpate.elastic import Viscoelastic
     from palpate.recordings import read_recording, read_stream, write_touch
     from palpate.recordings.formats import file_format
-    from palpate.skin import METHODS, Skin
+    from palpate.skin import Skin
     from palpate.touch import joined
 
     target = out if out is not None else recording_file.with_name(recording_file.stem + "-touch.nc")
@@ -66,10 +51,7 @@ def reconstruct(
     if plot is not None:
         check_picture(plot)
         check_output(plot, inputs=inputs, force=force)
-    if method is not None and (method not in METHODS or method == "wiener"):
-        raise InvalidInput(f"method must be one of {', '.join(m for m in METHODS if m != 'wiener')}; got {method!r}.")
-    if friction is not None and not (np.isfinite(friction) and friction != 0):
-        raise InvalidInput(f"friction must be a finite number other than 0; got {friction:g}.")
+    method = chosen_method(ctx)
     recording = read_recording(recording_file, mapping=read_stream(skin_file))
     skin = Skin.from_file(skin_file, recording=recording)
     check_matching(recording, skin)
@@ -83,18 +65,8 @@ def reconstruct(
         )
     options: dict[str, Any] = {
         "method": method,
-        "order": order,
         "components": components.split(",") if components else None,
     }
-    if parameter is not None:
-        options["parameter"] = number_or_rule(parameter)
-    takes_friction = method == "constant_friction" or (
-        method in (None, "adaptive") and order is None and parameter is None and skin.boundary == "free"
-    )
-    if takes_friction and friction is not None:
-        sought = skin.components if components is None else components.split(",")
-        if method == "constant_friction" or ("z" in sought and len(sought) > 1):
-            options["friction"] = friction
     count = len(recording.readings)
     if not -count <= frame < count:
         raise InvalidInput(f"frame {frame} is not among the {count} frames of {recording_file}.")
@@ -112,6 +84,7 @@ def reconstruct(
     if figure is not None and plot is not None:
         save_figure(figure, plot)
     both = set(touch.components) == set(touch.surface.components)
+    friction = getattr(method, "friction", None)
     slip = abs(friction) if friction is not None and both else None
     typer.echo(f"frame {frame % count} of {count}")
     typer.echo(touch.summary(friction=slip, frame=frame))

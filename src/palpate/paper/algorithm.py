@@ -1,7 +1,7 @@
 """The paper's sections 3.1 and 3.2 on samples: division of transforms, and the contact with constant friction.
 
 Samples n = -N ... N lie in order, the middle one at y = 0. Everything is written as the paper writes it; the library's own
-methods are `palpate.inverse.Division`, `LinearSolve` and `ConstantFriction`.
+methods are `palpate.inverse.Division`, `LinearSystem` and `ConstantFriction`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy.typing as npt
 from palpate._arrays import irfftn, rfftn
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput
-from palpate.inverse import LinearSolve
+from palpate.inverse import LinearSystemEstimator
 from palpate.paper.cases import DEPTH, PAD, PITCH, array, sense
 from palpate.paper.formulas import kernels
 
@@ -74,7 +74,7 @@ def divide_slowly(readings: Floats, channel: str) -> Floats:
 
 def solve_linear(readings: Floats, channel: str) -> Floats:
     """Ours: the linear system that made the data, solved as it stands."""
-    found = LinearSolve(PAD, [array([channel], len(readings))], [1]).solve([readings[None, :]])
+    found = LinearSystemEstimator(PAD, [array([channel], len(readings))], [1]).solve([readings[None, :]])
     return np.asarray(found.traction[1])
 
 

@@ -135,7 +135,7 @@ EQUATIONS: tuple[Equation, ...] = (
         ("palpate.sensing.operator.sampled_kernel", f"{_CASES}.sense"),
     ),
     Equation("16", "discrete transforms: a product", (f"{_ALGORITHM}.transform",)),
-    Equation("17", "discrete division", (f"{_ALGORITHM}.divide", "palpate.inverse.direct.Division")),
+    Equation("17", "discrete division", (f"{_ALGORITHM}.divide", "palpate.inverse.paper.division.DivisionEstimator")),
     Equation("18", "constant shear from friction", (f"{_ALGORITHM}.constant_shear",)),
     Equation("19–20", "readings with friction, and on samples", (f"{_CASES}.sliding_punch", f"{_CASES}.sense")),
     Equation("21", "net pressure: transforms at 0", (f"{_ALGORITHM}.net_pressure",)),

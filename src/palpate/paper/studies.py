@@ -10,8 +10,16 @@ from typing import Any
 import numpy as np
 
 from palpate.elastic.half_space import Floats
-from palpate.inverse import ConstantFriction, DifferencePrior, Division, LinearSolve, Regularised, hilgers_prior
-from palpate.inverse.parameter import tikhonov
+from palpate.inverse import (
+    ConstantFrictionEstimator,
+    DifferencePrior,
+    DivisionEstimator,
+    LinearSystemEstimator,
+    Regularised,
+    decompose,
+    hilgers_prior,
+)
+from palpate.inverse.linear.parameter import tikhonov
 from palpate.paper.algorithm import (
     constant_shear,
     divide,
@@ -68,7 +76,7 @@ def error_table() -> list[Row]:
     rows = []
     for case, channel in FRICTIONLESS:
         true, readings = data(case, channel)
-        single = Division(PAD, [array([channel])], [1]).solve([readings.astype(np.float32)]).traction[1]
+        single = DivisionEstimator(PAD, [array([channel])], [1]).solve([readings.astype(np.float32)]).traction[1]
         found: dict[str, Floats] = {
             "division": divide(readings[0], channel),
             "single precision": single,
@@ -91,7 +99,9 @@ def friction_table() -> list[Row]:
     found: dict[str, dict[str, Floats]] = {}
     for channel in CHANNELS:
         true, readings = data("punch with friction", channel)
-        own = ConstantFriction(PAD, [array([channel])], LinearSolve(PAD, [array([channel])], [1]), FRICTION)
+        own = ConstantFrictionEstimator(
+            PAD, [array([channel])], LinearSystemEstimator(PAD, [array([channel])], [1]), FRICTION
+        )
         tractions: dict[str, Floats] = {
             "M found": sliding(readings[0], channel, FRICTION).traction,
             "M one too wide": sliding(readings[0], channel, FRICTION, half_samples=TRUE_M + 1).traction,
@@ -211,9 +221,9 @@ def noise_study(
         plane = array([channel])
         model = sampled_kernel(PAD, plane)
         solvers: dict[str, Any] = {
-            "division": Division(PAD, [plane], [1]),
-            "Hilgers": Regularised(model, [hilgers_prior(plane.grid, DEPTH)], [1], tikhonov, "evidence"),
-            "Tikhonov": Regularised(model, [DifferencePrior(plane.grid, 1)], [1], tikhonov, "evidence"),
+            "division": DivisionEstimator(PAD, [plane], [1]),
+            "Hilgers": Regularised(decompose(model, [hilgers_prior(plane.grid, DEPTH)], [1]), tikhonov, "evidence"),
+            "Tikhonov": Regularised(decompose(model, [DifferencePrior(plane.grid, 1)], [1]), tikhonov, "evidence"),
         }
         for level in levels:
             count = draws if level else 1

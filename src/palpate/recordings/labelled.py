@@ -15,7 +15,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.elastic.quantities import COMPONENTS
 from palpate.errors import InvalidInput
-from palpate.inverse.account import Errors
+from palpate.inverse.estimate import Errors
 from palpate.recordings.recording import Recording
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.touch import Touch

@@ -22,6 +22,10 @@ FINEST = 4
 FAR = 0.15
 
 
+#: Contact is sought this many depths past the array, where no surface is given.
+WIDE = 4.0
+
+
 def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS) -> Grid:
     """Cells no wider than the taxel pitch nor (down to a quarter of the pitch) than the depth, and a margin.
 

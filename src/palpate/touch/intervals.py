@@ -14,7 +14,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput, Unsupported
-from palpate.inverse.account import Errors
+from palpate.inverse.estimate import Errors
 from palpate.uncertainty import Calibration, Constants, constants
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from palpate._arrays import from_numpy, is_numpy, namespace, to_numpy
 from palpate._batches import freeze, per_frame, per_frame_fields, rebuilt, stacked
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput, NotObservable
-from palpate.inverse.account import Errors
+from palpate.inverse.estimate import Errors
 from palpate.sensing.grids import Grid
 from palpate.status import Status
 from palpate.touch import intervals

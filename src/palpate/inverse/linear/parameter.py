@@ -6,6 +6,7 @@ filter factors phi_i(lambda). Every rule is a sum over i, evaluated for all fram
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Literal
 
@@ -15,7 +16,7 @@ import numpy.typing as npt
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput, Unsupported
 
-__all__ = ["RULES", "Filter", "choose_parameter", "shared_variance", "truncate", "tikhonov"]  # noqa: RUF022
+__all__ = ["RULES", "Filter", "by_discrepancy", "check_parameter", "choose_parameter", "tikhonov", "truncate"]
 
 Rule = Literal["evidence", "gcv", "lcurve", "discrepancy"]
 RULES: tuple[str, ...] = ("evidence", "gcv", "lcurve", "discrepancy")
@@ -23,6 +24,16 @@ Filter = Callable[[Floats, Floats], Floats]
 
 #: Candidates span this many decades below the largest eigenvalue, at this many to a decade.
 DECADES, PER_DECADE = 16, 12
+
+
+def check_parameter(parameter: float | str) -> None:
+    """Raise unless it is a positive number or the name of a rule."""
+    if isinstance(parameter, str):
+        good = parameter in RULES
+    else:
+        good = not isinstance(parameter, bool) and 0 < float(parameter) < math.inf
+    if not good:
+        raise InvalidInput(f"parameter must be a positive number or one of {', '.join(RULES)}; got {parameter!r}.")
 
 
 def tikhonov(eigenvalues: Floats, parameter: Floats) -> Floats:
@@ -68,8 +79,7 @@ def choose_parameter(
     parameter, noise_variance : arrays (frame,)
         The noise variance is relative to the whitening (1 where it is known).
     """
-    if rule not in RULES:
-        raise InvalidInput(f"parameter must be a positive number or one of {', '.join(RULES)}; got {rule!r}.")
+    check_parameter(rule)
     if rule == "discrepancy" and not noise_known:
         raise Unsupported(
             'the discrepancy principle needs the noise: give the array noise=..., or use parameter="evidence" or "gcv".'
@@ -127,36 +137,27 @@ def choose_parameter(
     return parameter, variance
 
 
-#: How far (in log likelihood) one frame can pull the noise shared by all.
-LOUDEST = 20.0
+#: Misfit is brought this near to the noise (relative).
+DISCREPANCY = 0.01
 
 
-def shared_variance(eigenvalues: Floats, multiplicity: Floats, power: Floats) -> float:
-    """The noise variance, relative to the whitening, that makes all frames together most likely.
+def by_discrepancy(misfit: Callable[[float], float], noise: float, unit: float) -> float:
+    """The parameter whose root mean square ``misfit`` is the noise, by bisection of its logarithm between 1e-9 and 10 ``unit``.
 
-    Each frame has its own amplitude, as in "evidence" of `choose_parameter`; a frame that does not fit (a gross error) counts
-    no more than `LOUDEST`. ``power`` (frame, n).
+    For methods that have no spectrum; ``misfit`` is asked once for each parameter tried, the one returned last.
     """
-    top = float(eigenvalues.max())
-    grid = top * 10.0 ** np.linspace(2.0, -DECADES, (DECADES + 2) * PER_DECADE // 2 + 1)
-    phi = tikhonov(eigenvalues[None, :], grid[:, None])
-    logdet = -np.log(np.maximum(1.0 - phi, 1e-300)) @ multiplicity
-    explained = np.maximum((power * multiplicity) @ (1.0 - phi).T, 1e-300)  # (frame, candidate)
-    count = float(multiplicity.sum())
-    each = np.log(explained / count)
-    rows = np.arange(len(power))
-    own = each[rows, np.argmin(count * each + logdet, axis=1)]
-    loud = own > own.max() - np.log(1e12)  # a frame of zeros says nothing
-    explained, own = explained[loud], own[loud]
-    # where the frames' own answers lie, and evenly; not one candidate for each of ten thousand frames
-    own = np.quantile(own, np.linspace(0.0, 1.0, min(len(own), 100)))
-    fine = np.unique(np.concatenate([own, np.linspace(own.min() - 0.5, own.max() + 0.5, 200)]))
-    for _ in range(2):
-        score = np.array([np.minimum.reduce(explained / np.exp(v) + logdet, axis=1) + count * v for v in fine])
-        miss = np.minimum(score - score.min(axis=0), LOUDEST).sum(axis=1)
-        best = float(fine[np.argmin(miss)])
-        fine = best + np.linspace(-1.0, 1.0, 81) * max(np.diff(fine).max(), 1e-3)
-    return float(np.exp(best))
+    low, high = math.log(1e-9 * unit), math.log(10.0 * unit)
+    middle = high
+    for _ in range(24):
+        middle = 0.5 * (low + high)
+        left = misfit(math.exp(middle))
+        if abs(left - noise) < DISCREPANCY * noise or high - low < 0.02:
+            break
+        if left > noise:
+            high = middle
+        else:
+            low = middle
+    return math.exp(middle)
 
 
 def _curvature(a: Floats, b: Floats) -> Floats:

@@ -1,13 +1,13 @@
-"""Linear regularised inversion through the spectrum of the problem.
+"""The spectrum of the problem on a free boundary.
 
 Whiten the readings by their noise and the traction by a prior covariance W = C C^T: H = N^{-1/2} A C. With the
-eigenvectors U and eigenvalues s^2 of H H^T, every linear method is
+eigenvectors U and eigenvalues s^2 of H H^T, every linear method (`palpate.inverse.linear.regularised`) is
 
-    traction = V diag(phi(s)/s) U^T N^{-1/2} readings,      V = W A^T N^{-1/2} U diag(1/s),
+    traction = V diag(phi(s)/s) U^T N^{-1/2} readings,      V = W A^T N^{-1/2} U diag(1/s).
 
-prepared once; a frame costs two changes of basis (V is applied as an adjoint where it would be too large to keep). On a periodic surface U is the Fourier transform and
-a small matrix per wavevector; otherwise U is dense, split by mirror symmetry into independent blocks where the layout
-has it (16 times less work in area contact).
+U and V depend on the operator and the prior, not on parameter, rule or readings (V is applied as an adjoint where it would be too
+large to keep). U is dense, split by mirror symmetry into independent blocks where the layout has it (16 times less work in area
+contact). On a periodic surface it is the Fourier transform (`palpate.inverse.linear.fourier`).
 """
 
 from __future__ import annotations
@@ -16,63 +16,50 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from palpate._arrays import from_numpy, irfftn, namespace, rfftn, to_numpy
-from palpate._memory import SHARE, SMALL, available, gigabytes, require
+from palpate._arrays import from_numpy, namespace
 from palpate.elastic.channels import find_channel, mirror_parity
 from palpate.elastic.half_space import Floats
 from palpate.elastic.pad import Pad, mirror_symmetric
-from palpate.errors import InvalidInput, Unsupported
-from palpate.inverse.parameter import Filter, choose_parameter
-from palpate.inverse.priors import Prior, wavenumbers
-from palpate.inverse.whitening import axis_roots, inverse_root
-from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
+from palpate.inverse.linear.priors import Prior
+from palpate.inverse.linear.whitening import axis_roots, inverse_root
+from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
-from palpate.sensing.operator import Operator, periodic_transfer
-from palpate.sensing.surface import default_surface
+from palpate.sensing.operator import Operator
 
-__all__ = ["Estimate", "Regularised", "noise_scales"]
+__all__ = ["DataSpectrum", "Spectrum", "noise_scales"]
 
 #: Largest dense eigenproblem that is tried (readings in one symmetry block).
 LARGEST_BLOCK = 4096
-#: How far past the array the widest default surface reaches, in depths (`palpate.skin.WIDE`).
-WIDEST = 4.0
 #: The modes V are kept as a matrix up to this many entries.
 LARGEST_MODES = 6_000_000
 #: Up to this many readings the decomposition is an SVD of H, beyond it an eigendecomposition of H H^T.
 LARGEST_SVD = 700
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """What an inversion returns: the traction and how it was chosen.
+class Spectrum(Protocol):
+    """What every linear method needs: the squared singular values, and the changes of basis to and from them."""
 
-    ``parameter``, ``noise_scale`` (noise in units of the whitening; 1 where the noise was given) and ``residual`` (root mean
-    square misfit in the same units) have the batch shape, the noise of the
-    constrained methods (*batch, channel); None from methods that have no such thing. Likewise ``errors``
-    (`palpate.inverse.account.Errors`), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
-    (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
-    analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame), ``resolution`` [m] and
-    ``sliding`` (probability that the contact slides as a whole; NaN where nothing touches).
-    """
+    #: s^2 of the whitened operator, and how many real data each coefficient stands for.
+    eigenvalues: Floats
+    multiplicity: Floats
 
-    traction: Any
-    parameter: Floats | None
-    noise_scale: Floats | None
-    residual: Floats | None
-    errors: Any = None
-    converged: npt.NDArray[np.bool_] | None = None
-    contact: npt.NDArray[np.bool_] | None = None
-    outliers: npt.NDArray[np.bool_] | None = None
-    draws: Floats | None = None
-    settling: Floats | None = None
-    pushed: npt.NDArray[np.bool_] | None = None
-    resolution: Floats | None = None
-    sliding: Floats | None = None
+    def project(self, readings: Sequence[Any]) -> Any:
+        """U^T N^{-1/2} readings: (..., n)."""
+        ...
+
+    def solve(self, weights: Any) -> Any:
+        """V weights: traction (..., component, *surface), zero in components not sought."""
+        ...
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        ...
 
 
 def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Floats], bool]:
@@ -133,14 +120,17 @@ class _Block:
     eigenvalues: Floats
 
 
-class _DataSpectrum:
+class DataSpectrum:
     """Spectrum of H H^T for any layout, in blocks."""
+
+    eigenvalues: Floats
+    multiplicity: Floats
 
     def __init__(
         self, operator: Operator, priors: Sequence[Prior], columns: Sequence[int], scales: Sequence[Floats]
     ) -> None:
         self.operator, self.priors, self.columns, self.scales = operator, list(priors), list(columns), scales
-        symmetric = _in_blocks(operator.pad, operator.planes_of, operator.surface)
+        symmetric = in_blocks(operator.pad, operator.planes_of, operator.surface)
         self._roots = [
             None
             if symmetric or not a.noise_correlation
@@ -158,6 +148,12 @@ class _DataSpectrum:
             rows = [self._adjoint(unit[i : i + 256])[:, self.columns] for i in range(0, len(unit), 256)]
             self._modes = np.concatenate(rows).reshape(-1, unknowns)
             self._copies.clear()
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        modes = 0 if self._modes is None else self._modes.nbytes
+        return modes + sum(b.vectors.nbytes for b in self.blocks)
 
     def _inverse_root(self) -> Floats:
         positive = self.eigenvalues > 0
@@ -377,7 +373,7 @@ def _eigh(gram: Floats) -> tuple[Floats, Floats]:
     return np.where(values > floor, values, 0.0), np.asarray(vectors)
 
 
-def _in_blocks(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
+def in_blocks(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
     """Whether the problem is worth splitting, and pad, arrays and surface are mirror images of themselves about one centre."""
     if sum(math.prod(a.shape) * len(a.channels) for a in planes) <= LARGEST_SVD:
         return False
@@ -389,262 +385,3 @@ def _in_blocks(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
                 return False
     extent = max(float(np.ptp(a.points, axis=0).max()) for a in planes)
     return all(mirror_symmetric(pad, a.depth, extent) for a in planes)
-
-
-# -- what it takes, known before any work ------------------------------------------------------------------------------
-
-
-def block_size(pad: Pad, planes: Sequence[Array], surface: Grid) -> int:
-    """Readings in the largest symmetry block."""
-    if _in_blocks(pad, planes, surface):
-        return sum(len(a.channels) * math.prod((n + 1) // 2 for n in a.shape) for a in planes)
-    return sum(int(a.valid.sum()) * len(a.channels) for a in planes)
-
-
-def spectrum_memory(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> float:
-    """Most bytes at a time while the spectrum of ``sought`` components is prepared (`_DataSpectrum`).
-
-    The matrix of each plane is made of one cell's influence, whole, and copied once into order: twice its size. In blocks, all planes
-    stay while a quarter of them (half on a line) is weighted; else what is sought is whitened, weighted and joined, and an SVD needs two
-    more. The eigenproblem of n readings holds five matrices of n^2.
-    """
-    cells, components = math.prod(surface.shape), len(surface.components)
-    count = sum(math.prod(a.shape) * len(a.channels) for a in planes)
-    largest = max(math.prod(a.shape) * len(a.channels) for a in planes)
-    n = block_size(pad, planes, surface)
-    row = 8.0 * cells * components
-    part = sought / components
-    if _in_blocks(pad, planes, surface):
-        blocks = 2**surface.dimensions
-        matrices = row * count + max(row * largest, row * count * (2.0 * part + 1.0) / blocks)
-        kept = 8.0 * n * n * blocks
-    else:
-        matrices = row * count * max(2.0, 1.0 + part, (5.0 if n <= LARGEST_SVD else 3.0) * part)
-        kept = 8.0 * n * n
-    total = matrices + 5.0 * 8.0 * n * n + kept
-    modes = 0.0
-    if count * sought * cells <= LARGEST_MODES:
-        modes = kept + 16.0 * count * sought * cells + 8.0 * row * min(count, 256)
-    return max(total, modes)
-
-
-def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> None:
-    """Refuse what the dense spectrum cannot serve, with what serves these very taxels instead."""
-    size, peak, free = block_size(pad, planes, surface), spectrum_memory(pad, planes, surface, sought), available()
-    fits = free is None or peak <= SHARE * free or peak < SMALL
-    if size <= LARGEST_BLOCK and fits:
-        return
-    where = " x ".join(map(str, surface.shape))
-    readings = sum(int(a.valid.sum()) * len(a.channels) for a in planes)
-    need = f"{readings} readings on a surface of {where} cells need about {gigabytes(peak)} of memory"
-    if free is not None:
-        need += f" ({gigabytes(free)} are free)"
-    if size > LARGEST_BLOCK:
-        need += f" and an eigenproblem of {size} readings (limit {LARGEST_BLOCK})"
-    raise Unsupported(f"{need}. {_remedy(pad, planes, sought, free)}")
-
-
-def _check_waves(planes: Sequence[Array], surface: Grid) -> None:
-    """Refuse more wavevectors of a periodic surface than memory holds."""
-    waves = math.prod(surface.shape) // surface.shape[-1] * (surface.shape[-1] // 2 + 1)
-    rows = sum(len(a.channels) for a in planes)
-    # the matrices of all wavevectors, their whitened copy and the factors of the decomposition, complex
-    require(
-        16.0 * waves * (4.0 * rows * len(surface.components) + 2.0 * rows * rows + 4.0 * rows),
-        f"{waves} wavevectors of {rows} channels",
-        "Cut the readings into parts that overlap by a few depths.",
-    )
-
-
-def _served(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) -> bool:
-    surface = default_surface(planes, depths=WIDEST)
-    peak = spectrum_memory(pad, planes, surface, sought)
-    return block_size(pad, planes, surface) <= LARGEST_BLOCK and (free is None or peak <= 0.5 * free or peak < SMALL)
-
-
-def _remedy(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) -> str:
-    """What would be served, tried by the same estimates."""
-    first = planes[0]
-    if isinstance(first, ScatteredArray):
-        extent = np.ptp(first.points, axis=0)
-        pitch = float((np.prod(extent) / len(first.points)) ** (1.0 / first.dimensions))
-        for _ in range(200):
-            pitch = float(f"{1.1 * pitch:.2g}")
-            counts = np.maximum(2, np.floor(extent / pitch + 1e-9).astype(int))
-            channels = first.channels
-            if first.dimensions == 2:
-                thin: list[Array] = [
-                    AreaArray(shape=(counts[1], counts[0]), pitch=pitch, depth=a.depth, channels=channels)
-                    for a in planes
-                ]
-                if _served(pad, thin, sought, free):
-                    return (
-                        f'Grid the recording with a pitch of {pitch:g} m or more (Recording.gridded({pitch:g}), palpate convert --grid "{1e3 * pitch:g} mm") '
-                        "and describe it as an area plane."
-                    )
-            else:
-                break
-        return "Give fewer positions."
-    words = []
-    if all(a.mask is None and not a.noise_correlation and a.grid == first.grid for a in planes):  # type: ignore[union-attr]
-        words.append('Skin(..., boundary="periodic") serves it (boundary = "periodic" in skin.toml, without a surface)')
-    for step in range(2, 100):
-        thinner = [_thinned(a, step) for a in planes]
-        if _served(pad, thinner, sought, free):
-            slices = ", ".join([f"::{step}"] * first.dimensions)
-            words.append(
-                f"every {step}{_ORDINAL.get(step, 'th')} taxel does (readings[..., {slices}], a pitch {step} times as large)"
-            )
-            break
-    text = " or ".join(words) or "give fewer taxels"
-    return f"{text[0].upper()}{text[1:]}."
-
-
-_ORDINAL = {2: "nd", 3: "rd"}
-
-
-def _thinned(array: Array, step: int) -> Array:
-    """Every ``step``-th taxel of a regular array."""
-    counts = [(n + step - 1) // step for n in array.shape]
-    if isinstance(array, LineArray):
-        return LineArray(count=max(counts[0], 2), pitch=step * array.pitch, depth=array.depth, channels=array.channels)
-    pitch = (step * array.grid.spacings[0], step * array.grid.spacings[1])  # type: ignore[union-attr]
-    return AreaArray(
-        shape=(max(counts[0], 2), max(counts[1], 2)), pitch=pitch, depth=array.depth, channels=array.channels
-    )
-
-
-class _FourierSpectrum:
-    """Spectrum of a periodic surface: a small SVD per wavevector."""
-
-    def __init__(
-        self, operator: Operator, priors: Sequence[Prior], columns: Sequence[int], scales: Sequence[Floats]
-    ) -> None:
-        self.operator, self.columns = operator, list(columns)
-        grid = operator.surface
-        if any(a.mask is not None for a in operator.planes_of):
-            raise Unsupported('boundary="periodic" cannot leave out taxels; use boundary="free", or fill them first.')
-        if any(a.noise_correlation for a in operator.planes_of):
-            raise Unsupported(
-                'boundary="periodic" takes noise as independent; use boundary="free" for correlated noise.'
-            )
-        matrices = [
-            periodic_transfer(operator.pad, grid, a) / s.reshape(-1, *(1,) * (1 + grid.dimensions))
-            for a, s in zip(operator.planes_of, scales)
-        ]
-        stacked = np.moveaxis(np.concatenate(matrices)[:, self.columns], (0, 1), (-2, -1))
-        k = wavenumbers(grid.shape, grid.spacings)
-        root = np.sqrt(np.stack([prior.spectrum(k) for prior in priors], axis=-1))  # (*k, component)
-        u, s, vh = np.linalg.svd(stacked * root[..., None, :], full_matrices=True)
-        rank = s.shape[-1]
-        values = np.zeros(u.shape[:-1])
-        values[..., :rank] = s**2
-        half = np.full(values.shape, 2.0)
-        half[..., 0, :] = 1.0
-        if grid.shape[-1] % 2 == 0:
-            half[..., -1, :] = 1.0
-        self._shape = values.shape
-        self.eigenvalues, self.multiplicity = values.ravel(), half.ravel()
-        self._forward = np.conj(np.swapaxes(u, -1, -2))  # (*k, n, channel)
-        shape: tuple[int, ...] = values.shape
-        self._back = np.zeros((*shape[:-1], len(self.columns), shape[-1]), dtype=np.complex128)
-        self._back[..., :rank] = root[..., :, None] * np.conj(np.swapaxes(vh, -1, -2))[..., :rank]
-        self._scales = scales
-        self._norm = math.sqrt(math.prod(grid.shape))
-        self._copies: dict[tuple[Any, ...], Any] = {}
-
-    def _prepared(self, like: Any) -> Any:
-        # single-precision readings and coefficients share one key through the real dtype of the readings
-        xp = namespace(like)
-        key = (xp.__name__, str(like.dtype), str(getattr(like, "device", "")))
-        if key not in self._copies:
-            scales = [from_numpy(s.reshape(-1, *(1,) * self.operator.surface.dimensions), like) for s in self._scales]
-            self._copies[key] = from_numpy(self._forward, like), from_numpy(self._back, like), scales
-        return self._copies[key]
-
-    def project(self, readings: Sequence[Any]) -> Any:
-        xp, grid = namespace(readings[0]), self.operator.surface
-        forward, _, scales = self._prepared(readings[0])
-        d = grid.dimensions
-        spectra = [rfftn(r / s, grid.shape) / self._norm for r, s in zip(readings, scales)]
-        data = xp.moveaxis(xp.concat(spectra, axis=-1 - d), -1 - d, -1)
-        out = xp.matmul(forward, data[..., None])[..., 0]
-        return xp.reshape(out, (*out.shape[: -1 - d], -1))
-
-    def solve(self, weights: Any) -> Any:
-        xp, grid = namespace(weights), self.operator.surface
-        _, back, _ = self._prepared(xp.real(weights))
-        d = grid.dimensions
-        batch = weights.shape[:-1]
-        spectrum = xp.matmul(back, xp.reshape(weights, (*batch, *self._shape))[..., None])[..., 0]
-        images = irfftn(xp.moveaxis(spectrum, -1, -1 - d) * self._norm, grid.shape)
-        out = []
-        for column in range(len(grid.components)):
-            if column in self.columns:
-                out.append(images[(..., self.columns.index(column), *(slice(None),) * d)])
-            else:
-                out.append(xp.zeros_like(images[(..., 0, *(slice(None),) * d)]))
-        return xp.stack(out, axis=-1 - d)
-
-
-class Regularised:
-    """A regularised inversion, prepared once for an operator, priors and the components sought.
-
-    Parameters
-    ----------
-    operator : Operator
-    priors : sequence of Prior
-        One per component sought.
-    columns : sequence of int
-        Indices of the traction components sought.
-    filter_factors : Filter
-        phi(s^2, lambda).
-    parameter : float or str
-        lambda, or the rule that chooses it for each frame.
-    """
-
-    def __init__(
-        self,
-        operator: Operator,
-        priors: Sequence[Prior],
-        columns: Sequence[int],
-        filter_factors: Filter,
-        parameter: float | str,
-    ) -> None:
-        if operator.boundary == "free":
-            check_spectrum(operator.pad, operator.planes_of, operator.surface, len(columns))
-        else:
-            _check_waves(operator.planes_of, operator.surface)
-        self.operator, self.filter, self.parameter = operator, filter_factors, parameter
-        scales, self.noise_known = noise_scales(operator, columns)
-        self.scales = scales
-        spectrum = _FourierSpectrum if operator.boundary == "periodic" else _DataSpectrum
-        self.spectrum = spectrum(operator, priors, columns, scales)
-        if not isinstance(parameter, str) and not (math.isfinite(parameter) and parameter > 0):
-            raise InvalidInput(f"parameter must be a positive number or the name of a rule; got {parameter!r}.")
-
-    def solve(self, readings: Sequence[Any]) -> Estimate:
-        """Traction from one readings array per plane."""
-        xp = namespace(readings[0])
-        coefficients = self.spectrum.project(readings)
-        batch = coefficients.shape[:-1]
-        values, counts = self.spectrum.eigenvalues, self.spectrum.multiplicity
-        power = np.abs(to_numpy(coefficients).astype(np.complex128)) ** 2
-        power = np.real(power).reshape(-1, len(values))
-        if isinstance(self.parameter, str):
-            chosen, variance = choose_parameter(
-                self.parameter, self.filter, values, counts, power, noise_known=self.noise_known
-            )
-        else:
-            chosen = np.full(len(power), float(self.parameter))
-            phi = self.filter(values[None, :], chosen[:1, None])[0]
-            free = max(float(counts @ (1.0 - phi)), 1.0)
-            variance = (
-                np.ones(len(power)) if self.noise_known else (power * counts * (1.0 - phi) ** 2).sum(axis=1) / free
-            )
-        phi = self.filter(values[None, :], chosen[:, None])
-        gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0).reshape(*batch, -1)
-        residual = np.sqrt((power * counts * (1.0 - phi) ** 2).sum(axis=1) / counts.sum())
-        real = xp.real(coefficients) if xp.isdtype(coefficients.dtype, "complex floating") else coefficients
-        traction = self.spectrum.solve(coefficients * from_numpy(gain, real))
-        return Estimate(traction, chosen.reshape(batch), np.sqrt(variance).reshape(batch), residual.reshape(batch))

@@ -68,15 +68,15 @@ class Readings:
             start += size
         return out
 
-    def white(self, scaled: Floats, heard: Flags) -> Floats:
-        """R^{-1/2} of the readings that are ``heard``, applied to rows (heard reading, ...) already divided by their noise."""
+    def white(self, scaled: Floats, observed: Flags) -> Floats:
+        """R^{-1/2} of the readings that are ``observed``, applied to rows (observed reading, ...) already divided by their noise."""
         if self.independent:
             return scaled
         out = np.array(scaled)
         first, start = 0, 0
         for i, (array, n) in enumerate(zip(self.arrays, self.sizes)):
             for _ in array.channels:
-                chosen = heard[first : first + n]
+                chosen = observed[first : first + n]
                 count = int(chosen.sum())
                 if array.noise_correlation and count:
                     out[start : start + count] = self._root(i, chosen) @ out[start : start + count]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,6 +19,9 @@ __all__ = ["DifferencePrior", "Prior", "SpectralPrior", "hilgers_prior", "wavenu
 
 class Prior(Protocol):
     """A covariance W of one traction component on a surface grid."""
+
+    #: What it depends on besides the grid: priors with one key are the same.
+    key: Hashable
 
     def covariance(self, x: Any) -> Any:
         """W x over the last axes."""
@@ -44,6 +47,7 @@ class DifferencePrior:
         if order not in (0, 1, 2):
             raise InvalidInput(f"order must be 0, 1 or 2; got {order!r}.")
         self.grid, self.order = grid, order
+        self.key: Hashable = ("difference", order, scale)
         self._sines, total = [], np.zeros(grid.shape)
         for axis, (n, dx) in enumerate(zip(grid.shape, grid.spacings)):
             j = np.arange(1, n + 1)
@@ -84,8 +88,11 @@ class DifferencePrior:
 class SpectralPrior:
     """A stationary, isotropic traction with power spectral density S(|k|) [Pa^2 m per axis]."""
 
-    def __init__(self, grid: Grid, density: Callable[[Floats], npt.ArrayLike], scale: float = 1.0) -> None:
+    def __init__(
+        self, grid: Grid, density: Callable[[Floats], npt.ArrayLike], scale: float = 1.0, key: Hashable = None
+    ) -> None:
         self.grid, self._density = grid, density
+        self.key: Hashable = ("density", density, scale) if key is None else key
         self.scale = scale
         self._size = tuple(2 * n for n in grid.shape)
         k = wavenumbers(self._size, grid.spacings)
@@ -140,4 +147,4 @@ def hilgers_prior(grid: Grid, length: float) -> SpectralPrior:
     power has no bounded kernel in two dimensions): spectrum (1 + l^2 k^2)^{-d} in d dimensions.
     """
     d = grid.dimensions
-    return SpectralPrior(grid, lambda k: length**d * (1.0 + (length * k) ** 2) ** (-d))
+    return SpectralPrior(grid, lambda k: length**d * (1.0 + (length * k) ** 2) ** (-d), key=("hilgers", length))

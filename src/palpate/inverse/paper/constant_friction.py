@@ -11,36 +11,81 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
 from palpate._arrays import from_numpy, to_numpy
 from palpate.elastic.half_space import Floats, Pad
 from palpate.errors import InvalidInput, Unsupported
-from palpate.inverse.direct import Division, LinearSolve
-from palpate.inverse.regularised import Estimate, Regularised
+from palpate.inverse.estimate import Estimate
+from palpate.inverse.linear.methods import Tikhonov
+from palpate.inverse.linear.regularised import Regularised
+from palpate.inverse.method import Method, choice, number, rule
+from palpate.inverse.paper.division import DivisionEstimator
+from palpate.inverse.paper.linear_system import LinearSystemEstimator
+from palpate.inverse.problem import Problem
 from palpate.sensing.arrays import Array, LineArray
 from palpate.sensing.kernels import aperture_rule, influence
 from palpate.solutions.line import strip
 
-__all__ = ["ConstantFriction"]
+__all__ = ["ConstantFriction", "ConstantFrictionEstimator"]
+
+Inner = Regularised | DivisionEstimator | LinearSystemEstimator
 
 
-class ConstantFriction:
-    """method="constant_friction", prepared for a line array with one channel of normal stress or strain.
+@dataclass(frozen=True, kw_only=True)
+class ConstantFriction(Method):
+    """The founding paper's sliding contact: pressure and a shear that is uniform over one symmetric contact, from one channel.
 
     Parameters
     ----------
-    inner : Regularised, Division or LinearSolve
+    friction : float
+        Coefficient mu; its sign is the direction of sliding.
+    order, parameter, rule
+        Of the inversion for pressure, as for `Tikhonov`.
+    """
+
+    name: ClassVar[str] = "constant_friction"
+    summary: ClassVar[str] = "the founding paper's sliding contact, on a line with one channel"
+    seeks: ClassVar[tuple[str, ...] | None] = ("z",)
+    rules: ClassVar[tuple[str, ...]] = Tikhonov.rules
+
+    friction: float = number(
+        help="the coefficient mu; its sign is the direction of sliding", negative=True, required=True
+    )
+    order: int = choice(1, (0, 1, 2), help="order of the derivative that is kept small")
+    parameter: float | None = number(help="regularisation parameter (default: chosen for each frame)")
+    rule: str | None = rule(Tikhonov.rules, help="how the parameter is chosen for each frame")
+
+    def prepare(self, problem: Problem) -> ConstantFrictionEstimator:
+        """The inversion for pressure alone."""
+        self.check(problem)
+        inner = Tikhonov(order=self.order, parameter=self.parameter, rule=self.rule).prepare(problem)
+        return ConstantFrictionEstimator(problem.pad, problem.planes, inner, self.friction)
+
+    def returns(self, components: tuple[str, ...]) -> tuple[str, ...]:
+        """Shear follows from the pressure."""
+        return ("x", "z")
+
+    def assumptions(self) -> tuple[str, ...]:
+        """Notes for every result."""
+        return ("shear is uniform over a symmetric contact and follows the net force by the friction given",)
+
+
+class ConstantFrictionEstimator:
+    """The method, prepared for a line array with one channel of normal stress or strain.
+
+    Parameters
+    ----------
+    inner : Regularised, DivisionEstimator or LinearSystemEstimator
         The inversion for pressure alone.
     friction : float
         Coefficient mu; its sign is the direction of sliding.
     """
 
-    def __init__(
-        self, pad: Pad, planes: Sequence[Array], inner: Regularised | Division | LinearSolve, friction: float
-    ) -> None:
+    def __init__(self, pad: Pad, planes: Sequence[Array], inner: Inner, friction: float) -> None:
         array = planes[0]
         if len(planes) != 1 or not isinstance(array, LineArray) or len(array.channels) != 1 or array.mask is not None:
             raise Unsupported(
@@ -53,7 +98,7 @@ class ConstantFriction:
         if not (math.isfinite(friction) and friction != 0):
             raise InvalidInput(f"friction must be a finite number other than 0; got {friction!r}.")
         self.pad, self.array, self.inner, self.friction = pad, array, inner, friction
-        self.grid = inner.operator.surface if isinstance(inner, Regularised) else inner.grid
+        self.grid = inner.grid
         self._weighs = channel == "stress_zz"
 
     def _shear_reading(self, half_width: float, center: float) -> Floats:
@@ -65,7 +110,7 @@ class ConstantFriction:
         )
         return np.asarray(response[0, 0] / width)
 
-    def solve(self, readings: Sequence[Any]) -> Estimate:
+    def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
         """Traction (..., component, *surface)."""
         flat = to_numpy(readings[0]).astype(np.float64).reshape(-1, self.array.count)
         estimates = [self._frame(frame) for frame in flat]
@@ -76,7 +121,14 @@ class ConstantFriction:
             values = [getattr(e, name) for e in estimates]
             return None if values[0] is None else np.array(values).reshape(batch)
 
-        return Estimate(from_numpy(stack, readings[0]), gather("parameter"), gather("noise_scale"), gather("residual"))
+        scale = gather("noise_scale")
+        return Estimate(
+            from_numpy(stack, readings[0]),
+            gather("parameter"),
+            scale,
+            gather("residual"),
+            noise_std=None if scale is None else scale[..., None] * np.concatenate(self.inner.scales),  # type: ignore[union-attr]
+        )
 
     def _frame(self, reading: Floats) -> Estimate:
         from scipy.optimize import minimize

@@ -11,17 +11,17 @@ import scipy.sparse
 from palpate.elastic.half_space import Floats
 from palpate.sensing.grids import Grid
 
-__all__ = ["Sparse", "Stencil"]
+__all__ = ["Differences", "Sparse"]
 
 Sparse: TypeAlias = Any  # scipy.sparse.csr_array, which has no types
 
 
-class Stencil:
+class Differences:
     """Differences along each axis of a grid, traction being zero beyond its edge."""
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid
-        self.differences: list[Sparse] = []
+        self.along: list[Sparse] = []
         for axis, dx in enumerate(grid.spacings):
             product = None
             for other, n in enumerate(grid.shape):
@@ -30,8 +30,8 @@ class Stencil:
                 else:
                     factor = scipy.sparse.eye_array(n)
                 product = factor if product is None else scipy.sparse.kron(product, factor)
-            self.differences.append(scipy.sparse.csr_array(product))
-        self.laplacian: Sparse = self._sum([d.T @ d for d in self.differences])
+            self.along.append(scipy.sparse.csr_array(product))
+        self.laplacian: Sparse = self._sum([d.T @ d for d in self.along])
 
     @staticmethod
     def _sum(terms: Sequence[Sparse]) -> Sparse:
@@ -48,7 +48,7 @@ class Stencil:
     def local(self, tau: Floats) -> Sparse:
         """sum over edges of |difference|^2/tau, tau being given on cells."""
         return self._sum(
-            [d.T @ scipy.sparse.diags_array(1.0 / e.ravel()) @ d for d, e in zip(self.differences, self.on_edges(tau))]
+            [d.T @ scipy.sparse.diags_array(1.0 / e.ravel()) @ d for d, e in zip(self.along, self.on_edges(tau))]
         )
 
     def energy(self, squares: Sequence[Floats]) -> Floats:

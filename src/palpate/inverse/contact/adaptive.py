@@ -4,19 +4,19 @@ What is known of contact before anything is measured: pressure never pulls, shea
 compact, and traction is smooth within it while it may jump at its edge. What is not known, the noise and how much traction
 varies from place to place, is learned from the frame itself:
 
-1. noise level and amplitude by marginal likelihood of the linear model (`palpate.inverse.parameter`); a frame that noise alone
+1. noise level and amplitude by marginal likelihood of the linear model (`palpate.inverse.linear.parameter`); a frame that noise alone
    explains as well is reported as no contact;
 2. the penalised problem with its constraints, solved exactly over the cells where contact is possible
-   (`palpate.inverse.cone`), on a grid finer than the surface, because where in a cell an edge lies matters;
+   (`palpate.inverse.contact.cone`), on a grid finer than the surface, because where in a cell an edge lies matters;
 3. the penalty relearned from its own result: |grad t|^2 is weighed by 1/tau, where tau(x) is the local mean square
    gradient of the solution before. This is majorisation of log tau (M. Fazel, H. Hindi, S. Boyd, Proc. American Control Conf.
    2003, 2156-2162; with the posterior variance kept, the EM iteration of sparse Bayesian learning, M. E. Tipping, J. Mach.
    Learn. Res. 1, 2001, 211-244): edges become sharp where there are edges, the outside becomes quiet, the inside
    stays smooth;
-4. the mean over three accounts of the same readings: an even penalty on the first and second derivative (weighed by
+4. the mean over three models of the same readings: an even penalty on the first and second derivative (weighed by
    evidence), and local weights of a wide and a narrow reach. One frame cannot say which is right: their spread is part of the
    error bar;
-5. where friction is known, the same accounts of a contact that slides as a whole (q in one proportion to p), weighed by evidence: the
+5. where friction is known, the same models of a contact that slides as a whole (q in one proportion to p), weighed by evidence: the
    cone alone lets shear fall short wherever noise makes the pressure small, but never lets it exceed where noise makes it large;
 6. readings that no contact explains (dead, stuck or saturated taxels) are left out and named.
 """
@@ -26,20 +26,21 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-import scipy.special
 
 from palpate.elastic.half_space import Floats
-from palpate.inverse.account import Account, Level, Normal, scattered, spread
-from palpate.inverse.cone import TOLERANCE, Cone, Ray, cholesky, minimise
-from palpate.inverse.constrained import LARGEST_UNKNOWNS, QUIET, Constrained, grown
-from palpate.inverse.stencil import Sparse
+from palpate.inverse.contact.cone import TOLERANCE, Cone, cholesky
+from palpate.inverse.contact.constrained import LARGEST_UNKNOWNS, QUIET, ConstrainedEstimator
+from palpate.inverse.contact.differences import Sparse
+from palpate.inverse.contact.model import ContactModel, Level, Normal, grown, scattered
+from palpate.inverse.contact.posterior import posterior_factor
+from palpate.inverse.contact.sliding import SLIDES, expanded, ways_of_sliding
+from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.sensing.grids import repeated
 
-__all__ = ["Adaptive"]
+__all__ = ["AdaptiveEstimator"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -61,42 +62,12 @@ ROUGH = 1e-4
 FLOOR = 1e-6
 #: Weight of a contact that ends on the surface against one that reaches twice as far, where the frame could be either.
 ENDS = 0.2
-#: Sliding less probable than this is not followed up.
-SLIDES = 0.03
-#: Rounds in which shear over pressure and the pressure are found in turn.
-JOINTLY = 4
 
 
-def _gain(hessian: Floats, linear: Floats, prior: Sequence[Floats]) -> float:
-    """Log marginal likelihood over that of noise alone, of a Gaussian model with the given normal matrix and prior precisions."""
-    import scipy.linalg
+class AdaptiveEstimator(ConstrainedEstimator):
+    """The adaptive estimator, prepared once for a problem and its constraints."""
 
-    factor = cholesky(hessian.copy())
-    half = scipy.linalg.solve_triangular(factor, linear, lower=True, check_finite=False)
-    wide = sum(float(np.log(np.diagonal(cholesky(p.copy()))).sum()) for p in prior)
-    return 0.5 * float(half @ half) - float(np.log(np.diagonal(factor)).sum()) + wide
-
-
-def _expanded(one: Account, data: Normal, ray: Floats, changes: Floats) -> Account:
-    """An account of the pressure as one of the traction, ``ray`` times it, as uncertain as the readings leave both."""
-    part = data.part(np.searchsorted(data.cells, one.cells))
-    pressure = one.solution.traction[0]
-    face = one.solution.face
-    if face is None:
-        raise RuntimeError("the solution was found without its face")
-    free = face.free[0]
-    turned = (changes[:, :, None] * pressure).reshape(len(changes), len(ray) * len(pressure))
-    pull = (turned @ part.matrix.T) @ part.matrix
-    border = np.einsum("c,kcn->kn", ray, pull.reshape(len(changes), len(ray), len(pressure)))[:, free]
-    hessian = np.block([[one.hessian[np.ix_(free, free)], border.T], [border, pull @ turned.T]])
-    solution = replace(
-        one.solution, traction=ray[:, None] * pressure, face=Ray(ray, free, turned), factor=cholesky(hessian)
-    )
-    return Account(part, one.hessian, solution, ray=ray, changes=changes)
-
-
-class Adaptive(Constrained):
-    """The adaptive estimator, prepared once for an operator, the components sought and the constraints."""
+    past_the_surface = True
 
     derivatives = (1, 2)
     reach = 1
@@ -122,18 +93,18 @@ class Adaptive(Constrained):
         factor = cholesky(data.gram + even)
         return float(np.trace(scipy.linalg.cho_solve((factor, True), data.gram, check_finite=False)))
 
-    def accounts(
+    def models(
         self,
         first: Floats,
         y: Floats,
         noise: Floats,
-        heard: Flags,
-        evidence: Mapping[int, tuple[float, float, float, Floats]],
-    ) -> list[Account]:
-        """The accounts of a frame, with their weights.
+        observed: Flags,
+        evidence: Mapping[int, LinearEvidence],
+    ) -> list[ContactModel]:
+        """The models of a frame, with their weights.
 
         Where a contact that crosses the array's edge ends is not in the data (the objectives differ by a nat or less): some
-        of the weight goes to accounts that end it on the surface.
+        of the weight goes to models that end it on the surface.
         """
         size = np.abs(first[-1]).reshape(self.operator.surface.shape)
         region = grown(size > self.quiet(y) * size.max(), 1)
@@ -143,7 +114,7 @@ class Adaptive(Constrained):
         shares = [1.0] if len(regions) == 1 else [1.0 - ENDS, ENDS]
         members = []
         for r, share in zip(regions, shares):
-            for member in self._ensemble(r, first, y, noise, heard, evidence):
+            for member in self._ensemble(r, first, y, noise, observed, evidence):
                 member.weight *= share
                 members.append(member)
         return members
@@ -154,13 +125,13 @@ class Adaptive(Constrained):
         first: Floats,
         y: Floats,
         noise: Floats,
-        heard: Flags,
-        evidence: Mapping[int, tuple[float, float, float, Floats]],
-    ) -> list[Account]:
-        """The accounts of a frame with contact in a region, with their weights."""
+        observed: Flags,
+        evidence: Mapping[int, LinearEvidence],
+    ) -> list[ContactModel]:
+        """The models of a frame with contact in a region, with their weights."""
         grid, c = self.operator.surface, len(self.columns)
         if self.cone.coupled:
-            # what the accounts would trim in any case makes them slow
+            # what the models would trim in any case makes them slow
             pressure = first[-1].reshape(grid.shape)
             region = region & grown(pressure > self._trim(y) * np.where(region, pressure, 0.0).max(), 1)
         count = int(region.sum())
@@ -168,15 +139,15 @@ class Adaptive(Constrained):
         def refined(ratio: int) -> tuple[Normal, Floats]:
             cells = np.flatnonzero(repeated(region, ratio))
             start = np.stack([repeated(t.reshape(grid.shape), ratio).ravel() for t in first])[:, cells]
-            return self.normal(self.level(ratio), cells, y, noise, heard), start
+            return self.normal(self.level(ratio), cells, y, noise, observed), start
 
         _, parameter, scale, _ = evidence[1]
         ratio = self._ratio(self.taxels * c, self.seen(parameter), count * c)
         data, start = refined(ratio)
-        slides = []
+        slides: list[tuple[Floats, Floats, float]] = []
         if self.cone.coupled:
             coarse = data if ratio == 1 else refined(1)[0]
-            slides = self._slides(coarse, first, evidence[1])
+            slides = ways_of_sliding(coarse, first, self.cone, self.precisions(coarse.level, 1, parameter / scale**2))
         rest = max(1.0 - sum(chance for _, _, chance in slides), 0.0)
         # what is as good as excluded is not worth its local weights
         members = self._members(data, start, y, evidence if rest >= SLIDES else {1: evidence[1]}, local=rest >= SLIDES)
@@ -192,69 +163,21 @@ class Adaptive(Constrained):
                 data, start = refined(finer)
         for ray, changes, chance in slides:
             for one in alone._members(data.along(ray), start[-1:], y, evidence):
-                member = _expanded(one, data, ray, changes)
+                member = expanded(one, data, ray, changes)
                 member.weight = one.weight * chance
                 members.append(member)
         return members
-
-    def _slides(
-        self, data: Normal, first: Floats, evidence: tuple[float, float, float, Floats]
-    ) -> list[tuple[Floats, Floats, float]]:
-        """Ways in which the contact may slide as a whole: shear over pressure (component,), its changes (change, component), probability.
-
-        At the friction given, in any direction, or at less (friction while sliding is less than at rest, and what is given may not be exact).
-        By the marginal likelihood of Gaussian models without the constraints, against shear of its own; ``data`` is that of surface cells.
-        """
-        mu, cells = float(self.cone.friction or 0.0), data.cells
-        _, parameter, scale, _ = evidence
-        level = data.level
-        blocks = [q[cells][:, cells].toarray() for q in self.precisions(level, 1, parameter / scale**2)]
-        c, n = len(blocks), len(cells)
-        pressure = first[-1:, cells]
-        for turn in range(JOINTLY):
-            # shear over pressure, and the pressure that goes with it, in turn
-            explained = np.einsum(
-                "i,cidj,j->cd", pressure[0], data.gram.reshape(c, n, c, n), pressure[0], optimize=True
-            )
-            pull = data.linear[:-1] @ pressure[0] - explained[:-1, -1]
-            found = np.linalg.lstsq(explained[:-1, :-1], pull, rcond=None)[0]
-            size = float(np.linalg.norm(found))
-            if not size > 0:
-                return []
-            if turn < JOINTLY - 1:
-                one = data.along(np.append(found * min(1.0, mu / size), 1.0))
-                pressure = minimise(
-                    one.gram + blocks[-1], one.linear, Cone(self.cone.components[-1:]), pressure
-                ).traction
-        full = mu * found / size
-        turns = np.array([[-full[1], full[0]]]) if c == 3 else np.zeros((0, 1))
-        ways = [
-            (full, turns, math.log(2.0 * math.pi) if c == 3 else math.log(2.0)),
-            (found * min(1.0, mu / size), np.eye(c - 1), math.log(math.pi * mu**2 if c == 3 else 2.0 * mu)),
-        ]
-        whole = data.gram.copy()
-        for i, block in enumerate(blocks):
-            whole[i * n : (i + 1) * n, i * n : (i + 1) * n] += block
-        logs = [_gain(whole, data.linear.ravel(), blocks)]
-        for ratio, changes, volume in ways:
-            one = data.along(np.append(ratio, 1.0))
-            told = changes @ explained[:-1, :-1] @ changes.T
-            width = 0.5 * len(changes) * math.log(2.0 * math.pi) - 0.5 * float(np.linalg.slogdet(told)[1])
-            logs.append(_gain(one.gram + blocks[-1], one.linear.ravel(), blocks[-1:]) + min(width, volume) - volume)
-        chances = scipy.special.softmax(logs)
-        kept = [(w, float(p)) for w, p in zip(ways, chances[1:]) if p >= SLIDES]
-        return [(np.append(ratio, 1.0), np.pad(changes, ((0, 0), (0, 1))), p) for (ratio, changes, _), p in kept]
 
     def _members(
         self,
         data: Normal,
         start: Floats,
         y: Floats,
-        evidence: Mapping[int, tuple[float, float, float, Floats]],
+        evidence: Mapping[int, LinearEvidence],
         *,
         local: bool = True,
-    ) -> list[Account]:
-        """The accounts on the cells of ``data``, with their weights; without ``local``, those of an even penalty alone."""
+    ) -> list[ContactModel]:
+        """The models on the cells of ``data``, with their weights; without ``local``, those of an even penalty alone."""
         level = data.level
         members = []
         best = max(e[0] for e in evidence.values())
@@ -263,7 +186,7 @@ class Adaptive(Constrained):
             if order > 1 and odds[order] < 0.01:
                 continue
             precisions = self.precisions(level, order, parameter / scale**2)
-            member = self._trimmed(self.account(data, precisions, start), precisions, y)
+            member = self._trimmed(self.model(data, precisions, start), precisions, y)
             member.weight = odds[order]
             members.append(member)
         total = sum(m.weight for m in members)
@@ -283,15 +206,13 @@ class Adaptive(Constrained):
             members.append(member)
         return [m for m in members if m.weight > 1e-3]
 
-    def _trimmed(self, member: Account, precision: Sparse | Sequence[Sparse], y: Floats) -> Account:
+    def _trimmed(self, member: ContactModel, precision: Sparse | Sequence[Sparse], y: Floats) -> ContactModel:
         """Without the cells whose pressure is not told from none: all of it pushes, so that noise there would add up."""
         pressure = member.solution.traction[-1]
         position = np.flatnonzero(pressure > self._trim(y) * pressure.max())
         if not len(position):  # nothing pushes
             position = np.arange(len(pressure))
-        return self.account(
-            member.data.part(position), precision, member.solution.traction[:, position], keep_face=True
-        )
+        return self.model(member.data.part(position), precision, member.solution.traction[:, position], keep_face=True)
 
     @staticmethod
     def _trim(y: Floats) -> float:
@@ -304,7 +225,7 @@ class Adaptive(Constrained):
         out = [(max(reach * self.depth / cell, 1.0), variance or len(self.columns) > 1) for reach, variance in REACHES]
         return out if out[0] != out[1] else out[:1]
 
-    def _relearned(self, member: Account, width: float, variance: bool, y: Floats) -> Account:
+    def _relearned(self, member: ContactModel, width: float, variance: bool, y: Floats) -> ContactModel:
         """The penalty learned from its own result, over and over."""
         level = member.level
         c = len(self.columns)
@@ -319,11 +240,11 @@ class Adaptive(Constrained):
                 keep &= grown(member.pressure > 0, 1).ravel()[member.cells]
             position = np.flatnonzero(keep)
             least = FLOOR * tau.max(axis=tuple(range(1, tau.ndim)), keepdims=True)
-            precisions = [level.stencil.local(t) for t in np.maximum(tau, least)]
+            precisions = [level.differences.local(t) for t in np.maximum(tau, least)]
             if not len(position):
                 break
             last = i == ROUNDS - 1
-            member = self.account(
+            member = self.model(
                 member.data.part(position),
                 precisions,
                 member.solution.traction[:, position],
@@ -332,7 +253,7 @@ class Adaptive(Constrained):
             )
         return self._trimmed(member, precisions, y)
 
-    def _local_scales(self, member: Account, width: float, variance: bool) -> Floats:
+    def _local_scales(self, member: ContactModel, width: float, variance: bool) -> Floats:
         """tau (component, *grid): local mean of the squared gradient.
 
         Its course is common to all components, because shear has its edges where pressure has; so is its size, up to
@@ -345,16 +266,16 @@ class Adaptive(Constrained):
         for i, values in enumerate(member.solution.traction):
             field = scattered(values, member.cells, level.grid.shape).ravel()
             squares = []
-            for d in level.stencil.differences:
+            for d in level.differences.along:
                 square = (d @ field) ** 2
                 if variance:
                     local = d[:, member.cells]
                     touched = np.flatnonzero(np.diff(local.indptr))
                     rows = np.zeros((len(touched), len(self.columns) * n))
                     rows[:, i * n : (i + 1) * n] = local[touched].toarray()
-                    square[touched] += (spread(member.solution, rows) ** 2).sum(axis=0)
+                    square[touched] += (posterior_factor(member.solution, rows) ** 2).sum(axis=0)
                 squares.append(square)
-            total = total + level.stencil.energy(squares) / (self.variances[i] * len(self.variances))
+            total = total + level.differences.energy(squares) / (self.variances[i] * len(self.variances))
         sigma = [width * min(level.grid.spacings) / dx for dx in level.grid.spacings]
         tau = scipy.ndimage.gaussian_filter(total, sigma, mode="constant")
         return np.stack([v * tau for v in self.variances])

@@ -1,0 +1,1 @@
+"""Methods for those who compare, one file each."""

@@ -1,0 +1,1 @@
+"""Methods that know contact: friction cone, noise, posterior, ensemble, sliding."""

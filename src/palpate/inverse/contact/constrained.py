@@ -1,0 +1,449 @@
+"""method="constrained": one penalised problem with its constraints, solved exactly.
+
+The penalty is the first derivative of traction, evenly weighed; its weight and the noise come from marginal likelihood of the
+linear model (`palpate.inverse.linear.parameter`) where they are not given. Pressure never pulls, shear stays inside the friction cone.
+It is solved over the cells where contact is possible (`palpate.inverse.contact.cone`); cells are added until none is missing. This is
+what `palpate.inverse.contact.adaptive` starts from and what `palpate.tracking` repeats frame after frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from palpate._arrays import from_numpy
+from palpate.elastic.half_space import Floats
+from palpate.errors import Unsupported
+from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
+from palpate.inverse.contact.differences import Sparse
+from palpate.inverse.contact.model import ContactModel, Level, Normal, grown, level_operator
+from palpate.inverse.contact.noise import ChannelNoise
+from palpate.inverse.contact.posterior import Posterior
+from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
+from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence
+from palpate.inverse.linear.priors import DifferencePrior
+from palpate.inverse.linear.regularised import Decomposition
+from palpate.inverse.linear.whitening import Readings
+from palpate.inverse.problem import Problem
+
+__all__ = ["ConstrainedEstimator"]
+
+Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
+
+#: Cells of less than this part of the peak pressure do not make a contact; cells so near to one are part of its problem.
+FAINT, MARGIN = 0.05, 2
+#: Most unknowns of one frame.
+LARGEST_UNKNOWNS = 9000
+#: Readings up to which the second derivative is tried too (its spectrum costs as much again to prepare).
+SECOND_ORDER_READINGS = 4096
+#: Gain in log evidence over noise alone below which a frame counts as empty.
+CONTACT_EVIDENCE = 6.0
+#: The same of a patch of pressure beside a larger one: there are many places where noise may look like one.
+PATCH_EVIDENCE = 15.0
+#: Size of shear next to pressure where friction is not known.
+SHEAR = 0.7
+#: Cells below this part of the largest local scale, and of the peak pressure, are outside the contact; more where there is
+#: more noise (times noise over signal).
+QUIET, NOISY = 1e-3, 0.3
+#: Readings that no contact explains are left out up to this part of all.
+LARGEST_OUTLIERS = 0.2
+#: What contact that pushes leaves is not noise if it is more than this part of the signal, where a linear model explains it.
+MOST = 0.5
+#: The noise is learned again where the constrained misfit is this many times what the linear model called noise.
+QUIETER = 1.2
+#: Changes of the channels' noise (log) of less than this are not followed.
+SETTLED = 0.1
+#: Channels' noise and contact are found in turn, so often at most.
+TURNS = 4
+#: No pad and no grid is known better than this part of the largest reading: the least noise that is assumed.
+MODEL_ERROR = 2e-4
+#: Contact that only pushes does not explain a frame if this many standard deviations of misfit remain, and this part of the signal.
+UNEXPLAINED, UNEXPLAINED_SIGNAL = 3.0, 0.03
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """One frame's result."""
+
+    traction: Floats
+    errors: Errors
+    parameter: float
+    noise: Floats
+    residual: float
+    converged: bool
+    contact: bool
+    outliers: Flags
+    draws: Floats | None
+    pushed: bool = True
+    sliding: float = math.nan
+
+
+class ConstrainedEstimator:
+    """The constrained estimator, prepared once for a problem and its constraints.
+
+    The surface is the middle of the operator's grid: a contact across the array's edge is explained by cells farther out than anyone wants
+    to see. ``parameter`` is the weight of the penalty (None: by evidence), ``draws`` the number of posterior samples of each frame.
+    """
+
+    #: Cells round those in contact beyond doubt that share their error.
+    reach = MARGIN
+    #: Derivatives whose penalties are compared by evidence.
+    derivatives: tuple[int, ...] = (1,)
+    #: Whether contact is sought on a wider grid than the surface.
+    past_the_surface = False
+
+    def __init__(self, problem: Problem, cone: Cone, *, parameter: float | None = None, draws: int = 0) -> None:
+        self.parameter, self.draws = parameter, draws
+        self.problem, self.cone, self.columns = problem, cone, problem.columns
+        columns, operator = self.columns, problem.wide if self.past_the_surface else problem.operator
+        self.operator = operator
+        grid = operator.surface
+        self.surface = self.grid = problem.surface
+        # the cells of the operator's grid that the result is made of
+        self.window = tuple(slice((n - m) // 2, (n - m) // 2 + m) for n, m in zip(grid.shape, self.surface.shape))
+        self.inside = np.zeros(grid.shape, dtype=bool)
+        self.inside[self.window] = True
+        # beyond the outermost taxels
+        points = np.concatenate([a.points[np.ravel(a.valid)] for a in operator.planes_of])
+        self.beyond = np.zeros(grid.shape, dtype=bool)
+        for axis, (x, dx) in enumerate(zip(grid.axes, grid.spacings)):
+            low, high = points[:, axis].min() - 0.5 * dx, points[:, axis].max() + 0.5 * dx
+            outside = (x < low - 1e-9 * dx) | (x > high + 1e-9 * dx)
+            self.beyond |= outside.reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
+        # shear varies less than pressure, by what friction allows, shared between its components
+        shear = 0.5 * (cone.friction or SHEAR) ** 2
+        self.variances = [1.0 if c == len(columns) - 1 else shear for c in range(len(columns))]
+        readings = sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)
+        orders = self.derivatives if readings <= SECOND_ORDER_READINGS else (1,)
+        self.orders = {
+            order: problem.decomposition(
+                [DifferencePrior(grid, order, v) for v in self.variances], wide=self.past_the_surface
+            )
+            for order in orders
+        }
+        self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
+        self.readings = Readings(operator, self.scales)
+        self.noise = ChannelNoise(operator, self.readings, self.noise_known)
+        self._levels: dict[int, Level] = {}
+        self.posterior = Posterior(operator, columns, cone, self.inside, self.beyond, self.reach)
+        self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
+        self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
+
+    @property
+    def tells_sliding(self) -> bool:
+        """Whether models of a contact that slides are among those weighed."""
+        return False
+
+    def level(self, ratio: int) -> Level:
+        """The operator on cells ``ratio`` times finer, made once."""
+        if ratio not in self._levels:
+            wide = self.past_the_surface and not self.problem.fixed
+            operator = self.problem.kept.get(("level", wide, ratio), lambda: level_operator(self.operator, ratio))
+            self._levels[ratio] = Level(operator, ratio, self.columns, self.readings)
+        return self._levels[ratio]
+
+    def precisions(self, level: Level, order: int, weight: float) -> list[Sparse]:
+        """The even penalty of each component on a level."""
+        even = level.differences.even(order, weight)
+        return [even / v for v in self.variances]
+
+    def models(
+        self,
+        first: Floats,
+        y: Floats,
+        noise: Floats,
+        observed: Flags,
+        evidence: Mapping[int, LinearEvidence],
+    ) -> list[ContactModel]:
+        """The models of a frame, with their weights: here one, the constrained solution on the contact and a margin.
+
+        What is farther from it is noise, of which pressure that only pushes would keep half; so are patches that explain no more
+        of the readings than noise does.
+        """
+        import scipy.ndimage
+
+        level = self.level(1)
+        _, parameter, scale, _ = evidence[1]
+        region = grown((first[-1] > FAINT * first[-1].max()).reshape(level.grid.shape), MARGIN)
+        cells = np.flatnonzero(region)
+        data = self.normal(level, cells, y, noise, observed)
+        patches = scipy.ndimage.label(region, np.ones((3,) * region.ndim))[0].ravel()[cells]
+        weight = {}
+        for patch in np.unique(patches):
+            alone = np.where(patches == patch, first[:, cells], 0.0)
+            weight[patch] = 0.5 * float(((data.matrix @ alone.ravel()) ** 2).sum())
+        largest = max(weight, key=lambda patch: weight[patch])
+        kept = [patch for patch, w in weight.items() if w > PATCH_EVIDENCE or patch == largest]
+        position = np.flatnonzero(np.isin(patches, kept))
+        model = self.model(
+            data.part(position),
+            self.precisions(level, 1, parameter / scale**2),
+            first[:, cells[position]],
+            keep_face=True,
+        )
+        pressure = model.solution.traction[-1]
+        sure = np.flatnonzero(pressure > FAINT * pressure.max())
+        model.contact = self.model(
+            model.data.part(sure),
+            self.precisions(level, 1, parameter / scale**2),
+            model.solution.traction[:, sure],
+            keep_face=True,
+        )
+        model.weight = 1.0
+        return [model]
+
+    def seen(self, parameter: float) -> float:
+        """How many degrees of freedom of the traction the data tell, rather than the penalty."""
+        spectrum = self.orders[1].spectrum
+        return float(spectrum.multiplicity @ (spectrum.eigenvalues / (spectrum.eigenvalues + parameter)))
+
+    def resolution(self, parameter: float) -> float:
+        """Finest detail that the data tell [m]: the side of the area (length on a line) that has one degree of freedom."""
+        arrays = self.operator.planes_of
+        points = np.concatenate([a.points for a in arrays])
+        spans = np.ptp(points, axis=0) + np.asarray(self.operator.surface.spacings)
+        return float((np.prod(spans) * len(self.columns) / max(self.seen(parameter), 1.0)) ** (1.0 / len(spans)))
+
+    # -- batches -------------------------------------------------------------------------------------------------------
+
+    def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
+        """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
+        like, batch = readings[0], batch_of(readings, self.operator)
+        frames = [self.frame(f, rng) for f in frames_of(readings, self.operator)]
+
+        def stacked(parts: Sequence[Floats]) -> Floats:
+            whole = np.stack(parts)
+            if whole.ndim > self.operator.surface.dimensions + 1:  # a field
+                whole = self._cut(whole)
+            return np.asarray(whole.reshape((*batch, *whole.shape[1:])))
+
+        def numbers(name: str, kind: type = np.float64) -> npt.NDArray[Any]:
+            return np.array([getattr(f, name) for f in frames], dtype=kind).reshape(batch)
+
+        values = np.stack([self._cut(f.traction) for f in frames])
+        sampled = None
+        if self.draws:
+            sampled = np.stack([self._cut(f.draws) for f in frames if f.draws is not None])
+            sampled = sampled.reshape((*batch, *sampled.shape[1:]))
+        outliers = np.stack([f.outliers for f in frames])
+        noise = np.stack([f.noise for f in frames]).reshape((*batch, -1))
+        return Estimate(
+            from_numpy(values.reshape((*batch, *values.shape[1:])), like),
+            numbers("parameter"),
+            noise,
+            numbers("residual"),
+            Errors.gathered([f.errors for f in frames], stacked),
+            numbers("converged", bool),
+            numbers("contact", bool),
+            outliers.reshape((*batch, -1)),
+            sampled,
+            pushed=numbers("pushed", bool),
+            resolution=np.array([self.resolution(f.parameter) for f in frames]).reshape(batch),
+            sliding=numbers("sliding") if self.tells_sliding else None,
+            noise_std=noise * np.concatenate(self.scales),
+        )
+
+    def _cut(self, field: Floats) -> Floats:
+        """The part of a field (..., *grid) that lies on the surface."""
+        place: tuple[Any, ...] = (..., *self.window)
+        return np.asarray(field[place])
+
+    # -- one frame -----------------------------------------------------------------------------------------------------
+
+    def frame(self, readings: Sequence[Floats], rng: np.random.Generator | None = None) -> _Frame:
+        """Contact in one frame of readings, (channel, *array) per plane."""
+        known: float | None = None  # noise scale, where the contact tells it better than the linear model
+        levels: Floats | None = None  # the same of every channel
+        rows = self.operator.heard(readings)
+        data = self.readings.flat(rows)
+        alive = self.noise.alive(data)
+        observed, learned = alive.copy(), 0
+        for attempt in range(10):
+            evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
+            gain, parameter, scale, linear = evidence[1]
+            if not (gain > CONTACT_EVIDENCE + self.noise.uneven(data, observed, known) and scale > 0):
+                return self._nothing(parameter, scale, data, ~observed)
+            floor = MODEL_ERROR * float(np.abs(data / self.readings.std).max())
+            noise = self.readings.std * np.maximum(scale if levels is None else levels[self.noise.index], floor)
+            first, explained = self.fit(linear, data / noise, noise, observed, parameter / scale**2)
+            wrong = self.noise.outliers(data, explained, noise)
+            few = (wrong | ~observed)[alive].mean() <= LARGEST_OUTLIERS
+            found = few and (wrong & observed).any()
+            if (attempt < 4 and found) or (attempt < 2 and not alive.all()):
+                if few:
+                    observed &= ~wrong
+                # what is left out is filled with what the contact explains, so that the linear model can go on
+                rows = self.readings.planes(np.where(observed, data, explained))
+                continue
+            if not first[-1].any():
+                break
+            members = self.models(first, data / noise, noise, observed, evidence)
+            if self.noise_known:
+                break
+            own = self.noise.levels(members[0], data / noise, noise, observed, unequal=levels is None)
+            if own is not None:
+                if levels is not None and (learned == TURNS or np.abs(np.log(own / levels)).max() < SETTLED):
+                    break
+                levels, learned = own, learned + 1
+                continue
+            # what pressure that only pushes cannot follow is noise, even where a linear model could
+            left = self.noise.left(members[0], first, data / noise, observed, self.seen(parameter))
+            left *= noise[0] / self.readings.std[0]
+            if learned == 2 or max(left, floor) < QUIETER * max(scale, floor):
+                break
+            total = float(np.sqrt(np.mean(self.readings.white((data / self.readings.std)[observed], observed) ** 2)))
+            if left > max(MOST * total, UNEXPLAINED * scale):
+                break  # most of what a linear model explains is left: a pull, not noise
+            known, learned = left, learned + 1
+        signal = self.readings.white((data / noise)[observed], observed)
+        left = float(np.sqrt(np.mean((signal - self.readings.white((explained / noise)[observed], observed)) ** 2)))
+        limit = max(UNEXPLAINED, UNEXPLAINED_SIGNAL * float(np.sqrt(np.mean(signal**2))))
+        pushed = left <= limit
+        if not first[-1].any():
+            return replace(self._nothing(parameter, scale, data, ~observed), pushed=pushed)
+        each = np.full(self.noise.count, scale) if levels is None else levels
+        result = self._combined(members, data / noise, observed, parameter, each, rng)
+        # the models may explain on a finer grid what cells of the surface cannot
+        return replace(result, pushed=pushed or result.residual <= limit)
+
+    def evidence(self, linear: Decomposition, rows: Sequence[Floats], known: float | None) -> LinearEvidence:
+        """What a linear model makes of a frame; ``known`` fixes the noise scale where it is not the arrays' own."""
+        return linear_evidence(linear, rows, self.parameter, known)
+
+    def unnoticed(self, scale: float) -> Errors:
+        """Errors of a frame without contact: what would not be noticed."""
+        return self.posterior.unnoticed(self.readings, self.depth, scale)
+
+    def summed_up(self, members: Sequence[ContactModel]) -> tuple[Floats, Errors]:
+        """Mean traction (component, *grid) of contact models by their weights, and the errors of every quantity."""
+        return self.posterior.summed_up(members)
+
+    def _nothing(self, parameter: float, scale: float, data: Floats, outliers: Flags) -> _Frame:
+        """No contact."""
+        grid, names = self.operator.surface, self.operator.surface.components
+        shape = (len(names), *grid.shape)
+        # from the readings themselves: the residual is all noise
+        rms = float(np.sqrt(np.mean((data / self.readings.std) ** 2)))
+        errors = self.unnoticed(scale if self.noise_known else rms)
+        empty = np.zeros((self.draws, *shape)) if self.draws else None
+        noise = np.full(self.noise.count, scale)
+        return _Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)
+
+    def fit(self, linear: Floats, y: Floats, noise: Floats, observed: Flags, weight: float) -> tuple[Floats, Floats]:
+        """The constrained solution on the surface grid (component, cell), and the readings that it explains.
+
+        It is solved over cells where pressure is likely; cells are added until none is missing.
+        """
+        level = self.level(1)
+        grid = level.grid
+        precisions = self.precisions(level, 1, weight)
+        pressure = linear[-1]
+        region = grown(pressure >= max(0.15 * float(pressure.max()), 1e-300), 1).ravel()
+        region[int(np.argmax(pressure))] = True
+        start = linear.reshape(len(linear), -1)
+        slope = self.misfit_gradient(y, noise, observed)
+        reference = self.quiet(y) * float(np.abs(slope).max())
+        traction = np.zeros_like(start)
+        explained = np.zeros_like(y)
+        for _ in range(12):
+            cells = np.flatnonzero(region)
+            self.check_size(len(cells) * len(self.columns))
+            member = self.model(self.normal(level, cells, y, noise, observed), precisions, start[:, cells])
+            traction = np.zeros((len(self.columns), math.prod(grid.shape)))
+            traction[:, cells] = member.solution.traction
+            explained = self.explained_by(traction)
+            # a cell left out is missing if pressure there would lower the objective
+            slope = self.misfit_gradient(y - explained / noise, noise, observed) - np.stack(
+                [q @ t for q, t in zip(precisions, traction)]
+            )
+            pull = np.abs(self.cone.project(slope * self.cone.scales[:, None])[-1])
+            pull[region] = 0.0
+            if not (pull > reference).any():
+                break
+            region |= pull > reference
+            start = traction
+        return traction, explained
+
+    @staticmethod
+    def quiet(y: Floats) -> float:
+        """The part of the peak below which pressure is not told from none, for whitened readings."""
+        return float(np.clip(NOISY / max(float(np.abs(y).max()), 1e-300), QUIET, 0.03))
+
+    def explained_by(self, traction: Floats) -> Floats:
+        grid = self.operator.surface
+        full = np.zeros((len(grid.components), *grid.shape))
+        full[list(self.columns)] = traction.reshape(len(traction), *grid.shape)
+        return self.readings.flat(self.operator.forward(full))
+
+    def misfit_gradient(self, residual: Floats, noise: Floats, observed: Flags) -> Floats:
+        """A' N^-1 residual for every surface cell, (component, cell); ``residual`` is in units of the noise."""
+        white = np.zeros(len(residual))
+        white[observed] = self.readings.white(self.readings.white(residual[observed], observed), observed)
+        adjoint = self.operator.adjoint(self.readings.planes(white / noise))
+        return np.asarray(adjoint.reshape(len(adjoint), -1)[list(self.columns)])
+
+    def check_size(self, unknowns: int) -> None:
+        """Refuse a problem that is too large."""
+        if unknowns > LARGEST_UNKNOWNS:
+            raise Unsupported(
+                f"the contact covers {unknowns} unknowns, too many (limit {LARGEST_UNKNOWNS}). Give a "
+                'coarser surface (Skin(..., surface=...)), or use method="tikhonov".'
+            )
+
+    def model(
+        self,
+        data: Normal,
+        precision: Sparse | Sequence[Sparse],
+        start: Floats,
+        *,
+        keep_face: bool = False,
+        tolerance: float = TOLERANCE,
+    ) -> ContactModel:
+        c, n = len(self.columns), len(data.cells)
+        hessian = data.gram.copy()
+        each = [precision] * c if isinstance(precision, scipy.sparse.csr_array) else list(precision)
+        for i, q in enumerate(each):
+            hessian[i * n : (i + 1) * n, i * n : (i + 1) * n] += q[data.cells][:, data.cells].toarray()
+        solution = minimise(hessian, data.linear, self.cone, start, tolerance=tolerance, keep_face=keep_face)
+        return ContactModel(data, hessian, solution)
+
+    def normal(self, level: Level, cells: Index, y: Floats, noise: Floats, observed: Flags) -> Normal:
+        matrix = level.matrix(cells, noise, observed)
+        linear = matrix.T @ self.readings.white(y[observed], observed)
+        return Normal(level, cells, matrix, linear.reshape(-1, len(cells)))
+
+    def _combined(
+        self,
+        members: Sequence[ContactModel],
+        y: Floats,
+        observed: Flags,
+        parameter: float,
+        noise: Floats,
+        rng: np.random.Generator | None,
+    ) -> _Frame:
+        traction, errors = self.posterior.summed_up(members)
+        weights = np.array([m.weight for m in members])
+        found = sum(w * (m.data.matrix @ m.solution.traction.ravel()) for w, m in zip(weights, members))
+        misfit = found - self.readings.white(y[observed], observed)
+        sampled = None
+        if self.draws:
+            sampled = self.posterior.draws(members, weights, self.draws, rng or np.random.default_rng(0))
+        return _Frame(
+            traction,
+            errors,
+            parameter,
+            noise,
+            float(np.sqrt(np.mean(misfit**2))),
+            all(m.solution.converged for m in members),
+            True,
+            ~observed,
+            sampled,
+            sliding=sum(m.weight for m in members if m.ray is not None),
+        )

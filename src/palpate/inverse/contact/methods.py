@@ -1,0 +1,196 @@
+"""The methods that know contact: pressure never pulls, shear stays within friction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import from_numpy, to_numpy
+from palpate.errors import Unsupported
+from palpate.inverse.contact.adaptive import AdaptiveEstimator
+from palpate.inverse.contact.cone import Cone
+from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.estimate import Errors, Estimate, batch_of
+from palpate.inverse.linear.methods import Tikhonov
+from palpate.inverse.linear.regularised import Regularised
+from palpate.inverse.method import Method, Needs, Prepared, count, number
+from palpate.inverse.problem import Problem
+
+__all__ = ["Adaptive", "Automatic", "Constrained"]
+
+_FRICTION = "coefficient of friction mu: |shear| <= mu * pressure in every cell"
+_DRAWS = "samples of the posterior kept with the result (slow: each is an optimisation)"
+
+
+def _cone(components: tuple[str, ...], friction: float | None) -> Cone:
+    """The set that every cell's traction lies in."""
+    if friction is not None and components == ("z",):
+        raise Unsupported(
+            "friction ties shear to pressure, and only pressure is sought here: the channels cannot tell shear "
+            "apart. Leave friction out, or measure more channels."
+        )
+    return Cone(components, friction)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adaptive(Method):
+    """Contact found from the readings alone, with calibrated error bars; see `palpate.inverse.contact.adaptive`.
+
+    Parameters
+    ----------
+    friction : float, optional
+        Coefficient mu: |shear| <= mu * pressure in every cell.
+    draws : int
+        Samples of the posterior kept in `Touch.draws`.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pp.Adaptive(friction=0.6).friction
+    0.6
+    """
+
+    name: ClassVar[str] = "adaptive"
+    summary: ClassVar[str] = "learned from each frame, pressure cannot pull, error bars"
+    needs: ClassVar[Needs] = Needs(free_boundary=True, pressure=True)
+    error_bars: ClassVar[bool] = True
+
+    friction: float | None = number(help=_FRICTION)
+    draws: int = count(help=_DRAWS)
+
+    def prepare(self, problem: Problem) -> AdaptiveEstimator:
+        """Both linear models that it starts from."""
+        self.check(problem)
+        return AdaptiveEstimator(problem, _cone(problem.components, self.friction), draws=self.draws)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Constrained(Method):
+    """One even penalty with the same constraints: less sharp than `Adaptive`, faster, and what a `Tracker` does.
+
+    ``friction`` and ``draws`` as for `Adaptive`; ``parameter`` is the weight of the penalty (default: by evidence).
+    """
+
+    name: ClassVar[str] = "constrained"
+    summary: ClassVar[str] = "one even penalty with the same constraints: faster, less sharp, error bars"
+    needs: ClassVar[Needs] = Needs(free_boundary=True, pressure=True)
+    error_bars: ClassVar[bool] = True
+    rules: ClassVar[tuple[str, ...]] = ("evidence",)
+
+    friction: float | None = number(help=_FRICTION)
+    parameter: float | None = number(help="weight of the penalty (default: by evidence in each frame)")
+    draws: int = count(help=_DRAWS)
+
+    def prepare(self, problem: Problem) -> ConstrainedEstimator:
+        """The linear model that it starts from."""
+        self.check(problem)
+        cone = _cone(problem.components, self.friction)
+        return ConstrainedEstimator(problem, cone, parameter=self.parameter, draws=self.draws)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Automatic(Method):
+    """The default: `Adaptive` where pressure can be sought, frame by frame; `Tikhonov` for frames that pull and where nothing else can.
+
+    A frame that contact which only pushes does not explain (adhesion, cells that pull) is given to `Tikhonov`, unless ``friction`` says
+    that there is contact. What other frames hold makes no difference.
+    """
+
+    name: ClassVar[str] = "automatic"
+    summary: ClassVar[str] = "the default: adaptive, and tikhonov for frames that pull"
+    error_bars: ClassVar[bool] = True
+
+    friction: float | None = number(help=_FRICTION)
+    draws: int = count(help=_DRAWS)
+
+    def resolved(self, problem: Problem) -> Method:
+        """`Tikhonov` where contact that pushes cannot be sought."""
+        if problem.boundary != "periodic" and "z" in problem.components:
+            return self
+        for option in ("friction", "draws"):
+            if getattr(self, option):
+                raise Unsupported(
+                    f'{option} belongs to methods that seek pressure on boundary="free"; here method="tikhonov" is used, which '
+                    f"does not take {option}."
+                )
+        return Tikhonov()
+
+    def prepare(self, problem: Problem) -> Prepared:
+        """The adaptive method; the linear one when a frame first needs it."""
+        other = self.resolved(problem)
+        if other is not self:
+            return other.prepare(problem)
+        pushing = Adaptive(friction=self.friction, draws=self.draws).prepare(problem)
+        return AutomaticEstimator(pushing, None if self.friction is not None else lambda: Tikhonov().prepare(problem))
+
+
+class AutomaticEstimator:
+    """The adaptive method, and another one for the frames that it does not explain."""
+
+    def __init__(self, pushing: AdaptiveEstimator, pulling: Callable[[], Regularised] | None) -> None:
+        self.pushing, self.grid = pushing, pushing.grid
+        self._pulling = pulling
+
+    def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
+        """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
+        found = self.pushing.solve(readings, rng)
+        batch = batch_of(readings, self.pushing.operator)
+        method = np.full(batch, Adaptive.name)
+        if self._pulling is None or found.pushed is None or found.pushed.all():
+            return replace(found, method=method)
+        pulls = ~found.pushed
+        if pulls.all():
+            return replace(self._pulling().solve(readings), pushed=found.pushed, method=np.full(batch, Tikhonov.name))
+        where = np.flatnonzero(pulls)
+        rows = [_rows(r, batch, where) for r in readings]
+        other = self._pulling().solve(rows)
+        method[pulls] = Tikhonov.name
+        return replace(_merged(found, other, pulls), method=method)
+
+
+def _rows(readings: Any, batch: tuple[int, ...], where: npt.NDArray[np.intp]) -> Any:
+    """Some frames of a batch as (frame, channel, *array), in the kind of array that they come in."""
+    values = to_numpy(readings)
+    return from_numpy(values.reshape(-1, *values.shape[len(batch) :])[where], readings)
+
+
+def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> Estimate:
+    """``found`` with the frames where ``pulls`` from ``other``, whose arrays hold those frames alone; what it has no word for is NaN."""
+
+    def filled(mine: Any, theirs: Any) -> Any:
+        if mine is None:
+            return None
+        values = np.array(to_numpy(mine))
+        if theirs is not None:
+            values[pulls] = to_numpy(theirs)
+        elif values.dtype.kind == "f":
+            values[pulls] = np.nan
+        return values
+
+    traction = from_numpy(filled(found.traction, other.traction), found.traction)
+    scale = None if other.noise_scale is None else other.noise_scale[..., None]
+    errors = found.errors
+    if errors is not None:
+        errors = Errors(**{f.name: filled(getattr(errors, f.name), None) for f in fields(Errors)})
+    outliers = filled(found.outliers, None)
+    if outliers is not None:
+        outliers[pulls] = False  # the linear method hears every reading
+    return replace(
+        found,
+        traction=traction,
+        parameter=filled(found.parameter, other.parameter),
+        noise_scale=filled(found.noise_scale, scale),
+        noise_std=filled(found.noise_std, other.noise_std),
+        residual=filled(found.residual, other.residual),
+        errors=errors,
+        outliers=outliers,
+        converged=None if found.converged is None else found.converged | pulls,
+        contact=None if found.contact is None else found.contact | pulls,
+        draws=filled(found.draws, None),
+        resolution=filled(found.resolution, None),
+        sliding=filled(found.sliding, None),
+    )

@@ -1,0 +1,99 @@
+"""Noise of a frame, learned from what contact leaves unexplained; readings that no contact explains."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats
+from palpate.inverse.contact.model import ContactModel
+from palpate.inverse.contact.posterior import posterior_factor
+from palpate.inverse.linear.whitening import Readings
+from palpate.sensing.operator import Operator
+
+__all__ = ["ChannelNoise"]
+
+Flags = npt.NDArray[np.bool_]
+
+#: A reading is left out if it is this many standard deviations, and this part of the largest reading, from what the
+#: contact explains (a coarse cell alone explains a per cent).
+OUTLIER, GROSS = 6.0, 0.05
+#: Channels have each their own noise where their misfits differ by more than this (log) and by so many standard errors.
+UNEQUAL, UNEQUAL_ERRORS = 0.2, 3.0
+
+
+class ChannelNoise:
+    """The noise of each channel; ``index`` says which channel each working reading belongs to."""
+
+    def __init__(self, operator: Operator, readings: Readings, known: bool) -> None:
+        self.readings, self.known = readings, known
+        self.index = np.repeat(
+            np.arange(sum(len(a.channels) for a in operator.planes_of)),
+            [n for a, n in zip(operator.planes_of, readings.sizes) for _ in a.channels],
+        )
+        self.count = int(self.index[-1]) + 1
+        self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
+
+    def alive(self, data: Floats) -> Flags:
+        """False for the readings of a channel all of which are the same while others differ: it is broken."""
+        ends = np.searchsorted(self.index, np.arange(self.count + 1))
+        same = np.array([b - a > 3 and np.ptp(data[a:b]) == 0 for a, b in itertools.pairwise(ends)])
+        return np.asarray(~same[self.index] if not same.all() else np.ones(len(data), dtype=bool))
+
+    def uneven(self, data: Floats, observed: Flags, known: float | None) -> float:
+        """Log likelihood of noise alone with a level for each channel, over that of one level: no contact explains what this does."""
+        if self.known or self.count == 1:
+            return 0.0
+        channel = self.index[observed]
+        white = self.readings.white((data / self.readings.std)[observed], observed)
+        power, count = np.bincount(channel, white**2), np.bincount(channel)
+        power, count = power[power > 0], count[power > 0]
+        if not len(power) or (count < 3).any():
+            return 0.0
+        common = power.sum() / count.sum() if known is None else known**2
+        own = power / count
+        return 0.5 * float((power / common - count + count * np.log(common / own)).sum())
+
+    def levels(
+        self, member: ContactModel, y: Floats, noise: Floats, observed: Flags, *, unequal: bool
+    ) -> Floats | None:
+        """Noise of each channel in units of the whitening, from the misfit and the freedom that the contact took of each.
+
+        With ``unequal``, None where the channels' noise is not told apart from one for all.
+        """
+        if self.count == 1:
+            return None
+        channel = self.index[observed]
+        matrix = member.data.matrix
+        misfit = matrix @ member.solution.traction.ravel() - self.readings.white(y[observed], observed)
+        count = np.bincount(channel, minlength=self.count)
+        alive = count > 0
+        if (count[alive] < 3).any():
+            return None
+        power = np.bincount(channel, misfit**2, minlength=len(count))[alive]
+        if unequal and np.ptp(np.log(np.maximum(power / count[alive], 1e-300))) < 2.0 * UNEQUAL:
+            return None
+        took = np.bincount(channel, (posterior_factor(member.solution, matrix) ** 2).sum(axis=0), minlength=len(count))
+        free = np.maximum((count - took)[alive], 1.0)
+        off = 0.5 * np.log(np.maximum(power / free, 1e-300) * free.sum() / power.sum())
+        if unequal and not (np.abs(off) > UNEQUAL + UNEQUAL_ERRORS / np.sqrt(2.0 * free)).any():
+            return None
+        out = (noise / self.readings.std)[np.searchsorted(self.index, np.arange(len(count)))]
+        out[alive] *= np.sqrt(power / free)
+        return np.asarray(out)
+
+    def left(self, member: ContactModel, first: Floats, y: Floats, observed: Flags, seen: float) -> float:
+        """Root mean square of the whitened misfit, for the freedom that the contact took: the modes seen, over its area."""
+        share = float(np.count_nonzero(first[-1])) / self.taxels
+        free = max(float(observed.sum()) - min(share, 1.0) * seen, 1.0)
+        misfit = member.data.matrix @ member.solution.traction.ravel() - self.readings.white(y[observed], observed)
+        return float(np.sqrt((misfit**2).sum() / free))
+
+    def outliers(self, data: Floats, explained: Floats, noise: Floats) -> Flags:
+        """Readings that the contact does not explain: far beyond the noise and beyond most other residuals."""
+        residual = np.abs(data - explained) / noise
+        typical = max(1.0, float(np.median(residual)) / 0.6745)
+        gross = GROSS * float(np.abs(explained / noise).max())
+        return np.asarray(residual > max(OUTLIER * typical, gross))

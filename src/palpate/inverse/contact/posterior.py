@@ -1,0 +1,289 @@
+"""What follows from the contact models of a frame: their mean, errors of every quantity in closed form, and samples.
+
+Variances are those on the face of the constraints that a solution lies on, in which it may move freely.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from palpate.elastic.half_space import Floats
+from palpate.inverse.contact.cone import Cone, Solution, cholesky, minimise
+from palpate.inverse.contact.differences import Sparse
+from palpate.inverse.contact.model import ContactModel, scattered
+from palpate.inverse.estimate import Errors
+from palpate.inverse.linear.whitening import Readings
+from palpate.sensing.grids import Grid, block_means
+from palpate.sensing.operator import Operator
+
+__all__ = ["Posterior", "posterior_factor"]
+
+Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
+
+#: No pad and no grid is known better than this part of the net force: the least error of it that is assumed.
+MODEL_FORCE = 5e-4
+
+
+def posterior_factor(solution: Solution, rows: Any) -> Floats:
+    """Z (free, row) with Z'Z the posterior covariance of rows' x, on the face of the cone that the solution lies on.
+
+    ``rows`` (row, component * cell), dense or sparse.
+    """
+    import scipy.linalg
+
+    if solution.face is None or solution.factor is None:
+        raise RuntimeError("the solution was found without its face")
+    dense = rows.toarray() if scipy.sparse.issparse(rows) else rows
+    right = solution.face.columns(np.asarray(dense)).T
+    return np.asarray(scipy.linalg.solve_triangular(solution.factor, right, lower=True, check_finite=False))
+
+
+def widened(variance: Floats, cells: int = 1) -> Floats:
+    """The error of where the contact ends belongs to the cells just outside it too: its mean next to it, its largest farther on."""
+    import scipy.ndimage
+
+    near = (3,) * (variance.ndim - 1)
+    out = np.maximum(variance, scipy.ndimage.uniform_filter(variance, (1, *near), mode="nearest"))
+    if cells > 1:
+        far = (2 * cells + 1,) * (variance.ndim - 1)
+        out = np.where(variance > 0, out, scipy.ndimage.maximum_filter(variance, (1, *far), mode="nearest"))
+    return np.asarray(out)
+
+
+def detail_of(model: ContactModel, grid: Grid) -> Floats:
+    """1 - posterior over prior variance of traction on the surface's cells (component, *surface); NaN out of contact."""
+    import scipy.linalg
+
+    face = model.solution.face
+    c, n = model.solution.traction.shape
+    out = np.full((c, math.prod(grid.shape)), math.nan)
+    if face is None or not len(face.index):
+        return out.reshape(c, *grid.shape)
+    prior = cholesky(face.restrict(model.hessian - model.data.gram))
+    share, surface_cells = shares(model, grid)
+    for i in range(c):
+        rows = np.zeros((len(surface_cells), c * n))
+        rows[:, i * n : (i + 1) * n] = share.toarray()
+        before = scipy.linalg.solve_triangular(prior, face.columns(rows).T, lower=True, check_finite=False)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            out[i, surface_cells] = 1.0 - (posterior_factor(model.solution, rows) ** 2).sum(axis=0) / (before**2).sum(
+                axis=0
+            )
+    return out.reshape(c, *grid.shape)
+
+
+def shares(model: ContactModel, grid: Grid) -> tuple[Sparse, Index]:
+    """Means over the fine cells of each surface cell, and which surface cells those are."""
+    level, ratio, n = model.level, model.level.ratio, len(model.cells)
+    places = np.unravel_index(model.cells, level.grid.shape)
+    flat = np.ravel_multi_index(tuple(p // ratio for p in places), grid.shape)
+    surface_cells, inverse = np.unique(flat, return_inverse=True)
+    share = scipy.sparse.csr_array(
+        (np.full(n, 1.0 / ratio**grid.dimensions), (inverse, np.arange(n))), shape=(len(surface_cells), n)
+    )
+    return share, surface_cells
+
+
+Quantity = tuple[Floats, Floats]
+
+
+def quantities(
+    model: ContactModel, grid: Grid, inside: Flags
+) -> tuple[Quantity, Quantity, Quantity, Quantity, Quantity]:
+    """(value, variance) of traction on the surface's cells, net force, moment, centre of pressure and peak pressure.
+
+    The numbers are those of the cells ``inside``.
+    """
+    level = model.level
+    c, n = model.solution.traction.shape
+    places = np.unravel_index(model.cells, level.grid.shape)
+    share, surface_cells = shares(model, grid)
+    mean, variance = np.zeros((2, c, math.prod(grid.shape)))
+    for i in range(c):
+        mean[i, surface_cells] = share @ model.solution.traction[i]
+        rows = np.zeros((len(surface_cells), c * n))
+        rows[:, i * n : (i + 1) * n] = share.toarray()
+        variance[i, surface_cells] = (posterior_factor(model.solution, rows) ** 2).sum(axis=0)
+    kept = inside[tuple(p // level.ratio for p in places)].astype(np.float64)
+    cell = level.grid.cell * kept
+    axes = [axis[p] for axis, p in zip(level.grid.axes, places)][::-1]  # x, then y
+
+    def linear(weights: Floats) -> Quantity:
+        """Of sums of traction (quantity, component, cell)."""
+        rows = weights.reshape(len(weights), -1)
+        return rows @ model.solution.traction.ravel(), (posterior_factor(model.solution, rows) ** 2).sum(axis=0)
+
+    force_rows = np.zeros((c, c, n))
+    force_rows[np.arange(c), np.arange(c)] = cell
+    p = model.solution.traction[-1] * kept
+    total = float(p.sum()) or 1.0
+    center = np.array([float((x * p).sum()) / total for x in axes])
+    center_rows = np.zeros((len(axes), c, n))
+    for i, x in enumerate(axes):
+        center_rows[i, -1] = kept * (x - center[i]) / total
+    if len(axes) == 1:
+        moment_rows = np.zeros((1, c, n))
+        moment_rows[0, -1] = -axes[0] * cell
+    else:
+        moment_rows = np.zeros((3, c, n))
+        moment_rows[0, -1], moment_rows[1, -1] = axes[1] * cell, -axes[0] * cell
+        if c == 3:
+            moment_rows[2, 0], moment_rows[2, 1] = -axes[1] * cell, axes[0] * cell
+    top = int(np.argmax(np.where(inside.ravel(), mean[-1], -1.0)))
+    return (
+        (mean.reshape(c, *grid.shape), variance.reshape(c, *grid.shape)),
+        linear(force_rows),
+        linear(moment_rows),
+        (center, linear(center_rows)[1]),
+        (mean[-1, top], variance[-1, top]),
+    )
+
+
+class Posterior:
+    """What follows from the weighed contact models of a frame: means, closed-form errors, samples.
+
+    ``inside`` are the cells of the operator's grid that the result is made of, ``beyond`` those beyond the outermost taxels; ``reach`` is
+    how many cells round those in contact beyond doubt share their error.
+    """
+
+    def __init__(
+        self, operator: Operator, columns: Sequence[int], cone: Cone, inside: Flags, beyond: Flags, reach: int
+    ) -> None:
+        self.operator, self.columns, self.cone = operator, tuple(columns), cone
+        self.inside, self.beyond, self.reach = inside, beyond, reach
+
+    def summed_up(self, members: Sequence[ContactModel]) -> tuple[Floats, Errors]:
+        """Mean traction (component, *grid) of the models by their weights, and the closed-form errors of every quantity."""
+        grid = self.operator.surface
+        parts = [quantities(m, grid, self.inside) for m in members]
+        sure = [p if m.contact is None else quantities(m.contact, grid, self.inside) for p, m in zip(parts, members)]
+        weights = np.array([m.weight for m in members])
+
+        def mixed(index: int) -> tuple[Floats, Floats]:
+            """Mean and total variance of a quantity over the models."""
+            values = np.stack([p[index][0] for p in parts])
+            within = np.stack([p[index][1] for p in sure])
+            mean = np.tensordot(weights, values, 1)
+            return mean, np.tensordot(weights, within + (values - mean) ** 2, 1)
+
+        mean, variance = mixed(0)
+        shape = (len(grid.components), *grid.shape)
+        traction, std = np.zeros(shape), np.zeros(shape)
+        traction[list(self.columns)] = mean
+        std[list(self.columns)] = np.sqrt(widened(variance, self.reach))
+        force = np.zeros(len(grid.components))
+        total, variance = mixed(1)
+        force[list(self.columns)] = np.sqrt(variance + (MODEL_FORCE * total) ** 2)
+        detail = np.full(shape, math.nan)
+        detail[list(self.columns)] = detail_of(members[0].contact or members[0], grid)
+        errors = Errors(
+            detail=detail,
+            traction=std,
+            force=force,
+            **{name: np.sqrt(mixed(i)[1]) for i, name in ((2, "moment"), (3, "center"), (4, "peak"))},
+            **self.outer(traction),
+        )
+        return traction, errors
+
+    def outer(self, traction: Floats) -> dict[str, Floats]:
+        """The part of traction (component, *grid), and of each number, that comes from cells beyond the outermost taxels."""
+        grid = self.operator.surface
+        cell = grid.cell * self.inside
+        places = np.meshgrid(*grid.axes, indexing="ij")[::-1]  # x, then y
+        outer = np.abs(traction) * self.beyond
+        p = cell * traction[-1]
+        total = float(p.sum()) or 1.0
+        far = cell * traction * self.beyond
+        if len(places) == 1:
+            moment = [-(places[0] * far[-1]).sum()]
+        else:
+            x, y = places
+            moment = [(y * far[-1]).sum(), -(x * far[-1]).sum(), (x * far[1] - y * far[0]).sum()]
+        center = [((x - (x * p).sum() / total) * far[-1]).sum() / total for x in places]
+        top = np.unravel_index(int(np.argmax(p)), p.shape)
+        return {
+            "outer_traction": outer,
+            "outer_force": np.abs(far.reshape(len(far), -1).sum(axis=1)),
+            "outer_moment": np.abs(moment),
+            "outer_center": np.abs(center),
+            "outer_peak": np.asarray(outer[-1][top]),
+        }
+
+    def unnoticed(self, readings: Readings, depth: float, scale: float) -> Errors:
+        """What would not be noticed: the error of the pressure of a patch as wide as the depth, the least that would show."""
+        grid, names = self.operator.surface, self.operator.surface.components
+        shape = (len(names), *grid.shape)
+        radius = np.zeros(grid.shape)
+        for axis, x in enumerate(grid.axes):
+            offset = x - x[len(x) // 2]
+            radius = radius + (offset**2).reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
+        patch = radius <= max(depth, max(grid.spacings)) ** 2
+        response = self.operator.columns(self.columns, np.flatnonzero(patch)).sum(axis=2)
+        noise = readings.std * scale
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sharp = np.where(noise[:, None] > 0, response / noise[:, None], np.inf)
+        if np.isfinite(sharp).all():
+            sharp = readings.white(sharp, np.ones(len(noise), dtype=bool))
+        amplitude = 1.0 / np.sqrt((sharp**2).sum(axis=0))
+        area = float(patch.sum()) * grid.cell
+        std, force = np.zeros(shape), np.zeros(len(names))
+        for i, c in enumerate(self.columns):
+            std[c], force[c] = amplitude[i], amplitude[i] * area
+        reach = max(float(np.abs(x).max()) for x in grid.axes)
+        return Errors(
+            std,
+            force,
+            np.full(1 if grid.dimensions == 1 else 3, force.max() * reach),
+            np.full(grid.dimensions, math.nan),
+            np.asarray(std[-1].max()),
+            np.full(shape, math.nan),
+            **self.outer(np.zeros(shape)),
+        )
+
+    def draws(self, members: Sequence[ContactModel], weights: Floats, count: int, rng: np.random.Generator) -> Floats:
+        """Samples of the traction: each minimises the problem of one model with readings and prior perturbed.
+
+        The minimiser of 1/2 x'Hx - (h + H^{1/2} z)'x over the cone is a projection of a Gaussian posterior sample onto
+        the cone (J. M. Everink, Y. Dong, M. S. Andersen, SIAM/ASA J. Uncertainty Quantification 11, 2023), so that samples
+        respect the constraints and leave cells empty with finite probability.
+        """
+        grid = self.operator.surface
+        out = np.zeros((count, len(grid.components), *grid.shape))
+        picks = rng.choice(len(members), size=count, p=weights / weights.sum())
+        for i, member in enumerate(members):
+            chosen = np.flatnonzero(picks == i)
+            if not len(chosen):
+                continue
+            root = cholesky(member.hessian.copy())
+            data, cone, start = member.data, self.cone, member.solution.traction
+            if member.ray is not None:
+                data, cone, start = data.along(member.ray), Cone(cone.components[-1:]), start[-1:]
+            for j in chosen:
+                linear = data.linear + (root @ rng.standard_normal(len(root))).reshape(data.linear.shape)
+                x = minimise(member.hessian, linear, cone, start).traction
+                if member.ray is not None:
+                    x = self._turned(member, rng)[:, None] * x
+                for k, column in enumerate(self.columns):
+                    out[j, column] = block_means(
+                        scattered(x[k], member.cells, member.level.grid.shape), member.level.ratio, grid.dimensions
+                    )
+        return out
+
+    def _turned(self, member: ContactModel, rng: np.random.Generator) -> Floats:
+        """A sample of the traction over the pressure of a contact that slides."""
+        ray, changes, factor = member.ray, member.changes, member.solution.factor
+        if ray is None or changes is None or factor is None:
+            raise RuntimeError("only a contact that slides has one traction over pressure")
+        count = len(changes)
+        if count:
+            # the last entries of a Gaussian whose precision has this factor
+            ray = ray + np.linalg.solve(factor[-count:, -count:].T, rng.standard_normal(count)) @ changes
+        shear = float(np.linalg.norm(ray[:-1]))
+        return np.append(ray[:-1] * min(1.0, float(self.cone.friction or shear) / max(shear, 1e-300)), 1.0)

@@ -1,0 +1,94 @@
+"""Contact that slides as a whole: shear in one proportion to pressure, weighed by evidence against shear of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.special
+
+from palpate.elastic.half_space import Floats
+from palpate.inverse.contact.cone import Cone, Ray, cholesky, minimise
+from palpate.inverse.contact.differences import Sparse
+from palpate.inverse.contact.model import ContactModel, Normal
+
+__all__ = ["SLIDES", "expanded", "ways_of_sliding"]
+
+#: Sliding less probable than this is not followed up.
+SLIDES = 0.03
+#: Rounds in which shear over pressure and the pressure are found in turn.
+JOINTLY = 4
+
+
+def log_evidence(hessian: Floats, linear: Floats, prior: Sequence[Floats]) -> float:
+    """Log marginal likelihood over that of noise alone, of a Gaussian model with the given normal matrix and prior precisions."""
+    import scipy.linalg
+
+    factor = cholesky(hessian.copy())
+    half = scipy.linalg.solve_triangular(factor, linear, lower=True, check_finite=False)
+    wide = sum(float(np.log(np.diagonal(cholesky(p.copy()))).sum()) for p in prior)
+    return 0.5 * float(half @ half) - float(np.log(np.diagonal(factor)).sum()) + wide
+
+
+def expanded(one: ContactModel, data: Normal, ray: Floats, changes: Floats) -> ContactModel:
+    """A model of the pressure as one of the traction, ``ray`` times it, as uncertain as the readings leave both."""
+    part = data.part(np.searchsorted(data.cells, one.cells))
+    pressure = one.solution.traction[0]
+    face = one.solution.face
+    if face is None:
+        raise RuntimeError("the solution was found without its face")
+    free = face.free[0]
+    turned = (changes[:, :, None] * pressure).reshape(len(changes), len(ray) * len(pressure))
+    pull = (turned @ part.matrix.T) @ part.matrix
+    border = np.einsum("c,kcn->kn", ray, pull.reshape(len(changes), len(ray), len(pressure)))[:, free]
+    hessian = np.block([[one.hessian[np.ix_(free, free)], border.T], [border, pull @ turned.T]])
+    solution = replace(
+        one.solution, traction=ray[:, None] * pressure, face=Ray(ray, free, turned), factor=cholesky(hessian)
+    )
+    return ContactModel(part, one.hessian, solution, ray=ray, changes=changes)
+
+
+def ways_of_sliding(
+    data: Normal, first: Floats, cone: Cone, precisions: Sequence[Sparse]
+) -> list[tuple[Floats, Floats, float]]:
+    """Ways in which the contact may slide as a whole: shear over pressure (component,), its changes (change, component), probability.
+
+    At the friction given, in any direction, or at less (friction while sliding is less than at rest, and what is given may not be exact).
+    By the marginal likelihood of Gaussian models without the constraints, against shear of its own; ``data`` is that of surface cells,
+    ``first`` a first traction (component, cell) of the whole surface, ``precisions`` the even penalty of each component.
+    """
+    mu, cells = float(cone.friction or 0.0), data.cells
+    blocks = [q[cells][:, cells].toarray() for q in precisions]
+    c, n = len(blocks), len(cells)
+    pressure = first[-1:, cells]
+    for turn in range(JOINTLY):
+        # shear over pressure, and the pressure that goes with it, in turn
+        explained = np.einsum("i,cidj,j->cd", pressure[0], data.gram.reshape(c, n, c, n), pressure[0], optimize=True)
+        pull = data.linear[:-1] @ pressure[0] - explained[:-1, -1]
+        found = np.linalg.lstsq(explained[:-1, :-1], pull, rcond=None)[0]
+        size = float(np.linalg.norm(found))
+        if not size > 0:
+            return []
+        if turn < JOINTLY - 1:
+            one = data.along(np.append(found * min(1.0, mu / size), 1.0))
+            pressure = minimise(one.gram + blocks[-1], one.linear, Cone(cone.components[-1:]), pressure).traction
+    full = mu * found / size
+    turns = np.array([[-full[1], full[0]]]) if c == 3 else np.zeros((0, 1))
+    ways = [
+        (full, turns, math.log(2.0 * math.pi) if c == 3 else math.log(2.0)),
+        (found * min(1.0, mu / size), np.eye(c - 1), math.log(math.pi * mu**2 if c == 3 else 2.0 * mu)),
+    ]
+    whole = data.gram.copy()
+    for i, block in enumerate(blocks):
+        whole[i * n : (i + 1) * n, i * n : (i + 1) * n] += block
+    logs = [log_evidence(whole, data.linear.ravel(), blocks)]
+    for ratio, changes, volume in ways:
+        one = data.along(np.append(ratio, 1.0))
+        observed = changes @ explained[:-1, :-1] @ changes.T
+        width = 0.5 * len(changes) * math.log(2.0 * math.pi) - 0.5 * float(np.linalg.slogdet(observed)[1])
+        logs.append(log_evidence(one.gram + blocks[-1], one.linear.ravel(), blocks[-1:]) + min(width, volume) - volume)
+    chances = scipy.special.softmax(logs)
+    kept = [(w, float(p)) for w, p in zip(ways, chances[1:]) if p >= SLIDES]
+    return [(np.append(ratio, 1.0), np.pad(changes, ((0, 0), (0, 1))), p) for (ratio, changes, _), p in kept]

@@ -1,0 +1,95 @@
+"""What an inversion returns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import to_numpy
+from palpate._batches import freeze, per_frame
+from palpate.elastic.half_space import Floats
+from palpate.sensing.operator import Operator
+
+__all__ = ["Errors", "Estimate", "batch_of", "frames_of"]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Standard deviations, in closed form, before calibration (`palpate.touch`).
+
+    ``traction`` (*batch, component, *surface) [Pa]; ``force`` (*batch, component) [N or N/m]; ``moment`` (*batch, 3 or 1);
+    ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa]. ``detail`` is shaped like ``traction``: 1 - posterior over prior
+    variance of each cell in contact, NaN elsewhere. The ``outer`` ones are no deviations but what each quantity owes to traction found
+    beyond the outermost taxels, where nothing is measured: it is known to a part of itself.
+    """
+
+    traction: Floats = field(metadata=per_frame())
+    force: Floats = field(metadata=per_frame())
+    moment: Floats = field(metadata=per_frame())
+    center: Floats = field(metadata=per_frame())
+    peak: Floats = field(metadata=per_frame())
+    detail: Floats = field(metadata=per_frame())
+    outer_traction: Floats = field(metadata=per_frame())
+    outer_force: Floats = field(metadata=per_frame())
+    outer_moment: Floats = field(metadata=per_frame())
+    outer_center: Floats = field(metadata=per_frame())
+    outer_peak: Floats = field(metadata=per_frame())
+
+    def __post_init__(self) -> None:
+        freeze(self)
+
+    @classmethod
+    def gathered(cls, parts: Sequence[Errors | None], gather: Callable[[list[Any]], Any]) -> Errors:
+        """Each array made of those of the parts (None where a part is)."""
+        names = [f.name for f in fields(cls)]
+        return cls(**{n: gather([None if p is None else getattr(p, n) for p in parts]) for n in names})
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What an inversion returns: the traction and how it was chosen.
+
+    ``parameter``, ``noise_scale`` (noise in units of the whitening; 1 where the noise was given) and ``residual`` (root mean
+    square misfit in the same units) have the batch shape, the noise of the
+    constrained methods (*batch, channel); None from methods that have no such thing. Likewise ``noise_std`` (*batch, channel), in the unit
+    of each channel, ``errors``
+    (`Errors`), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
+    (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
+    analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame), ``resolution`` [m] and
+    ``sliding`` (probability that the contact slides as a whole; NaN where nothing touches). ``method`` (*batch) is the short name of what
+    decided each frame, where it was not the same for all.
+    """
+
+    traction: Any
+    parameter: Floats | None
+    noise_scale: Floats | None
+    residual: Floats | None
+    errors: Errors | None = None
+    converged: npt.NDArray[np.bool_] | None = None
+    contact: npt.NDArray[np.bool_] | None = None
+    outliers: npt.NDArray[np.bool_] | None = None
+    draws: Floats | None = None
+    settling: Floats | None = None
+    pushed: npt.NDArray[np.bool_] | None = None
+    resolution: Floats | None = None
+    sliding: Floats | None = None
+    noise_std: Floats | None = None
+    method: npt.NDArray[np.str_] | None = None
+
+
+def batch_of(readings: Sequence[Any], operator: Operator) -> tuple[int, ...]:
+    """Batch shape of readings (*batch, channel, *array), one array per plane."""
+    return tuple(readings[0].shape[: -1 - len(operator.planes_of[0].shape)])
+
+
+def frames_of(readings: Sequence[Any], operator: Operator) -> Iterator[list[Floats]]:
+    """Each frame in turn, (channel, *array) per plane, in double precision."""
+    planes = operator.planes_of
+    arrays = [to_numpy(r).astype(np.float64).reshape(-1, len(a.channels), *a.shape) for r, a in zip(readings, planes)]
+    for i in range(math.prod(batch_of(readings, operator))):
+        yield [a[i] for a in arrays]

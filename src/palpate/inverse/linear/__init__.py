@@ -1,0 +1,1 @@
+"""Linear methods: the spectrum, priors, and every rule that chooses a parameter."""

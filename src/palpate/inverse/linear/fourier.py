@@ -1,0 +1,98 @@
+"""The spectrum of a periodic surface: a small singular value decomposition per wavevector."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from palpate._arrays import from_numpy, irfftn, namespace, rfftn
+from palpate.elastic.half_space import Floats
+from palpate.errors import Unsupported
+from palpate.inverse.linear.priors import Prior, wavenumbers
+from palpate.sensing.operator import Operator, periodic_transfer
+
+__all__ = ["FourierSpectrum"]
+
+
+class FourierSpectrum:
+    """Spectrum of a periodic surface: a small SVD per wavevector."""
+
+    eigenvalues: Floats
+    multiplicity: Floats
+
+    def __init__(
+        self, operator: Operator, priors: Sequence[Prior], columns: Sequence[int], scales: Sequence[Floats]
+    ) -> None:
+        self.operator, self.columns = operator, list(columns)
+        grid = operator.surface
+        if any(a.mask is not None for a in operator.planes_of):
+            raise Unsupported('boundary="periodic" cannot leave out taxels; use boundary="free", or fill them first.')
+        if any(a.noise_correlation for a in operator.planes_of):
+            raise Unsupported(
+                'boundary="periodic" takes noise as independent; use boundary="free" for correlated noise.'
+            )
+        matrices = [
+            periodic_transfer(operator.pad, grid, a) / s.reshape(-1, *(1,) * (1 + grid.dimensions))
+            for a, s in zip(operator.planes_of, scales)
+        ]
+        stacked = np.moveaxis(np.concatenate(matrices)[:, self.columns], (0, 1), (-2, -1))
+        k = wavenumbers(grid.shape, grid.spacings)
+        root = np.sqrt(np.stack([prior.spectrum(k) for prior in priors], axis=-1))  # (*k, component)
+        u, s, vh = np.linalg.svd(stacked * root[..., None, :], full_matrices=True)
+        rank = s.shape[-1]
+        values = np.zeros(u.shape[:-1])
+        values[..., :rank] = s**2
+        half = np.full(values.shape, 2.0)
+        half[..., 0, :] = 1.0
+        if grid.shape[-1] % 2 == 0:
+            half[..., -1, :] = 1.0
+        self._shape = values.shape
+        self.eigenvalues, self.multiplicity = values.ravel(), half.ravel()
+        self._forward = np.conj(np.swapaxes(u, -1, -2))  # (*k, n, channel)
+        shape: tuple[int, ...] = values.shape
+        self._back = np.zeros((*shape[:-1], len(self.columns), shape[-1]), dtype=np.complex128)
+        self._back[..., :rank] = root[..., :, None] * np.conj(np.swapaxes(vh, -1, -2))[..., :rank]
+        self._scales = scales
+        self._norm = math.sqrt(math.prod(grid.shape))
+        self._copies: dict[tuple[Any, ...], Any] = {}
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        return self._forward.nbytes + self._back.nbytes
+
+    def _prepared(self, like: Any) -> Any:
+        # single-precision readings and coefficients share one key through the real dtype of the readings
+        xp = namespace(like)
+        key = (xp.__name__, str(like.dtype), str(getattr(like, "device", "")))
+        if key not in self._copies:
+            scales = [from_numpy(s.reshape(-1, *(1,) * self.operator.surface.dimensions), like) for s in self._scales]
+            self._copies[key] = from_numpy(self._forward, like), from_numpy(self._back, like), scales
+        return self._copies[key]
+
+    def project(self, readings: Sequence[Any]) -> Any:
+        xp, grid = namespace(readings[0]), self.operator.surface
+        forward, _, scales = self._prepared(readings[0])
+        d = grid.dimensions
+        spectra = [rfftn(r / s, grid.shape) / self._norm for r, s in zip(readings, scales)]
+        data = xp.moveaxis(xp.concat(spectra, axis=-1 - d), -1 - d, -1)
+        out = xp.matmul(forward, data[..., None])[..., 0]
+        return xp.reshape(out, (*out.shape[: -1 - d], -1))
+
+    def solve(self, weights: Any) -> Any:
+        xp, grid = namespace(weights), self.operator.surface
+        _, back, _ = self._prepared(xp.real(weights))
+        d = grid.dimensions
+        batch = weights.shape[:-1]
+        spectrum = xp.matmul(back, xp.reshape(weights, (*batch, *self._shape))[..., None])[..., 0]
+        images = irfftn(xp.moveaxis(spectrum, -1, -1 - d) * self._norm, grid.shape)
+        out = []
+        for column in range(len(grid.components)):
+            if column in self.columns:
+                out.append(images[(..., self.columns.index(column), *(slice(None),) * d)])
+            else:
+                out.append(xp.zeros_like(images[(..., 0, *(slice(None),) * d)]))
+        return xp.stack(out, axis=-1 - d)

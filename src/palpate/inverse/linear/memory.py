@@ -1,0 +1,138 @@
+"""What a spectrum takes, known before any work: memory, and refusals that name what serves the same taxels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate._memory import SHARE, SMALL, available, gigabytes, require
+from palpate.elastic.pad import Pad
+from palpate.errors import Unsupported
+from palpate.inverse.linear.spectrum import LARGEST_BLOCK, LARGEST_MODES, LARGEST_SVD, in_blocks
+from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
+from palpate.sensing.grids import Grid
+from palpate.sensing.surface import WIDE, default_surface
+
+__all__ = ["check_spectrum", "check_waves"]
+
+
+def block_size(pad: Pad, planes: Sequence[Array], surface: Grid) -> int:
+    """Readings in the largest symmetry block."""
+    if in_blocks(pad, planes, surface):
+        return sum(len(a.channels) * math.prod((n + 1) // 2 for n in a.shape) for a in planes)
+    return sum(int(a.valid.sum()) * len(a.channels) for a in planes)
+
+
+def spectrum_memory(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> float:
+    """Most bytes at a time while the spectrum of ``sought`` components is prepared (`DataSpectrum`).
+
+    The matrix of each plane is made of one cell's influence, whole, and copied once into order: twice its size. In blocks, all planes
+    stay while a quarter of them (half on a line) is weighted; else what is sought is whitened, weighted and joined, and an SVD needs two
+    more. The eigenproblem of n readings holds five matrices of n^2.
+    """
+    cells, components = math.prod(surface.shape), len(surface.components)
+    count = sum(math.prod(a.shape) * len(a.channels) for a in planes)
+    largest = max(math.prod(a.shape) * len(a.channels) for a in planes)
+    n = block_size(pad, planes, surface)
+    row = 8.0 * cells * components
+    part = sought / components
+    if in_blocks(pad, planes, surface):
+        blocks = 2**surface.dimensions
+        matrices = row * count + max(row * largest, row * count * (2.0 * part + 1.0) / blocks)
+        kept = 8.0 * n * n * blocks
+    else:
+        matrices = row * count * max(2.0, 1.0 + part, (5.0 if n <= LARGEST_SVD else 3.0) * part)
+        kept = 8.0 * n * n
+    total = matrices + 5.0 * 8.0 * n * n + kept
+    modes = 0.0
+    if count * sought * cells <= LARGEST_MODES:
+        modes = kept + 16.0 * count * sought * cells + 8.0 * row * min(count, 256)
+    return max(total, modes)
+
+
+def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> None:
+    """Refuse what the dense spectrum cannot serve, with what serves these very taxels instead."""
+    size, peak, free = block_size(pad, planes, surface), spectrum_memory(pad, planes, surface, sought), available()
+    fits = free is None or peak <= SHARE * free or peak < SMALL
+    if size <= LARGEST_BLOCK and fits:
+        return
+    where = " x ".join(map(str, surface.shape))
+    readings = sum(int(a.valid.sum()) * len(a.channels) for a in planes)
+    need = f"{readings} readings on a surface of {where} cells need about {gigabytes(peak)} of memory"
+    if free is not None:
+        need += f" ({gigabytes(free)} are free)"
+    if size > LARGEST_BLOCK:
+        need += f" and an eigenproblem of {size} readings (limit {LARGEST_BLOCK})"
+    raise Unsupported(f"{need}. {_remedy(pad, planes, sought, free)}")
+
+
+def check_waves(planes: Sequence[Array], surface: Grid) -> None:
+    """Refuse more wavevectors of a periodic surface than memory holds."""
+    waves = math.prod(surface.shape) // surface.shape[-1] * (surface.shape[-1] // 2 + 1)
+    rows = sum(len(a.channels) for a in planes)
+    # the matrices of all wavevectors, their whitened copy and the factors of the decomposition, complex
+    require(
+        16.0 * waves * (4.0 * rows * len(surface.components) + 2.0 * rows * rows + 4.0 * rows),
+        f"{waves} wavevectors of {rows} channels",
+        "Cut the readings into parts that overlap by a few depths.",
+    )
+
+
+def _served(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) -> bool:
+    surface = default_surface(planes, depths=WIDE)
+    peak = spectrum_memory(pad, planes, surface, sought)
+    return block_size(pad, planes, surface) <= LARGEST_BLOCK and (free is None or peak <= 0.5 * free or peak < SMALL)
+
+
+def _remedy(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) -> str:
+    """What would be served, tried by the same estimates."""
+    first = planes[0]
+    if isinstance(first, ScatteredArray):
+        extent = np.ptp(first.points, axis=0)
+        pitch = float((np.prod(extent) / len(first.points)) ** (1.0 / first.dimensions))
+        for _ in range(200):
+            pitch = float(f"{1.1 * pitch:.2g}")
+            counts = np.maximum(2, np.floor(extent / pitch + 1e-9).astype(int))
+            channels = first.channels
+            if first.dimensions == 2:
+                thin: list[Array] = [
+                    AreaArray(shape=(counts[1], counts[0]), pitch=pitch, depth=a.depth, channels=channels)
+                    for a in planes
+                ]
+                if _served(pad, thin, sought, free):
+                    return (
+                        f'Grid the recording with a pitch of {pitch:g} m or more (Recording.gridded({pitch:g}), palpate convert --grid "{1e3 * pitch:g} mm") '
+                        "and describe it as an area plane."
+                    )
+            else:
+                break
+        return "Give fewer positions."
+    words = []
+    if all(a.mask is None and not a.noise_correlation and a.grid == first.grid for a in planes):  # type: ignore[union-attr]
+        words.append('Skin(..., boundary="periodic") serves it (boundary = "periodic" in skin.toml, without a surface)')
+    for step in range(2, 100):
+        thinner = [_thinned(a, step) for a in planes]
+        if _served(pad, thinner, sought, free):
+            slices = ", ".join([f"::{step}"] * first.dimensions)
+            words.append(
+                f"every {step}{_ORDINAL.get(step, 'th')} taxel does (readings[..., {slices}], a pitch {step} times as large)"
+            )
+            break
+    text = " or ".join(words) or "give fewer taxels"
+    return f"{text[0].upper()}{text[1:]}."
+
+
+_ORDINAL = {2: "nd", 3: "rd"}
+
+
+def _thinned(array: Array, step: int) -> Array:
+    """Every ``step``-th taxel of a regular array."""
+    counts = [(n + step - 1) // step for n in array.shape]
+    if isinstance(array, LineArray):
+        return LineArray(count=max(counts[0], 2), pitch=step * array.pitch, depth=array.depth, channels=array.channels)
+    pitch = (step * array.grid.spacings[0], step * array.grid.spacings[1])  # type: ignore[union-attr]
+    return AreaArray(
+        shape=(max(counts[0], 2), max(counts[1], 2)), pitch=pitch, depth=array.depth, channels=array.channels
+    )

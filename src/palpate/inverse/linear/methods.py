@@ -1,0 +1,135 @@
+"""The linear methods: a prior for each component, a filter, and a parameter or a rule."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput
+from palpate.inverse.linear.parameter import tikhonov, truncate
+from palpate.inverse.linear.priors import DifferencePrior, SpectralPrior, hilgers_prior
+from palpate.inverse.linear.regularised import Regularised
+from palpate.inverse.method import Method, Needs, choice, function, number, rule
+from palpate.inverse.problem import Problem
+
+__all__ = ["Hilgers", "Tikhonov", "Truncated", "Wiener"]
+
+_RULES = ("evidence", "gcv", "lcurve", "discrepancy")
+_CUT_OFF_RULES = ("gcv", "lcurve", "discrepancy")
+_PARAMETER = "regularisation parameter (default: chosen for each frame)"
+_RULE = "how the parameter is chosen for each frame"
+
+Density = Callable[[Floats], npt.ArrayLike]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tikhonov(Method):
+    """Tikhonov's method: keeps a derivative of the traction small (A. N. Tikhonov, Soviet Math. Dokl. 4, 1963, 1035-1038).
+
+    Parameters
+    ----------
+    order : 0, 1 or 2
+        The derivative.
+    parameter : float, optional
+        lambda.
+    rule : str, optional
+        How lambda is chosen for each frame where it is not given: "evidence" (default), "gcv", "lcurve" or "discrepancy" (needs the
+        array's noise).
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pp.Tikhonov(order=2, rule="gcv")
+    Tikhonov(order=2, parameter=None, rule='gcv')
+    """
+
+    name: ClassVar[str] = "tikhonov"
+    summary: ClassVar[str] = "linear, milliseconds a frame; traction may pull"
+    rules: ClassVar[tuple[str, ...]] = _RULES
+
+    order: int = choice(1, (0, 1, 2), help="order of the derivative that is kept small")
+    parameter: float | None = number(help=_PARAMETER)
+    rule: str | None = rule(_RULES, help=_RULE)
+
+    def prepare(self, problem: Problem) -> Regularised:
+        """The spectrum under the difference prior."""
+        self.check(problem)
+        priors = [DifferencePrior(problem.surface, self.order)] * len(problem.components)
+        return Regularised(problem.decomposition(priors), tikhonov, self.chosen)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hilgers(Method):
+    """Regularisation in a Sobolev space (J. W. Hilgers, SIAM J. Numer. Anal. 13, 1976, 172-184).
+
+    ``length`` [m] is the correlation length (default: the depth, or the cell at depth 0); ``parameter`` and ``rule`` as for `Tikhonov`.
+    """
+
+    name: ClassVar[str] = "hilgers"
+    summary: ClassVar[str] = "linear, in the norm of a Sobolev space"
+    rules: ClassVar[tuple[str, ...]] = _RULES
+
+    length: float | None = number(help="correlation length [m] (default: the depth)", unit="metres")
+    parameter: float | None = number(help=_PARAMETER)
+    rule: str | None = rule(_RULES, help=_RULE)
+
+    def prepare(self, problem: Problem) -> Regularised:
+        """The spectrum under the Sobolev kernel."""
+        self.check(problem)
+        length = self.length or min(p.depth for p in problem.planes) or problem.surface.spacings[-1]
+        priors = [hilgers_prior(problem.surface, float(length))] * len(problem.components)
+        return Regularised(problem.decomposition(priors), tikhonov, self.chosen)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truncated(Method):
+    """Truncated singular value decomposition: singular values with s^2 above ``parameter`` are kept."""
+
+    name: ClassVar[str] = "truncated"
+    summary: ClassVar[str] = "linear, the spectrum cut off"
+    rules: ClassVar[tuple[str, ...]] = _CUT_OFF_RULES
+
+    parameter: float | None = number(help=_PARAMETER)
+    rule: str | None = rule(_CUT_OFF_RULES, help=_RULE)
+
+    def prepare(self, problem: Problem) -> Regularised:
+        """The spectrum under white traction."""
+        self.check(problem)
+        priors = [DifferencePrior(problem.surface, 0)] * len(problem.components)
+        return Regularised(problem.decomposition(priors), truncate, self.chosen)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wiener(Method):
+    """The Wiener filter of a traction whose power spectrum is known, with the array's noise.
+
+    ``spectrum`` is a function of |k| [rad/m], or a mapping from component to function: power spectral density in Pa^2 m (line) or
+    Pa^2 m^2 (area).
+    """
+
+    name: ClassVar[str] = "wiener"
+    summary: ClassVar[str] = "linear, for a given power spectrum and noise"
+    needs: ClassVar[Needs] = Needs(noise=True)
+
+    spectrum: Density | Mapping[str, Density] = function(  # noqa: RUF009
+        help="a function of wavenumber [rad/m] that returns the power spectral density of the traction.",
+        accepts="a function of wavenumber [rad/m], or a mapping from component to function",
+    )
+
+    def prepare(self, problem: Problem) -> Regularised:
+        """The spectrum under the given density."""
+        density = self.spectrum
+        if isinstance(density, Mapping):
+            missing = [c for c in problem.components if c not in density]
+            if missing:
+                raise InvalidInput(f"spectrum lacks the component {', '.join(missing)}.")
+            each = [density[c] for c in problem.components]
+        else:
+            each = [density] * len(problem.components)
+        priors = [SpectralPrior(problem.surface, d) for d in each]
+        self.check(problem)
+        return Regularised(problem.decomposition(priors), tikhonov, 1.0)

@@ -1,0 +1,97 @@
+"""Every linear method on the spectrum of the problem: a filter, and a parameter or the rule that chooses it for each frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate._arrays import from_numpy, namespace, to_numpy
+from palpate.elastic.half_space import Floats
+from palpate.inverse.estimate import Estimate
+from palpate.inverse.linear.fourier import FourierSpectrum
+from palpate.inverse.linear.memory import check_spectrum, check_waves
+from palpate.inverse.linear.parameter import Filter, check_parameter, choose_parameter
+from palpate.inverse.linear.priors import Prior
+from palpate.inverse.linear.spectrum import DataSpectrum, Spectrum, noise_scales
+from palpate.sensing.operator import Operator
+
+__all__ = ["Decomposition", "Regularised", "decompose"]
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """The spectrum of an operator under a prior: what does not depend on filter, parameter or readings.
+
+    ``scales`` are the standard deviations that the readings were divided by (channel, per plane), and ``noise_known`` says whether they
+    are the true noise.
+    """
+
+    operator: Operator
+    columns: tuple[int, ...]
+    scales: list[Floats]
+    noise_known: bool
+    spectrum: Spectrum
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        return self.spectrum.nbytes
+
+
+def decompose(operator: Operator, priors: Sequence[Prior], columns: Sequence[int]) -> Decomposition:
+    """The spectrum of ``operator`` for the components ``columns``, with one prior each."""
+    if operator.boundary == "free":
+        check_spectrum(operator.pad, operator.planes_of, operator.surface, len(columns))
+    else:
+        check_waves(operator.planes_of, operator.surface)
+    scales, known = noise_scales(operator, columns)
+    kind: type[FourierSpectrum] | type[DataSpectrum]
+    kind = FourierSpectrum if operator.boundary == "periodic" else DataSpectrum
+    return Decomposition(operator, tuple(columns), scales, known, kind(operator, priors, columns, scales))
+
+
+class Regularised:
+    """A regularised inversion: a decomposition, a filter phi(s^2, lambda), and lambda or the rule that chooses it for each frame."""
+
+    def __init__(self, decomposition: Decomposition, filter_factors: Filter, parameter: float | str) -> None:
+        check_parameter(parameter)
+        self.decomposition, self.filter, self.parameter = decomposition, filter_factors, parameter
+        self.operator, self.spectrum = decomposition.operator, decomposition.spectrum
+        self.scales, self.noise_known = decomposition.scales, decomposition.noise_known
+        self.grid = self.operator.surface
+
+    def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
+        """Traction from one readings array per plane."""
+        xp = namespace(readings[0])
+        coefficients = self.spectrum.project(readings)
+        batch = coefficients.shape[:-1]
+        values, counts = self.spectrum.eigenvalues, self.spectrum.multiplicity
+        power = np.abs(to_numpy(coefficients).astype(np.complex128)) ** 2
+        power = np.real(power).reshape(-1, len(values))
+        if isinstance(self.parameter, str):
+            chosen, variance = choose_parameter(
+                self.parameter, self.filter, values, counts, power, noise_known=self.noise_known
+            )
+        else:
+            chosen = np.full(len(power), float(self.parameter))
+            phi = self.filter(values[None, :], chosen[:1, None])[0]
+            free = max(float(counts @ (1.0 - phi)), 1.0)
+            variance = (
+                np.ones(len(power)) if self.noise_known else (power * counts * (1.0 - phi) ** 2).sum(axis=1) / free
+            )
+        phi = self.filter(values[None, :], chosen[:, None])
+        gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0).reshape(*batch, -1)
+        residual = np.sqrt((power * counts * (1.0 - phi) ** 2).sum(axis=1) / counts.sum())
+        real = xp.real(coefficients) if xp.isdtype(coefficients.dtype, "complex floating") else coefficients
+        traction = self.spectrum.solve(coefficients * from_numpy(gain, real))
+        scale = np.sqrt(variance).reshape(batch)
+        return Estimate(
+            traction,
+            chosen.reshape(batch),
+            scale,
+            residual.reshape(batch),
+            noise_std=scale[..., None] * np.concatenate(self.scales),
+        )

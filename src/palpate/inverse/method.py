@@ -1,0 +1,212 @@
+"""What a method is: options, what it needs of a skin, and how it is prepared.
+
+A method is a frozen dataclass with keyword-only fields, one for each option, declared by the functions below; its class says its short
+name and its needs. ``prepare`` does what depends on skin and method, and what it returns solves frames. To add a method: one
+file with such a class, and `palpate.inverse.registry.register` (or an entry point of the group "palpate.methods").
+"""
+
+from __future__ import annotations
+
+import abc
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from numbers import Integral, Real
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.estimate import Estimate
+from palpate.inverse.linear.parameter import RULES
+from palpate.inverse.problem import Problem
+from palpate.sensing.grids import Grid
+
+__all__ = ["Method", "Needs", "Option", "Prepared", "choice", "count", "function", "number", "rule"]
+
+
+@dataclass(frozen=True)
+class Option:
+    """What an option accepts and how it is said.
+
+    ``check`` returns the value in the form in which it is kept, or raises. ``read`` turns the text of a command line into a value (or
+    raises ValueError); None where an option cannot be said there.
+    """
+
+    help: str
+    accepts: str
+    check: Callable[[str, Any], Any]
+    read: Callable[[str], Any] | None
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a method needs of a skin, beyond what it finds out by itself."""
+
+    free_boundary: bool = False
+    pressure: bool = False
+    noise: bool = False
+
+
+class Prepared(Protocol):
+    """A method prepared for a skin."""
+
+    #: Where its results live.
+    grid: Grid
+
+    def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
+        """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method(abc.ABC):
+    """One way from readings to traction; see the module."""
+
+    #: Short name, in Python, on the command line and in files.
+    name: ClassVar[str]
+    #: One line for help texts.
+    summary: ClassVar[str]
+    needs: ClassVar[Needs] = Needs()
+    #: Components sought where the user does not say; None: all that the channels can tell apart.
+    seeks: ClassVar[tuple[str, ...] | None] = None
+    #: Whether its results have error bars.
+    error_bars: ClassVar[bool] = False
+    #: Whether it is one of the methods for comparison.
+    comparison: ClassVar[bool] = False
+    #: Rules that choose ``parameter`` where it is not given; the first one by default.
+    rules: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            known = f.metadata.get("option")
+            value = getattr(self, f.name)
+            if known is not None and not (value is None and f.default is None):
+                object.__setattr__(self, f.name, known.check(f.name, value))
+        if getattr(self, "rule", None) is not None and getattr(self, "parameter", None) is not None:
+            raise InvalidInput("give the parameter or the rule that chooses it, not both.")
+
+    @property
+    def chosen(self) -> float | str:
+        """The parameter, or the rule that chooses it."""
+        parameter, named = getattr(self, "parameter", None), getattr(self, "rule", None)
+        return parameter if parameter is not None else named or self.rules[0]
+
+    @abc.abstractmethod
+    def prepare(self, problem: Problem) -> Prepared:
+        """What depends on skin and method and not on the frame; `check` first."""
+
+    def resolved(self, problem: Problem) -> Method:
+        """The method that this one comes to on a skin: itself, where it does not choose among others."""
+        return self
+
+    def returns(self, components: tuple[str, ...]) -> tuple[str, ...]:
+        """The components that a result holds where ``components`` are sought."""
+        return components
+
+    def assumptions(self) -> tuple[str, ...]:
+        """Notes for every result."""
+        return ()
+
+    @classmethod
+    def options(cls) -> dict[str, Option]:
+        """Every option by its name."""
+        return {f.name: f.metadata["option"] for f in fields(cls) if "option" in f.metadata}
+
+    @classmethod
+    def required(cls) -> tuple[str, ...]:
+        """Options without a default."""
+        return tuple(f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING)
+
+    def check(self, problem: Problem) -> None:
+        """Raise where the skin lacks what the method needs."""
+        if self.needs.free_boundary and problem.boundary == "periodic":
+            raise Unsupported(
+                f'method="{self.name}" needs boundary="free"; use method="tikhonov" on a periodic surface.'
+            )
+        if self.needs.pressure and "z" not in problem.components:
+            raise Unsupported(
+                f'method="{self.name}" lives on pressure that cannot pull: seek component z as well, or use method="tikhonov".'
+            )
+        if self.needs.noise and any(a.noise_std is None for a in problem.planes):
+            raise Unsupported(
+                f'method="{self.name}" needs the noise: give the array noise=..., or use method="tikhonov".'
+            )
+
+    def __str__(self) -> str:
+        said = [f"{f.name}={getattr(self, f.name)!r}" for f in fields(self) if getattr(self, f.name) != f.default]
+        return f"{self.name}({', '.join(said)})" if said else self.name
+
+
+# -- options -----------------------------------------------------------------------------------------------------------
+
+
+def _declared(default: Any, option: Option) -> Any:
+    metadata = {"option": option}
+    return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)
+
+
+def _is_number(value: Any) -> bool:
+    return not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(float(value))
+
+
+def number(default: Any = None, *, help: str, unit: str = "", negative: bool = False, required: bool = False) -> Any:
+    """A finite number, positive unless ``negative`` (then not 0)."""
+    accepts = ("a number other than 0" if negative else "a positive number") + (f" of {unit}" if unit else "")
+
+    def check(name: str, value: Any) -> float:
+        if not _is_number(value) or not (value != 0 if negative else value > 0):
+            raise InvalidInput(f"{name} must be {accepts}; got {value!r}.")
+        return float(value)
+
+    return _declared(MISSING if required else default, Option(help, accepts, check, float))
+
+
+def count(default: int = 0, *, help: str) -> Any:
+    """A whole number that is not negative."""
+    accepts = "a whole number >= 0"
+
+    def check(name: str, value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, Integral) or value < 0:
+            raise InvalidInput(f"{name} must be {accepts}; got {value!r}.")
+        return int(value)
+
+    return _declared(default, Option(help, accepts, check, int))
+
+
+def choice(default: int, values: Sequence[int], *, help: str) -> Any:
+    """One of a few whole numbers."""
+    accepts = f"{', '.join(map(str, values[:-1]))} or {values[-1]}"
+
+    def check(name: str, value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, Integral) or value not in values:
+            raise InvalidInput(f"{name} must be {accepts}; got {value!r}.")
+        return int(value)
+
+    return _declared(default, Option(help, accepts, check, int))
+
+
+def rule(rules: Sequence[str], *, help: str) -> Any:
+    """The name of a rule that chooses the parameter."""
+    accepts = f"one of {', '.join(rules)}"
+
+    def check(name: str, value: Any) -> str:
+        if value not in rules:
+            known = isinstance(value, str) and value in RULES
+            raise (Unsupported if known else InvalidInput)(f"{name} must be {accepts}; got {value!r}.")
+        return str(value)
+
+    return _declared(None, Option(help, accepts, check, str))
+
+
+def function(*, help: str, accepts: str) -> Any:
+    """A function, or a mapping from component to function; Python only."""
+
+    def check(name: str, value: Any) -> Any:
+        parts = list(value.values()) if hasattr(value, "values") else [value]
+        if not parts or not all(callable(p) for p in parts):
+            raise InvalidInput(f"{name} must be {accepts}; got {value!r}.")
+        return value
+
+    # a mapping has no hash; equal methods still compare equal
+    return field(metadata={"option": Option(help, accepts, check, None)}, hash=False)

@@ -1,0 +1,120 @@
+"""What a method is prepared for, and what methods share: decompositions, operators on finer grids."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any, TypeVar, cast
+
+from palpate.elastic.pad import Pad
+from palpate.inverse.linear.priors import Prior
+from palpate.inverse.linear.regularised import Decomposition, decompose
+from palpate.sensing.arrays import Array
+from palpate.sensing.grids import Grid
+from palpate.sensing.operator import Boundary, Operator
+from palpate.sensing.surface import WIDE, default_surface
+
+__all__ = ["Kept", "Problem"]
+
+Value = TypeVar("Value")
+
+#: What is prepared is kept up to this many entries and bytes: two decompositions of 64 x 64 x 3 readings are 0.6 GB.
+MOST_ENTRIES, MOST_BYTES = 64, 2_000_000_000
+
+
+class Kept:
+    """Prepared things by what they depend on; the ones not used for longest go first."""
+
+    def __init__(self, entries: int = MOST_ENTRIES, nbytes: int = MOST_BYTES) -> None:
+        self.entries, self.nbytes = entries, nbytes
+        self._things: OrderedDict[Hashable, Any] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
+        """What is kept under ``key``, made where it is not."""
+        with self._lock:
+            if key in self._things:
+                self._things.move_to_end(key)
+                return cast(Value, self._things[key])
+        value = make()
+        with self._lock:
+            self._things[key] = value
+            while len(self._things) > 1 and (len(self._things) > self.entries or self._size() > self.nbytes):
+                self._things.popitem(last=False)
+        return value
+
+    def _size(self) -> int:
+        return sum(int(getattr(v, "nbytes", 0)) for v in self._things.values())
+
+    def __len__(self) -> int:
+        return len(self._things)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"entries": self.entries, "nbytes": self.nbytes}  # what is prepared can be prepared again
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(**state)  # type: ignore[misc]
+
+
+class Problem:
+    """Pad, arrays and surface, and the components sought: all that a method may depend on besides its own options.
+
+    Attributes
+    ----------
+    pad : Pad
+        The elastic body (without creep).
+    planes : tuple of arrays
+    surface : LineGrid or AreaGrid
+        Where the result lives.
+    boundary : "free" or "periodic"
+    components : tuple of str
+        What is sought.
+    fixed : bool
+        Whether the user gave the surface: contact is then sought nowhere else.
+    """
+
+    def __init__(
+        self,
+        pad: Pad,
+        planes: Sequence[Array],
+        surface: Grid,
+        boundary: Boundary,
+        components: Sequence[str],
+        *,
+        fixed: bool = False,
+        kept: Kept | None = None,
+    ) -> None:
+        self.pad, self.planes, self.surface, self.boundary = pad, tuple(planes), surface, boundary
+        self.components, self.fixed = tuple(components), fixed
+        self.kept = Kept() if kept is None else kept
+
+    def seeking(self, components: Sequence[str]) -> Problem:
+        """The same problem with other components sought; it shares what does not depend on them."""
+        return Problem(self.pad, self.planes, self.surface, self.boundary, components, fixed=self.fixed, kept=self.kept)
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """Places of the components sought among those of the surface."""
+        return tuple(self.surface.components.index(c) for c in self.components)
+
+    @property
+    def operator(self) -> Operator:
+        """From traction on the surface to readings."""
+        return self.kept.get("operator", lambda: Operator(self.pad, self.planes, self.surface, self.boundary))
+
+    @property
+    def wide(self) -> Operator:
+        """The same from a surface that reaches far enough to explain what presses beyond the array's edge."""
+        if self.fixed:
+            return self.operator
+        return self.kept.get(
+            "wide operator",
+            lambda: Operator(self.pad, self.planes, default_surface(self.planes, depths=WIDE), self.boundary),
+        )
+
+    def decomposition(self, priors: Sequence[Prior], *, wide: bool = False) -> Decomposition:
+        """The spectrum under these priors, one per component sought; made once for all methods, parameters and rules."""
+        key = ("decomposition", wide and not self.fixed, self.columns, tuple(p.key for p in priors))
+        operator = self.wide if wide else self.operator
+        return self.kept.get(key, lambda: decompose(operator, priors, self.columns))
