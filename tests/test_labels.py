@@ -287,3 +287,14 @@ def test_masked_entries_are_missing_taxels(skin: pp.Skin, plain: Any) -> None:
     judge(fewer, np.ma.masked_array(filled, mask=filled == 999999.0))
     touch = skin.track().step(np.ma.masked_array(filled, mask=filled == 999999.0))
     assert touch.force[2] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_recording_keeps_no_labels_and_no_fill_values(plain: Any, labelled: xarray.DataArray) -> None:
+    with pytest.raises(pp.InvalidInput, match="transpose"):
+        pp.Recording(readings=labelled, channels=CHANNELS)
+    hidden = np.ma.masked_array(plain[None].astype(">f8"), mask=np.zeros((1, *plain.shape), dtype=bool))
+    hidden[0, 1, 2, 3] = np.ma.masked
+    kept = pp.Recording(readings=hidden, channels=CHANNELS)
+    assert np.isnan(kept.readings[0, 1, 2, 3])
+    assert kept.readings.dtype.isnative
+    assert kept.missing.sum() == 1

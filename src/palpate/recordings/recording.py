@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._arrays import as_real
 from palpate.elastic.channels import channel_unit, find_channel
 from palpate.errors import InvalidInput
+from palpate.sensing.labels import is_labelled
 
 __all__ = ["Recording"]
 
@@ -39,7 +41,13 @@ class Recording:
     meta: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        readings = np.asarray(self.readings)
+        if is_labelled(self.readings):
+            raise InvalidInput(
+                f"a Recording takes its readings without labels; got dimensions ({', '.join(map(str, self.readings.dims))}). Put them "
+                'in order and take the values: x.transpose("time", "channel", "y", "x").values (scattered: "taxel"), with SI units.'
+            )
+        readings = self.readings
+        readings = as_real(readings, "readings") if isinstance(readings, np.ndarray) else np.asarray(readings)
         if readings.dtype not in (np.float32, np.float64):
             if not (np.issubdtype(readings.dtype, np.number) and not np.iscomplexobj(readings)):
                 raise InvalidInput(f"readings must be real numbers; got dtype {readings.dtype}.")
