@@ -167,22 +167,33 @@ def _write(dataset: xarray.Dataset, path: Path) -> None:
     write_netcdf(dataset, path, encoding)
 
 
-def guard(group: Any, path: Path) -> None:
-    """Refuse data sets that claim more than the file can hold, before anything is allocated."""
+def data_sets(group: Any) -> dict[str, Any]:
+    """Every data set of a file or group by its name, those in groups as "group/name"."""
     import h5py
 
+    found: dict[str, Any] = {}
+
+    def visit(name: Any, held: Any) -> None:
+        if isinstance(held, h5py.Dataset):
+            found[_text(name)] = held
+
+    group.visititems(visit)
+    return found
+
+
+def guard(group: Any, path: Path) -> None:
+    """Refuse data sets that claim more than the file can hold, before anything is allocated."""
     stored = os.path.getsize(path)
-    for name in group:
-        held = group.get(name)
-        if isinstance(held, h5py.Dataset) and held.shape is not None:
+    for name, held in data_sets(group).items():
+        if held.shape is not None:
             claimed = held.dtype.itemsize
             for size in held.shape:
                 claimed *= int(size)
-            affordable(claimed, stored, f"{path}, {_text(name)}")
+            affordable(claimed, stored, f"{path}, {name}")
             affordable(
                 int(np.prod(held.chunks or (0,), dtype=np.float64)) * held.dtype.itemsize,
                 stored,
-                f"{path}, {_text(name)}",
+                f"{path}, {name}",
             )
 
 

@@ -12,7 +12,7 @@ from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings.csvfile import cells, number, text_of, warn_of_a_cut
 from palpate.recordings.formats import existing
-from palpate.recordings.netcdf import DAMAGE, NetCDF, guard, opened
+from palpate.recordings.netcdf import DAMAGE, NetCDF, data_sets, guard, opened
 from palpate.recordings.recording import Recording
 
 __all__ = ["read_table"]
@@ -69,14 +69,14 @@ def read_table(
 def _read_h5_vectors(path: Path, names: Sequence[str]) -> Floats:
     try:
         with opened(path) as file:
-            held = [n if isinstance(n, str) else repr(n) for n in file]
+            held = data_sets(file)
             missing = [n for n in names if n not in held]
             if missing or len(names) != 2:
                 raise InvalidInput(
                     f"{path}: name two data sets, positions and vectors, among {', '.join(held)}; got {', '.join(names)}."
                 )
             guard(file, path)
-            parts = [np.asarray(file[n][()], dtype=np.float64) for n in names]
+            parts = [np.asarray(held[n][()], dtype=np.float64) for n in names]
     except InvalidInput:
         raise
     except DAMAGE as error:
