@@ -70,7 +70,7 @@ def _read_h5_vectors(path: Path, names: Sequence[str]) -> Floats:
     try:
         with opened(path) as file:
             held = data_sets(file)
-            missing = [n for n in names if n not in file]  # names may lead into groups
+            missing = [n for n in names if n not in held]
             if missing or len(names) != 2:
                 raise InvalidInput(
                     f"{path}: name two data sets, positions and vectors, among {', '.join(held)}; got {', '.join(names)}."
