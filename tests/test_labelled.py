@@ -75,7 +75,7 @@ def touches(draw: Any) -> pp.Touch:
         surface=grid,
         components=draw(st.sampled_from((grid.components, ("z",)))),
         method="adaptive",
-        notes=tuple(draw(st.lists(WORDS.filter(bool), max_size=2))),
+        assumptions=tuple(draw(st.lists(WORDS.filter(bool), max_size=2))),
         parameter=maybe(some()),
         noise_std=maybe(some(3)),
         residual=maybe(some()),
@@ -89,6 +89,10 @@ def touches(draw: Any) -> pp.Touch:
         draws=maybe(some(2, *full)),
         resolution=maybe(some()),
         sliding=maybe(some()),
+        found_by=maybe(np.full(batch, "tikhonov")),
+        status=maybe(np.full(batch, 3, dtype=np.int8)),
+        pushing=maybe(some() > 0),
+        reading_names=draw(st.dictionaries(st.integers(0, 5), WORDS, max_size=2)),
     )
 
 

@@ -139,6 +139,9 @@ def full(frames: int = 4) -> pp.Touch:
         resolution=some(),
         sliding=some(),
         found_by=np.array(["adaptive", "constrained"] * (frames // 2)),
+        status=np.arange(frames, dtype=np.int8) % 2,
+        pushing=np.arange(frames) != 1,
+        reading_names={i: f"stress_zz at taxel ({i},)" for i in range(36)},
     )
 
 
@@ -156,8 +159,18 @@ def test_a_frame_keeps_every_field() -> None:
     one = touch.frame(2)
     for name, value in arrays(touch).items():
         np.testing.assert_array_equal(arrays(one)[name], value[2], err_msg=name)
-    assert (one.notes, one.meta, one.method) == (touch.notes, touch.meta, touch.method)
+    assert (one.assumptions, one.meta, one.method) == (touch.assumptions, touch.meta, touch.method)
     assert one.time == 1.0
+
+
+def test_notes_are_those_of_the_frames() -> None:
+    touch = full()
+    notes = "\n".join(touch.notes)
+    assert "no contact in 2 of 4 frames: noise alone explains the readings" in notes
+    assert "only pushes does not explain the readings in 1 of 4 frames" in notes
+    assert not any("no contact" in n for n in touch.frame(0).notes)
+    assert any(n.startswith("no contact: ") for n in touch.frame(1).notes)
+    assert "a note" in touch.frame(0).notes
 
 
 def test_frames_joined_again_are_the_batch() -> None:

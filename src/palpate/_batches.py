@@ -21,9 +21,12 @@ __all__ = ["freeze", "per_frame", "per_frame_fields", "rebuilt", "stacked"]
 Record = TypeVar("Record")
 
 
-def per_frame(*, missing: Any = math.nan) -> dict[str, Any]:
-    """Metadata of a dataclass field with batch axes; ``missing`` stands for frames that do not have it."""
-    return {"per_frame": True, "missing": missing}
+def per_frame(*dims: str, missing: Any = math.nan) -> dict[str, Any]:
+    """Metadata of a dataclass field with batch axes.
+
+    ``dims`` name the axes after those of the batch ("*": those of the surface); ``missing`` stands for frames that do not have it.
+    """
+    return {"per_frame": True, "dims": dims, "missing": missing}
 
 
 def per_frame_fields(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:

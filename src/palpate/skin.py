@@ -15,7 +15,6 @@ from palpate.elastic.pad import Floats, Pad, check_pad
 from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.contact.methods import Constrained
-from palpate.inverse.estimate import Estimate
 from palpate.inverse.method import Method, Prepared
 from palpate.inverse.observability import (
     Observability,
@@ -321,7 +320,7 @@ class Skin:
             prepared.grid,
             sought,
             str(found_by[0]),
-            (*self._notes(sought, chosen, prepared), *self._outcome(estimate)),
+            (*self._notes(sought, chosen, prepared), *estimate.remarks()),
             estimate.parameter,
             estimate.noise_std,
             estimate.residual,
@@ -336,6 +335,9 @@ class Skin:
             resolution=estimate.resolution,
             sliding=estimate.sliding,
             found_by=estimate.method if len(found_by) > 1 else None,
+            status=estimate.status(),
+            pushing=estimate.pushed,
+            reading_names={row: self._reading_name(row) for row in estimate.left_out()},
         )
 
     def track(
@@ -415,39 +417,6 @@ class Skin:
         if isinstance(method, type):
             raise InvalidInput(f"method must be a {method.__name__} with its options: {method.__name__}(...).")
         return method_named(unnamed(said) if method is None else method, said)
-
-    def _outcome(self, estimate: Estimate) -> tuple[str, ...]:
-        """What happened to frames, in words."""
-        notes = []
-        if estimate.contact is not None and not estimate.contact.all():
-            empty = int((~estimate.contact).sum())
-            which = "" if estimate.contact.ndim == 0 else f" in {empty} of {estimate.contact.size} frames"
-            notes.append(f"no contact{which}: noise alone explains the readings")
-        if estimate.outliers is not None and estimate.outliers.any():
-            rows = np.flatnonzero(estimate.outliers.reshape(-1, estimate.outliers.shape[-1]).any(axis=0))
-            names = ", ".join(self._reading_name(int(r)) for r in rows[:4])
-            more = f" and {len(rows) - 4} more" if len(rows) > 4 else ""
-            notes.append(f"left out as unexplained by any contact (dead, stuck or saturated?): {names}{more}")
-        if estimate.pushed is not None and not estimate.pushed.all():
-            bad = int((~estimate.pushed).sum())
-            notes.append(
-                f"contact that only pushes does not explain {bad} of {estimate.pushed.size} frames (adhesion, cells that pull, a wrong "
-                "pad or unit?)"
-                + (
-                    "; the linear method was used"
-                    if estimate.errors is None
-                    else '; method="tikhonov" assumes nothing of the kind'
-                )
-            )
-        if estimate.settling is not None:
-            times = np.atleast_1d(estimate.settling)
-            notes.append(f"the network settled in {float(np.median(times)):.3g} RC (its units' time constant)")
-        if estimate.converged is not None and not estimate.converged.all():
-            bad = int((~estimate.converged).sum())
-            notes.append(
-                f"the optimisation stopped short of its tolerance in {bad} of {estimate.converged.size} frames"
-            )
-        return tuple(notes)
 
     def _reading_name(self, row: int) -> str:
         """Channel and taxel of a row of the operator."""

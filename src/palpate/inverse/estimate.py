@@ -14,6 +14,7 @@ from palpate._arrays import to_numpy
 from palpate._batches import freeze, per_frame
 from palpate.elastic.half_space import Floats
 from palpate.sensing.operator import Operator
+from palpate.status import Status
 
 __all__ = ["Errors", "Estimate", "batch_of", "frames_of"]
 
@@ -28,16 +29,16 @@ class Errors:
     beyond the outermost taxels, where nothing is measured: it is known to a part of itself.
     """
 
-    traction: Floats = field(metadata=per_frame())
-    force: Floats = field(metadata=per_frame())
-    moment: Floats = field(metadata=per_frame())
-    center: Floats = field(metadata=per_frame())
+    traction: Floats = field(metadata=per_frame("component", "*"))
+    force: Floats = field(metadata=per_frame("component"))
+    moment: Floats = field(metadata=per_frame("about"))
+    center: Floats = field(metadata=per_frame("along"))
     peak: Floats = field(metadata=per_frame())
-    detail: Floats = field(metadata=per_frame())
-    outer_traction: Floats = field(metadata=per_frame())
-    outer_force: Floats = field(metadata=per_frame())
-    outer_moment: Floats = field(metadata=per_frame())
-    outer_center: Floats = field(metadata=per_frame())
+    detail: Floats = field(metadata=per_frame("component", "*"))
+    outer_traction: Floats = field(metadata=per_frame("component", "*"))
+    outer_force: Floats = field(metadata=per_frame("component"))
+    outer_moment: Floats = field(metadata=per_frame("about"))
+    outer_center: Floats = field(metadata=per_frame("along"))
     outer_peak: Floats = field(metadata=per_frame())
 
     def __post_init__(self) -> None:
@@ -80,6 +81,34 @@ class Estimate:
     sliding: Floats | None = None
     noise_std: Floats | None = None
     method: npt.NDArray[np.str_] | None = None
+
+    def status(self) -> npt.NDArray[np.int8] | None:
+        """What became of each frame (*batch), as codes of `palpate.Status`; None where nothing tells the batch."""
+        known = next((a for a in (self.residual, self.parameter, self.converged, self.contact) if a is not None), None)
+        if known is None:
+            return None
+        code = np.full(np.shape(known), Status.SOLVED, dtype=np.int8)
+        if self.converged is not None:
+            code[~self.converged] = Status.NOT_CONVERGED
+        if self.contact is not None:
+            code[~self.contact] = Status.NO_CONTACT
+        if self.pushed is not None:
+            # a frame that another method took over is solved
+            code[~self.pushed & (self.method is None or self.method == "adaptive")] = Status.NOT_PUSHING
+        return code
+
+    def left_out(self) -> list[int]:
+        """Readings that are left out in some frame."""
+        if self.outliers is None:
+            return []
+        return [int(r) for r in np.flatnonzero(self.outliers.reshape(-1, self.outliers.shape[-1]).any(axis=0))]
+
+    def remarks(self) -> tuple[str, ...]:
+        """What a method says of its own way."""
+        if self.settling is None:
+            return ()
+        settling = float(np.median(np.atleast_1d(self.settling)))
+        return (f"the network settled in {settling:.3g} RC (its units' time constant)",)
 
 
 def batch_of(readings: Sequence[Any], operator: Operator) -> tuple[int, ...]:

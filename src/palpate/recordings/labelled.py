@@ -18,6 +18,7 @@ from palpate.errors import InvalidInput
 from palpate.inverse.estimate import Errors
 from palpate.recordings.recording import Recording
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
+from palpate.status import Status
 from palpate.touch import Touch
 from palpate.uncertainty import Case
 
@@ -28,27 +29,17 @@ __all__ = ["CONVENTIONS", "recording_dataset", "recording_of", "touch_dataset", 
 
 CONVENTIONS = "palpate recording 1"
 #: Attributes of a result that are its own; the others are its provenance.
-_OWN = ("Conventions", "method", "notes", "sought", "unseen_force", "surface", "meta", "case", "found_by")
-#: What a result holds besides traction: field -> its dimensions after those of the batch.
-_FIELDS: dict[str, tuple[str, ...]] = {
-    "parameter": (),
-    "noise_std": ("channel",),
-    "residual": (),
-    "converged": (),
-    "touching": (),
-    "outliers": ("reading",),
-    "draws": ("draw", "component", "*"),
-    "resolution": (),
-    "sliding": (),
-}
-_ERRORS: dict[str, tuple[str, ...]] = {
-    "traction": ("component", "*"),
-    "force": ("component",),
-    "moment": ("about",),
-    "center": ("along",),
-    "peak": (),
-    "detail": ("component", "*"),
-}
+_OWN = (
+    *("Conventions", "method", "notes", "assumptions", "sought", "unseen_force", "surface", "meta", "case", "found_by"),
+    "reading_names",
+)
+#: Fields that are text by frame; kept as attributes, because Zarr 3 has no settled form of text.
+_TEXT = ("found_by",)
+
+
+def _declared(record: type, *, without: tuple[str, ...] = ()) -> dict[str, tuple[str, ...]]:
+    """Field -> its dimensions after those of the batch, of every field with batch axes."""
+    return {f.name: f.metadata["dims"] for f in fields(record) if f.metadata.get("per_frame") and f.name not in without}
 
 
 # -- recordings --------------------------------------------------------------------------------------------------------
@@ -162,13 +153,17 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
         for name, side in zip(("force_low", "force_high"), touch.interval(0.95, "force")):
             attrs = {"units": unit, "long_name": "net force, 95 % interval"}
             dataset[name] = ((*batch, "component"), side, attrs)
-        for field in fields(Errors):
-            dims = _expanded(_ERRORS[field.name.removeprefix("outer_")], surface)
-            dataset[f"errors_{field.name}"] = ((*batch, *dims), to_numpy(getattr(touch.errors, field.name)))
-    for key, tail in _FIELDS.items():
+        for key, tail in _declared(Errors).items():
+            dataset[f"errors_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(touch.errors, key)))
+    for key, tail in _declared(Touch, without=("values", "time", "errors", *_TEXT)).items():
         value = getattr(touch, key)
         if value is not None:
             dataset[key] = ((*batch, *_expanded(tail, surface)), to_numpy(value))
+    if touch.status is not None:
+        dataset["status"].attrs = {
+            "flag_values": [int(s) for s in Status],
+            "flag_meanings": " ".join(s.label.replace(" ", "_") for s in Status),
+        }
     if touch.time is not None and "time" not in dataset.coords:
         dataset["time"] = (batch, np.asarray(touch.time), {"units": "s"})
     dataset.attrs.update({k: str(v) for k, v in (provenance or {}).items() if k not in _OWN})
@@ -176,6 +171,8 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
         {
             "method": touch.method,
             "notes": "\n".join(touch.notes),
+            "assumptions": json.dumps(touch.assumptions),
+            "reading_names": json.dumps({str(row): name for row, name in touch.reading_names.items()}),
             "sought": ",".join(touch.components),
             "unseen_force": ",".join(touch.unseen_force),
             "surface": json.dumps(_described(touch.surface)),
@@ -218,14 +215,17 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         surface=grid,
         components=_listed(attrs["sought"]),
         method=attrs["method"],
-        notes=tuple(attrs.get("notes", "").splitlines()),
+        assumptions=tuple(_loaded(attrs.get("assumptions", "[]"), name)),
+        reading_names={int(r): n for r, n in _meta(attrs.get("reading_names", "{}"), name).items()},
         unseen_force=_listed(attrs.get("unseen_force", "")),
         time=None if time is None else time.values,
         meta=_meta(attrs.get("meta", "{}"), name),
         errors=errors,
         found_by=np.array(_loaded(attrs["found_by"], name)) if "found_by" in attrs else None,
         case=_case(attrs["case"], name) if "case" in attrs else None,
-        **{key: dataset[key].values for key in _FIELDS if key in dataset},
+        **{
+            key: dataset[key].values for key in _declared(Touch, without=("values", "time", "errors")) if key in dataset
+        },
     )
 
 

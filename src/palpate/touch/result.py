@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -42,8 +42,8 @@ class Touch:
         The components that were sought; the others were taken as zero.
     method : str
         The method that was asked for; `methods` says what found each frame.
-    notes : tuple of str
-        What was assumed and what could not be seen.
+    assumptions : tuple of str
+        What was assumed of all frames and what could not be seen; `notes` adds what became of the frames.
     parameter : array (*batch) or None
         Regularisation parameter: the weight of int |D^m t|^2 [Pa^2 m^(d - 2m)] against the squared, noise-scaled residuals.
     noise_std : array (*batch, channel) or None
@@ -72,6 +72,12 @@ class Touch:
         NaN where nothing touches.
     found_by : array (*batch) of str or None
         The method that found each frame, where that is not ``method`` for all.
+    status : array (*batch) of int8 or None
+        What became of each frame, as a code of `palpate.Status`.
+    pushing : array (*batch) of bool or None
+        False where contact that only pushes does not explain the frame.
+    reading_names : mapping of int to str
+        Channel and taxel of the readings that are left out in some frame.
     case : Case or None
         What the error bars' constants must be for: contact, kind of channels, body (`palpate.uncertainty`).
 
@@ -81,17 +87,15 @@ class Touch:
     `detail`, the interval of the traction) are labelled xarray objects; numbers read off them (`force`, `moment`,
     `center_of_pressure`, `peak_pressure`, ... and their intervals) are plain arrays of the caller's kind with the batch axes first.
     Positions and vectors are (x, y) or (x, y, z); array axes are (y, x).
-    status : array (*batch) of int8 or None
-        What became of each frame, as a code of `palpate.Status`.
     """
 
-    values: Any = field(metadata=per_frame())
+    values: Any = field(metadata=per_frame("component", "*"))
     surface: Grid
     components: tuple[str, ...]
     method: str
-    notes: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
     parameter: Floats | None = field(default=None, metadata=per_frame())
-    noise_std: Floats | None = field(default=None, metadata=per_frame())
+    noise_std: Floats | None = field(default=None, metadata=per_frame("channel"))
     residual: Floats | None = field(default=None, metadata=per_frame())
     unseen_force: tuple[str, ...] = ()
     time: Floats | None = field(default=None, metadata=per_frame())
@@ -99,12 +103,14 @@ class Touch:
     errors: Errors | None = field(default=None, metadata=per_frame())
     converged: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))
     touching: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))
-    outliers: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=False))
-    draws: Floats | None = field(default=None, metadata=per_frame())
+    outliers: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame("reading", missing=False))
+    draws: Floats | None = field(default=None, metadata=per_frame("draw", "component", "*"))
     resolution: Floats | None = field(default=None, metadata=per_frame())
     sliding: Floats | None = field(default=None, metadata=per_frame())
     found_by: npt.NDArray[np.str_] | None = field(default=None, metadata=per_frame(missing=""))
     status: npt.NDArray[np.int8] | None = field(default=None, metadata=per_frame(missing=int(Status.SOLVED)))
+    pushing: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))
+    reading_names: Mapping[int, str] = field(default_factory=dict)
     case: Case | None = None
 
     def __post_init__(self) -> None:
@@ -184,6 +190,13 @@ class Touch:
     def methods(self) -> npt.NDArray[np.str_]:
         """The method that found each frame (*batch)."""
         return np.full(self.batch, self.method) if self.found_by is None else self.found_by
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed, what could not be seen, and what became of the frames that it holds, in words."""
+        from palpate.touch.words import outcome
+
+        return tuple(dict.fromkeys((*self.assumptions, *outcome(self))))
 
     # -- labelled views ------------------------------------------------------------------------------------------------
 
@@ -463,4 +476,8 @@ def joined(touches: Sequence[Touch]) -> Touch:
     meta: dict[str, str] = {}
     for t in touches:
         meta.update(t.meta)
-    return replace(first, **arrays, notes=tuple(dict.fromkeys(n for t in touches for n in t.notes)), meta=meta)
+    names: dict[int, str] = {}
+    for t in touches:
+        names.update(t.reading_names)
+    assumptions = tuple(dict.fromkeys(n for t in touches for n in t.assumptions))
+    return replace(first, **arrays, assumptions=assumptions, meta=meta, reading_names=names)

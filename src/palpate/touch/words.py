@@ -2,17 +2,55 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from palpate._arrays import to_numpy
+from palpate.status import Status
 
 if TYPE_CHECKING:
     from palpate.touch.result import Touch
 
-__all__ = ["summary"]
+__all__ = ["outcome", "summary"]
 
 #: Part of the normal force that lies beyond the outermost taxels from which on a summary says so.
 OUTER = 0.05
+
+
+def outcome(touch: Touch) -> list[str]:
+    """What became of the frames of a touch, one sentence for each thing that happened."""
+    count = int(np.prod(touch.batch, dtype=int))
+    said = []
+
+    def some(flags: Any, all_of_one: str = "") -> str:
+        """ " in 3 of 70 frames", or nothing for a single frame."""
+        return f" in {int(np.count_nonzero(flags))} of {count} frames" if touch.batch else all_of_one
+
+    if touch.status is not None:
+        for code in np.unique(touch.status):
+            status, here = Status.coded(int(code)), touch.status == code
+            if status in (Status.SOLVED, Status.NOT_PUSHING):
+                continue
+            remedy = f"; {status.remedy}" if status.remedy and not touch.batch else ""
+            said.append(f"{status.label}{some(here)}: {status.meaning}{remedy}")
+    if touch.pushing is not None and not touch.pushing.all():
+        linear = (touch.methods != "adaptive") & (touch.methods != "constrained") & ~touch.pushing
+        for here, what in (
+            (linear, "; the linear method was used"),
+            (~touch.pushing & ~linear, '; method="tikhonov" assumes nothing of the kind'),
+        ):
+            if here.any():
+                said.append(
+                    f"contact that only pushes does not explain the readings{some(here)} (adhesion, cells that pull, a wrong pad or "
+                    f"unit?){what}"
+                )
+    if touch.outliers is not None and touch.outliers.any():
+        rows = np.flatnonzero(touch.outliers.reshape(-1, touch.outliers.shape[-1]).any(axis=0))
+        names = ", ".join(touch.reading_names.get(int(r), f"reading {r}") for r in rows[:4])
+        more = f" and {len(rows) - 4} more" if len(rows) > 4 else ""
+        said.append(f"left out as unexplained by any contact (dead, stuck or saturated?): {names}{more}")
+    return said
 
 
 def summary(one: Touch, friction: float | None) -> str:
