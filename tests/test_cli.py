@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +8,8 @@ import pytest
 
 from palpate.recordings import read_recording, read_touch, write_recording
 from palpate.recordings.recording import Recording
+
+from command_line import process, run
 
 SKIN = """\
 [pad]
@@ -19,27 +19,17 @@ poissons_ratio = 0.48
 
 [[plane]]
 kind = "area"
-shape = [14, 15]
-pitch = "1 mm"
+shape = [10, 11]
+pitch = "1.4 mm"
 depth = "1.2 mm"
 channels = ["stress_xz", "stress_yz", "stress_zz"]
 noise = "5 Pa"
 """
 LINE_SKIN = (
     SKIN.replace('kind = "area"', 'kind = "line"')
-    .replace("shape = [14, 15]", "count = 20")
+    .replace("shape = [10, 11]", "count = 20")
     .replace('["stress_xz", "stress_yz", "stress_zz"]', '["stress_zz"]')
 )
-
-
-def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-W", "error", "-m", "palpate", *arguments],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +56,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             cwd=path,
         )
         assert out.returncode == 0, out.stderr
+    (path / "out").mkdir()
+    (path / "folder.nc").mkdir()
+    (path / "cut.nc").write_bytes((path / "skin.nc").read_bytes()[:3000])
+    (path / "empty.csv").write_text("")
+    (path / "table.csv").write_text("x,y,u,v\n1,2,0.1,0.1\n3,5,0.1,0.1\n")
+    (path / "words.csv").write_text("x,y,u,v\n1,2,0.1,0.1\n3,5,much,0.1\n")
+    recording = read_recording(path / "skin.nc")
+    write_recording(Recording(readings=recording.readings * 1e9, channels=recording.channels), path / "huge.nc")
+    write_recording(Recording(readings=recording.readings + np.nan, channels=recording.channels), path / "nan.nc")
     return path
 
 
@@ -78,6 +77,22 @@ def test_help_teaches(tmp_path: Path) -> None:
         assert one.returncode == 0
         assert "Usage" in one.stdout
     assert run("--version", cwd=tmp_path).stdout.startswith("palpate ")
+
+
+def test_a_process_of_its_own(folder: Path, tmp_path: Path) -> None:
+    """What the other tests call inside their own process, started as a user starts it: help, a result, an error."""
+    out = process("--help", cwd=tmp_path)
+    assert out.returncode == 0
+    here = run("--help", cwd=tmp_path).stdout
+    assert out.stdout.partition("COMMAND")[2] == here.partition("COMMAND")[2] != ""
+    arguments = ("reconstruct", str(folder / "line.nc"), "--skin", str(folder / "line.toml"))
+    done, failed = (process(*arguments, "--out", name, cwd=tmp_path) for name in ("t.nc", "t.xyz"))
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr
+    assert done.stdout.replace("t.nc", "") == run(*arguments, "--out", "u.nc", cwd=tmp_path).stdout.replace("u.nc", "")
+    np.testing.assert_array_equal(read_touch(tmp_path / "t.nc")["force"], read_touch(tmp_path / "u.nc")["force"])
+    assert failed.returncode == 2
+    assert failed.stderr == run(*arguments, "--out", "t.xyz", cwd=tmp_path).stderr
 
 
 def test_simulate_and_reconstruct(folder: Path, tmp_path: Path) -> None:
@@ -175,10 +190,19 @@ def test_missing_readings(folder: Path, tmp_path: Path) -> None:
     write_recording(Recording(readings=readings, channels=recording.channels), tmp_path / "gap.nc")
     out = run("reconstruct", str(tmp_path / "gap.nc"), "--skin", "skin.toml", cwd=folder)
     assert out.returncode == 2
-    assert "1 of 210 taxels" in out.stderr
-    out = run("reconstruct", str(tmp_path / "gap.nc"), "--skin", "skin.toml", "--drop-missing", cwd=folder)
+    assert "1 of 110 taxels" in out.stderr
+    out = run(
+        "reconstruct",
+        str(tmp_path / "gap.nc"),
+        "--skin",
+        "skin.toml",
+        "--drop-missing",
+        "--parameter",
+        "1e-8",
+        cwd=folder,
+    )
     assert out.returncode == 0
-    assert "left out 1 of 210" in out.stderr
+    assert "left out 1 of 110" in out.stderr
 
 
 def test_two_planes_and_line(tmp_path: Path) -> None:
@@ -202,8 +226,8 @@ def test_scattered(tmp_path: Path) -> None:
     names = ("stress_xz", "stress_yz", "stress_zz")
     recording = Recording(readings=np.zeros((1, 3, 300)), channels=names, positions=positions)
     write_recording(recording, tmp_path / "where.nc")
-    text = SKIN.replace('"area"', '"scattered"').replace("shape = [14, 15]\n", 'positions_file = "where.nc"\n')
-    (tmp_path / "skin.toml").write_text(text.replace('pitch = "1 mm"\n', ""))
+    text = SKIN.replace('"area"', '"scattered"').replace("shape = [10, 11]\n", 'positions_file = "where.nc"\n')
+    (tmp_path / "skin.toml").write_text(text.replace('pitch = "1.4 mm"\n', ""))
     out = run("simulate", "--skin", "skin.toml", "--out", "r.nc", "--force", "0.2 N", "--size", "2 mm", cwd=tmp_path)
     assert out.returncode == 0, out.stderr
     np.testing.assert_allclose(read_recording(tmp_path / "r.nc").positions, positions)
@@ -352,14 +376,14 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
     "negative modulus": ([*R, "bad.toml"], edited('"200 kPa"', '"-200 kPa"'), "line 3: youngs_modulus must be"),
     "Poisson's ratio of 0.6": ([*R, "bad.toml"], edited("0.48", "0.6"), "line 4: poissons_ratio"),
     "misspelt key": ([*R, "bad.toml"], edited("pitch", "pich"), "line 9: pich is not a key"),
-    "pitch missing": ([*R, "bad.toml"], edited('pitch = "1 mm"\n', ""), "pitch is missing"),
-    "pitch in kPa": ([*R, "bad.toml"], edited('"1 mm"', '"1 kPa"'), "line 9: pitch has the unit 'kPa'"),
+    "pitch missing": ([*R, "bad.toml"], edited('pitch = "1.4 mm"\n', ""), "pitch is missing"),
+    "pitch in kPa": ([*R, "bad.toml"], edited('"1.4 mm"', '"1 kPa"'), "line 9: pitch has the unit 'kPa'"),
     "negative depth": ([*R, "bad.toml"], edited('"1.2 mm"', '"-1.2 mm"'), "line 10: depth"),
     "unknown channel": ([*R, "bad.toml"], edited("stress_yz", "stress_yx"), "line 11: channel"),
     "unknown kind of plane": ([*R, "bad.toml"], edited('"area"', '"ring"'), "line 7: kind"),
     "key of another kind": (
         [*R, "bad.toml"],
-        edited("shape = [14, 15]", "shape = [14, 15]\ncount = 4"),
+        edited("shape = [10, 11]", "shape = [10, 11]\ncount = 4"),
         "line 9: count does not belong",
     ),
     "noise in the wrong unit": ([*R, "bad.toml"], edited('"5 Pa"', '"5 mm"'), "line 12: noise"),
@@ -384,7 +408,7 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
     "creep of the whole modulus": ([*R, "bad.toml"], edited("= 0.48", '= 0.48\nprony = [[1.2, "1 s"]]'), "less than 1"),
     "taxels below the base": ([*R, "bad.toml"], layered('"base"', '"5 mm"'), "below the rigid base"),
     "base of a half-space": ([*R, "bad.toml"], edited('"1.2 mm"', '"base"'), "has none"),
-    "other array shape": ([*R, "bad.toml"], edited("[14, 15]", "[15, 15]"), "14x15 taxels"),
+    "other array shape": ([*R, "bad.toml"], edited("[10, 11]", "[11, 11]"), "10x11 taxels"),
     "other channels": ([*R, "line.toml"], None, "the skin describes stress_zz"),
     "readings off by 1e9": (["reconstruct", "huge.nc", "--skin", "skin.toml"], None, "units"),
     "readings with NaN": (["reconstruct", "nan.nc", "--skin", "skin.toml"], None, "not finite"),
@@ -399,7 +423,7 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
         "cannot be told apart",
     ),
     "order of 3": ([*R, "skin.toml", "--order", "3"], None, "order must be"),
-    "order not a number": ([*R, "skin.toml", "--order", "two"], None, "--order"),
+    "order not a number": ([*R, "skin.toml", "--order", "two"], None, "order must be 0, 1 or 2; got 'two'"),
     "frame out of range": ([*R, "skin.toml", "--frame", "7"], None, "frame 7"),
     "result of unknown kind": (["reconstruct", "skin.nc", "--skin", "skin.toml", "--out", "OUT/t.xyz"], None, ".xyz"),
     "result in no folder": (
@@ -439,20 +463,10 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
 @pytest.mark.parametrize("name", list(BAD))
 def test_bad_input(name: str, folder: Path) -> None:
     arguments, text, message = BAD[name]
-    out_folder = folder / "out"
-    out_folder.mkdir(exist_ok=True)
-    (folder / "folder.nc").mkdir(exist_ok=True)
-    (folder / "cut.nc").write_bytes((folder / "skin.nc").read_bytes()[:3000])
-    (folder / "empty.csv").write_text("")
-    (folder / "table.csv").write_text("x,y,u,v\n1,2,0.1,0.1\n3,5,0.1,0.1\n")
-    (folder / "words.csv").write_text("x,y,u,v\n1,2,0.1,0.1\n3,5,much,0.1\n")
-    recording = read_recording(folder / "skin.nc")
-    write_recording(Recording(readings=recording.readings * 1e9, channels=recording.channels), folder / "huge.nc")
-    write_recording(Recording(readings=recording.readings + np.nan, channels=recording.channels), folder / "nan.nc")
     if text is not None:
         (folder / "bad.toml").write_text(text)
     before = {p: p.stat().st_mtime_ns for p in folder.rglob("*")}
-    result = run(*(a.replace("OUT", str(out_folder)) for a in arguments), cwd=folder)
+    result = run(*(a.replace("OUT", str(folder / "out")) for a in arguments), cwd=folder)
     assert result.returncode == 2, result.stdout + result.stderr
     assert result.stderr.startswith("error: ")
     assert len(result.stderr.strip().splitlines()) == 1

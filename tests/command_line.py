@@ -1,0 +1,49 @@
+"""The command line called as a user calls it: inside this process, which saves the imports, or in one of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from unittest import mock
+
+from palpate.cli import main
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """`palpate ARGUMENTS` in this process: what it prints, and the code that it would leave with.
+
+    An exception other than `SystemExit`, which would be a traceback, is raised; warnings are errors as everywhere in the tests.
+    """
+    out, err = io.StringIO(), io.StringIO()
+    before = signal.getsignal(signal.SIGTERM)
+    code: object = None
+    try:
+        with (
+            contextlib.chdir(cwd),
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+            mock.patch.object(sys, "argv", ["palpate", *arguments]),
+        ):
+            main()
+    except SystemExit as left:
+        code = left.code
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    if not isinstance(code, int):
+        raise AssertionError(f"palpate {' '.join(arguments)} left with {code!r} instead of a number")
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
+
+
+def process(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """The same in a process of its own, where warnings are errors too."""
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-m", "palpate", *arguments],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
