@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from command_line import process, run
 from palpate.recordings import read_recording, read_touch, write_recording
 from palpate.recordings.recording import Recording
-
-from command_line import process, run
 
 SKIN = """\
 [pad]
