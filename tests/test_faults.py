@@ -196,9 +196,9 @@ def test_what_is_refused_leaves_the_tracker_as_it_was(skin: pp.Skin, pressed: An
 
 
 def test_a_numerical_failure_is_a_status(skin: pp.Skin, pressed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from palpate.tracking import Tracker
+    from palpate.tracking.iteration import Iteration
 
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise np.linalg.LinAlgError("broken on purpose")
 
     tracker = skin.track()
@@ -206,7 +206,7 @@ def test_a_numerical_failure_is_a_status(skin: pp.Skin, pressed: Any, monkeypatc
     frames = pressed + NOISE * rng.standard_normal((3, *pressed.shape))
     tracker.step(frames[0])
     with monkeypatch.context() as patch:
-        patch.setattr(Tracker, "_iterate", fail)
+        patch.setattr(Iteration, "solve", fail)
         touch = tracker.step(frames[1])
         assert status(touch) is Status.FAILED
         check(touch)

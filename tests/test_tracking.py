@@ -112,12 +112,12 @@ def test_tracker_solves_its_problem_exactly(skin: pp.Skin, story: Any) -> None:
     index = next(i for i, f in enumerate(frames) if f.stage == "shear" and f.stick < 0.8)
     for reading in readings[: index + 1]:
         touch = tracker.step(reading)
-    region, estimator = tracker._region, tracker.estimator
+    region, estimator = tracker._solution.region, tracker.estimator
     assert region is not None
     level = estimator.level(1)
     heard = np.ones(readings[0].size, dtype=bool)
-    assert tracker._baseline is not None
-    y = readings[index].ravel() - tracker._baseline
+    assert tracker._zero.baseline is not None
+    y = readings[index].ravel() - tracker._zero.baseline
     data = estimator.normal(level, region.cells, y, np.ones_like(y), heard)
     hessian, n = data.gram.copy(), len(region.cells)
     for c, q in enumerate(estimator.precisions(level, 1, region.parameter)):
@@ -478,9 +478,9 @@ def test_a_new_contact_takes_nothing_over_from_the_last(skin: pp.Skin) -> None:
     with skin.track(friction=MU, baseline=10, budget=0.05) as tracker:
         for i in range(160):
             if i == 80:  # work on the contact before, that ends when it is over
-                tracker._pending["move"] = Future()
+                tracker._background._pending["move"] = Future()
             if i == 84:
-                assert "move" not in tracker._pending
+                assert "move" not in tracker._background
             clean = 0.0 if i < 12 or i % 20 < 4 else left if (i // 20) % 2 else right
             touch = tracker.step(clean + 200.0 * rng.standard_normal(left.shape))
             if i > 60 and i % 20 == 19:

@@ -1,0 +1,18 @@
+"""One frame after another: what touches the pad while it happens.
+
+- `tracker`: the loop of one frame, and its answer;
+- `times`: the frames' times, and clocks that begin anew;
+- `health`: readings that are missing, out of range, stuck or unexplained, and how they are left out;
+- `zero`: the baseline and its drift;
+- `learning`: the weight of the penalty and the noise;
+- `region`: the cells where contact is sought, and the inverse that is kept for them;
+- `search`: when the region moves, and what the contact does not explain;
+- `iteration`: the alternating direction method of multipliers;
+- `errors`: error bars, made anew now and then;
+- `background`: long work beside the stream.
+"""
+
+from palpate.tracking.health import Health
+from palpate.tracking.tracker import Tracker
+
+__all__ = ["Health", "Tracker"]

@@ -1,0 +1,46 @@
+"""Long work beside the stream, where a frame has a budget of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+__all__ = ["Background"]
+
+
+class Background:
+    """Work done at once, or with ``threaded`` in one thread of its own."""
+
+    def __init__(self, *, threaded: bool) -> None:
+        self.threaded = threaded
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="palpate-tracker") if threaded else None
+        self._pending: dict[str, Future[Any]] = {}
+
+    def result(self, name: str, work: Callable[[], Any]) -> Any:
+        """What ``work`` returns: at once without a thread, else None until the thread has it."""
+        if self._worker is None:
+            return work()
+        if name not in self._pending:
+            self._pending[name] = self._worker.submit(work)
+            return None
+        if not self._pending[name].done():
+            return None
+        return self._pending.pop(name).result()
+
+    def __contains__(self, name: str) -> bool:
+        """Whether work of this name is under way."""
+        return name in self._pending
+
+    @property
+    def idle(self) -> bool:
+        return not self._pending
+
+    def forget(self) -> None:
+        """Drop the results of what is under way."""
+        self._pending.clear()
+
+    def close(self) -> None:
+        """End the thread."""
+        if self._worker is not None:
+            self._worker.shutdown(wait=True, cancel_futures=True)

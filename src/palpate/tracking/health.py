@@ -1,0 +1,152 @@
+"""Readings that cannot be right: counted, left out, and taken back when they are good again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats
+
+__all__ = ["Flags", "Health", "ReadingCheck"]
+
+Flags = npt.NDArray[np.bool_]
+
+#: A reading is left out after so many bad frames (or looks) in a row: a glitch of a frame or two is none. It is taken back after
+#: so many good ones: eight times as many, so that a loose contact does not come and go.
+BAD, GOOD = 5, 40
+#: Frames in which a reading, or the whole sensor, may repeat itself exactly: a quarter of a second at 200 Hz.
+STUCK = 50
+#: One reading is stuck only where most others have changed within this part of STUCK: a coarse converter repeats itself everywhere.
+STUCK_ALONE = 0.1
+#: A sensor is taken for frozen only where so small a part of its frames repeated themselves before.
+SELDOM = 0.1
+#: A frame is answered where at least this part of the readings is finite, in range and not left out: with half of the taxels
+#: the spacing of those left is 1.4 times as wide.
+ENOUGH = 0.5
+
+
+@dataclass
+class Health:
+    """What became of the frames so far, and of the taxels.
+
+    ``str()`` of it says it in words. ``frames`` were given; ``late`` came with the time of the frame before, ``restarts`` with an
+    earlier one, as where a sensor's clock begins anew; ``unknown`` could not be answered (see `Status`); ``approximate`` were
+    answered before the tolerance was reached; ``repeated`` were the same as the frame before, bit by bit; in ``rezeroed`` the zero
+    followed drift. ``left_out`` (reading) is True for readings that are not used now, with ``reasons`` (reading): "", "missing",
+    "stuck", "out of range" or "unexplained"; ``label`` names a reading.
+    """
+
+    frames: int = 0
+    late: int = 0
+    restarts: int = 0
+    unknown: int = 0
+    approximate: int = 0
+    repeated: int = 0
+    rezeroed: int = 0
+    left_out: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool), repr=False)
+    reasons: npt.NDArray[np.str_] = field(default_factory=lambda: np.zeros(0, dtype="<U12"), repr=False)
+    label: Callable[[int], str] = field(default=str, repr=False)
+
+    def __str__(self) -> str:
+        rows = np.flatnonzero(self.left_out)
+        named = [f"{self.label(int(r))} ({self.reasons[r]})" for r in rows[:8]]
+        if len(rows) > 8:
+            named.append(f"{len(rows) - 8} more")
+        return (
+            f"{self.frames} frames, {self.late} late, {self.approximate} approximate, {self.repeated} repeated, "
+            f"{self.unknown} unknown, {self.restarts} restarts of the clock; left out: {', '.join(named) or 'none'}"
+        )
+
+
+class ReadingCheck:
+    """Which readings are used, frame by frame; it writes what it finds into a `Health`.
+
+    ``limits`` (reading) are the largest magnitudes that the pad gives.
+    """
+
+    def __init__(self, health: Health, limits: Floats) -> None:
+        n = len(limits)
+        self.health, self._limits = health, limits
+        self._bad = np.zeros(n, dtype=np.int32)  # bad frames in a row; negative: good ones
+        self._gone = np.zeros(n, dtype=np.int32)  # frames in a row in which a reading was missing or out of range
+        self._repeats = np.zeros(n, dtype=np.int32)
+        self._last: Floats | None = None
+        self._frames_repeated = 0  # whole frames in a row that repeated themselves
+        self._absent = np.zeros(n, dtype=bool)  # not usable in this frame, besides those left out
+
+    @property
+    def unused(self) -> Flags:
+        """Readings not used in this frame."""
+        return self.health.left_out | self._absent
+
+    def usable(self, flat: Floats) -> Flags:
+        """Readings of a frame that are finite and in range; keeps count of those that are not, and of those that repeat themselves."""
+        health = self.health
+        finite = np.isfinite(flat)
+        with np.errstate(invalid="ignore"):
+            wild = finite & (np.abs(flat) > self._limits)
+        gone = ~finite | wild
+        whole = bool((gone & ~health.left_out).mean() > 1.0 - ENOUGH)  # the sensor's fault, not that of its taxels
+        if not whole:
+            self._gone = np.where(gone, self._gone + 1, 0)
+            self._bad[gone & health.left_out] += 1
+            self._leave_out(~finite & (self._gone >= BAD), "missing")
+            self._leave_out(wild & (self._gone >= BAD), "out of range")
+        if self._last is not None:
+            same = flat == self._last
+            if same.all() or np.array_equal(flat, self._last, equal_nan=True):
+                health.repeated += 1
+                self._frames_repeated += 1
+            else:
+                self._frames_repeated = 0
+                self._repeats = np.where(same, self._repeats + 1, 0)
+                if health.frames > STUCK and np.median(self._repeats) < STUCK_ALONE * STUCK:
+                    self.count((self._repeats > STUCK) & finite & ~wild, "stuck")
+        self._last = flat
+        # a bad reading is given back after many good frames
+        settled = finite & ~wild & (self._repeats == 0)
+        self._bad = np.where(settled & health.left_out & (health.reasons != "unexplained"), self._bad - 1, self._bad)
+        back = health.left_out & (self._bad <= -GOOD)
+        health.left_out[back], health.reasons[back], self._bad[back] = False, "", 0
+        return ~gone
+
+    def enough(self, usable: Flags) -> bool:
+        """Whether a frame with these readings can be answered."""
+        return bool((usable & ~self.health.left_out).sum() >= max(1.0, ENOUGH * len(usable)))
+
+    def zeroed(self, y: Floats) -> Floats:
+        """A frame with 0 for the readings that are not used."""
+        self._absent = ~np.isfinite(y) & ~self.health.left_out
+        return np.where(self.unused, 0.0, y)
+
+    def count(self, bad: Flags, reason: str) -> None:
+        """Count readings as bad once more, and leave out those that were so too often."""
+        self._bad[bad] = np.maximum(self._bad[bad], 0) + 1
+        self._leave_out(bad & (self._bad >= BAD), reason)
+
+    def judge(self, wrong: Flags, rest: Floats, limit: float, frames: int) -> None:
+        """Count readings that the contact does not explain; ``rest`` is what it leaves of each, looked at once in ``frames`` frames."""
+        health = self.health
+        self.count(wrong, "unexplained")
+        right = ~wrong & ~self.unused & (self._repeats == 0)
+        self._bad[right] = np.minimum(self._bad[right], 0)
+        # those left out for it are taken back when contact explains them again
+        doubted = health.left_out & (health.reasons == "unexplained")
+        self._bad[doubted] = np.where(np.abs(rest[doubted]) < limit, np.minimum(self._bad[doubted], 0) - frames, BAD)
+
+    @property
+    def frozen(self) -> bool:
+        """Whether the whole sensor repeats itself, which it seldom did before."""
+        health = self.health
+        earlier = health.frames - 1 - self._frames_repeated
+        return self._frames_repeated >= STUCK and health.repeated - self._frames_repeated < SELDOM * earlier
+
+    def _leave_out(self, bad: Flags, reason: str) -> None:
+        health = self.health
+        new = bad & ~health.left_out
+        self._bad[new] = BAD
+        health.left_out[new], health.reasons[new] = True, reason
+        self._absent &= ~new

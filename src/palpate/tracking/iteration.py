@@ -1,0 +1,86 @@
+"""The traction on a region's cells, by the alternating direction method of multipliers.
+
+    x = (H + rho)^-1 (h + rho (z - u)),   z = P_K(x + u),   u = u + x - z,   rho = sqrt(lambda_min lambda_max),
+
+where P_K projects on the friction cone (S. Boyd et al., Foundations and Trends in Machine Learning 3, 2011, 1-122). Solution z and
+multipliers u are carried from frame to frame.
+"""
+
+from __future__ import annotations
+
+import time as clock
+
+import numpy as np
+
+from palpate.elastic.half_space import Floats
+from palpate.inverse.contact.cone import Cone
+from palpate.tracking.region import Region, Single
+
+__all__ = ["Iteration"]
+
+#: Iterations of one frame at most.
+ITERATIONS = 300
+#: Over-relaxation: Boyd et al., section 3.4.3, name 1.5 to 1.8.
+RELAXATION = 1.6
+
+
+class Iteration:
+    """Solution and multipliers on the cells of a region, (component, cell) in the units of `Cone.scales`."""
+
+    def __init__(self, cone: Cone, components: int, cells: int) -> None:
+        self._cone, self._components, self._cells = cone, components, cells
+        self.clear()
+
+    def clear(self) -> None:
+        """No region, no contact."""
+        self.region: Region | None = None
+        self.z: Single = np.zeros((self._components, 0), dtype=np.float32)
+        self.u = self.z.copy()
+
+    def move(self, region: Region) -> None:
+        """Carry solution and multipliers over to another region."""
+        whole = np.zeros((2, self._components, self._cells), dtype=np.float32)
+        if self.region is not None:
+            whole[0][:, self.region.cells], whole[1][:, self.region.cells] = self.z, self.u
+        self.region = region
+        self.z, self.u = whole[0][:, region.cells], whole[1][:, region.cells]
+
+    @property
+    def pressure(self) -> Single:
+        return self.z[-1]
+
+    @property
+    def traction(self) -> Floats:
+        """Traction [Pa], (component, cell)."""
+        return np.asarray(self.z * self._cone.scales[:, None], dtype=np.float64)
+
+    def solve(self, slope: Single, *, tolerance: float, deadline: float) -> bool:
+        """Bring the solution to a frame with A'y = ``slope``; False where time or the count of iterations ended it.
+
+        It ends when traction changes by less than ``tolerance`` of its peak, or at the time ``deadline`` of `time.perf_counter`.
+        """
+        region, cone = self.region, self._cone
+        if region is None:
+            return False
+        rho, inverse = np.float32(region.rho), region.inverse
+        h = slope[:, region.cells] * cone.scales[:, None].astype(np.float32)
+        z, u = self.z, self.u
+        shape = z.shape
+        converged = False
+        for _ in range(ITERATIONS):
+            x = (inverse @ (h + rho * (z - u)).ravel()).reshape(shape)
+            relaxed = np.float32(RELAXATION) * x - np.float32(RELAXATION - 1.0) * z
+            new = cone.project(relaxed + u).astype(np.float32, copy=False)
+            u = u + relaxed - new
+            size = max(float(new[-1].max(initial=0.0)), 1e-30)
+            change = max(float(np.abs(new - z).max(initial=0.0)), 0.5 * float(np.abs(x - new).max(initial=0.0)))
+            z = new
+            if change < tolerance * size:
+                converged = True
+                break
+            if clock.perf_counter() > deadline:
+                break
+        self.z, self.u = z, u
+        if not np.isfinite(z).all():
+            raise np.linalg.LinAlgError("the iteration has no finite result")
+        return converged

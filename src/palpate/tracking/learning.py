@@ -1,0 +1,90 @@
+"""The weight of the penalty and the noise, learned from the frames where they are not given."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate.elastic.half_space import Floats
+from palpate.inverse.contact.constrained import MODEL_ERROR, ConstrainedEstimator
+from palpate.tracking.background import Background
+
+__all__ = ["NORMAL", "Learning", "rough_noise"]
+
+#: Median magnitude of a standard normal variable.
+NORMAL = 0.6745
+#: Noise is not learned to be less than this part of the largest reading: single precision (6e-8), in which the frames are
+#: solved, tells no more after some hundred sums.
+FINEST_NOISE = 1e-6
+#: The penalty is learned again when the energy of the readings has changed by this factor, the load thus by 2.
+RELEARN = 4.0
+#: Until the thread has learned the penalty: so many times the weight at which a gradient of the size that explains the readings
+#: over a depth counts as much as they do. Too smooth for some frames rather than too rough.
+PROVISIONAL = 10.0
+#: Noise that was learned is doubted where so many frames in a row, without contact, are so many times quieter.
+DOUBTED_FRAMES, QUIETER = 4, 3.0
+
+
+def rough_noise(used: Floats) -> float:
+    """Noise of the readings used in a frame before it is learned: robust, and no less than what a pad is known to."""
+    return max(float(np.median(np.abs(used))) / NORMAL, MODEL_ERROR * float(np.abs(used).max(initial=0.0)))
+
+
+class Learning:
+    """Penalty ``parameter``, ``noise`` (in units of the readings' standard deviations) and ``resolution`` [m]; None before they are known."""
+
+    def __init__(self, estimator: ConstrainedEstimator) -> None:
+        self._estimator = estimator
+        self.noise: float | None = 1.0 if estimator.noise_known else None
+        self._from_contact = self.noise is None  # the noise is learned with the penalty, unless the baseline tells it
+        self.parameter: float | None = None
+        self.resolution: float | None = None
+        self._energy = 0.0
+        self._doubts = 0
+
+    def take_noise(self, noise: float | None) -> None:
+        """The noise of the frames that were captured as the zero, where they tell it."""
+        if self.noise is None and noise is not None:
+            self.noise, self._from_contact = noise, False
+
+    def doubt(self, used: Floats) -> None:
+        """Forget a noise that was learned from a frame unlike those that follow: contact would hide in it for ever."""
+        quiet = float(np.median(np.abs(used))) / NORMAL
+        loud = self._from_contact and self.noise is not None and 0.0 < QUIETER * quiet < self.noise
+        self._doubts = self._doubts + 1 if loud else 0
+        if self._doubts >= DOUBTED_FRAMES:
+            self.noise, self._energy, self._doubts = None, 0.0, 0
+
+    def learn(self, y: Floats, noise: float, largest: float, background: Background) -> bool:
+        """Learn by evidence from a frame in contact, again when the load has changed a lot; whether there is something new.
+
+        ``largest`` is the largest entry of the normal matrix' diagonal.
+        """
+        estimator = self._estimator
+        energy = float(y @ y)
+        if self.parameter is None and background.threaded:
+            self.parameter = noise**2 * largest / max(energy, 1e-300) * PROVISIONAL
+        changed = not (self._energy / RELEARN < energy < self._energy * RELEARN)
+        if estimator.parameter is not None:
+            if self.parameter is None:
+                self.resolution = estimator.resolution(estimator.parameter)
+            self.parameter = estimator.parameter
+            return False
+        if not changed and "learn" not in background:
+            return False
+        rows = estimator.readings.planes(y * estimator.readings.std)
+        known = None if self._from_contact else self.noise
+
+        def work() -> tuple[float, float, float]:
+            _, parameter, scale, _ = estimator.evidence(estimator.orders[1], rows, known)
+            return parameter, scale, energy
+
+        found: Any = background.result("learn", work)
+        if found is None:
+            return False
+        self.parameter, scale, self._energy = found
+        self.resolution = estimator.resolution(self.parameter)
+        if self._from_contact:
+            self.noise = max(scale, FINEST_NOISE * float(np.abs(y).max()))
+        return True

@@ -1,0 +1,73 @@
+"""Where contact is sought: when it is taken up and given up, and when the region of interest moves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.elastic.half_space import Floats
+from palpate.inverse.contact.constrained import FAINT, MARGIN, ConstrainedEstimator
+from palpate.inverse.contact.model import grown
+from palpate.tracking.health import Flags
+from palpate.tracking.region import Index, Region, Single
+
+__all__ = ["LOST", "TAKEN", "Search"]
+
+#: A contact is taken up where pressure somewhere is this many standard deviations from none, and given up below the second: noise
+#: alone passes 5.5 on one cell in 5e7, on one of 1000 cells in one frame of 50 000 (four minutes at 200 Hz); 4 is hysteresis.
+TAKEN, LOST = 5.5, 4.0
+#: A region begins with the cells above LOST and above this part of the highest score.
+LIKELY = 0.5
+#: The region moves when the contact presses at its border in so many frames in a row: noise presses there now and then, a contact
+#: that moves presses there again and again.
+PRESSED = 4
+#: It moves at once where pressure there is so many times what counts as contact.
+SURELY_PRESSED = 4.0
+#: It shrinks where it has so many times the cells that it needs, of which there are at least so many.
+TOO_LARGE, FEWEST = 2, 9
+
+
+class Search:
+    """Decides which cells the region should have."""
+
+    def __init__(self, estimator: ConstrainedEstimator) -> None:
+        self._grid = estimator.operator.surface
+        self._depth = estimator.depth
+        self.clear()
+
+    def clear(self) -> None:
+        self._missing = np.zeros(math.prod(self._grid.shape), dtype=bool)  # cells where pressure is missing
+        self._pressed = 0
+
+    def first(self, score: Floats) -> Index:
+        """Cells of the first region of a contact, from every cell's score in standard deviations."""
+        depth = math.ceil(self._depth / min(self._grid.spacings)) + 1
+        likely = (score > max(LOST, LIKELY * float(score.max()))).reshape(self._grid.shape)
+        return np.flatnonzero(grown(likely, depth))
+
+    def next(self, region: Region, pressure: Single) -> Index | None:
+        """Cells of the region to move to, which keeps the contact inside with a margin; None: it stays."""
+        peak = float(pressure.max(initial=0.0))
+        active = pressure > FAINT * peak
+        wanted = np.zeros(math.prod(self._grid.shape), dtype=bool)
+        wanted[region.cells[active]] = True
+        self._pressed = self._pressed + 1 if (active & region.border).any() else 0
+        surely = bool((pressure[region.border] > SURELY_PRESSED * FAINT * peak).any())
+        if not (surely or self._pressed >= PRESSED or self._missing.any()):
+            kept = int(grown(wanted.reshape(self._grid.shape), MARGIN + 1).sum())
+            if len(region.cells) <= TOO_LARGE * max(kept, FEWEST):
+                return None
+        wanted |= self._missing
+        self._missing[:] = False
+        cells = np.flatnonzero(grown(wanted.reshape(self._grid.shape), MARGIN))
+        return None if not len(cells) or np.array_equal(cells, region.cells) else cells
+
+    def moved(self) -> None:
+        """The region has moved: count frames that press at its border afresh."""
+        self._pressed = 0
+
+    def missing(self, cells: Flags) -> None:
+        """Cells outside the region where pressure is missing: they and their neighbours are wanted."""
+        if cells.any():
+            self._missing |= grown(cells.reshape(self._grid.shape), 1).ravel()

@@ -1,0 +1,63 @@
+"""The zero of the readings: captured from frames without contact, and following drift while nothing touches."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.elastic.half_space import Floats
+from palpate.tracking.search import TAKEN
+
+__all__ = ["Zero"]
+
+#: Frames from which the noise is taken with the zero: with 5, and some hundred readings that share it, it is known to a few per cent.
+FRAMES_FOR_NOISE = 5
+
+
+class Zero:
+    """Baseline of whitened readings.
+
+    ``baseline`` is the zero itself, or None: then it is the mean of the first ``frames`` frames. ``time_constant`` [s] is that with
+    which it follows drift; None: it does not.
+    """
+
+    def __init__(self, baseline: Floats | None, frames: int, time_constant: float | None) -> None:
+        self.baseline = None if baseline is None else baseline.copy()
+        self.time_constant = time_constant
+        self._frames = frames
+        self._captured: list[Floats] = []
+
+    def capture(self, scaled: Floats) -> float | None:
+        """Take a frame of the start; the noise (a standard deviation) with the last one, where it can be told."""
+        self._captured.append(scaled)
+        if len(self._captured) < self._frames:
+            return None
+        frames = np.stack(self._captured)
+        self._captured = []
+        with np.errstate(invalid="ignore"):
+            good = np.isfinite(frames)
+            count = np.maximum(good.sum(axis=0), 1)
+            mean = np.where(good, frames, 0.0).sum(axis=0) / count
+            # a reading that never came has no zero yet
+            self.baseline = np.where(good.any(axis=0), mean, math.nan)
+            if self._frames < FRAMES_FOR_NOISE:
+                return None
+            square = np.where(good, (frames - mean) ** 2, 0.0).sum() / max((count - 1).sum(), 1)
+            return math.sqrt(square) if square > 0 else None
+
+    def follow(self, scaled: Floats, elapsed: float, noise: float) -> bool:
+        """Follow drift in a frame without contact, ``elapsed`` seconds after the last; whether the zero follows at all."""
+        if self.baseline is None:
+            return False
+        good = np.isfinite(scaled)
+        unset = good & np.isnan(self.baseline)
+        self.baseline[unset] = scaled[unset]
+        if self.time_constant is None:
+            return False
+        # after a long pause one frame alone, with its noise, does not become the zero
+        share = -math.expm1(-min(elapsed, self.time_constant) / self.time_constant)
+        # drift is slow: what would be taken for contact in one frame is something else
+        change = np.clip(scaled - self.baseline, -TAKEN * noise, TAKEN * noise)
+        self.baseline[good] += share * change[good]
+        return True
