@@ -172,6 +172,7 @@ def test_round_trip_of_every_source_through_every_sink(tmp_path: Path, source: s
         )
         np.testing.assert_array_equal(touches["force"].values, np.stack([t.force for t in kept.touches]))
         np.testing.assert_array_equal(touches["touching"].values, [bool(t.touching) for t in kept.touches])
+        np.testing.assert_array_equal(touches["status"].values, [int(t.status) for t in kept.touches])
         assert list(touches["component"].values) == ["x", "y", "z"]
     assert kept.events
     # a viewer that is slow may miss some, but not the last

@@ -25,9 +25,14 @@ from palpate.uncertainty import Case
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["CONVENTIONS", "recording_dataset", "recording_of", "touch_dataset", "touch_of"]
+__all__ = ["CONVENTIONS", "STATUS_FLAGS", "recording_dataset", "recording_of", "touch_dataset", "touch_of"]
 
 CONVENTIONS = "palpate recording 1"
+#: What the codes of `Status` mean, as the CF conventions say it.
+STATUS_FLAGS = {
+    "flag_values": [int(s) for s in Status],
+    "flag_meanings": " ".join(s.label.replace(" ", "_") for s in Status),
+}
 #: Attributes of a result that are its own; the others are its provenance.
 _OWN = (
     *("Conventions", "method", "notes", "assumptions", "sought", "unseen_force", "surface", "meta", "case", "found_by"),
@@ -160,10 +165,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
         if value is not None:
             dataset[key] = ((*batch, *_expanded(tail, surface)), to_numpy(value))
     if touch.status is not None:
-        dataset["status"].attrs = {
-            "flag_values": [int(s) for s in Status],
-            "flag_meanings": " ".join(s.label.replace(" ", "_") for s in Status),
-        }
+        dataset["status"].attrs = dict(STATUS_FLAGS)
     if touch.time is not None and "time" not in dataset.coords:
         dataset["time"] = (batch, np.asarray(touch.time), {"units": "s"})
     dataset.attrs.update({k: str(v) for k, v in (provenance or {}).items() if k not in _OWN})

@@ -22,7 +22,8 @@ from palpate._extras import missing
 from palpate.elastic.channels import channel_unit
 from palpate.errors import InvalidInput
 from palpate.recordings.heldfile import Apart, HeldFile
-from palpate.recordings.labelled import CONVENTIONS
+from palpate.recordings.labelled import CONVENTIONS, STATUS_FLAGS
+from palpate.status import Status
 from palpate.touch import Touch
 
 if TYPE_CHECKING:
@@ -49,7 +50,8 @@ class _Variable:
     def __init__(self, dims: tuple[str, ...], dtype: Any, attrs: Mapping[str, Any], data: Any = None) -> None:
         self.dims, self.dtype, self.attrs, self.data = dims, np.dtype(dtype), dict(attrs), data
         #: What a place holds that was never written.
-        self.empty = np.nan if self.dtype.kind == "f" else 0
+        # what a block that was not written reads as; readers take it for missing, so no flag may have it
+        self.empty = {"f": np.nan, "i": np.iinfo(np.int8).min}.get(self.dtype.kind, 0)
 
 
 class _Recorder(abc.ABC):
@@ -107,6 +109,7 @@ class _Recorder(abc.ABC):
             "traction": to_numpy(touch.values),
             "force": to_numpy(touch.force),
             "touching": int(bool(True if touch.touching is None else touch.touching)),
+            "status": int(Status.SOLVED if touch.status is None else touch.status),
         }
         known = touch.errors is not None
         row["std"] = touch.std.values if known else np.full(row["traction"].shape, np.nan)
@@ -190,6 +193,8 @@ class _Recorder(abc.ABC):
                 layout[name] = _Variable(("time", "component"), np.float64, {"units": unit, "shape": value.shape})
             elif name == "touching":
                 layout[name] = _Variable(("time",), np.int8, {})
+            elif name == "status":
+                layout[name] = _Variable(("time",), np.int8, dict(STATUS_FLAGS))
         return layout
 
     @staticmethod
