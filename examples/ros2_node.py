@@ -29,13 +29,14 @@ class Palpate(Node):  # type: ignore[misc]
         kind = self.declare_parameter("type", "sensor_msgs/msg/Image").value
         friction = float(self.declare_parameter("friction", 0.0).value) or None
         baseline = int(self.declare_parameter("baseline", 30).value)
+        budget = float(self.declare_parameter("budget", 0.01).value)  # seconds that a frame may take
         mapping = read_stream(skin_file)
         if mapping is None:
             raise SystemExit(f"{skin_file} has no section [stream]: which topic, and what do its numbers mean?")
         self.mapping = mapping
         skin = pp.Skin.from_file(skin_file)
         bound = friction if {"z"} < set(skin.components) else None
-        self.tracker = skin.track(friction=bound, baseline=baseline, budget=0.01)
+        self.tracker = skin.track(friction=bound, baseline=baseline, budget=budget)
         self.monitor = pp.GraspMonitor(
             friction=friction, callback=lambda event: self.events.publish(String(data=str(event)))
         )

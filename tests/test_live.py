@@ -423,7 +423,7 @@ def test_ros_node(skin: pp.Skin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
             self.subscribed: Any = None
 
         def declare_parameter(self, name: str, default: Any) -> Any:
-            given = {"skin": str(tmp_path / "skin.toml"), "friction": 0.6, "baseline": 0}
+            given = {"skin": str(tmp_path / "skin.toml"), "friction": 0.6, "baseline": 0, "budget": 60.0}
             return types.SimpleNamespace(value=given.get(name, default))
 
         def create_publisher(self, kind: Any, topic: str, depth: int) -> Publisher:

@@ -257,7 +257,7 @@ def test_growing_states_are_refused() -> None:
 
     array = pp.AreaArray(shape=(3, 3), pitch=1.0, depth=1.0, channels=["stress_zz"])
     with pytest.raises(pp.Unsupported, match="grow with depth"):
-        _ = pp.Skin(Wrong(), array).operator  # type: ignore[arg-type]
+        _ = pp.Skin(Wrong(), array).operator.planes  # type: ignore[arg-type]
 
 
 def test_mirrors() -> None:

@@ -200,7 +200,7 @@ def _damage() -> tuple[type[Exception], ...]:
 
 
 def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tuple[Any, Any, Any]]:
-    """(schema, channel, message) of a topic in the file's order; with ``salvage`` up to the last whole chunk of a torn file.
+    """(schema, channel, message) of a topic by time; with ``salvage`` in the file's order, up to the last whole chunk of a torn file.
 
     Checksums of chunks, of the data and of the index are confirmed where the file has them.
     """
@@ -211,9 +211,11 @@ def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tu
     ours = not salvage and own(path) is not None
     with path.open("rb") as file:
         try:
-            if salvage or ours:  # in the order of the file; the index is not needed
+            if (
+                salvage or ours
+            ):  # the index is not needed; what is torn is read as far as it goes, the rest in the order of time
                 reader = mcap.reader.NonSeekingReader(file, validate_crcs=True, record_size_limit=limit)
-                yield from reader.iter_messages(topic, log_time_order=False)
+                yield from reader.iter_messages(topic, log_time_order=not salvage)
             else:
                 _confirm(file, limit)
                 file.seek(0)

@@ -365,6 +365,8 @@ class ZarrRecorder(_Recorder):
                 chunks=(self._block, *shape) if grows else variable.data.shape,
                 dtype=variable.dtype,
                 fill_value=variable.empty,
+                # a block that is not there is damage, so that frames without an answer are written too
+                config={"write_empty_chunks": True},
                 dimension_names=variable.dims,
                 attributes={k: v for k, v in variable.attrs.items() if k != "shape"},
             )

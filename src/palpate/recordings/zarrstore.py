@@ -118,7 +118,8 @@ class Zarr(Format):
         dataset.attrs[CHECKSUM] = checksum(dataset)
         # text has no settled form in Zarr 3
         dataset.attrs["component"] = [str(c) for c in dataset["component"].values]
-        dataset.drop_vars("component").to_zarr(path, zarr_format=3, consolidated=False)
+        # a block that is not there is damage, so that blocks of nothing but zeros are written too
+        dataset.drop_vars("component").to_zarr(path, zarr_format=3, consolidated=False, write_empty_chunks=True)
 
     def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
         return stores.ZarrRecorder(path, channels, positions=positions, meta=meta)
