@@ -14,6 +14,8 @@ from palpate.bench.contacts import Patch, Traction, area_contact, line_contact
 from palpate.bench.layouts import Layout
 from palpate.elastic import BondedLayers, HalfSpace, Layer
 from palpate.elastic.half_space import Floats, Pad
+from palpate.errors import InvalidInput
+from palpate.recordings.files import atomically
 from palpate.sensing import AreaArray, LineArray
 from palpate.uncertainty import Case, constants
 
@@ -160,7 +162,13 @@ def write_constants(
     What the frames did not show (shear where none is sought) and the part beyond the array are taken from the nearest entry.
     """
     file = Path(path)
-    data = json.loads(file.read_text(encoding="utf-8"))
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+        place = {(e["method"], e["contact"], e["sensing"], e["body"]): i for i, e in enumerate(data["entries"])}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InvalidInput(
+            f"{path} is not a file of constants; give a copy of palpate/uncertainty/constants.json to put them into."
+        ) from error
     for case, quantities in found.items():
         near = constants(method, case)
         borrowed = sorted(set(near.quantities) - set(quantities))
@@ -184,13 +192,17 @@ def write_constants(
                 **{q: list(numbers) for q, numbers in quantities.items()},
             },
         }
-        place = {(e["method"], e["contact"], e["sensing"], e["body"]): i for i, e in enumerate(data["entries"])}
         here = place.get((method, case.contact, case.sensing, case.body))
         if here is None:
+            place[method, case.contact, case.sensing, case.body] = len(data["entries"])
             data["entries"].append(entry)
         else:
             data["entries"][here] = entry
-    file.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+    def write(name: str) -> None:
+        Path(name).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+    atomically(file, write)
 
 
 def _fit(frames: Sequence[Floats], *, shifted: bool) -> tuple[float, float, float]:
