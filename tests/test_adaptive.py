@@ -354,7 +354,7 @@ def test_periodic_and_shear_only_stay_linear() -> None:
 
 
 def test_better_than_the_clairvoyant_filter() -> None:
-    records = bench.accuracy(["line"], draws=3, family=False)
+    records = bench.accuracy(["line"], draws=3, comparisons=False)
     ratios = np.array(list(bench.ratios(records).values()))
     assert len(ratios) == 39
     assert np.exp(np.log(ratios).mean()) < 0.6
@@ -390,7 +390,7 @@ def test_paper_at_40_decibels() -> None:
 
 
 def test_intervals_hold_what_they_say() -> None:
-    records = bench.accuracy(["line"], draws=6, seed=1, family=False)
+    records = bench.accuracy(["line"], draws=6, seed=1, comparisons=False)
     for level, low, high in ((0.95, 0.9, 1.0), (0.5, 0.4, 0.65)):
         found = bench.coverage(records, level)
         for quantity in ("traction", "force", "peak_pressure"):
@@ -458,13 +458,13 @@ def test_what_lies_beyond_the_array_is_in_the_error() -> None:
     assert np.median(wide) < 1.0
     skin = pp.Skin(PAD, area())
     inner = skin.reconstruct(pressed(skin, BALL, 0.01)[0])
-    assert not inner.errors.outer_force.any()
-    assert "beyond array" not in inner.summary()
+    assert not inner.errors.outside_force.any()
+    assert "outside array" not in inner.summary()
     outer = skin.reconstruct(pressed(skin, BALL.shifted(6.5e-3, 0.0), 0.01)[0])
-    assert "beyond array" in outer.summary()
+    assert "outside array" in outer.summary()
     batch = skin.reconstruct(np.stack([pressed(skin, BALL.shifted(x, 0.0), 0.01)[0] for x in (0.0, 6.5e-3)]))
-    assert np.allclose(batch.errors.outer_force[1], outer.errors.outer_force, rtol=0.2)
-    assert batch.frame(0).errors.outer_traction.shape == inner.values.shape
+    assert np.allclose(batch.errors.outside_force[1], outer.errors.outside_force, rtol=0.2)
+    assert batch.frame(0).errors.outside_traction.shape == inner.values.shape
 
 
 @pytest.mark.parametrize("loud", [(1.0, 1.0, 8.0), (8.0, 8.0, 1.0)])
@@ -587,7 +587,7 @@ def test_detail_says_what_is_prior() -> None:
         skin = pp.Skin(PAD, array)
         touch = skin.reconstruct(pressed(skin, BALL, 0.01)[0])
         pressure = touch.pressure.values
-        detail = touch.detail.sel(component="z").values
+        detail = touch.variance_reduction.sel(component="z").values
         assert np.isnan(detail[0, 0])
         core = detail[pressure > 0.5 * pressure.max()]
         assert ((core > 0) & (core < 1)).all()
@@ -600,7 +600,7 @@ def test_bench_from_the_shell(tmp_path: Any) -> None:
     import subprocess
     import sys
 
-    command = [sys.executable, "-m", "palpate", "bench", "accuracy", "--no-family", "--draws", "1"]
+    command = [sys.executable, "-m", "palpate", "bench", "accuracy", "--no-comparisons", "--draws", "1"]
     done = subprocess.run(
         [*command, "--layouts", "across the edge", "--out", str(tmp_path)], capture_output=True, text=True, check=True
     )

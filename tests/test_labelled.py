@@ -66,7 +66,7 @@ def touches(draw: Any) -> pp.Touch:
     about = 1 if grid.dimensions == 1 else 3
     errors = Errors(
         **{
-            f.name: np.abs(some(*{"traction": full, "detail": full, "force": (n,), "moment": (about,), "center": (grid.dimensions,), "peak": ()}[f.name.removeprefix("outer_")]))
+            f.name: np.abs(some(*{"traction": full, "variance_reduction": full, "force": (n,), "moment": (about,), "center": (grid.dimensions,), "peak": ()}[f.name.removeprefix("outside_")]))
             for f in fields(Errors)
         }
     )  # fmt: skip
@@ -79,7 +79,7 @@ def touches(draw: Any) -> pp.Touch:
         parameter=maybe(some()),
         noise_std=maybe(some(3)),
         residual=maybe(some()),
-        unseen_force=draw(st.sampled_from(((), ("x",)))),
+        unobservable_force=draw(st.sampled_from(((), ("x",)))),
         time=maybe(some()),
         meta=draw(st.dictionaries(WORDS, WORDS, max_size=2)),
         errors=maybe(errors),

@@ -68,12 +68,12 @@ def connected(kind: str, port: int) -> Iterator[tuple[Callable[[bytes], object],
     with socket.create_connection(("127.0.0.1", port)) as plain:
         found = bytearray()
 
-        def heard() -> str:
+        def received() -> str:
             with contextlib.suppress(OSError):
                 found.extend(plain.recv(1000, socket.MSG_DONTWAIT))
             return found.decode()
 
-        yield lambda data: plain.sendall(struct.pack("<I", len(data)) + data), heard
+        yield lambda data: plain.sendall(struct.pack("<I", len(data)) + data), received
 
 
 def closed() -> tuple[type[Exception], ...]:
@@ -161,15 +161,15 @@ def test_a_second_connection_is_told_why_it_is_not_served(kind: str) -> None:
     with FrameListener(SHAPE, kind=kind, limits=FAST) as listener, sending(kind, listener.port) as first:
         first(frame_bytes(0, 0.0, np.zeros(SHAPE)))
         wait(lambda: listener.counts["frames"] == 1)
-        with connected(kind, listener.port) as (second, heard):
+        with connected(kind, listener.port) as (second, received):
             sent = 0
             with contextlib.suppress(OSError, *closed()):
-                while "busy" not in heard():
+                while "busy" not in received():
                     first(frame_bytes(sent + 1, 0.01 * (sent + 1), np.zeros(SHAPE)))
                     second(frame_bytes(sent, 0.01 * sent, np.ones(SHAPE)))
                     sent += 1
                     time.sleep(0.01)
-            assert "busy" in heard()
+            assert "busy" in received()
         first(frame_bytes(sent + 2, 0.01 * (sent + 2), np.zeros(SHAPE)))
         wait(lambda: listener.counts["frames"] >= sent + 1)
         assert listener.counts["busy"] >= 2

@@ -33,7 +33,7 @@ STREAM = SKIN + '\n[stream]\ntopic = "/finger"\nunit = "Pa"\n'
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The working directory: a skin that tells pressure, one that tells shear alone, one with noise on one of two planes."""
+    """The working directory: a skin that measures pressure, one that measures shear alone, one with noise on one of two planes."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["palpate"])
     (tmp_path / "skin.toml").write_text(SKIN)
@@ -55,9 +55,9 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
     "loop of the network": (("live", "--tcp", "9000", "--skin", "skin.toml", "--loop"), "--loop"),
     "demo on no friction": (("live", "--demo", "--friction", "0"), "--friction must be"),
     "live friction below 0": ((*LIVE, "--friction", "-0.4"), "--friction must be"),
-    "live friction without shear": ((*LIVE, "--friction", "0.4"), "tell only z"),
+    "live friction without shear": ((*LIVE, "--friction", "0.4"), "measure only z"),
     "track friction below 0": ((*TRACK, "--friction", "-0.4"), "--friction must be"),
-    "track friction without shear": ((*TRACK, "--friction", "0.4"), "tell only z"),
+    "track friction without shear": ((*TRACK, "--friction", "0.4"), "measure only z"),
     "drag without friction": ((*SIMULATE, "--drag", "0.5"), "--friction too"),
     "direction without friction": ((*SIMULATE[:2], "area.toml", *SIMULATE[3:], "--direction", "30"), "--direction"),
     "noise of one plane": ((*SIMULATE[:2], "two.toml", *SIMULATE[3:]), "noise"),
@@ -90,9 +90,9 @@ def test_limits_that_cannot_be_watched(folder: Path) -> None:
     write_recording(Recording(readings=np.ones((3, 1, 16)), channels=("stress_xz",)), "x.nc")
     skin = pp.Skin.from_file("skin.toml")
     if "z" in skin.components:
-        pytest.fail("this skin was meant to tell shear alone")
+        pytest.fail("this skin was meant to measure shear alone")
     for option, value in (("--max-pressure", "40 kPa"), ("--max-force", "2 N/m")):
-        with pytest.raises(pp.InvalidInput, match="tell only x"):
+        with pytest.raises(pp.InvalidInput, match="measure only x"):
             app(["track", "x.nc", "--skin", "skin.toml", option, value], standalone_mode=False)
 
 

@@ -87,7 +87,7 @@ def test_nothing_touches() -> None:
 
 def test_what_was_not_sought_is_not_reported() -> None:
     grid = pp.LineGrid(count=5, spacing=1.0)
-    touch = pp.Touch(np.ones((2, 5)), grid, ("z",), "known", unseen_force=("z",))
+    touch = pp.Touch(np.ones((2, 5)), grid, ("z",), "known", unobservable_force=("z",))
     with pytest.raises(pp.NotObservable, match="x"):
         _ = touch.shear
     assert np.isnan(touch.force[1])
@@ -108,17 +108,17 @@ def full(frames: int = 4) -> pp.Touch:
     def some(*shape: int) -> np.ndarray:
         return rng.random((frames, *shape))
 
-    maps = {n: some(3, 3, 4) for n in ("traction", "detail", "outer_traction")}
+    maps = {n: some(3, 3, 4) for n in ("traction", "variance_reduction", "outside_traction")}
     errors = Errors(
         **maps,
         force=some(3),
         moment=some(3),
         center=some(2),
         peak=some(),
-        outer_force=some(3),
-        outer_moment=some(3),
-        outer_center=some(2),
-        outer_peak=some(),
+        outside_force=some(3),
+        outside_moment=some(3),
+        outside_center=some(2),
+        outside_peak=some(),
     )
     return pp.Touch(
         some(3, 3, 4),

@@ -115,10 +115,10 @@ def test_tracker_solves_its_problem_exactly(skin: pp.Skin, story: Any) -> None:
     region, estimator = tracker._solution.region, tracker.estimator
     assert region is not None
     level = estimator.level(1)
-    heard = np.ones(readings[0].size, dtype=bool)
+    observed = np.ones(readings[0].size, dtype=bool)
     assert tracker._zero.baseline is not None
     y = readings[index].ravel() - tracker._zero.baseline
-    data = estimator.normal(level, region.cells, y, np.ones_like(y), heard)
+    data = estimator.normal(level, region.cells, y, np.ones_like(y), observed)
     hessian, n = data.gram.copy(), len(region.cells)
     for c, q in enumerate(estimator.precisions(level, 1, region.parameter)):
         hessian[c * n : (c + 1) * n, c * n : (c + 1) * n] += q[region.cells][:, region.cells].toarray()
@@ -377,8 +377,8 @@ def test_slip_is_announced_before_it_happens(skin: pp.Skin, given: float | None)
     frames = list(simulation.stream(skin, stages, friction=MU, radius=15e-3, rate=50.0))
     rng = np.random.default_rng(0)
     size = 0.01 * max(float(np.abs(np.asarray(f.readings)).max()) for f in frames)
-    heard: list[Event] = []
-    monitor = GraspMonitor(friction=given, callback=heard.append)
+    received: list[Event] = []
+    monitor = GraspMonitor(friction=given, callback=received.append)
     tracker = skin.track(friction=given, baseline=15, rate=50.0)
     for frame in frames:
         monitor.update(tracker.step(frame.readings + size * rng.standard_normal((3, 14, 14)), frame.time))
@@ -386,15 +386,15 @@ def test_slip_is_announced_before_it_happens(skin: pp.Skin, given: float | None)
             assert "incipient slip" not in monitor.going_on()
             assert monitor.state is not None
             assert 0.1 < monitor.state.utilisation < 0.75
-    assert heard == monitor.events
-    starts = {e.kind: e.time for e in reversed(heard) if e.began}
-    ends = {e.kind: e.time for e in heard if not e.began}
+    assert received == monitor.events
+    starts = {e.kind: e.time for e in reversed(received) if e.began}
+    ends = {e.kind: e.time for e in received if not e.began}
     gross = next(f.time for f in frames if f.sliding)
     assert 0.1 < gross - starts["incipient slip"] < 0.8
     assert abs(gross - starts["slip"]) < 0.3
     assert starts["contact"] < 0.6
     assert ends["contact"] > 3.2
-    assert "contact began" in str(heard[0])
+    assert "contact began" in str(received[0])
     if given is None:
         assert monitor.learned == pytest.approx(MU, rel=0.12)
 

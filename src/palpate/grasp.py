@@ -30,9 +30,9 @@ __all__ = ["Event", "GraspMonitor", "GraspState"]
 
 #: Parts of the contact's radius that stick, as candidates.
 STICK = np.concatenate([[0.0], np.linspace(0.15, 0.96, 20), [0.98, 0.995]])
-#: Friction of dry contact lies about here: mean and spread of its logarithm.
-USUAL, SPREAD = math.log(0.6), 0.7
-#: Relative spread of friction from one slip to the next.
+#: Friction of dry contact lies about here: mean and standard deviation of its logarithm.
+LOG_MEAN, LOG_STD = math.log(0.6), 0.7
+#: Relative standard deviation of friction from one slip to the next.
 REPEATED = 0.1
 #: Blur (standard deviation) of the pressure and the shear found, as parts of the resolution. That pressure only pushes sharpens it; on half-spaces
 #: and glued gels, lines and areas, at 0.3 to 3 % noise these parts were 0.20 to 0.28 and 0.40 to 0.66.
@@ -164,7 +164,7 @@ class GraspMonitor:
         touching = bool(values[-1].any()) if touch.touching is None else bool(touch.touching)
         touching = touching and force[-1] > 0
         probabilities: dict[str, float] = {}
-        utilisation = spread = math.nan
+        utilisation = std = math.nan
         friction, friction_std = self._friction()
         if not touching:
             self._past, self._smooth = np.zeros(len(STICK)), None
@@ -172,11 +172,11 @@ class GraspMonitor:
             net, error = _likely(touch, force)
             ratio = float(np.linalg.norm(net[:-1])) / float(net[-1])
             if self.given is None and self.learned is None:
-                utilisation, spread, friction, friction_std = self._from_shape(
+                utilisation, std, friction, friction_std = self._from_shape(
                     touch, values, net, ratio, error, probabilities
                 )
             else:
-                utilisation, spread = self._from_forces(ratio, error, friction, friction_std, probabilities)
+                utilisation, std = self._from_forces(ratio, error, friction, friction_std, probabilities)
             self._learn(probabilities["slip"], ratio)
         for kind, limit, of, value in (
             ("excess pressure", self.max_pressure, "peak_pressure", float(values[-1].max())),
@@ -184,7 +184,7 @@ class GraspMonitor:
         ):
             if touching and limit is not None:
                 probabilities[kind] = float(value > limit if touch.errors is None else touch.exceeds(limit, of))
-        self.state = GraspState(time, touching, force, utilisation, spread, friction, friction_std, probabilities)
+        self.state = GraspState(time, touching, force, utilisation, std, friction, friction_std, probabilities)
         watched = {
             "contact": (float(touching), float(force[-1]), 0.0),
             "incipient slip": (probabilities.get("incipient slip", 0.0), utilisation, self.incipient),
@@ -222,33 +222,33 @@ class GraspMonitor:
             return self.given, 0.0
         if self.learned is not None:
             return self.learned, REPEATED * self.learned
-        return math.exp(USUAL), SPREAD * math.exp(USUAL)
+        return math.exp(LOG_MEAN), LOG_STD * math.exp(LOG_MEAN)
 
     def _from_forces(
         self, ratio: float, error: float, friction: float, friction_std: float, chances: dict[str, float]
     ) -> tuple[float, float]:
         """Q/(mu P) and its standard deviation where the friction is known."""
         now = min(ratio / friction, 1.2)
-        spread = math.hypot(error, now * friction_std) / friction
+        std = math.hypot(error, now * friction_std) / friction
         self._smooth = now if self._smooth is None else MEMORY * self._smooth + (1.0 - MEMORY) * now
         for kind, limit in (("incipient slip", self.incipient), ("slip", SLIDING)):
-            chances[kind] = 0.5 * math.erfc((limit - self._smooth) / (math.sqrt(2.0) * max(spread, 1e-6)))
-        return min(self._smooth, 1.0), spread
+            chances[kind] = 0.5 * math.erfc((limit - self._smooth) / (math.sqrt(2.0) * max(std, 1e-6)))
+        return min(self._smooth, 1.0), std
 
     def _from_shape(
         self, touch: Touch, values: Floats, force: Floats, ratio: float, error: float, chances: dict[str, float]
     ) -> tuple[float, float, float, float]:
-        """Q/(mu P) and mu, each with its standard deviation, from how shear is spread over the contact."""
+        """Q/(mu P) and mu, each with its standard deviation, from how shear is distributed over the contact."""
         power = 1.0 + touch.surface.dimensions
         used = 1.0 - STICK**power
         mus = ratio / used
-        wide = math.hypot(SPREAD, error / max(ratio, 1e-9))
-        log = -0.5 * ((np.log(np.maximum(mus, 1e-9)) - USUAL) / wide) ** 2
+        wide = math.hypot(LOG_STD, error / max(ratio, 1e-9))
+        log = -0.5 * ((np.log(np.maximum(mus, 1e-9)) - LOG_MEAN) / wide) ** 2
         if ratio > 3.0 * error:
             log = log + self._shape(touch, values, force, power)
         self._past = SHAPE_MEMORY * self._past + (1.0 - SHAPE_MEMORY) * (log - log.max())
         weights = np.exp(COUNTS * (self._past - self._past.max()))
-        # candidates are not evenly spread in Q/(mu P)
+        # candidates are not evenly spaced in Q/(mu P)
         weights = weights * np.abs(np.gradient(used))
         weights = weights / weights.sum()
         chances["incipient slip"] = float(weights @ (used >= self.incipient))
@@ -261,7 +261,7 @@ class GraspMonitor:
         return (*summed_up(used), *summed_up(mus))
 
     def _shape(self, touch: Touch, values: Floats, force: Floats, power: float) -> Floats:
-        """Log likelihood of each candidate from how shear is spread over the contact."""
+        """Log likelihood of each candidate from how shear is distributed over the contact."""
         import scipy.ndimage
 
         grid = touch.surface

@@ -28,7 +28,7 @@ from palpate.inverse.registry import method_named, unnamed
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import Grid, LineGrid
 from palpate.sensing.operator import Boundary, Operator
-from palpate.sensing.readings import Layout, creeping, joined_planes, laid_out_traction, stamps, with_creep
+from palpate.sensing.readings import Layout, checked_traction, creeping, frame_times, joined_planes, with_creep
 from palpate.sensing.surface import default_surface
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
@@ -200,10 +200,10 @@ class Skin:
         """
         if isinstance(traction, LineContact | AreaContact):
             traction = self.sample(traction)
-        values = laid_out_traction(traction, self._surface)
+        values = checked_traction(traction, self._surface)
         out = self.operator.forward(values)
         if isinstance(self._pad, Viscoelastic):
-            out = with_creep(out, self._planes, self._pad.prony, stamps(traction, out, self._planes, time), "add")
+            out = with_creep(out, self._planes, self._pad.prony, frame_times(traction, out, self._planes, time), "add")
         elif time is not None:
             raise Unsupported("time has a meaning in sense() only where the pad creeps (Viscoelastic).")
         noisy = []
@@ -219,7 +219,7 @@ class Skin:
 
     @property
     def _layout(self) -> Layout:
-        """How readings are checked and laid out."""
+        """How readings are checked and ordered."""
         return Layout(self._planes, self._elastic)
 
     # -- inverse -------------------------------------------------------------------------------------------------------
@@ -306,7 +306,7 @@ class Skin:
         if rng is not None and "draws" not in chosen.options():
             raise Unsupported(f'method="{chosen.name}" does not take rng: it draws no samples.')
         parts = self._layout.checked(readings)
-        times = stamps(readings, parts, self._planes, time)
+        times = frame_times(readings, parts, self._planes, time)
         if isinstance(self._pad, Viscoelastic):
             parts = with_creep(parts, self._planes, self._pad.prony, times, "remove")
         names = chosen.seeks if chosen.seeks is not None and components is None else self._names(components)
@@ -324,7 +324,7 @@ class Skin:
             estimate.parameter,
             estimate.noise_std,
             estimate.residual,
-            self._unseen(sought),
+            self._unobservable(sought),
             times,
             case=self.case(sought),
             errors=estimate.errors,
@@ -451,7 +451,7 @@ class Skin:
 
         return self._methods.get((method, names), prepare)
 
-    def _unseen(self, names: tuple[str, ...]) -> tuple[str, ...]:
+    def _unobservable(self, names: tuple[str, ...]) -> tuple[str, ...]:
         if self._boundary != "periodic" or self._elastic.mean_compliance(0.0) is not None:
             return ()
         return names if all(find_channel(c).kind.absolute for p in self._planes for c in p.channels) else ()
@@ -466,8 +466,8 @@ class Skin:
                 else f"{' and '.join(_SPOKEN[c] for c in zero)} taken as zero, as asked"
             )
         notes.extend(method.assumptions())
-        unseen = self._unseen(names)
-        if unseen:
+        unobservable = self._unobservable(names)
+        if unobservable:
             notes.append(
                 "net force cannot be known from displacements of a periodic half-space: the mean traction is set to zero"
             )

@@ -48,8 +48,8 @@ def standardised(touch: Touch, truth: Floats, friction: float | None) -> dict[st
     known = constants(touch.method, touch.calibration_case)
 
     def z(of: str, value: Any, mu: float | None = None) -> Floats:
-        found, std, outer, _ = intervals.uncalibrated(touch, known, of, mu)
-        return known.quantities[of].standardised(np.asarray(value), found, std, outer)
+        found, std, outside, _ = intervals.uncalibrated(touch, known, of, mu)
+        return known.quantities[of].standardised(np.asarray(value), found, std, outside)
 
     out = {
         "traction": z("traction", truth)[columns][:, (truth[-1] > 0) | (np.asarray(touch.values)[-1] > 0)],
@@ -59,10 +59,10 @@ def standardised(touch: Touch, truth: Floats, friction: float | None) -> dict[st
         "peak_pressure": z("peak_pressure", true.peak_pressure),
     }
     if len(columns) > 1:
-        found, std, outer, _ = intervals.uncalibrated(touch, known, "force")
+        found, std, outside, _ = intervals.uncalibrated(touch, known, "force")
         away = np.sign(found)
         shear = known.quantities["shear_force"]
-        out["shear_force"] = shear.standardised(away * true.force, away * found, std, outer)[columns[:-1]]
+        out["shear_force"] = shear.standardised(away * true.force, away * found, std, outside)[columns[:-1]]
     if friction is not None:
         out["slip_margin"] = z("slip_margin", true.slip_margin(friction), friction)
     return {
@@ -113,13 +113,13 @@ def accuracy(
     *,
     draws: int = 2,
     seed: int = 0,
-    family: bool = True,
+    comparisons: bool = True,
     jobs: int = 1,
     report: Callable[[Record], None] | None = None,
 ) -> list[Record]:
     """Every contact of the layouts at every noise level, ``draws`` times."""
     tasks = [
-        (name, noise, contact, draws, seed, family)
+        (name, noise, contact, draws, seed, comparisons)
         for name in layouts
         for noise in noises
         for contact in LAYOUTS[name].contacts
@@ -134,13 +134,18 @@ def accuracy(
 
 
 def _one_contact(task: tuple[str, float, str, int, int, bool]) -> list[Record]:
-    name, noise, contact, draws, seed, family = task
+    name, noise, contact, draws, seed, comparisons = task
     layout = LAYOUTS[name]
     out = []
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw, zlib.crc32(f"{name} {contact} {noise}".encode())])
         out += run(
-            layout, contact, layout.contacts[contact], noise, rng, ("adaptive", *(layout.methods if family else ()))
+            layout,
+            contact,
+            layout.contacts[contact],
+            noise,
+            rng,
+            ("adaptive", *(layout.methods if comparisons else ())),
         )
     return out
 

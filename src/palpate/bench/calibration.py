@@ -159,7 +159,7 @@ def write_constants(
 ) -> None:
     """Put new constants into the file of constants: entries of the same method and case are replaced, others kept.
 
-    What the frames did not show (shear where none is sought) and the part beyond the array are taken from the nearest entry.
+    What the frames did not show (shear where none is sought) and the part outside the array are taken from the nearest entry.
     """
     file = Path(path)
     try:
@@ -177,15 +177,15 @@ def write_constants(
             "contact": case.contact,
             "sensing": case.sensing,
             "body": case.body,
-            "beyond": near.beyond,
+            "outside": near.outside,
             "population": {
                 "description": "random contacts and noise, palpate.bench.population",
                 "frames": frames,
                 "seed": seed,
                 "version": version,
-                "borrowed": f"beyond, {', '.join(borrowed)} from {near.case}"
+                "borrowed": f"outside, {', '.join(borrowed)} from {near.case}"
                 if borrowed
-                else f"beyond from {near.case}",
+                else f"outside from {near.case}",
             },
             "quantities": {
                 **{q: [c.shift, c.scale, c.freedom] for q, c in near.quantities.items() if q in borrowed},

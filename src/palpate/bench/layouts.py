@@ -140,13 +140,13 @@ def _layouts() -> dict[str, Layout]:
     pressed = {name: area_contact(*patches) for name, patches in AREA_PATCHES.items()}
     sheared = {name: area_contact(*AREA_PATCHES[p], shear=s, friction=FRICTION) for name, (p, s) in SHEARED.items()}
     few = {k: sheared[k] for k in ("sliding ball", "sticking ball", "sliding block", "pressed cone")}
-    family = ("tikhonov", "nnls", "elastic_net", "tv", "maxent", "network")
+    comparisons = ("tikhonov", "nnls", "elastic_net", "tv", "maxent", "network")
     rubber = HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)
     dead = line.masked(np.random.default_rng(0).random(line.shape) > 0.1)
     crossing = {name: line_contact((kind, x, w, 1.0)) for name, (kind, x, w) in CROSSING.items()}
     middle = {name: line_contact((kind, 0.0, w, 1.0)) for name, (kind, x, w) in CROSSING.items()}
     return {
-        "line": Layout("line", rubber, line, LINE_CONTACTS, methods=family),
+        "line": Layout("line", rubber, line, LINE_CONTACTS, methods=comparisons),
         "dead taxels": Layout("dead taxels", rubber, dead, LINE_CONTACTS),
         "across the edge": Layout("across the edge", rubber, line, crossing, middle=middle),
         "area": Layout("area", soft, area, pressed),

@@ -21,7 +21,7 @@ def bench_accuracy(
     layouts: Annotated[str | None, typer.Option(help="Layouts, separated by commas; default: all.")] = None,
     draws: Annotated[int, typer.Option(min=1, help="Noise draws of each contact.")] = 2,
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
-    family: Annotated[bool, typer.Option(help="Also the methods for comparison.")] = True,
+    comparisons: Annotated[bool, typer.Option(help="Also the methods for comparison.")] = True,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     out: Annotated[
         Path | None,
@@ -47,12 +47,17 @@ def bench_accuracy(
         len(bench.LAYOUTS[n].contacts)
         * len(bench.NOISES)
         * draws
-        * (1 + (len(bench.LAYOUTS[n].methods) if family else 0))
+        * (1 + (len(bench.LAYOUTS[n].methods) if comparisons else 0))
         for n in names
     )
     with Bar("contacts", total) as step:
         records = bench.accuracy(
-            names, draws=draws, seed=seed, family=family, jobs=jobs, report=lambda record: step(record.contact)
+            names,
+            draws=draws,
+            seed=seed,
+            comparisons=comparisons,
+            jobs=jobs,
+            report=lambda record: step(record.contact),
         )
     typer.echo("error over that of the clairvoyant Wiener filter, which knows the contact's spectrum and the noise")
     typer.echo(f"{'layout':<21}{'method':<13}{'noise':>7}{'geometric mean':>16}{'worst':>8}{'contacts':>10}")

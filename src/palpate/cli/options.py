@@ -34,12 +34,12 @@ def check_watched(skin: Skin, friction: float | None, pressure: str | None, forc
         raise InvalidInput(f"--friction must be a positive number; got {friction:g}.")
     if friction is not None and not {"z"} < set(skin.components):
         raise InvalidInput(
-            f"--friction ties shear to pressure, but these channels tell only {', '.join(skin.components)}: leave it out, or measure more "
+            f"--friction ties shear to pressure, but these channels measure only {', '.join(skin.components)}: leave it out, or measure more "
             "channels."
         )
     if "z" not in skin.components and not (pressure is None and force is None):
         raise InvalidInput(
-            f"--max-pressure and --max-force watch the pressure, but these channels tell only {', '.join(skin.components)}: leave them out."
+            f"--max-pressure and --max-force watch the pressure, but these channels measure only {', '.join(skin.components)}: leave them out."
         )
 
 

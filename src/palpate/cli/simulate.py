@@ -64,10 +64,10 @@ def simulate(
         )
     rng = np.random.default_rng(seed) if noisy else None
     scale = (np.arange(frames) + 1.0) / frames
-    stamps = np.arange(frames) / rate
+    times = np.arange(frames) / rate
     if isinstance(skin.pad, Viscoelastic):
         tractions = scale.reshape(-1, *(1,) * full.ndim) * full
-        readings = np.asarray(skin.sense(tractions, rng=rng, time=stamps))
+        readings = np.asarray(skin.sense(tractions, rng=rng, time=times))
     else:
         readings = np.stack([skin.sense(s * full, rng=rng) for s in progress(scale, "simulating")])
     if readings.ndim == 3 and skin.surface.dimensions == 2:
@@ -80,7 +80,7 @@ def simulate(
         "force": ", ".join(repr(float(f)) for f in body.force),
     }
     channels = tuple(c for p in skin.planes for c in p.channels)
-    recording = Recording(readings=readings, channels=channels, time=stamps, positions=positions, meta=meta)
+    recording = Recording(readings=readings, channels=channels, time=times, positions=positions, meta=meta)
     written(out, lambda name: write_recording(recording, name))
     typer.echo(
         f"wrote {out}: {frames} frame{'s' if frames > 1 else ''} of {', '.join(channels)}, {'x'.join(map(str, readings.shape[2:]))} taxels"

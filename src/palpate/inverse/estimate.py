@@ -24,7 +24,7 @@ class Errors:
     """Standard deviations, in closed form, before calibration (`palpate.touch`).
 
     ``traction`` (*batch, component, *surface) [Pa]; ``force`` (*batch, component) [N or N/m]; ``moment`` (*batch, 3 or 1);
-    ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa]. ``detail`` is shaped like ``traction``: 1 - posterior over prior
+    ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa]. ``variance_reduction`` is shaped like ``traction``: 1 - posterior over prior
     variance of each cell in contact, NaN elsewhere. The ``outer`` ones are no deviations but what each quantity owes to traction found
     beyond the outermost taxels, where nothing is measured: it is known to a part of itself.
     """
@@ -34,12 +34,12 @@ class Errors:
     moment: Floats = field(metadata=per_frame("about"))
     center: Floats = field(metadata=per_frame("along"))
     peak: Floats = field(metadata=per_frame())
-    detail: Floats = field(metadata=per_frame("component", "*"))
-    outer_traction: Floats = field(metadata=per_frame("component", "*"))
-    outer_force: Floats = field(metadata=per_frame("component"))
-    outer_moment: Floats = field(metadata=per_frame("about"))
-    outer_center: Floats = field(metadata=per_frame("along"))
-    outer_peak: Floats = field(metadata=per_frame())
+    variance_reduction: Floats = field(metadata=per_frame("component", "*"))
+    outside_traction: Floats = field(metadata=per_frame("component", "*"))
+    outside_force: Floats = field(metadata=per_frame("component"))
+    outside_moment: Floats = field(metadata=per_frame("about"))
+    outside_center: Floats = field(metadata=per_frame("along"))
+    outside_peak: Floats = field(metadata=per_frame())
 
     def __post_init__(self) -> None:
         freeze(self)

@@ -2,7 +2,7 @@
 
 A packet is the bytes "PLP1", the length of a JSON text (uint32, little-endian), that text, and the maps as float32, row by row: pressure,
 shear along x and (on an area) shear along y. The JSON holds the numbers: "frame" (count), "time" [s], "born" (clock of this machine when the
-frame came [ms]), "force", "force_low", "force_high" [N or N/m], "peak", "peak_low", "peak_high" [Pa], "utilisation" and its "spread" (Q/(mu P)),
+frame came [ms]), "force", "force_low", "force_high" [N or N/m], "peak", "peak_low", "peak_high" [Pa], "utilisation" and its "utilisation_std" (Q/(mu P)),
 "friction", "touching", "converged", "ms" (time the frame took), "going_on", "events" (new ones, in words) and "health".
 """
 
@@ -38,7 +38,7 @@ MAGIC = b"PLP1"
 REMEMBERED = 200
 #: Frames whose forces and slip margin it is shown.
 HISTORY = 1000
-TRAIL = ("time", "touching", "force", "force_low", "force_high", "utilisation", "spread")
+TRAIL = ("time", "touching", "force", "force_low", "force_high", "utilisation", "utilisation_std")
 
 
 def recorded(skin: Skin) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def packed(
         "force": [_number(v) for v in to_numpy(touch.force)],
         "peak": _number(touch.peak_pressure),
         "utilisation": None if state is None else _number(state.utilisation),
-        "spread": None if state is None else _number(state.utilisation_std),
+        "utilisation_std": None if state is None else _number(state.utilisation_std),
         "friction": None if state is None else _number(state.friction),
         "going_on": list(monitor.going_on()),
         "events": [str(e) for e in events],
@@ -232,7 +232,7 @@ class Session:
         """Say something among the events."""
         with self._lock:
             self._remember([text])
-        self._tell()
+        self._notify()
 
     def noted(self, after: int) -> tuple[int, list[str]]:
         """How many events there were so far, and those after so many (as far as they are remembered)."""
@@ -272,7 +272,7 @@ class Session:
                 raise
         finally:
             self.ended = True
-            self._tell()
+            self._notify()
 
     def _play(self) -> None:
         """The source once."""
@@ -310,7 +310,7 @@ class Session:
             self._listener = source
             for text in list(source.events):
                 self.note(text)
-            source.tell = self.note
+            source.report = self.note
             yield from source.frames()
         else:
             for time, reading in source:
@@ -349,7 +349,7 @@ class Session:
         with self._lock:
             self.history.append({k: numbers[k] for k in TRAIL if k in numbers})
         self.count += 1
-        self._tell()
+        self._notify()
 
     def _leave(self, sink: Sink, error: PalpateError) -> None:
         """Go on without a sink that failed."""
@@ -362,7 +362,7 @@ class Session:
         if self._report is not None:
             self._report(str(error))
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         with self._lock:
             listeners = list(self._listeners)
         for wake in listeners:

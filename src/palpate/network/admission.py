@@ -87,7 +87,7 @@ class _Session:
     number: int
     sequence: int
     time: float
-    heard: float
+    last: float
     interval: float = 0.0
     step: float = 0.0
     run: _Run | None = None
@@ -102,8 +102,8 @@ class Admission:
     shape : sequence of int
         (channel, *array) of a frame.
     limits : Limits
-    tell : callable
-        Is given what happened, in words.
+    report : callable
+        Called with a sentence that says what happened.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class Admission:
 
     shape: Sequence[int]
     limits: Limits = field(default_factory=Limits)
-    tell: Callable[[str], None] = field(default=lambda text: None)
+    report: Callable[[str], None] = field(default=lambda text: None)
 
     def __post_init__(self) -> None:
         self.shape = tuple(int(n) for n in self.shape)
@@ -125,7 +125,7 @@ class Admission:
         self.counts = dict.fromkeys(("frames", "sessions", *REFUSALS), 0)
         self._session: _Session | None = None
         self._before: dict[str, int] = {}
-        self._told: dict[str, float] = {}
+        self._reported: dict[str, float] = {}
 
     @property
     def sender(self) -> str | None:
@@ -148,7 +148,7 @@ class Admission:
         values = values.reshape(tuple(self.shape))
         session = self._session
         if session is None or sender != session.sender:
-            if session is not None and now - session.heard < self._patience(session):
+            if session is not None and now - session.last < self._patience(session):
                 text = f"{session.sender} is being served, and one sender at a time is; let each send from one socket"
                 return self.refuse("busy", sender, now, text), []
             return "frames", self._begin(sender, sequence, [(time, values)], now)
@@ -158,14 +158,14 @@ class Admission:
         """A connection has ended: the next sender is served at once."""
         if self._session is not None and self._session.sender == sender:
             self._session = None
-            self.tell(f"sender {sender} left")
+            self.report(f"sender {sender} left")
 
     def refuse(self, name: str, sender: str, now: float, why: str) -> str:
         """Count a refusal, and say it, though not too often."""
         self.counts[name] += 1
-        if now - self._told.get(name, -math.inf) >= PAUSE:
-            self._told[name] = now
-            self.tell(f"sender {sender} refused ({name}): {why}")
+        if now - self._reported.get(name, -math.inf) >= PAUSE:
+            self._reported[name] = now
+            self.report(f"sender {sender} refused ({name}): {why}")
         return name
 
     def _patience(self, session: _Session) -> float:
@@ -175,11 +175,11 @@ class Admission:
     def _next(
         self, session: _Session, sequence: int, time: float, values: Floats, now: float
     ) -> tuple[str, list[tuple[int, float, Floats]]]:
-        ahead, silent, step = (sequence - session.sequence) % 2**32, now - session.heard, time - session.time
+        ahead, silent, step = (sequence - session.sequence) % 2**32, now - session.last, time - session.time
         if 0 < ahead <= AHEAD + FASTEST * silent and 0 < step <= LEAP + silent + STEPS * session.step:
             session.interval += 0.1 * (silent - session.interval) if session.interval else silent
             session.step = max(step, 0.9 * session.step)
-            session.sequence, session.time, session.heard, session.run = sequence, time, now, None
+            session.sequence, session.time, session.last, session.run = sequence, time, now, None
             self.counts["frames"] += 1
             return "frames", [(session.number, time, values)]
         behind = (session.sequence - sequence) % 2**32
@@ -209,10 +209,10 @@ class Admission:
         step = time - values[-2][0] if len(values) > 1 else 0.0
         self._session = _Session(sender, number, sequence, time, now, step=step)
         if old is None:
-            self.tell(f"sender {sender} is served")
+            self.report(f"sender {sender} is served")
         elif old.sender == sender:
             self._session.interval = old.interval
-            self.tell(
+            self.report(
                 f"sender {sender} began again: sequence {sequence} at {time:g} s after {old.sequence} at {old.time:g} s"
             )
         else:
@@ -221,7 +221,7 @@ class Admission:
                 self._before[sender] += 1
             while len(self._before) > REMEMBERED:
                 del self._before[next(iter(self._before))]
-            self.tell(f"sender {sender} is served: {old.sender} was silent for {now - old.heard:.1f} s")
+            self.report(f"sender {sender} is served: {old.sender} was silent for {now - old.last:.1f} s")
         return [(number, time, one) for time, one in values]
 
 

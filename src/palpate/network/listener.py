@@ -51,7 +51,7 @@ class FrameListener:
         Address to listen on; this machine alone by default.
     limits : Limits, optional
         How long it waits for what.
-    tell : callable, optional
+    report : callable, optional
         Called with words about senders (who is served, who began again, who was refused and why), from the listener's thread. Refusals
         of one kind are told at most every 10 s; ``counts`` has all of them.
 
@@ -78,12 +78,12 @@ class FrameListener:
         port: int = 0,
         host: str = "127.0.0.1",
         limits: Limits | None = None,
-        tell: Callable[[str], None] | None = None,
+        report: Callable[[str], None] | None = None,
     ) -> None:
         if kind not in ("udp", "tcp", "ws"):
             raise InvalidInput(f'kind must be "udp", "tcp" or "ws"; got {kind!r}.')
         self.events: deque[str] = deque(maxlen=EVENTS)
-        self.tell = tell
+        self.report = report
         self._admission = Admission(shape, limits or Limits(), self._say)
         self.shape = tuple(self._admission.shape)
         self.counts = self._admission.counts
@@ -141,8 +141,8 @@ class FrameListener:
 
     def _say(self, text: str) -> None:
         self.events.append(text)
-        if self.tell is not None:
-            self.tell(text)
+        if self.report is not None:
+            self.report(text)
 
     def _run(self) -> None:
         with asyncio.Runner(loop_factory=lambda: self._loop) as runner:

@@ -177,7 +177,7 @@ class HeldFile:
 class Apart:
     """Does things in one thread of its own, one after the other.
 
-    Ctrl-C is heard in the main thread only: there it can break into what HDF5 calls back, or between two arrays of a block, and leave a file
+    Ctrl-C reaches the main thread only: there it can break into what HDF5 calls back, or between two arrays of a block, and leave a file
     that is torn or, worse, shifted. Here it finds something that is done, or not begun.
     """
 

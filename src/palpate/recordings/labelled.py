@@ -35,7 +35,18 @@ STATUS_FLAGS = {
 }
 #: Attributes of a result that are its own; the others are its provenance.
 _OWN = (
-    *("Conventions", "method", "notes", "assumptions", "sought", "unseen_force", "surface", "meta", "case", "found_by"),
+    *(
+        "Conventions",
+        "method",
+        "notes",
+        "assumptions",
+        "sought",
+        "unobservable_force",
+        "surface",
+        "meta",
+        "case",
+        "found_by",
+    ),
     "reading_names",
 )
 #: Fields that are text by frame; kept as attributes, because Zarr 3 has no settled form of text.
@@ -176,7 +187,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
             "assumptions": json.dumps(touch.assumptions),
             "reading_names": json.dumps({str(row): name for row, name in touch.reading_names.items()}),
             "sought": ",".join(touch.components),
-            "unseen_force": ",".join(touch.unseen_force),
+            "unobservable_force": ",".join(touch.unobservable_force),
             "surface": json.dumps(_described(touch.surface)),
             "meta": json.dumps(touch.meta),
         }
@@ -219,7 +230,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         method=attrs["method"],
         assumptions=tuple(_loaded(attrs.get("assumptions", "[]"), name)),
         reading_names={int(r): n for r, n in _meta(attrs.get("reading_names", "{}"), name).items()},
-        unseen_force=_listed(attrs.get("unseen_force", "")),
+        unobservable_force=_listed(attrs.get("unobservable_force", "")),
         time=None if time is None else time.values,
         meta=_meta(attrs.get("meta", "{}"), name),
         errors=errors,

@@ -163,15 +163,15 @@ def read_robot(path: str | Path, mapping: TopicMapping | None = None, *, salvage
     """
     found = Path(path)
     known = _own(found) if mapping is None and (found.is_file() or is_bag(found)) else None
-    stamps: list[float] = []
+    times: list[float] = []
     parts: list[Floats] = []
     rest: Floats | None = None
     for time, values, rest in _frames(found, mapping, salvage):  # noqa: B007
-        if stamps and time <= stamps[-1]:
+        if times and time <= times[-1]:
             continue
         if parts and values.shape != parts[0].shape:
             raise InvalidInput(f"{path}: a frame of shape {values.shape} follows frames of {parts[0].shape}.")
-        stamps.append(time)
+        times.append(time)
         parts.append(values)
     channels = tuple(mapping.channels) if mapping is not None else tuple(map(str, (known or {})["channels"]))
     readings = np.stack(parts).astype(np.float32)
@@ -184,7 +184,7 @@ def read_robot(path: str | Path, mapping: TopicMapping | None = None, *, salvage
     if rest is not None and readings.ndim == 3:
         positions = rest[:2].T
     meta = {str(k): str(v) for k, v in known["meta"].items()} if known is not None else {"source": found.name}
-    return Recording(readings=readings, channels=channels, time=np.array(stamps), positions=positions, meta=meta)
+    return Recording(readings=readings, channels=channels, time=np.array(times), positions=positions, meta=meta)
 
 
 class Mcap(Format):

@@ -75,16 +75,16 @@ def labelled_time(x: Any) -> Floats | None:
         return None
     if set(x.dims) - {"time", "channel", "component", "taxel", "y", "x"}:
         return None  # more batch axes than time
-    stamps = x.coords["time"]
-    if stamps.dtype.kind in "mM":
-        first = stamps.values[0] if stamps.dtype.kind == "M" else np.timedelta64(0, "ns")
-        return np.asarray((stamps.values - first) / np.timedelta64(1, "s"), dtype=np.float64)
-    if stamps.dtype.kind not in "iuf":
-        raise InvalidInput(f"the coordinate time must be seconds; got dtype {stamps.dtype}.")
-    unit = str(stamps.attrs.get("units", "s"))
+    coordinate = x.coords["time"]
+    if coordinate.dtype.kind in "mM":
+        first = coordinate.values[0] if coordinate.dtype.kind == "M" else np.timedelta64(0, "ns")
+        return np.asarray((coordinate.values - first) / np.timedelta64(1, "s"), dtype=np.float64)
+    if coordinate.dtype.kind not in "iuf":
+        raise InvalidInput(f"the coordinate time must be seconds; got dtype {coordinate.dtype}.")
+    unit = str(coordinate.attrs.get("units", "s"))
     if unit == "frame":
         return None
-    return np.asarray(stamps.values, dtype=np.float64) * convert_factor(unit, "s", "the coordinate time")
+    return np.asarray(coordinate.values, dtype=np.float64) * convert_factor(unit, "s", "the coordinate time")
 
 
 def _bare(x: Any) -> Any:

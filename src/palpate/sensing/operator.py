@@ -144,11 +144,11 @@ class _Convolution:
 
     def adjoint(self, readings: Any) -> Any:
         xp, d = namespace(readings), len(self.size)
-        spread = readings
+        upsampled = readings
         for axis, ratio in enumerate(self.ratios):
-            spread = _spread(xp, spread, axis - d, ratio)
+            upsampled = _upsampled(xp, upsampled, axis - d, ratio)
         product = _multiply(
-            xp, self.spectrum.like(readings), rfftn(spread, self.size), self.rows, self.count, d, adjoint=True
+            xp, self.spectrum.like(readings), rfftn(upsampled, self.size), self.rows, self.count, d, adjoint=True
         )
         return irfftn(product, self.size)[(..., *(slice(0, n) for n in self.cells))]
 
@@ -174,7 +174,7 @@ class _Convolution:
         return np.asarray(np.take(kernel, flat, axis=1))
 
 
-def _spread(xp: Any, x: Any, axis: int, ratio: int) -> Any:
+def _upsampled(xp: Any, x: Any, axis: int, ratio: int) -> Any:
     """Put ``ratio - 1`` zeros after each entry along a negative ``axis``."""
     if ratio == 1:
         return x
@@ -334,7 +334,7 @@ class Operator:
 
     Notes
     -----
-    Missing taxels (``mask``) read 0 and are not heard. In line contact the displacement of a half-plane is defined up to
+    Missing taxels (``mask``) read 0 and are not used. In line contact the displacement of a half-plane is defined up to
     a constant: such channels are relative to their mean over the array.
     """
 
@@ -397,7 +397,7 @@ class Operator:
             blocks.append(block.reshape(-1, len(components), len(cells)))
         return np.concatenate(blocks)
 
-    def heard(self, readings: Sequence[Any]) -> list[Any]:
+    def observed(self, readings: Sequence[Any]) -> list[Any]:
         """What the operator can explain of readings: missing taxels silenced and floating means taken out."""
         return [self._project(i, r) for i, r in enumerate(readings)]
 

@@ -1,4 +1,4 @@
-"""Readings checked and laid out, once for the skin and the tracker.
+"""Readings checked and put in order, once for the skin and the tracker.
 
 Whatever comes in (an array of any kind, a list with one array for each plane, a labelled array) leaves as one real floating array
 (*batch, channel, *array) for each plane, in SI units and in the order of the arrays' own channels and taxels, or is refused.
@@ -26,12 +26,12 @@ __all__ = [
     "Layout",
     "check_finite",
     "check_size",
+    "checked_planes",
+    "checked_traction",
     "creeping",
+    "frame_times",
     "joined_planes",
-    "laid_out",
-    "laid_out_traction",
     "plausible",
-    "stamps",
     "with_creep",
 ]
 
@@ -63,7 +63,7 @@ def joined_planes(parts: Sequence[Any], planes: Sequence[Array]) -> Any:
     return list(parts)
 
 
-def laid_out(readings: Any, planes: Sequence[Array], *, single: bool = False) -> list[Any]:
+def checked_planes(readings: Any, planes: Sequence[Array], *, single: bool = False) -> list[Any]:
     """One array (*batch, channel, *array) per plane; missing readings are NaN. ``single``: one frame, no batch axes."""
     several = len(planes) > 1 and isinstance(readings, list | tuple) and len(readings) == len(planes)
     if several:
@@ -125,7 +125,7 @@ def _shaped(values: Any, array: Array, single: bool) -> Any:
     return values
 
 
-def laid_out_traction(traction: Any, surface: Grid) -> Any:
+def checked_traction(traction: Any, surface: Grid) -> Any:
     """Checked traction (*batch, component, *surface) [Pa]."""
     values = labelled_traction(traction, surface) if is_labelled(traction) else as_real(traction, "traction")
     expected = (len(surface.components), *surface.shape)
@@ -185,7 +185,7 @@ class Layout:
     def checked(self, readings: Any) -> list[Any]:
         """One array (*batch, channel, *array) per plane, finite and of a size that an elastic pad gives."""
         out = []
-        for values, array in zip(laid_out(readings, self.planes), self.planes):
+        for values, array in zip(checked_planes(readings, self.planes), self.planes):
             finite = check_finite(values, array)
             check_size(finite, array, plausible(self.pad, array))
             out.append(finite)
@@ -193,7 +193,7 @@ class Layout:
 
     def frame(self, reading: Any) -> tuple[list[Floats], Any]:
         """One frame (channel, *array) per plane in double precision, NaN where missing; and an array of the caller's kind."""
-        parts = laid_out(reading, self.planes, single=True)
+        parts = checked_planes(reading, self.planes, single=True)
         return [to_numpy(p).astype(np.float64) for p in parts], parts[0]
 
     def limits(self) -> Floats:
@@ -212,7 +212,9 @@ class Layout:
 # -- time ------------------------------------------------------------------------------------------------------------------
 
 
-def stamps(readings: Any, parts: Sequence[Any], planes: Sequence[Array], time: npt.ArrayLike | None) -> Floats | None:
+def frame_times(
+    readings: Any, parts: Sequence[Any], planes: Sequence[Array], time: npt.ArrayLike | None
+) -> Floats | None:
     """Checked time of each frame [s]: as given, or as the readings' own label; None where there is neither."""
     if time is None:
         time = labelled_time(readings)

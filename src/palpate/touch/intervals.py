@@ -75,9 +75,9 @@ def std(touch: Touch) -> Floats:
     errors(touch)
 
     def of(known: Constants) -> tuple[Floats, ...]:
-        _, raw, outer, _ = uncalibrated(touch, known, "traction")
+        _, raw, outside, _ = uncalibrated(touch, known, "traction")
         traction = known.quantities["traction"]
-        return (traction.std * np.hypot(raw, outer / traction.scale),)
+        return (traction.std * np.hypot(raw, outside / traction.scale),)
 
     return _each_method(touch, of)[0]
 
@@ -95,17 +95,17 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
             raise InvalidInput(f"of must be one of {', '.join(names)}; got {of!r}.")
         if (friction is not None) != (of == "slip_margin"):
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
-        value, deviation, outer, floor = uncalibrated(touch, known, of, friction)
-        low, high = table[of].bounds(level, value, deviation, outer, floor)
+        value, deviation, outside, floor = uncalibrated(touch, known, of, friction)
+        low, high = table[of].bounds(level, value, deviation, outside, floor)
         if of == "force" and "shear_force" in table:
             # pressure only adds up, so that its sum is biased where that of shear is not
-            sides = table["shear_force"].bounds(level, value, deviation, outer, floor, away=True)
+            sides = table["shear_force"].bounds(level, value, deviation, outside, floor, away=True)
             for side, shear in zip((low, high), sides):
                 side[..., :-1] = shear[..., :-1]
         if touch.touching is not None and not touch.touching.all():
             # an empty frame's error is that of what would not show: nothing was found that could be biased
             empty = ~touch.touching.reshape((*touch.touching.shape, *(1,) * (low.ndim - touch.touching.ndim)))
-            plain = Calibration().bounds(level, value, deviation, outer, floor)
+            plain = Calibration().bounds(level, value, deviation, outside, floor)
             low, high = np.where(empty, plain[0], low), np.where(empty, plain[1], high)
         return low, high
 
@@ -120,10 +120,10 @@ def exceeds(touch: Touch, limit: float, of: str) -> Floats:
     errors(touch)
 
     def chance(known: Constants) -> tuple[Floats, ...]:
-        value, deviation, outer, _ = uncalibrated(touch, known, of)
+        value, deviation, outside, _ = uncalibrated(touch, known, of)
         if of == "force":
-            value, deviation, outer = value[..., -1], deviation[..., -1], outer[..., -1]
-        return (known.quantities[of].above(limit, value, deviation, outer),)
+            value, deviation, outside = value[..., -1], deviation[..., -1], outside[..., -1]
+        return (known.quantities[of].above(limit, value, deviation, outside),)
 
     return _each_method(touch, chance)[0]
 
@@ -131,22 +131,22 @@ def exceeds(touch: Touch, limit: float, of: str) -> Floats:
 def uncalibrated(
     touch: Touch, known: Constants, of: str, friction: float | None = None
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Of a quantity: value, standard deviation by the model, error of what lies beyond the array, and what it cannot go below."""
+    """Of a quantity: value, standard deviation by the model, error of what lies outside the array, and what it cannot go below."""
     found = errors(touch)
     sign = np.full(len(touch.surface.components), -math.inf)
     sign[-1] = 0.0 if "z" in touch.components else -math.inf
     none = np.asarray(-math.inf)
     if of == "traction":
         floor = sign.reshape(-1, *(1,) * touch.surface.dimensions)
-        return to_numpy(touch.values), found.traction, known.beyond * found.outer_traction, floor
+        return to_numpy(touch.values), found.traction, known.outside * found.outside_traction, floor
     if of == "force":
-        return to_numpy(touch.force), found.force, known.beyond * found.outer_force, sign
+        return to_numpy(touch.force), found.force, known.outside * found.outside_force, sign
     if of == "moment":
-        return to_numpy(touch.moment), found.moment, known.beyond * found.outer_moment, none
+        return to_numpy(touch.moment), found.moment, known.outside * found.outside_moment, none
     if of == "center_of_pressure":
-        return to_numpy(touch.center_of_pressure), found.center, known.beyond * found.outer_center, none
+        return to_numpy(touch.center_of_pressure), found.center, known.outside * found.outside_center, none
     if of == "peak_pressure":
-        return to_numpy(touch.peak_pressure), found.peak, known.beyond * found.outer_peak, np.asarray(sign[-1])
+        return to_numpy(touch.peak_pressure), found.peak, known.outside * found.outside_peak, np.asarray(sign[-1])
     value, deviation = _slip(touch, found, float(friction or 0.0))
     return value, deviation, np.zeros_like(deviation), none
 

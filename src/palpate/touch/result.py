@@ -50,7 +50,7 @@ class Touch:
         Standard deviation of the noise of each channel, as given or as estimated from the misfit.
     residual : array (*batch) or None
         Root mean square misfit in units of `noise_std` as used for weighting (1 is perfect where the noise was given).
-    unseen_force : tuple of str
+    unobservable_force : tuple of str
         Components whose net force leaves no trace in the readings; `force` is NaN there.
     time : array (*batch) or None
         Time of each frame [s].
@@ -84,7 +84,7 @@ class Touch:
     Notes
     -----
     A Touch does not change: its NumPy arrays are read-only (copy one to change it). Maps (`traction`, `pressure`, `shear`, `std`,
-    `detail`, the interval of the traction) are labelled xarray objects; numbers read off them (`force`, `moment`,
+    `variance_reduction`, the interval of the traction) are labelled xarray objects; numbers read off them (`force`, `moment`,
     `center_of_pressure`, `peak_pressure`, ... and their intervals) are plain arrays of the caller's kind with the batch axes first.
     Positions and vectors are (x, y) or (x, y, z); array axes are (y, x).
     """
@@ -97,7 +97,7 @@ class Touch:
     parameter: Floats | None = field(default=None, metadata=per_frame())
     noise_std: Floats | None = field(default=None, metadata=per_frame("channel"))
     residual: Floats | None = field(default=None, metadata=per_frame())
-    unseen_force: tuple[str, ...] = ()
+    unobservable_force: tuple[str, ...] = ()
     time: Floats | None = field(default=None, metadata=per_frame())
     meta: dict[str, str] = field(default_factory=dict)
     errors: Errors | None = field(default=None, metadata=per_frame())
@@ -276,11 +276,11 @@ class Touch:
 
     @property
     def force(self) -> Any:
-        """Net force (*batch, component) [N], or [N/m] on a line; NaN where `unseen_force` says it cannot be known."""
+        """Net force (*batch, component) [N], or [N/m] on a line; NaN where `unobservable_force` says it cannot be known."""
         xp = namespace(self.values)
         total = self._integral(self.values)
-        if self.unseen_force:
-            lost = np.array([math.nan if c in self.unseen_force else 0.0 for c in self.surface.components])
+        if self.unobservable_force:
+            lost = np.array([math.nan if c in self.unobservable_force else 0.0 for c in self.surface.components])
             total = total + from_numpy(lost, self.values)
         return xp.asarray(total)
 
@@ -289,7 +289,7 @@ class Touch:
         """Moment about the origin of the surface coordinates.
 
         On an area (*batch, 3) [N m]: (int y p, -int x p, int (x q_y - y q_x)). On a line (*batch, 1) [N]: about y, -int x p.
-        NaN where it involves a component of `unseen_force`.
+        NaN where it involves a component of `unobservable_force`.
         """
         xp = namespace(self.values)
         x, p = self._coordinate("x"), self._component("z")
@@ -301,7 +301,7 @@ class Touch:
             spin = self._integral(x * self._component("y") - y * self._component("x"))
             parts, needs = [self._integral(y * p), about_y, spin], ["z", "z", "xy"]
         out = xp.stack(parts, axis=-1)
-        lost = np.array([math.nan if any(c in self.unseen_force for c in n) else 0.0 for n in needs])
+        lost = np.array([math.nan if any(c in self.unobservable_force for c in n) else 0.0 for n in needs])
         return out + from_numpy(lost, self.values)
 
     @property
@@ -372,13 +372,13 @@ class Touch:
         return self._map(intervals.std(self), "std")
 
     @property
-    def detail(self) -> xarray.DataArray:
+    def variance_reduction(self) -> xarray.DataArray:
         """How much of the traction in each cell is measured (1) rather than assumed (0): 1 - posterior over prior variance.
 
         NaN where there is no contact. Low values are where the map shows what the prior expects between what the data fix:
         features much finer than the depth, and cells beyond the array.
         """
-        return self._map(intervals.errors(self).detail, "detail", unit="1")
+        return self._map(intervals.errors(self).variance_reduction, "variance_reduction", unit="1")
 
     def interval(self, level: float = 0.95, of: str = "traction", *, friction: float | None = None) -> tuple[Any, Any]:
         """Lower and upper end of the interval that holds the true value with probability ``level``.
@@ -464,7 +464,11 @@ def joined(touches: Sequence[Touch]) -> Touch:
     first = touches[0]
     single = not first.batch
     for t in touches:
-        if t.surface != first.surface or t.components != first.components or t.unseen_force != first.unseen_force:
+        if (
+            t.surface != first.surface
+            or t.components != first.components
+            or t.unobservable_force != first.unobservable_force
+        ):
             raise InvalidInput("results of different surfaces or components cannot be joined; join those of one skin.")
         if (not t.batch) != single or len(t.batch) > 1:
             raise InvalidInput("single frames join with single frames, and batches (frame, ...) with batches.")

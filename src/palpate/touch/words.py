@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 __all__ = ["outcome", "summary"]
 
-#: Part of the normal force that lies beyond the outermost taxels from which on a summary says so.
-OUTER = 0.05
+#: Part of the normal force that lies outside the outermost taxels from which on a summary says so.
+OUTSIDE = 0.05
 
 
 def outcome(touch: Touch) -> list[str]:
@@ -71,9 +71,9 @@ def summary(one: Touch, friction: float | None) -> str:
             lines.append(f"  95 %          {float(low):.3g} to {float(high):.3g} Pa")
         centre = to_numpy(one.center_of_pressure)
         lines.append("centre          " + ", ".join(f"{1e3 * float(v):.4g} mm" for v in centre))
-        if one.errors is not None and float(one.errors.outer_force[-1]) > OUTER * abs(float(force[-1])):
-            beyond = float(one.errors.outer_force[-1])
-            lines.append(f"beyond array    {beyond:.3g} {unit} of the normal force, where nothing is measured")
+        if one.errors is not None and float(one.errors.outside_force[-1]) > OUTSIDE * abs(float(force[-1])):
+            outside = float(one.errors.outside_force[-1])
+            lines.append(f"outside array   {outside:.3g} {unit} of the normal force, where nothing is measured")
         size = float(one.contact_area())
         lines.append(f"contact         {1e3 * size:.4g} mm" if line else f"contact area    {1e6 * size:.4g} mm^2")
     if friction is not None and set(one.components) == set(components):

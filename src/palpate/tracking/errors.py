@@ -40,7 +40,7 @@ class ErrorBars:
         if noise is None:
             return self.errors
         if self._no_contact is None or self._no_contact[0] != noise:
-            self._no_contact = noise, self._estimator.unnoticed(noise)
+            self._no_contact = noise, self._estimator.undetected(noise)
         return self._no_contact[1]
 
     def refresh(self, solution: Iteration, y: Floats, noise: float, unused: Flags, background: Background) -> None:

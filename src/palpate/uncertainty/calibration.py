@@ -53,11 +53,11 @@ class Calibration:
 
         return float(scipy.special.stdtrit(self.freedom, probability))
 
-    def above(self, limit: float, value: Floats, std: Floats, outer: Floats) -> Floats:
+    def above(self, limit: float, value: Floats, std: Floats, outside: Floats) -> Floats:
         """Probability that the true value lies above ``limit``."""
         import scipy.special
 
-        size = np.hypot(self.scale * std, outer)
+        size = np.hypot(self.scale * std, outside)
         with np.errstate(divide="ignore", invalid="ignore"):
             z = (limit - value - self.shift * std) / size
         chance = np.where(size > 0, scipy.special.stdtr(self.freedom, -z), value > limit)
@@ -65,18 +65,18 @@ class Calibration:
         return np.asarray(np.where(np.isfinite(size + value), chance, np.nan), dtype=np.float64)
 
     def bounds(
-        self, level: float, value: Floats, std: Floats, outer: Floats, floor: Floats, *, away: bool = False
+        self, level: float, value: Floats, std: Floats, outside: Floats, floor: Floats, *, away: bool = False
     ) -> tuple[Floats, Floats]:
         """Ends of the central interval, none below ``floor``; with ``away`` the shift is away from zero."""
-        half = self._quantile(0.5 * (1.0 + level)) * np.hypot(self.scale * std, outer)
+        half = self._quantile(0.5 * (1.0 + level)) * np.hypot(self.scale * std, outside)
         middle = value + std * (self.shift * np.sign(value) if away else self.shift)
         return np.maximum(middle - half, floor), np.maximum(middle + half, floor)
 
-    def standardised(self, truth: Floats, value: Floats, std: Floats, outer: Floats) -> Floats:
+    def standardised(self, truth: Floats, value: Floats, std: Floats, outside: Floats) -> Floats:
         """(truth - value)/std, such that `bounds` for a value of 0 and a std of 1 hold it where the true ones hold the truth."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            far = self.shift + (truth - value - self.shift * std) * self.scale / np.hypot(self.scale * std, outer)
-            return np.asarray(np.where(outer > 0, far, (truth - value) / std))
+            far = self.shift + (truth - value - self.shift * std) * self.scale / np.hypot(self.scale * std, outside)
+            return np.asarray(np.where(outside > 0, far, (truth - value) / std))
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,8 @@ class Constants:
         What they are for.
     quantities : mapping
         `Calibration` of each quantity.
-    beyond : float
-        Relative standard deviation of what is found beyond the outermost taxels.
+    outside : float
+        Relative standard deviation of what is found outside the outermost taxels.
     population : mapping
         What made them: description, frames, seed, version of the code.
     """
@@ -131,7 +131,7 @@ class Constants:
     method: str
     case: Case
     quantities: Mapping[str, Calibration]
-    beyond: float
+    outside: float
     population: Mapping[str, Any]
 
 
@@ -150,7 +150,7 @@ def _table() -> Mapping[tuple[str, Case], Constants]:
         case = Case(entry["contact"], entry["sensing"], entry["body"])
         quantities = {name: Calibration(*numbers) for name, numbers in entry["quantities"].items()}
         found[entry["method"], case] = Constants(
-            entry["method"], case, MappingProxyType(quantities), entry["beyond"], MappingProxyType(entry["population"])
+            entry["method"], case, MappingProxyType(quantities), entry["outside"], MappingProxyType(entry["population"])
         )
     return MappingProxyType(found)
 

@@ -140,7 +140,7 @@ class WholeMap(abc.ABC):
         converged = np.ones(count, dtype=bool)
         shape = (len(self.columns), math.prod(grid.shape))
         for i, frame in enumerate(frames_of(readings, self.operator)):
-            rows = self.operator.heard(frame)
+            rows = self.operator.observed(frame)
             start = self.linear.solve(rows)
             noise = float(np.asarray(start.noise_scale).ravel()[0])
             first = np.asarray(start.traction)[self.columns].reshape(shape)

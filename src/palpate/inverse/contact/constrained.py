@@ -112,11 +112,11 @@ class ConstrainedEstimator:
         self.inside[self.window] = True
         # beyond the outermost taxels
         points = np.concatenate([a.points[np.ravel(a.valid)] for a in operator.planes_of])
-        self.beyond = np.zeros(grid.shape, dtype=bool)
+        self.outside = np.zeros(grid.shape, dtype=bool)
         for axis, (x, dx) in enumerate(zip(grid.axes, grid.spacings)):
             low, high = points[:, axis].min() - 0.5 * dx, points[:, axis].max() + 0.5 * dx
             outside = (x < low - 1e-9 * dx) | (x > high + 1e-9 * dx)
-            self.beyond |= outside.reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
+            self.outside |= outside.reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
         # shear varies less than pressure, by what friction allows, shared between its components
         shear = 0.5 * (cone.friction or SHEAR) ** 2
         self.variances = [1.0 if c == len(columns) - 1 else shear for c in range(len(columns))]
@@ -132,7 +132,7 @@ class ConstrainedEstimator:
         self.readings = Readings(operator, self.scales)
         self.noise = ChannelNoise(operator, self.readings, self.noise_known)
         self._levels: dict[int, Level] = {}
-        self.posterior = Posterior(operator, columns, cone, self.inside, self.beyond, self.reach)
+        self.posterior = Posterior(operator, columns, cone, self.inside, self.outside, self.reach)
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
 
@@ -261,7 +261,7 @@ class ConstrainedEstimator:
         """Contact in one frame of readings, (channel, *array) per plane."""
         known: float | None = None  # noise scale, where the contact tells it better than the linear model
         levels: Floats | None = None  # the same of every channel
-        rows = self.operator.heard(readings)
+        rows = self.operator.observed(readings)
         data = self.readings.flat(rows)
         alive = self.noise.alive(data)
         observed, learned = alive.copy(), 0
@@ -317,9 +317,9 @@ class ConstrainedEstimator:
         """What a linear model makes of a frame; ``known`` fixes the noise scale where it is not the arrays' own."""
         return linear_evidence(linear, rows, self.parameter, known)
 
-    def unnoticed(self, scale: float) -> Errors:
+    def undetected(self, scale: float) -> Errors:
         """Errors of a frame without contact: what would not be noticed."""
-        return self.posterior.unnoticed(self.readings, self.depth, scale)
+        return self.posterior.undetected(self.readings, self.depth, scale)
 
     def summed_up(self, members: Sequence[ContactModel]) -> tuple[Floats, Errors]:
         """Mean traction (component, *grid) of contact models by their weights, and the errors of every quantity."""
@@ -331,7 +331,7 @@ class ConstrainedEstimator:
         shape = (len(names), *grid.shape)
         # from the readings themselves: the residual is all noise
         rms = float(np.sqrt(np.mean((data / self.readings.std) ** 2)))
-        errors = self.unnoticed(scale if self.noise_known else rms)
+        errors = self.undetected(scale if self.noise_known else rms)
         empty = np.zeros((self.draws, *shape)) if self.draws else None
         noise = np.full(self.noise.count, scale)
         return _Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)

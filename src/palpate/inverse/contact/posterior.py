@@ -57,7 +57,7 @@ def widened(variance: Floats, cells: int = 1) -> Floats:
     return np.asarray(out)
 
 
-def detail_of(model: ContactModel, grid: Grid) -> Floats:
+def variance_reduction_of(model: ContactModel, grid: Grid) -> Floats:
     """1 - posterior over prior variance of traction on the surface's cells (component, *surface); NaN out of contact."""
     import scipy.linalg
 
@@ -149,15 +149,15 @@ def quantities(
 class Posterior:
     """What follows from the weighed contact models of a frame: means, closed-form errors, samples.
 
-    ``inside`` are the cells of the operator's grid that the result is made of, ``beyond`` those beyond the outermost taxels; ``reach`` is
+    ``inside`` are the cells of the operator's grid that the result is made of, ``outside`` those outside the outermost taxels; ``reach`` is
     how many cells round those in contact beyond doubt share their error.
     """
 
     def __init__(
-        self, operator: Operator, columns: Sequence[int], cone: Cone, inside: Flags, beyond: Flags, reach: int
+        self, operator: Operator, columns: Sequence[int], cone: Cone, inside: Flags, outside: Flags, reach: int
     ) -> None:
         self.operator, self.columns, self.cone = operator, tuple(columns), cone
-        self.inside, self.beyond, self.reach = inside, beyond, reach
+        self.inside, self.outside, self.reach = inside, outside, reach
 
     def summed_up(self, members: Sequence[ContactModel]) -> tuple[Floats, Errors]:
         """Mean traction (component, *grid) of the models by their weights, and the closed-form errors of every quantity."""
@@ -181,26 +181,26 @@ class Posterior:
         force = np.zeros(len(grid.components))
         total, variance = mixed(1)
         force[list(self.columns)] = np.sqrt(variance + (MODEL_FORCE * total) ** 2)
-        detail = np.full(shape, math.nan)
-        detail[list(self.columns)] = detail_of(members[0].contact or members[0], grid)
+        reduction = np.full(shape, math.nan)
+        reduction[list(self.columns)] = variance_reduction_of(members[0].contact or members[0], grid)
         errors = Errors(
-            detail=detail,
+            variance_reduction=reduction,
             traction=std,
             force=force,
             **{name: np.sqrt(mixed(i)[1]) for i, name in ((2, "moment"), (3, "center"), (4, "peak"))},
-            **self.outer(traction),
+            **self.outside_parts(traction),
         )
         return traction, errors
 
-    def outer(self, traction: Floats) -> dict[str, Floats]:
+    def outside_parts(self, traction: Floats) -> dict[str, Floats]:
         """The part of traction (component, *grid), and of each number, that comes from cells beyond the outermost taxels."""
         grid = self.operator.surface
         cell = grid.cell * self.inside
         places = np.meshgrid(*grid.axes, indexing="ij")[::-1]  # x, then y
-        outer = np.abs(traction) * self.beyond
+        outside = np.abs(traction) * self.outside
         p = cell * traction[-1]
         total = float(p.sum()) or 1.0
-        far = cell * traction * self.beyond
+        far = cell * traction * self.outside
         if len(places) == 1:
             moment = [-(places[0] * far[-1]).sum()]
         else:
@@ -209,14 +209,14 @@ class Posterior:
         center = [((x - (x * p).sum() / total) * far[-1]).sum() / total for x in places]
         top = np.unravel_index(int(np.argmax(p)), p.shape)
         return {
-            "outer_traction": outer,
-            "outer_force": np.abs(far.reshape(len(far), -1).sum(axis=1)),
-            "outer_moment": np.abs(moment),
-            "outer_center": np.abs(center),
-            "outer_peak": np.asarray(outer[-1][top]),
+            "outside_traction": outside,
+            "outside_force": np.abs(far.reshape(len(far), -1).sum(axis=1)),
+            "outside_moment": np.abs(moment),
+            "outside_center": np.abs(center),
+            "outside_peak": np.asarray(outside[-1][top]),
         }
 
-    def unnoticed(self, readings: Readings, depth: float, scale: float) -> Errors:
+    def undetected(self, readings: Readings, depth: float, scale: float) -> Errors:
         """What would not be noticed: the error of the pressure of a patch as wide as the depth, the least that would show."""
         grid, names = self.operator.surface, self.operator.surface.components
         shape = (len(names), *grid.shape)
@@ -244,7 +244,7 @@ class Posterior:
             np.full(grid.dimensions, math.nan),
             np.asarray(std[-1].max()),
             np.full(shape, math.nan),
-            **self.outer(np.zeros(shape)),
+            **self.outside_parts(np.zeros(shape)),
         )
 
     def draws(self, members: Sequence[ContactModel], weights: Floats, count: int, rng: np.random.Generator) -> Floats:

@@ -153,10 +153,10 @@ class ConstantFrictionEstimator:
         # a coarse look around the middle of the signal first: the misfit has more than one valley
         weight = reading**2 / max(float((reading**2).sum()), 1e-300)
         middle = float((x * weight).sum())
-        spread = math.sqrt(float(((x - middle) ** 2 * weight).sum())) + pitch
+        deviation = math.sqrt(float(((x - middle) ** 2 * weight).sum())) + pitch
         coarse = [
             (c, math.log(w))
-            for c in middle + spread * np.linspace(-2.0, 2.0, 17)
+            for c in middle + deviation * np.linspace(-2.0, 2.0, 17)
             for w in np.geomspace(pitch, (x[-1] - x[0]) / 4, 8)
         ]
         guesses = sorted(coarse, key=lambda g: shear_force(g[0], math.exp(g[1]), total)[1])[:3]

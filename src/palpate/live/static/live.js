@@ -7,7 +7,7 @@ window.palpate = hook;
 hook.latency = (q) => { const s = [...hook.latencies].sort((a, b) => a - b); return s.length ? s[Math.min(s.length - 1, Math.floor(q * s.length))] : NaN; };
 
 let layout = null, frames = [], trail = [], fresh = null, shown = null, paused = false, back = 0, top_ = 0;
-let state = { failure: null, ended: false, recording: null, sender: null, received: {} }, bad = [], heard = Date.now();
+let state = { failure: null, ended: false, recording: null, sender: null, received: {} }, bad = [], lastMessage = Date.now();
 const decoder = new TextDecoder();
 
 // -- theme ---------------------------------------------------------------------------------------
@@ -44,11 +44,11 @@ function connect() {
   const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/stream${location.search}`);
   socket.binaryType = "arraybuffer";
   hook.socket = socket;
-  socket.onopen = () => { hook.connected = true; heard = Date.now(); say(standing()); };
+  socket.onopen = () => { hook.connected = true; lastMessage = Date.now(); say(standing()); };
   socket.onclose = (event) => { hook.connected = false; say(event.reason === "pages" ? "too many pages are open; trying again" : "lost; trying again"); setTimeout(connect, 1000); };
   socket.onmessage = (message) => {
     if (typeof message.data === "string") { told(JSON.parse(message.data)); return; }
-    hook.received++; heard = Date.now();
+    hook.received++; lastMessage = Date.now();
     let frame;
     try { frame = parse(message.data); } catch (error) { hook.failures++; return; }
     frames.push(frame);
@@ -74,7 +74,7 @@ function alarms() { alarm([...(state.failure ? [state.failure] : []), ...bad].jo
 function standing() {
   if (paused) return "paused";
   if (state.ended) return state.failure ? "the stream has failed" : "the stream has ended";
-  const silent = Math.floor((Date.now() - heard) / 1000);
+  const silent = Math.floor((Date.now() - lastMessage) / 1000);
   return silent < 2 ? "live" : frames.length ? `no frame for ${silent} s` : "waiting for the first frame";
 }
 const COUNTED = ["frames", "sessions"];
@@ -155,7 +155,7 @@ function numbers(f) {
   const [a, b] = shearRange(f); $("shear-range").textContent = range(a, b, u);
   $("peak").textContent = unit(f.peak, "Pa"); $("peak-range").textContent = f.peak_low ? range(f.peak_low[0], f.peak_high[0], "Pa") : "";
   $("margin").textContent = f.utilisation === null ? "–" : (1 - f.utilisation).toFixed(2);
-  $("margin-range").textContent = f.utilisation === null ? "" : `± ${(2 * f.spread).toFixed(2)}, friction ${f.friction.toFixed(2)}`;
+  $("margin-range").textContent = f.utilisation === null ? "" : `± ${(2 * f.utilisation_std).toFixed(2)}, friction ${f.friction.toFixed(2)}`;
   bad = f.going_on.filter((k) => k !== "contact");
   if (f.touching === null || f.status === "frozen") bad.unshift(f.touching === null ? `this frame is not known: ${f.status}` : "the sensor repeats itself: frozen?");
   alarms();
@@ -186,7 +186,7 @@ function plots(frame) {
   const last = frame.force.length - 1;
   let most = 1e-9; for (const f of trail) most = Math.max(most, f.force[last], f.touching && f.force_high ? f.force_high[last] : 0);
   plot("forces", frame, [["--normal", (f) => f.force[last], (f) => (f.touching && f.force_low ? [f.force_low[last], f.force_high[last]] : [])], ["--shear", shearOf, (f) => (f.touching ? shearRange(f) : [])]], 0, nice(most));
-  plot("margins", frame, [["--good", (f) => (f.utilisation === null ? null : 1 - f.utilisation), (f) => (f.utilisation === null ? [] : [1 - f.utilisation - 2 * f.spread, 1 - f.utilisation + 2 * f.spread])]], 0, 1);
+  plot("margins", frame, [["--good", (f) => (f.utilisation === null ? null : 1 - f.utilisation), (f) => (f.utilisation === null ? [] : [1 - f.utilisation - 2 * f.utilisation_std, 1 - f.utilisation + 2 * f.utilisation_std])]], 0, 1);
 }
 let plotted = 0;
 function repaint() { if (shown && layout) { paint(shown); plots(shown); } }
