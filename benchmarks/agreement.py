@@ -206,11 +206,13 @@ def published() -> Iterator[Run]:
                 )
 
 
-def results(report: Callable[[str], None]) -> dict[str, np.ndarray]:
-    """Every answer, as arrays named "run | quantity"."""
+def results(report: Callable[[str], None], only: str = "") -> dict[str, np.ndarray]:
+    """Every answer (of runs whose name holds ``only``), as arrays named "run | quantity"."""
     out: dict[str, np.ndarray] = {}
     for source in (synthetic, others, published):
         for label, run in source():
+            if only not in label:
+                continue
             started = time.perf_counter()
             try:
                 touch = run()
@@ -246,16 +248,17 @@ def main() -> int:
     what.add_argument("--save", type=Path, metavar="FILE")
     what.add_argument("--compare", type=Path, metavar="FILE")
     parser.add_argument("--all", action="store_true", help="print every difference, not only those above 1e-9")
+    parser.add_argument("--only", default="", metavar="TEXT", help="only runs whose name holds this text")
     parser.add_argument("--verbose", action="store_true", help="print each run with its time")
     chosen = parser.parse_args()
     started = time.perf_counter()
-    found = results(lambda line: print(line, file=sys.stderr) if chosen.verbose else None)
+    found = results(lambda line: print(line, file=sys.stderr) if chosen.verbose else None, chosen.only)
     print(f"{len(found)} answers in {time.perf_counter() - started:.0f} s")
     if chosen.save is not None:
         np.savez_compressed(chosen.save, **found)  # type: ignore[arg-type]
         return 0
     with np.load(chosen.compare) as file:
-        reference = {name: file[name] for name in file.files}
+        reference = {name: file[name] for name in file.files if chosen.only in name.rpartition(" | ")[0]}
     lost, new = sorted(reference.keys() - found.keys()), sorted(found.keys() - reference.keys())
     for title, names in (("only before", lost), ("only now", new)):
         for name in names:

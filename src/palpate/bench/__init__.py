@@ -1,19 +1,24 @@
 """How accurate the inversion is, and whether its error bars are honest: contacts x noise x methods."""
 
+from palpate.bench.ablation import ablation, as_markdown, summary
 from palpate.bench.accuracy import NOISES, Record, accuracy, coverage, ratios, run, table
 from palpate.bench.calibration import calibration, crossing, population, write_constants
 from palpate.bench.contacts import FRICTION, Patch, area_contact, line_contact
 from palpate.bench.layouts import LAYOUTS, Layout
+from palpate.bench.unseen import KINDS, unseen
 
 __all__ = [
     "FRICTION",
+    "KINDS",
     "LAYOUTS",
     "NOISES",
     "Layout",
     "Patch",
     "Record",
+    "ablation",
     "accuracy",
     "area_contact",
+    "as_markdown",
     "calibration",
     "coverage",
     "crossing",
@@ -21,6 +26,8 @@ __all__ = [
     "population",
     "ratios",
     "run",
+    "summary",
     "table",
+    "unseen",
     "write_constants",
 ]

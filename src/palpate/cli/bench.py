@@ -80,6 +80,57 @@ def bench_accuracy(
         typer.echo(f"wrote           {folder / 'accuracy.csv'}, {folder / 'accuracy.png'}")
 
 
+@bench_app.command("ablation")
+def bench_ablation(
+    frames: Annotated[int, typer.Option(min=2, help="Random frames; each is solved some twenty times.")] = 40,
+    numbers: Annotated[
+        int, typer.Option(min=0, help="On how many of them each number is halved and doubled (some thirty times more).")
+    ] = 10,
+    kinds: Annotated[
+        str, typer.Option(help="Kinds of contact, in turn, separated by commas: line, area, area with shear.")
+    ] = "line,line,area,area with shear",
+    seed: Annotated[int, typer.Option(help="Seed of the frames.")] = 2024,
+    quick: Annotated[bool, typer.Option("--quick", help="Ten lines, no numbers: less than a minute.")] = False,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    out: Annotated[Path | None, typer.Option(help="Markdown file for the table.")] = None,
+    force: Force = False,
+) -> None:
+    """What each part of the automatic method buys, on contacts that tuned nothing."""
+    from palpate import bench
+
+    if quick:
+        frames, numbers, kinds = 10, 0, "line"
+    names = tuple(k.strip() for k in kinds.split(","))
+    unknown = [k for k in names if k not in bench.KINDS]
+    if unknown:
+        raise InvalidInput(f"kinds must be among {', '.join(bench.KINDS)}; got {', '.join(unknown)}.")
+    if numbers > frames:
+        raise InvalidInput(f"--numbers must not exceed --frames ({frames}); got {numbers}.")
+    if out is not None:
+        check_output(out, force=force)
+    with Bar("frames", frames) as step:
+        found = bench.ablation(
+            frames, numbers=numbers, kinds=names, seed=seed, jobs=jobs, report=lambda i: step(f"{i}")
+        )
+    rows = bench.summary(found)
+    if not rows:
+        raise InvalidInput(f"nothing touches in any of the {frames} frames of seed {seed}; give more with --frames.")
+    typer.echo(
+        f"{'error over that of the whole method':<52}{'mean':>7}{'95 % interval':>16}{'worst':>8}{'force in':>10}{'time':>7}"
+    )
+    for row in rows:
+        between = f"{row.low:.3f}-{row.high:.3f}"
+        typer.echo(f"{row.name:<52}{row.mean:>7.3f}{between:>16}{row.worst:>8.2f}{row.coverage:>10.3f}{row.time:>7.2f}")
+    typer.echo(f"{'without: calibration of the error bars':<52}{'':>31}{rows[0].plain:>10.3f}")
+    if out is not None:
+        command = (
+            f"palpate bench ablation --frames {frames} --numbers {numbers} --kinds '{','.join(names)}' --seed {seed}"
+        )
+        empty = sum(nothing for _, nothing, _ in found)
+        write_text(out, bench.as_markdown(rows, command=command, empty=empty))
+        typer.echo(f"wrote           {out}")
+
+
 @bench_app.command("calibration")
 def bench_calibration(
     frames: Annotated[int, typer.Option(min=20, help="Random contacts.")] = 500,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.elastic.half_space import Floats
-from palpate.inverse.contact.constrained import FAINT, MODEL_ERROR, ConstrainedEstimator
+from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
+from palpate.inverse.contact.parts import MODEL_ERROR
 from palpate.inverse.estimate import Errors
 from palpate.tracking.background import Background
 from palpate.tracking.health import Flags

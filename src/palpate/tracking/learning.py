@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from palpate.elastic.half_space import Floats
-from palpate.inverse.contact.constrained import MODEL_ERROR, ConstrainedEstimator
+from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.parts import MODEL_ERROR
 from palpate.tracking.background import Background
 
 __all__ = ["NORMAL", "Learning", "rough_noise"]

@@ -32,11 +32,11 @@ import numpy.typing as npt
 
 from palpate.elastic.half_space import Floats
 from palpate.inverse.contact.cone import TOLERANCE, Cone, cholesky
-from palpate.inverse.contact.constrained import LARGEST_UNKNOWNS, QUIET, ConstrainedEstimator
+from palpate.inverse.contact.constrained import LARGEST_UNKNOWNS, ConstrainedEstimator
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel, Level, Normal, grown, scattered
 from palpate.inverse.contact.posterior import posterior_factor
-from palpate.inverse.contact.sliding import SLIDES, expanded, ways_of_sliding
+from palpate.inverse.contact.sliding import expanded, ways_of_sliding
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.sensing.grids import repeated
 
@@ -44,24 +44,13 @@ __all__ = ["AdaptiveEstimator"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Fine cells per surface cell on a line, by how many taxels stand for one degree of freedom of the data.
-LINE_REFINEMENT = ((1.75, 5), (math.inf, 3))
-#: The same on an area, per axis: where noise is high, detail finer than the taxels cannot be seen.
-AREA_REFINEMENT = ((1.2, 3), (1.75, 2), (math.inf, 1))
-#: Unknowns of one frame up to which the finer grid is used.
-FINE_UNKNOWNS = 4000
-#: Reach of the local mean of |grad t|^2, in depths (0: one fine cell), and whether posterior variance is added.
-REACHES: tuple[tuple[float, bool], ...] = ((1.0 / 3.0, False), (0.0, True))
-#: Pressure below this many times noise over signal, as a part of the peak, is noise; never more than the second part.
-TRIM, LARGEST_TRIM = 2.5, 0.05
-#: Local weights are relearned this many times.
-ROUNDS = 4
-#: Relative residual of the rounds before the last.
+#: Fine cells per surface cell on a line, and per axis on an area, from low noise to high (`Thresholds.spacing`): where noise is high,
+#: detail finer than the taxels cannot be seen.
+LINE_RATIOS, AREA_RATIOS = (5, 3), (3, 2, 1)
+#: Relative residual of the rounds before the last: it saves time and changes nothing (`palpate bench ablation`).
 ROUGH = 1e-4
-#: Smallest local scale, as a part of the largest.
-FLOOR = 1e-6
-#: Weight of a contact that ends on the surface against one that reaches twice as far, where the frame could be either.
-ENDS = 0.2
+#: Models of less weight are dropped: they would move the mean by a thousandth of the difference between models.
+LEAST_WEIGHT = 1e-3
 
 
 class AdaptiveEstimator(ConstrainedEstimator):
@@ -81,8 +70,12 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """How much finer than the surface the problem is worth solving, where the data tell ``seen`` of ``places`` unknowns."""
         d = self.operator.surface.dimensions
         spacing = (places / max(seen, 1.0)) ** (1.0 / d)
-        table = LINE_REFINEMENT if d == 1 else AREA_REFINEMENT
-        wanted = [r for limit, r in table if r == 1 or unknowns * r**d <= FINE_UNKNOWNS]
+        if not self.parts.finer_grid:
+            return 1
+        t = self.thresholds
+        limits = (t.spacing, math.inf) if d == 1 else (t.fine_spacing, t.spacing, math.inf)
+        table = list(zip(limits, LINE_RATIOS if d == 1 else AREA_RATIOS))
+        wanted = [r for limit, r in table if r == 1 or unknowns * r**d <= t.unknowns]
         return min(next(r for limit, r in table if spacing <= limit), max([*wanted, 1]))
 
     def _seen_along(self, data: Normal, weight: float) -> float:
@@ -109,9 +102,10 @@ class AdaptiveEstimator(ConstrainedEstimator):
         size = np.abs(first[-1]).reshape(self.operator.surface.shape)
         region = grown(size > self.quiet(y) * size.max(), 1)
         regions = [region]
-        if (first[-1].reshape(size.shape)[~self.inside] > 0).any() and (region & self.inside).any():
+        beyond = first[-1].reshape(size.shape)[~self.inside]
+        if self.parts.ends_on_surface and (beyond > 0).any() and (region & self.inside).any():
             regions.append(region & self.inside)
-        shares = [1.0] if len(regions) == 1 else [1.0 - ENDS, ENDS]
+        shares = [1.0] if len(regions) == 1 else [1.0 - self.thresholds.ends, self.thresholds.ends]
         members = []
         for r, share in zip(regions, shares):
             for member in self._ensemble(r, first, y, noise, observed, evidence):
@@ -130,7 +124,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
     ) -> list[ContactModel]:
         """The models of a frame with contact in a region, with their weights."""
         grid, c = self.operator.surface, len(self.columns)
-        if self.cone.coupled:
+        if self.cone.coupled and self.parts.narrowed:
             # what the models would trim in any case makes them slow
             pressure = first[-1].reshape(grid.shape)
             region = region & grown(pressure > self._trim(y) * np.where(region, pressure, 0.0).max(), 1)
@@ -145,12 +139,14 @@ class AdaptiveEstimator(ConstrainedEstimator):
         ratio = self._ratio(self.taxels * c, self.seen(parameter), count * c)
         data, start = refined(ratio)
         slides: list[tuple[Floats, Floats, float]] = []
-        if self.cone.coupled:
+        if self.cone.coupled and self.parts.sliding:
             coarse = data if ratio == 1 else refined(1)[0]
-            slides = ways_of_sliding(coarse, first, self.cone, self.precisions(coarse.level, 1, parameter / scale**2))
+            precisions = self.precisions(coarse.level, 1, parameter / scale**2)
+            slides = ways_of_sliding(coarse, first, self.cone, precisions, self.thresholds)
         rest = max(1.0 - sum(chance for _, _, chance in slides), 0.0)
         # what is as good as excluded is not worth its local weights
-        members = self._members(data, start, y, evidence if rest >= SLIDES else {1: evidence[1]}, local=rest >= SLIDES)
+        whole = rest >= self.thresholds.slides or not self.parts.skipped
+        members = self._members(data, start, y, evidence if whole else {1: evidence[1]}, local=whole)
         alone = copy.copy(self)
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
         for m in members:
@@ -159,7 +155,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             # pressure alone has fewer unknowns than the data tell: a finer grid pays sooner
             seen = alone._seen_along(coarse.along(slides[0][0]), parameter / scale**2)
             finer = self._ratio(count, seen, count)
-            if finer > ratio and count * c * finer**grid.dimensions <= LARGEST_UNKNOWNS:
+            if self.parts.finer_sliding and finer > ratio and count * c * finer**grid.dimensions <= LARGEST_UNKNOWNS:
                 data, start = refined(finer)
         for ray, changes, chance in slides:
             for one in alone._members(data.along(ray), start[-1:], y, evidence):
@@ -183,73 +179,75 @@ class AdaptiveEstimator(ConstrainedEstimator):
         best = max(e[0] for e in evidence.values())
         odds = {order: math.exp(max(e[0] - best, -50.0)) for order, e in evidence.items()}
         for order, (_, parameter, scale, _) in evidence.items():
-            if order > 1 and odds[order] < 0.01:
+            if order > 1 and odds[order] < self.thresholds.improbable:
                 continue
             precisions = self.precisions(level, order, parameter / scale**2)
             member = self._trimmed(self.model(data, precisions, start), precisions, y)
             member.weight = odds[order]
             members.append(member)
         total = sum(m.weight for m in members)
-        if not local:
+        reaches = self._reaches(level)
+        if not local or not reaches:
             for m in members:
                 m.weight /= total
             return members
-        # an even penalty gets a third, and half where the second derivative is what the frame speaks for
-        reaches = self._reaches(level)
+        # an even penalty gets its share, and half where the second derivative is what the frame speaks for
         smooth = sum(m.weight for m in members[1:]) / total
-        even = (1.0 - smooth) / 3.0 + smooth / 2.0
+        even = (1.0 - smooth) * self.thresholds.even + smooth / 2.0 if self.parts.even_model else 0.0
         for m in members:
             m.weight *= even / total
         for width, variance in reaches:
             member = self._relearned(members[0], width, variance, y)
             member.weight = (1.0 - even) / len(reaches)
             members.append(member)
-        return [m for m in members if m.weight > 1e-3]
+        return [m for m in members if m.weight > LEAST_WEIGHT]
 
     def _trimmed(self, member: ContactModel, precision: Sparse | Sequence[Sparse], y: Floats) -> ContactModel:
         """Without the cells whose pressure is not told from none: all of it pushes, so that noise there would add up."""
         pressure = member.solution.traction[-1]
         position = np.flatnonzero(pressure > self._trim(y) * pressure.max())
-        if not len(position):  # nothing pushes
+        if not len(position) or not self.parts.trim or self.cone.free:  # nothing pushes, or not only
             position = np.arange(len(pressure))
         return self.model(member.data.part(position), precision, member.solution.traction[:, position], keep_face=True)
 
-    @staticmethod
-    def _trim(y: Floats) -> float:
+    def _trim(self, y: Floats) -> float:
         """The part of the peak below which pressure is noise, for whitened readings."""
-        return min(TRIM / max(float(np.abs(y).max()), 1e-300), LARGEST_TRIM)
+        return min(self.thresholds.trim / max(float(np.abs(y).max()), 1e-300), self.thresholds.largest_trim)
 
     def _reaches(self, level: Level) -> list[tuple[float, bool]]:
         """Widths in cells of the local means that differ on this grid; without the variance weak shear would be lost."""
-        cell = min(level.grid.spacings)
-        out = [(max(reach * self.depth / cell, 1.0), variance or len(self.columns) > 1) for reach, variance in REACHES]
-        return out if out[0] != out[1] else out[:1]
+        cell, shear = min(level.grid.spacings), len(self.columns) > 1
+        wide = (max(self.thresholds.reach * self.depth / cell, 1.0), shear and self.parts.posterior_variance)
+        narrow = (1.0, self.parts.posterior_variance)
+        chosen = [r for r, on in ((wide, self.parts.wide_weights), (narrow, self.parts.narrow_weights)) if on]
+        return list(dict.fromkeys(chosen))
 
     def _relearned(self, member: ContactModel, width: float, variance: bool, y: Floats) -> ContactModel:
         """The penalty learned from its own result, over and over."""
         level = member.level
         c = len(self.columns)
         precisions: list[Sparse] = []
-        for i in range(ROUNDS):
+        quiet, rounds = self.thresholds.quiet, self.thresholds.rounds
+        for i in range(rounds):
             tau = self._local_scales(member, width, variance)
             loud = tau.max(axis=0).ravel()
             pressure = member.solution.traction[-1]
-            keep = (loud[member.cells] > QUIET * loud.max()) | (pressure > self.quiet(y) * pressure.max())
-            if not self.cone.coupled and c > 1:
+            keep = (loud[member.cells] > quiet * loud.max()) | (pressure > self.quiet(y) * pressure.max())
+            if self.parts.shear_in_contact and not self.cone.coupled and c > 1:
                 # no shear outside contact
                 keep &= grown(member.pressure > 0, 1).ravel()[member.cells]
             position = np.flatnonzero(keep)
-            least = FLOOR * tau.max(axis=tuple(range(1, tau.ndim)), keepdims=True)
+            least = self.thresholds.floor * tau.max(axis=tuple(range(1, tau.ndim)), keepdims=True)
             precisions = [level.differences.local(t) for t in np.maximum(tau, least)]
             if not len(position):
                 break
-            last = i == ROUNDS - 1
+            last = i == rounds - 1
             member = self.model(
                 member.data.part(position),
                 precisions,
                 member.solution.traction[:, position],
                 keep_face=variance and not last,
-                tolerance=TOLERANCE if last else ROUGH,
+                tolerance=TOLERANCE if last or not self.parts.rough else ROUGH,
             )
         return self._trimmed(member, precisions, y)
 
@@ -263,6 +261,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
 
         level, n = member.level, len(member.cells)
         total: Floats = np.zeros(level.grid.shape)
+        each = []
         for i, values in enumerate(member.solution.traction):
             field = scattered(values, member.cells, level.grid.shape).ravel()
             squares = []
@@ -275,7 +274,11 @@ class AdaptiveEstimator(ConstrainedEstimator):
                     rows[:, i * n : (i + 1) * n] = local[touched].toarray()
                     square[touched] += (posterior_factor(member.solution, rows) ** 2).sum(axis=0)
                 squares.append(square)
-            total = total + level.differences.energy(squares) / (self.variances[i] * len(self.variances))
+            energy = level.differences.energy(squares)
+            each.append(energy)
+            total = total + energy / (self.variances[i] * len(self.variances))
         sigma = [width * min(level.grid.spacings) / dx for dx in level.grid.spacings]
+        if not self.parts.common_profile:
+            return np.stack([scipy.ndimage.gaussian_filter(e, sigma, mode="constant") for e in each])
         tau = scipy.ndimage.gaussian_filter(total, sigma, mode="constant")
         return np.stack([v * tau for v in self.variances])

@@ -121,8 +121,18 @@ class Solution:
     factor: Floats | None = None
 
 
-#: Relative residual at which a solution counts as exact.
+#: Relative residual at which a solution counts as exact: the normal matrix of a problem of condition 1e6 leaves 1e-10.
 TOLERANCE = 1e-9
+#: Newton steps of one problem; the active set settles in ten or fewer unless it cycles.
+STEPS = 60
+#: It cycles if the residual has not become smaller by this factor in so many steps; it is then brought closer, so often at most.
+SMALLER, PATIENCE, RESCUES = 0.999, 12, 3
+#: Alternating steps of the first rescue, and how many times more each following one takes.
+ALTERNATING, MORE = 60, 4
+#: Over-relaxation of the alternating steps (1.5 to 1.8: S. Boyd et al., Foundations and Trends in Machine Learning 3, 2011, section 3.4.3).
+RELAXATION, BACK = 1.6, 0.6
+#: Eigenvalues of the projection's derivative below this count as zero: a direction that moves so little is fixed.
+FREE = 1e-10
 
 
 def minimise(
@@ -132,7 +142,7 @@ def minimise(
     start: Floats | None = None,
     *,
     tolerance: float = TOLERANCE,
-    steps: int = 60,
+    steps: int = STEPS,
     keep_face: bool = False,
 ) -> Solution:
     """Minimise 1/2 x'Hx - h'x over the cone.
@@ -170,16 +180,16 @@ def minimise(
         v = x - step_size * gradient
         residual = x - cone.project(v)
         size = float(np.abs(residual).max()) / max(float(np.abs(x).max()), 1e-6 * reference)
-        if size < 0.999 * best_size:
+        if size < SMALLER * best_size:
             best, best_size, since = x, size, 0
         else:
             since += 1
         if size <= tolerance or taken >= steps:
             break
-        if since > 12:
-            if rescues == 3:
+        if since > PATIENCE:
+            if rescues == RESCUES:
                 break
-            x = _alternate(h_matrix, h_vector, cone, best, 60 * 4**rescues)
+            x = _alternate(h_matrix, h_vector, cone, best, ALTERNATING * MORE**rescues)
             rescues, since = rescues + 1, 0
             gradient = (h_matrix @ x.ravel()).reshape(c, n) - h_vector
             continue
@@ -212,7 +222,7 @@ def _newton(
 
     c, n = x.shape
     basis, values = cone.directions(v)
-    face = Face(basis, values > 1e-10, cone.coupled)
+    face = Face(basis, values > FREE, cone.coupled)
     local = face.rotate(residual)
     m = values.ravel()[face.index]
     reach = np.tile(step_size, c)[face.index]
@@ -313,7 +323,7 @@ def _alternate(hessian: Floats, linear: Floats, cone: Cone, x: Floats, count: in
     dual = np.zeros_like(x)
     for _ in range(count):
         y = scipy.linalg.cho_solve(factor, (linear + rho * (z - dual)).ravel(), check_finite=False).reshape(x.shape)
-        y = 1.6 * y - 0.6 * z
+        y = RELAXATION * y - BACK * z
         z = cone.project(y + dual)
         dual = dual + y - z
     return z

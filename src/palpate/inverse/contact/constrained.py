@@ -24,6 +24,7 @@ from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel, Level, Normal, grown, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
+from palpate.inverse.contact.parts import MODEL_ERROR, Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence
@@ -37,35 +38,27 @@ __all__ = ["ConstrainedEstimator"]
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: Cells of less than this part of the peak pressure do not make a contact; cells so near to one are part of its problem.
+#: Cells of less than this part of the peak pressure do not make a contact ; cells so near to one are part of its problem. A convention
+#: of this method and of the tracker, whose error bars are calibrated with it.
 FAINT, MARGIN = 0.05, 2
-#: Most unknowns of one frame.
+#: Most unknowns of one frame: a dense normal matrix of 650 MB.
 LARGEST_UNKNOWNS = 9000
 #: Readings up to which the second derivative is tried too (its spectrum costs as much again to prepare).
 SECOND_ORDER_READINGS = 4096
-#: Gain in log evidence over noise alone below which a frame counts as empty.
-CONTACT_EVIDENCE = 6.0
-#: The same of a patch of pressure beside a larger one: there are many places where noise may look like one.
+#: Gain in log evidence of a patch of pressure beside a larger one: as for a frame (6), and the logarithm of the thousand places
+#: where noise may look like one (7), with 2 to spare.
 PATCH_EVIDENCE = 15.0
-#: Size of shear next to pressure where friction is not known.
-SHEAR = 0.7
-#: Cells below this part of the largest local scale, and of the peak pressure, are outside the contact; more where there is
-#: more noise (times noise over signal).
-QUIET, NOISY = 1e-3, 0.3
-#: Readings that no contact explains are left out up to this part of all.
-LARGEST_OUTLIERS = 0.2
-#: What contact that pushes leaves is not noise if it is more than this part of the signal, where a linear model explains it.
-MOST = 0.5
-#: The noise is learned again where the constrained misfit is this many times what the linear model called noise.
-QUIETER = 1.2
-#: Changes of the channels' noise (log) of less than this are not followed.
+#: Cells start as contact where the linear solution is more than this part of its peak; cells that are missing are added, so
+#: that it only saves time.
+LIKELY = 0.15
+#: Changes of the channels' noise (log) of less than this are not followed: half of what counts as different (`Thresholds.unequal`).
 SETTLED = 0.1
-#: Channels' noise and contact are found in turn, so often at most.
-TURNS = 4
-#: No pad and no grid is known better than this part of the largest reading: the least noise that is assumed.
-MODEL_ERROR = 2e-4
-#: Contact that only pushes does not explain a frame if this many standard deviations of misfit remain, and this part of the signal.
-UNEXPLAINED, UNEXPLAINED_SIGNAL = 3.0, 0.03
+#: Channels' noise and contact are found in turn, so often at most; the noise of all, so often.
+TURNS, TURNS_OF_ALL = 4, 2
+#: Rounds of leaving readings out: each finds what larger ones hid; two more where a channel is broken. Of adding missing cells.
+ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN, ROUNDS_OF_CELLS = 4, 2, 12
+#: All of these together; each comes to rest by itself.
+MOST_ATTEMPTS = 10
 
 
 @dataclass(frozen=True)
@@ -99,10 +92,22 @@ class ConstrainedEstimator:
     #: Whether contact is sought on a wider grid than the surface.
     past_the_surface = False
 
-    def __init__(self, problem: Problem, cone: Cone, *, parameter: float | None = None, draws: int = 0) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        cone: Cone,
+        *,
+        parameter: float | None = None,
+        draws: int = 0,
+        parts: Parts | None = None,
+        thresholds: Thresholds | None = None,
+    ) -> None:
+        self.parts, self.thresholds = parts or Parts(), thresholds or Thresholds()
         self.parameter, self.draws = parameter, draws
-        self.problem, self.cone, self.columns = problem, cone, problem.columns
-        columns, operator = self.columns, problem.wide if self.past_the_surface else problem.operator
+        self.wide = self.past_the_surface and self.parts.wide_surface and not problem.fixed
+        self.problem, self.columns = problem, problem.columns
+        self.cone = cone if self.parts.constraint else Cone(cone.components, tension=True)
+        columns, operator = self.columns, problem.wide if self.wide else problem.operator
         self.operator = operator
         grid = operator.surface
         self.surface = self.grid = problem.surface
@@ -118,19 +123,18 @@ class ConstrainedEstimator:
             outside = (x < low - 1e-9 * dx) | (x > high + 1e-9 * dx)
             self.outside |= outside.reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
         # shear varies less than pressure, by what friction allows, shared between its components
-        shear = 0.5 * (cone.friction or SHEAR) ** 2
+        shear = 0.5 * (cone.friction or self.thresholds.shear) ** 2
         self.variances = [1.0 if c == len(columns) - 1 else shear for c in range(len(columns))]
         readings = sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)
-        orders = self.derivatives if readings <= SECOND_ORDER_READINGS else (1,)
+        second = readings <= SECOND_ORDER_READINGS and self.parts.second_derivative
+        orders = self.derivatives if second else (1,)
         self.orders = {
-            order: problem.decomposition(
-                [DifferencePrior(grid, order, v) for v in self.variances], wide=self.past_the_surface
-            )
+            order: problem.decomposition([DifferencePrior(grid, order, v) for v in self.variances], wide=self.wide)
             for order in orders
         }
         self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
         self.readings = Readings(operator, self.scales)
-        self.noise = ChannelNoise(operator, self.readings, self.noise_known)
+        self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
         self._levels: dict[int, Level] = {}
         self.posterior = Posterior(operator, columns, cone, self.inside, self.outside, self.reach)
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
@@ -144,8 +148,7 @@ class ConstrainedEstimator:
     def level(self, ratio: int) -> Level:
         """The operator on cells ``ratio`` times finer, made once."""
         if ratio not in self._levels:
-            wide = self.past_the_surface and not self.problem.fixed
-            operator = self.problem.kept.get(("level", wide, ratio), lambda: level_operator(self.operator, ratio))
+            operator = self.problem.kept.get(("level", self.wide, ratio), lambda: level_operator(self.operator, ratio))
             self._levels[ratio] = Level(operator, ratio, self.columns, self.readings)
         return self._levels[ratio]
 
@@ -265,19 +268,21 @@ class ConstrainedEstimator:
         data = self.readings.flat(rows)
         alive = self.noise.alive(data)
         observed, learned = alive.copy(), 0
-        for attempt in range(10):
+        parts, limits = self.parts, self.thresholds
+        for attempt in range(MOST_ATTEMPTS):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
             gain, parameter, scale, linear = evidence[1]
-            if not (gain > CONTACT_EVIDENCE + self.noise.uneven(data, observed, known) and scale > 0):
+            uneven = self.noise.uneven(data, observed, known) if parts.uneven_evidence else 0.0
+            if not (gain > limits.contact + uneven and scale > 0):
                 return self._nothing(parameter, scale, data, ~observed)
             floor = MODEL_ERROR * float(np.abs(data / self.readings.std).max())
             noise = self.readings.std * np.maximum(scale if levels is None else levels[self.noise.index], floor)
             first, explained = self.fit(linear, data / noise, noise, observed, parameter / scale**2)
             wrong = self.noise.outliers(data, explained, noise)
-            few = (wrong | ~observed)[alive].mean() <= LARGEST_OUTLIERS
-            found = few and (wrong & observed).any()
-            if (attempt < 4 and found) or (attempt < 2 and not alive.all()):
-                if few:
+            few = (wrong | ~observed)[alive].mean() <= limits.most_outliers
+            found = few and parts.outliers and (wrong & observed).any()
+            if (attempt < ROUNDS_OF_OUTLIERS and found) or (attempt < ROUNDS_OF_BROKEN and not alive.all()):
+                if few and parts.outliers:
                     observed &= ~wrong
                 # what is left out is filled with what the contact explains, so that the linear model can go on
                 rows = self.readings.planes(np.where(observed, data, explained))
@@ -287,24 +292,28 @@ class ConstrainedEstimator:
             members = self.models(first, data / noise, noise, observed, evidence)
             if self.noise_known:
                 break
-            own = self.noise.levels(members[0], data / noise, noise, observed, unequal=levels is None)
+            own = None
+            if parts.channel_noise:
+                own = self.noise.levels(members[0], data / noise, noise, observed, unequal=levels is None)
             if own is not None:
                 if levels is not None and (learned == TURNS or np.abs(np.log(own / levels)).max() < SETTLED):
                     break
                 levels, learned = own, learned + 1
                 continue
+            if not parts.noise_again:
+                break
             # what pressure that only pushes cannot follow is noise, even where a linear model could
             left = self.noise.left(members[0], first, data / noise, observed, self.seen(parameter))
             left *= noise[0] / self.readings.std[0]
-            if learned == 2 or max(left, floor) < QUIETER * max(scale, floor):
+            if learned == TURNS_OF_ALL or max(left, floor) < limits.quieter * max(scale, floor):
                 break
             total = float(np.sqrt(np.mean(self.readings.white((data / self.readings.std)[observed], observed) ** 2)))
-            if left > max(MOST * total, UNEXPLAINED * scale):
+            if left > max(limits.most * total, limits.unexplained * scale):
                 break  # most of what a linear model explains is left: a pull, not noise
             known, learned = left, learned + 1
         signal = self.readings.white((data / noise)[observed], observed)
         left = float(np.sqrt(np.mean((signal - self.readings.white((explained / noise)[observed], observed)) ** 2)))
-        limit = max(UNEXPLAINED, UNEXPLAINED_SIGNAL * float(np.sqrt(np.mean(signal**2))))
+        limit = max(limits.unexplained, limits.unexplained_signal * float(np.sqrt(np.mean(signal**2))))
         pushed = left <= limit
         if not first[-1].any():
             return replace(self._nothing(parameter, scale, data, ~observed), pushed=pushed)
@@ -345,14 +354,14 @@ class ConstrainedEstimator:
         grid = level.grid
         precisions = self.precisions(level, 1, weight)
         pressure = linear[-1]
-        region = grown(pressure >= max(0.15 * float(pressure.max()), 1e-300), 1).ravel()
+        region = grown(pressure >= max(LIKELY * float(pressure.max()), 1e-300), 1).ravel()
         region[int(np.argmax(pressure))] = True
         start = linear.reshape(len(linear), -1)
         slope = self.misfit_gradient(y, noise, observed)
         reference = self.quiet(y) * float(np.abs(slope).max())
         traction = np.zeros_like(start)
         explained = np.zeros_like(y)
-        for _ in range(12):
+        for _ in range(ROUNDS_OF_CELLS):
             cells = np.flatnonzero(region)
             self.check_size(len(cells) * len(self.columns))
             member = self.model(self.normal(level, cells, y, noise, observed), precisions, start[:, cells])
@@ -371,10 +380,10 @@ class ConstrainedEstimator:
             start = traction
         return traction, explained
 
-    @staticmethod
-    def quiet(y: Floats) -> float:
+    def quiet(self, y: Floats) -> float:
         """The part of the peak below which pressure is not told from none, for whitened readings."""
-        return float(np.clip(NOISY / max(float(np.abs(y).max()), 1e-300), QUIET, 0.03))
+        t = self.thresholds
+        return float(np.clip(t.noisy / max(float(np.abs(y).max()), 1e-300), t.quiet, t.most_quiet))
 
     def explained_by(self, traction: Floats) -> Floats:
         grid = self.operator.surface

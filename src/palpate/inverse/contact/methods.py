@@ -20,13 +20,13 @@ from palpate.inverse.linear.regularised import Regularised
 from palpate.inverse.method import Method, Needs, Prepared, count, number
 from palpate.inverse.problem import Problem
 
-__all__ = ["Adaptive", "Automatic", "Constrained"]
+__all__ = ["Adaptive", "Automatic", "AutomaticEstimator", "Constrained", "cone_of"]
 
 _FRICTION = "coefficient of friction mu: |shear| <= mu * pressure in every cell"
 _DRAWS = "samples of the posterior kept with the result (slow: each is an optimisation)"
 
 
-def _cone(components: tuple[str, ...], friction: float | None) -> Cone:
+def cone_of(components: tuple[str, ...], friction: float | None) -> Cone:
     """The set that every cell's traction lies in."""
     if friction is not None and components == ("z",):
         raise Unsupported(
@@ -65,7 +65,7 @@ class Adaptive(Method):
     def prepare(self, problem: Problem) -> AdaptiveEstimator:
         """Both linear models that it starts from."""
         self.check(problem)
-        return AdaptiveEstimator(problem, _cone(problem.components, self.friction), draws=self.draws)
+        return AdaptiveEstimator(problem, cone_of(problem.components, self.friction), draws=self.draws)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,7 @@ class Constrained(Method):
     def prepare(self, problem: Problem) -> ConstrainedEstimator:
         """The linear model that it starts from."""
         self.check(problem)
-        cone = _cone(problem.components, self.friction)
+        cone = cone_of(problem.components, self.friction)
         return ConstrainedEstimator(problem, cone, parameter=self.parameter, draws=self.draws)
 
 

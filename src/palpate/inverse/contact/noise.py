@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from palpate.elastic.half_space import Floats
 from palpate.inverse.contact.model import ContactModel
+from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.contact.posterior import posterior_factor
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Operator
@@ -17,18 +18,17 @@ __all__ = ["ChannelNoise"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: A reading is left out if it is this many standard deviations, and this part of the largest reading, from what the
-#: contact explains (a coarse cell alone explains a per cent).
-OUTLIER, GROSS = 6.0, 0.05
-#: Channels have each their own noise where their misfits differ by more than this (log) and by so many standard errors.
-UNEQUAL, UNEQUAL_ERRORS = 0.2, 3.0
+#: Readings of a channel needed for a noise of its own.
+FEWEST = 3
+#: Median of |x| of a standard Gaussian.
+MEDIAN = 0.6745
 
 
 class ChannelNoise:
     """The noise of each channel; ``index`` says which channel each working reading belongs to."""
 
-    def __init__(self, operator: Operator, readings: Readings, known: bool) -> None:
-        self.readings, self.known = readings, known
+    def __init__(self, operator: Operator, readings: Readings, known: bool, thresholds: Thresholds) -> None:
+        self.readings, self.known, self.thresholds = readings, known, thresholds
         self.index = np.repeat(
             np.arange(sum(len(a.channels) for a in operator.planes_of)),
             [n for a, n in zip(operator.planes_of, readings.sizes) for _ in a.channels],
@@ -39,7 +39,7 @@ class ChannelNoise:
     def alive(self, data: Floats) -> Flags:
         """False for the readings of a channel all of which are the same while others differ: it is broken."""
         ends = np.searchsorted(self.index, np.arange(self.count + 1))
-        same = np.array([b - a > 3 and np.ptp(data[a:b]) == 0 for a, b in itertools.pairwise(ends)])
+        same = np.array([b - a > FEWEST and np.ptp(data[a:b]) == 0 for a, b in itertools.pairwise(ends)])
         return np.asarray(~same[self.index] if not same.all() else np.ones(len(data), dtype=bool))
 
     def uneven(self, data: Floats, observed: Flags, known: float | None) -> float:
@@ -50,7 +50,7 @@ class ChannelNoise:
         white = self.readings.white((data / self.readings.std)[observed], observed)
         power, count = np.bincount(channel, white**2), np.bincount(channel)
         power, count = power[power > 0], count[power > 0]
-        if not len(power) or (count < 3).any():
+        if not len(power) or (count < FEWEST).any():
             return 0.0
         common = power.sum() / count.sum() if known is None else known**2
         own = power / count
@@ -65,20 +65,21 @@ class ChannelNoise:
         """
         if self.count == 1:
             return None
-        channel = self.index[observed]
+        channel, limit = self.index[observed], self.thresholds.unequal
         matrix = member.data.matrix
         misfit = matrix @ member.solution.traction.ravel() - self.readings.white(y[observed], observed)
         count = np.bincount(channel, minlength=self.count)
         alive = count > 0
-        if (count[alive] < 3).any():
+        if (count[alive] < FEWEST).any():
             return None
         power = np.bincount(channel, misfit**2, minlength=len(count))[alive]
-        if unequal and np.ptp(np.log(np.maximum(power / count[alive], 1e-300))) < 2.0 * UNEQUAL:
+        if unequal and np.ptp(np.log(np.maximum(power / count[alive], 1e-300))) < 2.0 * limit:
             return None
         took = np.bincount(channel, (posterior_factor(member.solution, matrix) ** 2).sum(axis=0), minlength=len(count))
         free = np.maximum((count - took)[alive], 1.0)
         off = 0.5 * np.log(np.maximum(power / free, 1e-300) * free.sum() / power.sum())
-        if unequal and not (np.abs(off) > UNEQUAL + UNEQUAL_ERRORS / np.sqrt(2.0 * free)).any():
+        # the logarithm of a root mean square of n readings has the standard error 1/sqrt(2 n)
+        if unequal and not (np.abs(off) > limit + self.thresholds.unequal_errors / np.sqrt(2.0 * free)).any():
             return None
         out = (noise / self.readings.std)[np.searchsorted(self.index, np.arange(len(count)))]
         out[alive] *= np.sqrt(power / free)
@@ -94,6 +95,6 @@ class ChannelNoise:
     def outliers(self, data: Floats, explained: Floats, noise: Floats) -> Flags:
         """Readings that the contact does not explain: far beyond the noise and beyond most other residuals."""
         residual = np.abs(data - explained) / noise
-        typical = max(1.0, float(np.median(residual)) / 0.6745)
-        gross = GROSS * float(np.abs(explained / noise).max())
-        return np.asarray(residual > max(OUTLIER * typical, gross))
+        typical = max(1.0, float(np.median(residual)) / MEDIAN)
+        gross = self.thresholds.gross * float(np.abs(explained / noise).max())
+        return np.asarray(residual > max(self.thresholds.outlier * typical, gross))

@@ -27,7 +27,8 @@ __all__ = ["Posterior", "posterior_factor"]
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: No pad and no grid is known better than this part of the net force: the least error of it that is assumed.
+#: No pad and no grid is known better than this part of the net force: the least error of it that is assumed. A convention, which
+#: matters only where noise is less than that.
 MODEL_FORCE = 5e-4
 
 

@@ -13,13 +13,9 @@ from palpate.elastic.half_space import Floats
 from palpate.inverse.contact.cone import Cone, Ray, cholesky, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel, Normal
+from palpate.inverse.contact.parts import Thresholds
 
-__all__ = ["SLIDES", "expanded", "ways_of_sliding"]
-
-#: Sliding less probable than this is not followed up.
-SLIDES = 0.03
-#: Rounds in which shear over pressure and the pressure are found in turn.
-JOINTLY = 4
+__all__ = ["expanded", "ways_of_sliding"]
 
 
 def log_evidence(hessian: Floats, linear: Floats, prior: Sequence[Floats]) -> float:
@@ -51,7 +47,7 @@ def expanded(one: ContactModel, data: Normal, ray: Floats, changes: Floats) -> C
 
 
 def ways_of_sliding(
-    data: Normal, first: Floats, cone: Cone, precisions: Sequence[Sparse]
+    data: Normal, first: Floats, cone: Cone, precisions: Sequence[Sparse], thresholds: Thresholds
 ) -> list[tuple[Floats, Floats, float]]:
     """Ways in which the contact may slide as a whole: shear over pressure (component,), its changes (change, component), probability.
 
@@ -63,7 +59,7 @@ def ways_of_sliding(
     blocks = [q[cells][:, cells].toarray() for q in precisions]
     c, n = len(blocks), len(cells)
     pressure = first[-1:, cells]
-    for turn in range(JOINTLY):
+    for turn in range(thresholds.jointly):
         # shear over pressure, and the pressure that goes with it, in turn
         explained = np.einsum("i,cidj,j->cd", pressure[0], data.gram.reshape(c, n, c, n), pressure[0], optimize=True)
         pull = data.linear[:-1] @ pressure[0] - explained[:-1, -1]
@@ -71,7 +67,7 @@ def ways_of_sliding(
         size = float(np.linalg.norm(found))
         if not size > 0:
             return []
-        if turn < JOINTLY - 1:
+        if turn < thresholds.jointly - 1:
             one = data.along(np.append(found * min(1.0, mu / size), 1.0))
             pressure = minimise(one.gram + blocks[-1], one.linear, Cone(cone.components[-1:]), pressure).traction
     full = mu * found / size
@@ -90,5 +86,5 @@ def ways_of_sliding(
         width = 0.5 * len(changes) * math.log(2.0 * math.pi) - 0.5 * float(np.linalg.slogdet(observed)[1])
         logs.append(log_evidence(one.gram + blocks[-1], one.linear.ravel(), blocks[-1:]) + min(width, volume) - volume)
     chances = scipy.special.softmax(logs)
-    kept = [(w, float(p)) for w, p in zip(ways, chances[1:]) if p >= SLIDES]
+    kept = [(w, float(p)) for w, p in zip(ways, chances[1:]) if p >= thresholds.slides]
     return [(np.append(ratio, 1.0), np.pad(changes, ((0, 0), (0, 1))), p) for (ratio, changes, _), p in kept]

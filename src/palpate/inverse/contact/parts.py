@@ -1,0 +1,170 @@
+"""What the automatic method is made of: parts that can be left out, and the numbers that they go by.
+
+`palpate bench ablation` leaves out each part, and halves and doubles the numbers that no derivation gives, on contacts that tuned none of
+them ("see the table" below means its table). Users choose a method, not these.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["MODEL_ERROR", "Parts", "Thresholds"]
+
+#: No pad and no grid is known better than this part of the largest reading: the least noise that is assumed (also by a tracker). A
+#: convention: it matters only where the noise is less than that.
+MODEL_ERROR = 2e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parts:
+    """Parts of the automatic method; without one, everything else goes on.
+
+    Attributes
+    ----------
+    constraint : bool
+        Pressure never pulls, and shear stays within friction where that is given.
+    even_model : bool
+        The model of an even penalty is part of the mean.
+    second_derivative : bool
+        So is one that keeps the second derivative small, by its evidence.
+    wide_weights, narrow_weights : bool
+        So are models of penalties weighed locally, learned over a third of the depth and over a single cell.
+    posterior_variance : bool
+        What is not known of the gradient counts where local weights are learned.
+    common_profile : bool
+        Pressure and shear share the profile of their local weights.
+    shear_in_contact : bool
+        Without known friction, local weights leave no shear where nothing presses.
+    finer_grid : bool
+        Models are solved on cells finer than the surface's.
+    finer_sliding : bool
+        Contact that slides, which is sought as pressure alone, on finer cells still.
+    wide_surface : bool
+        Contact is sought beyond the edge of the surface too.
+    ends_on_surface : bool
+        Where contact reaches beyond the surface, some weight goes to models that end on it.
+    sliding : bool
+        Where friction is known, models of a contact that slides as a whole, by their evidence.
+    trim : bool
+        Cells whose pressure is not told from none are left out.
+    channel_noise : bool
+        Each channel has its own noise.
+    noise_again : bool
+        The noise is learned again from what contact leaves unexplained.
+    uneven_evidence : bool
+        What noise of different levels explains is no evidence of contact.
+    outliers : bool
+        Readings that no contact explains are left out.
+    pulls : bool
+        A frame that pushing does not explain is given to the linear method (where friction is not known).
+    narrowed, skipped, rough : bool
+        What saves time: with friction, cells that will be trimmed are left out before; improbable models have no local weights; local
+        weights are learned from solutions that are not exact.
+    """
+
+    constraint: bool = True
+    even_model: bool = True
+    second_derivative: bool = True
+    wide_weights: bool = True
+    narrow_weights: bool = True
+    posterior_variance: bool = True
+    common_profile: bool = True
+    shear_in_contact: bool = True
+    finer_grid: bool = True
+    finer_sliding: bool = True
+    wide_surface: bool = True
+    ends_on_surface: bool = True
+    sliding: bool = True
+    trim: bool = True
+    channel_noise: bool = True
+    noise_again: bool = True
+    uneven_evidence: bool = True
+    outliers: bool = True
+    pulls: bool = True
+    narrowed: bool = True
+    skipped: bool = True
+    rough: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thresholds:
+    """Numbers that the automatic method goes by, each with where it comes from."""
+
+    # -- is there contact
+
+    #: Gain in log evidence over noise alone below which a frame counts as empty: odds of 400 to one. See the table,
+    #: contacts missed and false alarms.
+    contact: float = 6.0
+    #: Contact that only pushes does not explain a frame if this many standard deviations of misfit remain (the root mean square of Gaussian
+    #: noise over ten readings exceeds 2 once in a million frames, so that 3 is no noise) and this part of the signal (a convention).
+    unexplained: float = 3.0
+    unexplained_signal: float = 0.03
+    #: What contact leaves is no noise if it is more than this part of all readings, where a linear model explains them: most of it, in the
+    #: plain sense of the word.
+    most: float = 0.5
+
+    # -- which readings count, and their noise
+
+    #: A reading is left out if it is this many robust standard deviations (2e-9 of Gaussian noise) ...
+    outlier: float = 6.0
+    #: ... and this part of the largest reading from what the contact explains: cells of the surface alone leave a per cent.
+    gross: float = 0.05
+    #: Readings that no contact explains are left out up to this part of all: beyond it the contact is what is wrong (a
+    #: convention).
+    most_outliers: float = 0.2
+    #: Channels have each their own noise where their misfits differ by more than this (log; see the table) ...
+    unequal: float = 0.2
+    #: ... and by so many standard errors (once in 400 frames where they are alike).
+    unequal_errors: float = 3.0
+    #: The noise is learned again where the constrained misfit is this many times what the linear model called noise: see the table.
+    quieter: float = 1.2
+
+    # -- prior
+
+    #: Shear over pressure where friction is not known: of the order of rubber's friction.
+    shear: float = 0.7
+    #: Share of the models of an even penalty in the mean; the rest goes to local weights in equal parts. One in three, as none is known
+    #: to be better; half where the second derivative is what a frame speaks for. See the table.
+    even: float = 1.0 / 3.0
+    #: Models less probable than this against the best are not solved: they would have less than a hundredth of the weight.
+    improbable: float = 0.01
+    #: Reach of the wide local weights in depths; see the table.
+    reach: float = 1.0 / 3.0
+    #: Smallest local scale, as a part of the largest: keeps the problem's condition within double precision; the answer does not
+    #: depend on it (see the table).
+    floor: float = 1e-6
+    #: Local weights are relearned this many times (majorisation: each lowers the objective); more change nothing (see the table).
+    rounds: int = 4
+
+    # -- grid
+
+    #: Cells finer than the surface's by five rather than three (line), two rather than one (area) where a degree of freedom of the data
+    #: stands for fewer taxels per axis than this; three on an area below the second. At one, the data tell every taxel's cell; see
+    #: the table.
+    spacing: float = 1.75
+    fine_spacing: float = 1.2
+    #: Unknowns of one frame up to which finer cells are used: a Cholesky factorisation of 4000 takes a second on one core.
+    unknowns: int = 4000
+
+    # -- where contact is
+
+    #: Pressure below this many times noise over signal, as a part of the peak, is noise (1.2 % of Gaussian noise lies beyond) ...
+    trim: float = 2.5
+    #: ... but never more than this part of the peak, the same as `constrained.FAINT`.
+    largest_trim: float = 0.05
+    #: Cells below this part of the largest local scale, and of the peak pressure, are outside the contact ...
+    quiet: float = 1e-3
+    #: ... more where there is more noise: so many times noise over signal (see the table) ...
+    noisy: float = 0.3
+    #: ... up to this part (a convention: below `largest_trim`).
+    most_quiet: float = 0.03
+    #: Weight of a contact that ends on the surface against one that reaches twice as far, where the frame could be either (the
+    #: objectives differ by a nat or less). See the table.
+    ends: float = 0.2
+
+    # -- sliding
+
+    #: Sliding less probable than this is not followed up, nor is shear of its own: see the table.
+    slides: float = 0.03
+    #: Rounds in which shear over pressure and the pressure are found in turn: more change nothing (see the table).
+    jointly: int = 4

@@ -1,0 +1,119 @@
+"""Parts of the automatic method can be left out, and the table says what that costs."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import palpate as pp
+from palpate import bench
+from palpate.bench.ablation import NEEDS, NUMBERS, PARTS, Ablated, Outcome, acts, variants
+from palpate.bench.unseen import KINDS, Sample, unseen
+from palpate.cli import app
+from palpate.inverse.contact.parts import Parts, Thresholds
+
+
+def a_line() -> Sample:
+    """A strip on a short line, one taxel of which lies far out."""
+    array = pp.LineArray(count=40, pitch=1.0, depth=1.0, channels=["stress_zz"], noise=0.01)
+    layout = bench.Layout("line", pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.45), array, {})
+    readings, truth = layout.make(bench.line_contact(("strip", 1.3, 3.0, 1.0)))
+    readings = readings + 0.01 * np.random.default_rng(4).standard_normal(readings.shape)
+    readings[0, 33] = 1.3
+    return Sample("line", layout, readings, truth, None, False)
+
+
+def error(sample: Sample, parts: Parts | None = None, thresholds: Thresholds | None = None) -> float:
+    method = Ablated(parts=parts or Parts(), thresholds=thresholds or Thresholds())
+    touch = sample.layout.skin.reconstruct(sample.readings, method=method, components=["z"])
+    return float(np.linalg.norm(np.asarray(touch.values) - sample.truth) / np.linalg.norm(sample.truth))
+
+
+def test_with_every_part_it_is_the_automatic_method() -> None:
+    sample = a_line()
+    skin = sample.layout.skin
+    whole = skin.reconstruct(sample.readings, method=Ablated(), components=["z"])
+    plain = skin.reconstruct(sample.readings, components=["z"])
+    assert np.array_equal(whole.values, plain.values)
+    assert np.array_equal(whole.std, plain.std)
+
+
+def test_parts_that_are_left_out_are_missed() -> None:
+    sample = a_line()
+    whole = error(sample)
+    assert whole < 0.15
+    assert error(sample, Parts(outliers=False)) > 1.5 * whole
+    assert error(sample, Parts(wide_weights=False, narrow_weights=False)) > 1.1 * whole
+    assert error(sample, thresholds=Thresholds(contact=1e9)) == 1.0
+    pulls = sample.layout.skin.reconstruct(
+        sample.readings, method=Ablated(parts=Parts(constraint=False)), components=["z"]
+    )
+    assert float(np.asarray(pulls.values).min()) < 0.0
+
+
+def test_every_part_has_a_row() -> None:
+    rows = variants()
+    assert {name for off in PARTS.values() for name in off} == {f.name for f in fields(Parts)}
+    assert set(NUMBERS) <= {f.name for f in fields(Thresholds)}
+    assert len(rows) == len(PARTS) + 2 * len(NUMBERS)
+    assert all((parts, numbers) != (Parts(), Thresholds()) for parts, numbers in rows.values())
+
+
+def test_what_does_not_act_on_a_frame_changes_nothing() -> None:
+    sample = a_line()
+    skipped = [v for v in variants().values() if not acts(sample, *v)]
+    assert len(skipped) > len(NEEDS)
+    whole = error(sample)
+    for parts, numbers in skipped[::3]:
+        assert error(sample, parts, numbers) == whole
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_the_population_is_what_it_says(kind: str) -> None:
+    for seed in range(3):
+        sample, again = (unseen(np.random.default_rng((seed, 5)), kind) for _ in range(2))
+        assert sample.kind == kind
+        assert np.array_equal(sample.readings, again.readings)
+        assert np.isfinite(sample.readings).all()
+        assert sample.empty or np.abs(sample.truth).max() > 0.1
+        if sample.friction is not None:
+            shear = np.sqrt((sample.truth[:-1] ** 2).sum(axis=0))
+            assert (shear <= sample.friction * sample.truth[-1] + 1e-9).all()
+
+
+def test_the_table_counts_what_it_says() -> None:
+    def frame(whole: float, other: float) -> dict[str, Outcome]:
+        return {
+            "whole": Outcome(whole, True, True, True, 1.0),
+            "without: x": Outcome(other, whole > 0.2, None, True, 3.0),
+        }
+
+    found = [("line", False, frame(0.1, 0.2)), ("area", False, frame(0.4, 0.2)), ("line", True, frame(np.nan, np.nan))]
+    whole, row = bench.summary(found)
+    assert (whole.mean, whole.low, whole.high, whole.changed, whole.coverage) == (1.0, 1.0, 1.0, 0.0, 1.0)
+    assert row.mean == pytest.approx(1.0)
+    assert row.kinds == pytest.approx({"line": 2.0, "area": 0.5})
+    assert (row.low, row.high) == pytest.approx((0.5, 2.0))
+    assert (row.worst, row.largest, row.frames, row.alarms) == pytest.approx((2.0, 0.2, 2, 1))
+    assert (row.coverage, row.time) == pytest.approx((0.5, 3.0))
+    text = bench.as_markdown([whole, row], command="palpate bench ablation", empty=1)
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    assert len({line.count("|") for line in lines}) == 1
+
+
+def test_the_command_writes_its_table(tmp_path: Path) -> None:
+    file = tmp_path / "ablation.md"
+    done = CliRunner().invoke(
+        app,
+        ["bench", "ablation", "--frames", "2", "--numbers", "0", "--kinds", "line", "--seed", "1", "--out", str(file)],
+    )
+    assert done.exit_code == 0, done.output
+    text = file.read_text(encoding="utf-8")
+    assert text.startswith("Made by `palpate bench ablation --frames 2 --numbers 0 --kinds 'line' --seed 1`")
+    assert all(f"without: {name}" in text for name in PARTS)
+    refused = CliRunner().invoke(app, ["bench", "ablation", "--frames", "2", "--numbers", "3"])
+    assert refused.exit_code != 0
