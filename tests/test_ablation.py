@@ -74,7 +74,7 @@ def test_what_does_not_act_on_a_frame_changes_nothing() -> None:
 
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_the_population_is_what_it_says(kind: str) -> None:
-    for seed in range(3):
+    for seed in range(1):
         sample, again = (unseen(np.random.default_rng((seed, 5)), kind) for _ in range(2))
         assert sample.kind == kind
         assert np.array_equal(sample.readings, again.readings)
@@ -109,11 +109,11 @@ def test_the_command_writes_its_table(tmp_path: Path) -> None:
     file = tmp_path / "ablation.md"
     done = CliRunner().invoke(
         app,
-        ["bench", "ablation", "--frames", "2", "--numbers", "0", "--kinds", "line", "--seed", "1", "--out", str(file)],
+        ["bench", "ablation", "--frames", "2", "--numbers", "0", "--kinds", "line", "--seed", "7", "--out", str(file)],
     )
     assert done.exit_code == 0, done.output
     text = file.read_text(encoding="utf-8")
-    assert text.startswith("Made by `palpate bench ablation --frames 2 --numbers 0 --kinds 'line' --seed 1`")
+    assert text.startswith("Made by `palpate bench ablation --frames 2 --numbers 0 --kinds 'line' --seed 7`")
     assert all(f"without: {name}" in text for name in PARTS)
     refused = CliRunner().invoke(app, ["bench", "ablation", "--frames", "2", "--numbers", "3"])
     assert refused.exit_code != 0
