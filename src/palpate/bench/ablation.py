@@ -142,7 +142,7 @@ def _outcome(sample: Sample, method: Ablated) -> Outcome:
     if touch.errors is None:
         return Outcome(difference / size if size > 0 else math.nan, None, None, touching, seconds)
     low, high = (np.asarray(v)[..., -1] for v in touch.interval(0.95, of="force"))
-    std = np.hypot(touch.errors.force[-1], touch.errors.outer_force[-1])
+    std = np.hypot(touch.errors.force[-1], touch.errors.outside_force[-1])
     bounds = Calibration().bounds(0.95, np.asarray(touch.force)[-1], std, np.zeros(()), np.asarray(-math.inf))
     return Outcome(
         difference / size if size > 0 else math.nan,
