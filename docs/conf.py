@@ -26,8 +26,12 @@ nitpicky = False
 
 
 def _escape(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Docstrings are plain text: shapes such as (*batch, x) and |k| are not markup."""
+    """Docstrings are plain text: shapes such as (*batch, x) and |k| are not markup. Examples are left as they are."""
+    example = False
     for i, line in enumerate(lines):
+        example = line.lstrip().startswith(">>>") or (example and bool(line.strip()))
+        if example:
+            continue
         parts = line.split("`")
         parts[::2] = [p.replace("*", r"\*").replace("|", r"\|") for p in parts[::2]]
         lines[i] = "`".join(parts)

@@ -57,6 +57,12 @@ class Event:
 
     ``kind`` is "contact", "incipient slip", "slip", "excess pressure" or "excess force"; ``probability`` how sure it is when it
     began (or that it goes on, when it ended); ``value`` and ``limit`` in the unit of what was watched (Q/(mu P), Pa, N).
+
+    Examples
+    --------
+    >>> from palpate.grasp import Event
+    >>> print(Event("incipient slip", True, 1.25, 0.97, 0.8, 0.75))
+    1.250 s  incipient slip began: 0.8 of the friction limit, sure to 97 %
     """
 
     kind: str
@@ -93,7 +99,17 @@ class GraspState:
 
     @property
     def slip_margin(self) -> float:
-        """1 - Q/(mu P): the part of the friction that is left."""
+        """1 - Q/(mu P): the part of the friction that is left.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.grasp import GraspState
+        >>> force = np.array([0.3, 1.0])
+        >>> state = GraspState(0.0, True, force, 0.75, utilisation_std=0.05, friction=0.4, friction_std=0.0)
+        >>> state.slip_margin
+        0.25
+        """
         return 1.0 - self.utilisation
 
 
@@ -115,6 +131,20 @@ class GraspMonitor:
     ----------
     events : list of Event
         All so far (the last 10,000).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> grid = pp.LineGrid(count=5, spacing=1e-3)
+    >>> pressure = np.array([0.0, 500.0, 1000.0, 500.0, 0.0])
+    >>> monitor = pp.GraspMonitor(friction=0.5)
+    >>> for time in range(10):
+    ...     pull = 0.1 if time == 0 else 0.49  # shear over pressure
+    ...     values = np.stack([pull * pressure, pressure])
+    ...     found = monitor.update(pp.Touch(values, grid, ("x", "z"), "tikhonov", time=np.array(float(time))))
+    >>> [(event.kind, event.time) for event in monitor.events]
+    [('contact', 0.0), ('incipient slip', 6.0)]
     """
 
     def __init__(
@@ -137,7 +167,19 @@ class GraspMonitor:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was learned and what is going on."""
+        """Forget what was learned and what is going on.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> touch = pp.Touch(np.ones((2, 3)), pp.LineGrid(count=3, spacing=1e-3), ("x", "z"), "tikhonov")
+        >>> monitor = pp.GraspMonitor(friction=2.0)
+        >>> found = monitor.update(touch)
+        >>> monitor.reset()
+        >>> monitor.going_on()
+        ()
+        """
         self.learned: float | None = None
         self._on: dict[str, bool] = {}
         self._past: Floats = np.zeros(len(STICK))
@@ -147,7 +189,21 @@ class GraspMonitor:
         self.state: GraspState | None = None
 
     def update(self, touch: Touch) -> list[Event]:
-        """Take in one touch (without batch axes) and return what began or ended."""
+        """Take in one touch (without batch axes) and return what began or ended.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=3, spacing=1e-3)
+        >>> touch = pp.Touch(np.array([[0.0, 100.0, 0.0], [0.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
+        >>> monitor = pp.GraspMonitor(friction=0.5, max_pressure=800.0)
+        >>> [str(event) for event in monitor.update(touch)]
+        ['0.000 s  contact began', '0.000 s  excess pressure began: 1e+03 Pa, sure to 100 %']
+
+        >>> round(monitor.state.utilisation, 3)  # Q / (mu P)
+        0.2
+        """
         if to_numpy(touch.values).ndim != 1 + touch.surface.dimensions:
             raise InvalidInput("a GraspMonitor takes one touch at a time: Touch.frame(i) of a batch.")
         if "z" not in touch.components:
@@ -211,7 +267,18 @@ class GraspMonitor:
         return found
 
     def going_on(self) -> tuple[str, ...]:
-        """Kinds of what has begun and not ended."""
+        """Kinds of what has begun and not ended.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> touch = pp.Touch(np.ones((2, 3)), pp.LineGrid(count=3, spacing=1e-3), ("x", "z"), "tikhonov")
+        >>> monitor = pp.GraspMonitor(friction=2.0)
+        >>> found = monitor.update(touch)
+        >>> monitor.going_on()
+        ('contact',)
+        """
         return tuple(kind for kind, on in self._on.items() if on)
 
     # -- how near slip is ----------------------------------------------------------------------------------------------

@@ -69,6 +69,17 @@ class Skin:
     -----
     A skin does not change once made. What is expensive is prepared on first use and kept, for each method and each kind,
     precision and device of arrays.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"])
+    >>> skin = pp.Skin(pad, array)
+    >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+    >>> touch = skin.reconstruct(readings, method="tikhonov")
+    >>> round(float(touch.force[1]))  # normal force [N/m]
+    10
     """
 
     def __init__(
@@ -114,6 +125,31 @@ class Skin:
 
         ``recording`` gives the positions of a scattered plane, or the shape and pitch of a gridded one, that the file
         leaves out.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> import palpate as pp
+        >>> text = '''
+        ... [pad]
+        ... kind = "half_space"
+        ... youngs_modulus = "200 kPa"
+        ... poissons_ratio = 0.48
+        ...
+        ... [[plane]]
+        ... kind = "line"
+        ... count = 21
+        ... pitch = "1 mm"
+        ... depth = "2 mm"
+        ... channels = ["stress_zz"]
+        ... '''
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "skin.toml"
+        ...     _ = path.write_text(text)
+        ...     skin = pp.Skin.from_file(path)
+        >>> skin.pad.youngs_modulus, skin.planes[0].shape
+        (200000.0, (21,))
         """
         from palpate.recordings.skinfile import read_skin
 
@@ -122,46 +158,127 @@ class Skin:
 
     @property
     def pad(self) -> Pad:
-        """The elastic body."""
+        """The elastic body.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])).pad is pad
+        True
+        """
         return self._pad
 
     @property
     def planes(self) -> tuple[Array, ...]:
-        """The arrays, one per plane."""
+        """The arrays, one per plane.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> planes = [pp.LineArray(count=11, pitch=1e-3, depth=d, channels=["stress_zz"]) for d in (1e-3, 2e-3)]
+        >>> [plane.depth for plane in pp.Skin(pad, planes).planes]
+        [0.001, 0.002]
+        """
         return self._planes
 
     @property
     def surface(self) -> Grid:
-        """Where traction is sought."""
+        """Where traction is sought.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])).surface
+        LineGrid(count=15, spacing=0.001, center=0.0)
+        """
         return self._surface
 
     @property
     def boundary(self) -> str:
-        """ "free" or "periodic"."""
+        """ "free" or "periodic".
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> array = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
+        >>> pp.Skin(pad, array).boundary, pp.Skin(pad, array, boundary="periodic").boundary
+        ('free', 'periodic')
+        """
         return self._boundary
 
     @property
     def operator(self) -> Operator:
-        """The linear operator from traction to readings, with its adjoint."""
+        """The linear operator from traction to readings, with its adjoint.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+        >>> skin.operator.dense().shape  # readings, and two components in 15 cells
+        (11, 30)
+        """
         return self._problem.operator
 
     @property
     def components(self) -> tuple[str, ...]:
-        """What `reconstruct` seeks by default, the traction components that these channels can tell apart."""
+        """What `reconstruct` seeks by default, the traction components that these channels can tell apart.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> one = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
+        >>> two = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"])
+        >>> pp.Skin(pad, one).components, pp.Skin(pad, two).components
+        (('z',), ('x', 'z'))
+        """
         if self._default is None:
             self._default = observable_components(self._elastic, self._planes)
         return self._default
 
     def observability(self, wavelength: npt.ArrayLike, *, components: Sequence[str] | None = None) -> Observability:
-        """How well each ``wavelength`` [m] of the traction is seen: the condition of its matrix."""
+        """How well each ``wavelength`` [m] of the traction is seen: the condition of its matrix.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> seen = skin.observability([1e-3, 10e-3])
+        >>> seen.condition.round(1).tolist()
+        [159.9, 3.3]
+        """
         return observability(self._elastic, self._planes, wavelength, self._names(components))
 
     def case(self, components: Sequence[str] | None = None) -> Case:
-        """What the constants of its error bars must be for."""
+        """What the constants of its error bars must be for.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> str(skin.case())
+        'line, stress, half-space'
+        """
         return Case.of(self._elastic, self._planes, self._names(components))
 
     def masked(self, working: npt.ArrayLike | Sequence[npt.ArrayLike]) -> Skin:
-        """The same skin without the taxels where ``working`` is False; of several planes, one mask for each."""
+        """The same skin without the taxels where ``working`` is False; of several planes, one mask for each.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+        >>> skin.masked([True, False, True]).planes[0].valid.tolist()  # the middle taxel is dead
+        [True, False, True]
+        """
         masks = [working] if len(self._planes) == 1 else list(working)  # type: ignore[arg-type]
         if len(masks) != len(self._planes):
             raise InvalidInput(f"working must hold one mask for each of {len(self._planes)} planes; got {len(masks)}.")
@@ -174,7 +291,17 @@ class Skin:
     # -- forward -------------------------------------------------------------------------------------------------------
 
     def sample(self, contact: LineContact | AreaContact) -> Floats:
-        """Mean traction (component, *surface) [Pa] of a closed-form contact in each surface cell."""
+        """Mean traction (component, *surface) [Pa] of a closed-form contact in each surface cell.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+        >>> traction = skin.sample(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+        >>> traction.shape, (traction[1].sum() * skin.surface.cell).round(6).item()  # the force [N/m]
+        ((2, 15), 10.0)
+        """
         if isinstance(contact, LineContact) != isinstance(self._surface, LineGrid):
             raise InvalidInput("a line contact needs a skin in line contact, and an area contact one in area contact.")
         if isinstance(contact, LineContact):
@@ -197,6 +324,14 @@ class Skin:
         array (*batch, channel, *array)
             In the unit of each channel. Planes of one shape are joined along the channel axis; planes of different shapes
             come as a list. Missing taxels read NaN.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+        >>> skin.sense(pp.solutions.strip(half_width=0.5e-3, traction=1000.0)).round(1).tolist()
+        [[184.8, 549.8, 184.8]]
         """
         if isinstance(traction, LineContact | AreaContact):
             traction = self.sample(traction)
@@ -293,6 +428,18 @@ class Skin:
             Components that leave no trace in these channels, or cannot be told apart.
         Unsupported
             An option that the method does not take, or a layout that it cannot serve; the message says what can.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"], noise=5.0)
+        >>> skin = pp.Skin(pad, array)
+        >>> ball = pp.solutions.hertz_line(half_width=3e-3, force=10.0).sliding(0.3)
+        >>> readings = skin.sense(ball, rng=np.random.default_rng(0))
+        >>> skin.reconstruct(readings, method="tikhonov").force.round().tolist()  # (x, z) [N/m]
+        [3.0, 10.0]
         """
         given = {
             "order": order,
@@ -376,6 +523,17 @@ class Skin:
         -------
         Tracker
             Its ``step(reading, time)`` takes one frame and returns a `Touch`.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"], noise=5.0)
+        >>> skin = pp.Skin(pad, array)
+        >>> tracker = skin.track(friction=0.6, rate=100.0)
+        >>> touch = tracker.step(skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0)))
+        >>> round(float(touch.force[1]))  # normal force [N/m]
+        10
         """
         names = self._names(components)
         method = method_named(Constrained.name, {"friction": friction, "parameter": parameter})
@@ -439,7 +597,16 @@ class Skin:
         return tuple(c for c in accepted if c in components)
 
     def problem(self, *, components: Sequence[str] | None = None) -> Problem:
-        """What a method is prepared for: operator, surface and the components sought. What methods share is kept with it."""
+        """What a method is prepared for: operator, surface and the components sought. What methods share is kept with it.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> skin.problem(components=["z"]).components
+        ('z',)
+        """
         return self._problem.seeking(self._names(components))
 
     def _prepared(self, method: Method, names: tuple[str, ...]) -> Any:

@@ -77,12 +77,26 @@ class Status(enum.IntEnum):
 
     @classmethod
     def of(cls, label: str) -> Status:
-        """The member with this label."""
+        """The member with this label.
+
+        Examples
+        --------
+        >>> from palpate import Status
+        >>> Status.of("no contact").meaning
+        'noise alone explains the readings'
+        """
         return next(s for s in cls if s.label == label)
 
     @classmethod
     def coded(cls, code: int) -> Status:
-        """The member with this code, as arrays and files keep it."""
+        """The member with this code, as arrays and files keep it.
+
+        Examples
+        --------
+        >>> from palpate import Status
+        >>> Status.coded(6).label
+        'missing'
+        """
         return next(s for s in cls if s == code)
 
     def __str__(self) -> str:

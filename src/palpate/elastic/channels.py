@@ -96,6 +96,13 @@ class Channel:
         Whether line contact (plane strain) has it.
     read : callable (Fields) -> array
         How it follows from the fields; linear.
+
+    Examples
+    --------
+    >>> from palpate.elastic import CHANNELS
+    >>> shear = CHANNELS["stress_xz"]
+    >>> shear.kind.name, shear.indices, shear.unit, shear.odd, shear.line
+    ('stress', 'xz', 'Pa', 'x', True)
     """
 
     name: str
@@ -185,7 +192,14 @@ LINE_CHANNELS: tuple[str, ...] = tuple(c.name for c in _ALL if c.line)
 
 
 def find_channel(name: str) -> Channel:
-    """The channel of this name, or `InvalidInput` naming what is accepted."""
+    """The channel of this name, or `InvalidInput` naming what is accepted.
+
+    Examples
+    --------
+    >>> from palpate.elastic import find_channel
+    >>> find_channel("strain_zz").kind.creeps  # under a load that is kept, in a pad that creeps
+    True
+    """
     if name not in CHANNELS:
         raise InvalidInput(f"channel {name!r} is not known; accepted: {', '.join(CHANNELS)}.")
     return CHANNELS[name]
@@ -197,7 +211,14 @@ def is_channel(name: str) -> bool:
 
 
 def channel_unit(channel: str) -> str:
-    """SI unit of a channel: "m" for displacement, "Pa" for stress, "1" for strain, "rad" for rotation."""
+    """SI unit of a channel: "m" for displacement, "Pa" for stress, "1" for strain, "rad" for rotation.
+
+    Examples
+    --------
+    >>> from palpate.elastic import channel_unit
+    >>> channel_unit("displacement_x"), channel_unit("stress_zz")
+    ('m', 'Pa')
+    """
     return find_channel(channel).unit
 
 

@@ -49,6 +49,28 @@ class HalfSpace:
         k u_z = -d(k U)/d(kz) - S/mu,     k u_t = T/mu
 
     (the decaying solutions of the plane-strain equations; see K. L. Johnson, Contact Mechanics, 1985, ch. 2).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> pad = pp.HalfSpace(youngs_modulus=3e5, poissons_ratio=0.5)
+    >>> round(pad.shear_modulus)  # E / 3
+    100000
+
+    >>> pad.thickness is None, pad.mean_compliance(0.0) is None
+    (True, True)
+
+    >>> round(1 / pad.compliance(0.0)[0, 0])  # E again
+    300000
+
+    >>> states = pad.states(np.array([1000.0]), np.array([[1.0, 0.0]]), 1e-3)  # k z = 1
+    >>> states[0, 5, 2].real.round(4).item()  # s_zz for a unit pressure: (1 + k z) exp(-k z)
+    0.7358
+
+    >>> x = np.array([0.0])  # below the middle of a cell 2 mm wide that bears 1 Pa
+    >>> pad.influence([x], [2e-3], 1e-3, ["stress_zz"])[0, 1].round(4).tolist()
+    [0.8183]
     """
 
     youngs_modulus: float
@@ -126,6 +148,15 @@ def from_radial(in_plane: Floats, antiplane: Floats, direction: Floats) -> Compl
     antiplane : array (2, ...)
         Rows k u_t and s_tz per unit s_tz at the surface.
     direction : array (..., 2)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.elastic import from_radial
+    >>> in_plane = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 0.0], [0.0, 1.0]])
+    >>> states = from_radial(in_plane, np.array([2.0, 1.0]), np.array([1.0, 0.0]))  # wavevector along x
+    >>> states.shape, states[0, 0].real.item(), states[1, 1].real.item()  # k u_x is along, k u_y across
+    ((6, 3), 1.0, 2.0)
     """
     cos, sin = direction[..., 0], direction[..., 1]
     out = np.empty((*np.shape(in_plane)[2:], 6, 3), dtype=np.complex128)

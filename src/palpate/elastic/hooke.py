@@ -34,6 +34,13 @@ def stress_from_strains(
     NotObservable
         At nu = 0.5: an incompressible material transmits any uniform pressure without any strain, so the two
         strains (then e_xx = -e_zz) fix the difference s_zz - s_xx but not either stress.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> xx, zz = pp.stress_from_strains(0.0, 0.01, youngs_modulus=1e5, poissons_ratio=0.25)
+    >>> round(xx), round(zz)  # 1 % of compression between rigid walls [Pa]
+    (400, 1200)
     """
     check_material(youngs_modulus, poissons_ratio)
     nu = poissons_ratio

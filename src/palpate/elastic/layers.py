@@ -33,6 +33,13 @@ class Layer:
         Young's modulus E [Pa].
     poissons_ratio : float
         Poisson's ratio nu, 0 <= nu <= 0.5 (0.5 included).
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> layer = pp.Layer(thickness=2e-3, youngs_modulus=3e5, poissons_ratio=0.5)
+    >>> round(layer.shear_modulus)  # E / 3
+    100000
     """
 
     thickness: float
@@ -71,6 +78,27 @@ class BondedLayers:
 
     At an interface, channels that jump (s_xx, e_zz, ...) are those of the *upper* layer; for the lower one give a depth
     greater by a millionth of the layer.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> soft = pp.Layer(thickness=2e-3, youngs_modulus=3e5, poissons_ratio=0.5)
+    >>> skin = pp.Layer(thickness=0.5e-3, youngs_modulus=3e6, poissons_ratio=0.5)
+    >>> pad = pp.BondedLayers([skin, soft])  # glued to a rigid base
+    >>> pad.thickness, pad.surface_thickness, pad.surface.youngs_modulus
+    (0.0025, 0.0005, 3000000.0)
+
+    >>> round(1 / pad.compliance(1e-3)[0, 0])  # E [Pa] at a depth of 1 mm
+    300000
+
+    >>> glued = pp.BondedLayers([soft])
+    >>> states = glued.states(np.array([500.0]), np.array([[1.0, 0.0]]), 2e-3)  # k h = 1
+    >>> states[0, 5, 2].real.round(3).item()  # s_zz at the base for a unit pressure; 0.736 in a half-space
+    0.804
+
+    >>> (glued.mean_compliance(0.0)[0, 0] * 1e9).round(3).item()  # h / mu [m/GPa] for a mean shear
+    20.0
     """
 
     layers: Sequence[Layer]

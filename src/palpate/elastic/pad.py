@@ -40,6 +40,21 @@ class Pad(Protocol):
         Channels per unit traction of a uniformly loaded surface cell in closed form, as `palpate.HalfSpace` does.
     ``surface`` and ``surface_thickness``
         A `palpate.HalfSpace` of the uppermost material, and how deep that material goes [m]: for isotropic layers.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.elastic import Pad
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> isinstance(pad, Pad)  # it has thickness, states, compliance and mean_compliance
+    True
+
+    >>> pad.thickness, pad.compliance(0.0).shape, pad.mean_compliance(0.0)
+    (None, (6, 6), None)
+
+    >>> import numpy as np
+    >>> pad.states(np.ones(5), np.tile([1.0, 0.0], (5, 1)), 1e-3).shape
+    (5, 6, 3)
     """
 
     @property

@@ -146,6 +146,18 @@ def transfer(
     -------
     array (..., channel, 3), complex
         Columns for (q_x, q_y, p) [m/Pa, Pa/Pa or 1/Pa].
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.elastic import transfer
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> matrix = transfer(pad, [0.0, 1000.0], 0.0, 1e-3, ["stress_zz"])
+    >>> matrix.shape  # (wavevector, channel, component)
+    (2, 1, 3)
+
+    >>> matrix[:, 0, 2].real.round(4).tolist()  # pressure -> s_zz: (1 + k z) exp(-k z)
+    [1.0, 0.7358]
     """
     kx, ky = np.broadcast_arrays(np.asarray(wavevector_x, dtype=np.float64), np.asarray(wavevector_y, dtype=np.float64))
     k = np.hypot(kx, ky)

@@ -37,6 +37,25 @@ class Viscoelastic:
         by one common series; a stack whose layers (or base) relax differently does not separate and is refused.
     prony : sequence of (float, float)
         Pairs (g_i, tau_i): the part of the modulus that relaxes, 0 < g_i with sum < 1, and its time constant [s].
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> gel = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> pad = pp.Viscoelastic(gel, prony=[(0.3, 1.0)])  # 30 % of the modulus relaxes in about 1 s
+    >>> pad.relaxation([0.0, 1.0, 1e3]).round(3).tolist()
+    [1.0, 0.81, 0.7]
+
+    >>> pad.thickness is gel.thickness, pad.mean_compliance(0.0) is None
+    (True, True)
+
+    >>> import numpy as np
+    >>> wave = np.array([1000.0]), np.array([[1.0, 0.0]]), 1e-3
+    >>> np.array_equal(pad.states(*wave), gel.states(*wave))  # at the first instant
+    True
+
+    >>> np.array_equal(pad.compliance(0.0), gel.compliance(0.0))
+    True
     """
 
     elastic: Pad
@@ -95,6 +114,17 @@ class CreepFilter:
 
     Between frames the *measured* reading is taken as linear in time, so `remove` is exact for steps at frames and for ramps, and
     `add` is its exact inverse. Before the first frame the pad is at rest; the first frame is a step. Steps in time may be uneven.
+
+    Examples
+    --------
+    >>> from palpate.elastic import CreepFilter
+    >>> creep, back = CreepFilter([(0.3, 1.0)]), CreepFilter([(0.3, 1.0)])
+    >>> measured = [creep.add(1.0, time) for time in (0.0, 100.0)]  # a load put on and kept
+    >>> [round(float(m), 2) for m in measured]  # at last 1 / (1 - 0.3)
+    [1.0, 1.43]
+
+    >>> [round(float(back.remove(m, time)), 3) for m, time in zip(measured, (0.0, 100.0))]
+    [1.0, 1.0]
     """
 
     def __init__(self, prony: Sequence[tuple[float, float]]) -> None:

@@ -61,7 +61,30 @@ class Prepared(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Method(abc.ABC):
-    """One way from readings to traction; see the module."""
+    """One way from readings to traction; see the module.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> method = pp.Tikhonov(order=2, rule="gcv")
+    >>> isinstance(method, pp.Method), str(method), method.chosen
+    (True, "tikhonov(order=2, rule='gcv')", 'gcv')
+
+    >>> sorted(method.options()), pp.ConstantFriction.required()
+    (['order', 'parameter', 'rule'], ('friction',))
+
+    >>> method.returns(("z",)), method.assumptions()  # nothing is assumed
+    (('z',), ())
+
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> problem = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])).problem()
+    >>> method.check(problem)  # nothing is missing
+    >>> method.resolved(problem) is method
+    True
+
+    >>> method.prepare(problem).grid.count  # solves frames on these cells
+    15
+    """
 
     #: Short name, in Python, on the command line and in files.
     name: ClassVar[str]

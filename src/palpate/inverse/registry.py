@@ -53,6 +53,12 @@ def register(method: AnyMethod) -> AnyMethod:
     ------
     InvalidInput
         It is no `Method`, or another one has its name.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pp.register(pp.Tikhonov) is pp.methods()["tikhonov"]  # what is there already stays
+    True
     """
     if not (isinstance(method, type) and issubclass(method, Method)):
         raise InvalidInput(f"a method must be a subclass of palpate.inverse.Method; got {method!r}.")
@@ -69,7 +75,14 @@ def unregister(name: str) -> None:
 
 
 def methods() -> dict[str, type[Method]]:
-    """Every method by its short name, those of other packages too."""
+    """Every method by its short name, those of other packages too.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pp.methods()["tikhonov"].__name__
+    'Tikhonov'
+    """
     from importlib.metadata import entry_points
 
     for entry in entry_points(group=GROUP):

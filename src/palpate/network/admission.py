@@ -50,6 +50,12 @@ class Limits:
     ``quiet``: silence after which another sender is served. ``hold``: a connection refused for so long because another is served is told
     so and closed. ``hello``: for the first frame of a connection. ``stall``: for a frame that has begun. ``idle``: for the next frame of
     a connection. ``connections``: at the same time; one more closes the oldest that is not served.
+
+    Examples
+    --------
+    >>> from palpate.network import Limits
+    >>> Limits(quiet=0.5).quiet
+    0.5
     """
 
     quiet: float = 1.0
@@ -109,6 +115,27 @@ class Admission:
     ----------
     counts : dict
         "frames" taken, "sessions" begun, and what was refused (`REFUSALS`).
+
+    Examples
+    --------
+    >>> from palpate.network import Admission, Limits, frame_bytes
+    >>> words = []
+    >>> admission = Admission([1, 3], Limits(), words.append)
+    >>> what, frames = admission.offer("driver", frame_bytes(0, 0.5, [[1.0, 2.0, 3.0]]), now=0.0)
+    >>> what, [(time, values.tolist()) for _, time, values in frames], admission.sender
+    ('frames', [(0.5, [[1.0, 2.0, 3.0]])], 'driver')
+
+    >>> admission.offer("another", frame_bytes(0, 0.5, [[1.0, 2.0, 3.0]]), now=0.1)[0]
+    'busy'
+
+    >>> admission.refuse("crowded", "a third", 0.2, "too many connections")
+    'crowded'
+    >>> admission.gone("driver")
+    >>> admission.offer("another", frame_bytes(1, 0.6, [[1.0, 2.0, 3.0]]), now=0.3)[0]
+    'frames'
+
+    >>> admission.counts["sessions"]
+    2
     """
 
     shape: Sequence[int]

@@ -33,8 +33,10 @@ LATEST = 2.0**33
 def frame_bytes(sequence: int, time: float, readings: Any) -> bytes:
     """One frame (channel, taxel) or (channel, y, x) as bytes; masked values are missing (NaN).
 
+    Examples
+    --------
     >>> len(frame_bytes(0, 0.0, [[1.0, 2.0, 3.0]]))
-    38
+    34
     """
     values = readings if np.ma.isMaskedArray(readings) else to_numpy(readings)
     if values.ndim not in (2, 3):
@@ -56,6 +58,8 @@ def frame_bytes(sequence: int, time: float, readings: Any) -> bytes:
 def frame_from_bytes(data: bytes) -> tuple[int, float, Floats]:
     """(sequence, time [s], readings (channel, row, column)) of a frame; `InvalidInput` where it is not one.
 
+    Examples
+    --------
     >>> frame_from_bytes(frame_bytes(7, 0.5, [[1.0, 2.0]]))
     (7, 0.5, array([[[1., 2.]]]))
     """

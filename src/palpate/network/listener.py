@@ -68,6 +68,21 @@ class FrameListener:
     ------
     InvalidInput
         A port that is taken, an address that is not this machine's.
+
+    Examples
+    --------
+    >>> import socket
+    >>> from palpate.network import FrameListener, frame_bytes
+    >>> listener = FrameListener([1, 3])  # UDP, on a free port of this machine
+    >>> with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as driver:
+    ...     _ = driver.sendto(frame_bytes(0, 0.5, [[1.0, 2.0, 3.0]]), ("127.0.0.1", listener.port))
+    ...     session, time, values = next(listener.frames())
+    >>> time, values.tolist(), listener.sender is not None
+    (0.5, [[1.0, 2.0, 3.0]], True)
+
+    >>> listener.close()
+    >>> list(listener.frames())  # nothing more comes
+    []
     """
 
     def __init__(

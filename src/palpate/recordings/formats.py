@@ -57,12 +57,16 @@ class Format:
     cannot be read, and never return numbers that may be wrong. The writing methods get a fresh name in the right folder: what they
     leave there is moved into place when it is complete.
 
-    Example
-    -------
+    Examples
+    --------
     >>> class Words(Format):
     ...     name, extensions = "words", (".words",)
-    >>> Words().can("read")
-    False
+    >>> words = Words()
+    >>> words.can("read"), words.recognises(Path("notes.words"))
+    (False, False)
+
+    >>> words.usable() is words  # it needs no library
+    True
     """
 
     #: what messages call it
@@ -248,6 +252,17 @@ def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, sal
     ------
     InvalidInput
         The file is not there, damaged, or does not hold a recording.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from palpate.recordings import Recording, read_recording, write_recording
+    >>> press = Recording(readings=[[[0.0, 1.0, 0.0]]], channels=["stress_zz"], time=[0.0])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_recording(press, f"{folder}/press.npz")
+    ...     again = read_recording(f"{folder}/press.npz")
+    >>> again.readings.tolist(), again.channels
+    ([[[0.0, 1.0, 0.0]]], ('stress_zz',))
     """
     found, known = existing(path)
     return known.read(found, mapping=mapping, salvage=salvage)
@@ -257,6 +272,18 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     """Write a recording; the format follows the file name.
 
     NetCDF, NPZ and Zarr keep every bit, CSV writes 17 digits, MCAP single precision and nanoseconds. All carry a checksum.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from palpate.recordings import Recording, write_recording
+    >>> press = Recording(readings=[[[0.0, 1.0, 0.0]]], channels=["stress_zz"], time=[0.0])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_recording(press, f"{folder}/press.csv")
+    ...     text = Path(f"{folder}/press.csv").read_text()
+    >>> "stress_zz" in text
+    True
     """
     into_place(path, lambda known, name: known.write(recording, name), task="write")
 

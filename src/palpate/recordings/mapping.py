@@ -49,6 +49,15 @@ class TopicMapping:
         recorded counts.
     definitions : str
         Folder of message definitions (package/msg/Name.msg), for bags that carry none.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> from palpate.recordings import TopicMapping
+    >>> mapping = TopicMapping(topic="/skin", channels=["stress_zz"], path="taxels", scale=1e3, stamp="at")
+    >>> message = SimpleNamespace(taxels=[0.0, 1.5, 0.0], at=2.5)  # kilopascals
+    >>> mapping.readings(message).tolist(), mapping.time(message, 3.0)
+    ([[0.0, 1500.0, 0.0]], 2.5)
     """
 
     topic: str

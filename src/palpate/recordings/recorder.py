@@ -15,7 +15,27 @@ __all__ = ["Recorder", "Sink", "recorder"]
 
 
 class Sink(Protocol):
-    """What takes readings, touches and events of a stream: a recorder, or a server that shows them elsewhere."""
+    """What takes readings, touches and events of a stream: a recorder, or a server that shows them elsewhere.
+
+    Examples
+    --------
+    >>> class Counter:
+    ...     def __init__(self):
+    ...         self.frames = 0
+    ...
+    ...     def readings(self, time, values):
+    ...         self.frames += 1
+    ...
+    ...     def touch(self, touch, time=None): ...
+    ...
+    ...     def event(self, event): ...
+    ...
+    ...     def close(self): ...
+    >>> counter = Counter()
+    >>> counter.readings(0.0, [[1.0, 2.0]])
+    >>> counter.touch(None), counter.event(None), counter.close(), counter.frames
+    (None, None, None, 1)
+    """
 
     def readings(self, time: float, values: Any) -> None:
         """One frame (channel, *array) at ``time`` [s]."""
@@ -53,6 +73,18 @@ def recorder(
         Of scattered taxels [m].
     meta : mapping of str to str
         Anything worth keeping.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from palpate.recordings import read_recording, recorder
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with recorder(f"{folder}/press.h5", ["stress_zz"]) as out:
+    ...         for frame in range(5):
+    ...             out.readings(0.01 * frame, [[0.0, 1.0, 0.0]])
+    ...     recording = read_recording(f"{folder}/press.h5")
+    >>> recording.readings.shape, recording.time.tolist()[-1]
+    ((5, 1, 3), 0.04)
     """
     from palpate.recordings.formats import find_format
 

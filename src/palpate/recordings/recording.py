@@ -32,6 +32,22 @@ class Recording:
         Positions (x, y) [m] of scattered taxels; only with one array axis.
     meta : mapping of str to str
         Anything worth keeping.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> readings = np.ones((2, 1, 3))  # 2 frames, 1 channel, 3 taxels
+    >>> readings[1, 0, 2] = np.nan
+    >>> recording = pp.Recording(readings=readings, channels=["stress_zz"], time=[0.0, 0.01])
+    >>> recording.units, recording.missing.tolist()
+    (('Pa',), [False, False, True])
+
+    >>> beads = [(x * 1e-3, y * 1e-3) for y in range(3) for x in range(4)]  # (x, y)
+    >>> u = np.array([[[x for x, _ in beads]]]) * 0.01  # stretched by 1 % along x
+    >>> scattered = pp.Recording(readings=u, channels=["displacement_x"], positions=beads)
+    >>> scattered.gridded(1e-3).readings.shape  # (frame, channel, y, x)
+    (1, 1, 2, 3)
     """
 
     readings: Any

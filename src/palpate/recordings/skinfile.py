@@ -152,6 +152,30 @@ def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad
 
     A scattered plane without ``positions_file`` takes the positions of ``recording``, and an area plane without shape and
     pitch those of a gridded one.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from palpate.recordings import read_skin
+    >>> text = '''
+    ... [pad]
+    ... kind = "half_space"
+    ... youngs_modulus = "200 kPa"
+    ... poissons_ratio = 0.48
+    ...
+    ... [[plane]]
+    ... kind = "line"
+    ... count = 21
+    ... pitch = "1 mm"
+    ... depth = "2 mm"
+    ... channels = ["stress_zz"]
+    ... '''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(f"{folder}/skin.toml").write_text(text)
+    ...     pad, planes, surface, boundary = read_skin(f"{folder}/skin.toml")
+    >>> pad.youngs_modulus, planes[0].count, surface, boundary
+    (200000.0, 21, None, 'free')
     """
     found = Path(path)
     return skin_from_text(_text(found), str(found), found.parent, recording)
@@ -161,6 +185,35 @@ def read_stream(path: str | Path) -> TopicMapping | None:
     """How the messages of a robot become readings, where the skin.toml says it in a section [stream].
 
     Channels are those of the planes and the shape that of an area plane, unless the section names others.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from palpate.recordings import read_stream
+    >>> text = '''
+    ... [pad]
+    ... kind = "half_space"
+    ... youngs_modulus = "200 kPa"
+    ... poissons_ratio = 0.48
+    ...
+    ... [[plane]]
+    ... kind = "line"
+    ... count = 21
+    ... pitch = "1 mm"
+    ... depth = "2 mm"
+    ... channels = ["stress_zz"]
+    ...
+    ... [stream]
+    ... topic = "/skin"
+    ... path = "taxels"
+    ... unit = "kPa"
+    ... '''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(f"{folder}/skin.toml").write_text(text)
+    ...     mapping = read_stream(f"{folder}/skin.toml")
+    >>> mapping.topic, mapping.channels, mapping.scale
+    ('/skin', ('stress_zz',), (1000.0,))
     """
     found = Path(path)
     text = _text(found)

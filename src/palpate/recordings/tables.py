@@ -40,6 +40,28 @@ def read_table(
         Multiply positions to metres and readings to SI units, e.g. 1e-6/1.3 for pixels of 1.3 per micrometre.
     follow : bool
         Move each position by its own displacement (the vectors then belong to where the markers went).
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from palpate.recordings import read_table
+    >>> table = '''x,y,dx
+    ... 0,0,1
+    ... 100,0,2
+    ... 0,100,1
+    ... '''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(f"{folder}/beads.csv").write_text(table)
+    ...     beads = read_table(
+    ...         f"{folder}/beads.csv",
+    ...         columns=["x", "y", "dx"],
+    ...         channels=["displacement_x"],
+    ...         position_factor=1e-6,  # from micrometres
+    ...         reading_factor=1e-6,
+    ...     )
+    >>> beads.positions[1].round(9).tolist(), beads.readings.round(9).tolist()
+    ([0.0001, 0.0], [[[1e-06, 2e-06, 1e-06]]])
     """
     found = Path(path)
     if not found.is_file():

@@ -19,6 +19,20 @@ def write_touch(touch: Touch, path: str | Path, *, provenance: Mapping[str, str]
 
     NetCDF (.nc, .h5) opens in xarray; .npz holds the same arrays; .csv one line per frame, cell and component; .mcap a
     foxglove.Grid and a WrenchStamped per frame, in single precision; .zarr is a store for xarray.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.recordings import write_touch
+    >>> touch = pp.Touch(np.ones((2, 4)), pp.LineGrid(count=4, spacing=1e-3), ("x", "z"), "tikhonov")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_touch(touch, f"{folder}/touch.npz", provenance={"skin": "skin.toml"})
+    ...     with np.load(f"{folder}/touch.npz") as file:
+    ...         traction = file["traction"]
+    >>> traction.shape
+    (2, 4)
     """
     record = {"method": touch.method, "notes": "\n".join(touch.notes), **touch.meta, **(provenance or {})}
     into_place(path, lambda known, name: known.write_touch(touch, name, record), task="write_touch")
@@ -36,6 +50,19 @@ def read_touch(path: str | Path) -> Any:
     ------
     InvalidInput
         The file is not there, damaged (a result carries a checksum), or does not hold touches.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.recordings import read_touch, write_touch
+    >>> touch = pp.Touch(np.ones((2, 4)), pp.LineGrid(count=4, spacing=1e-3), ("x", "z"), "tikhonov")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_touch(touch, f"{folder}/touch.nc")
+    ...     data = read_touch(f"{folder}/touch.nc")
+    >>> float(data.traction.sel(component="z").max()), data.traction.attrs["units"]
+    (1.0, 'Pa')
     """
     known = find_format(path)
     if not known.can("read_touch"):

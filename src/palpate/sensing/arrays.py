@@ -139,6 +139,26 @@ class LineArray(_Common):
         Position of the middle of the array [m].
     mask : boolean array (count,), optional
         True where a taxel works.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> array = pp.LineArray(count=3, pitch=1e-3, depth="base", channels=["stress_xz", "stress_zz"], noise=50.0)
+    >>> array.dimensions, array.shape, array.noise_std, array.apertures
+    (1, (3,), (50.0, 50.0), (0.0,))
+
+    >>> array.points.round(6).tolist(), array.grid.spacing
+    ([[-0.001], [0.0], [0.001]], 0.001)
+
+    >>> array.masked([True, False, True]).valid.tolist()  # the middle taxel is dead
+    [True, False, True]
+
+    >>> array.at_base(2e-3).depth
+    0.002
+
+    >>> array.sample_noise(np.random.default_rng(0), (10,)).shape  # 10 frames
+    (10, 2, 3)
     """
 
     count: int
@@ -209,6 +229,28 @@ class AreaArray(_Common):
         As for `LineArray`; ``mask`` has shape (ny, nx).
     center : (float, float)
         Position (x, y) of the middle of the array [m].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> array = pp.AreaArray(
+    ...     shape=(2, 3), pitch=1e-3, depth="base", channels=["stress_zz"], aperture=0.8e-3, noise=50.0
+    ... )
+    >>> array.dimensions, array.noise_std, array.apertures
+    (2, (50.0,), (0.0008, 0.0008))
+
+    >>> array.points[0].round(6).tolist(), array.grid.shape  # (y, x) of the first taxel
+    ([-0.0005, -0.001], (2, 3))
+
+    >>> array.masked([[True, True, False], [True, True, True]]).valid.sum().item()  # one taxel is dead
+    5
+
+    >>> array.at_base(2e-3).depth
+    0.002
+
+    >>> array.sample_noise(np.random.default_rng(0), (10,)).shape  # 10 frames
+    (10, 1, 2, 3)
     """
 
     shape: tuple[int, int]
@@ -268,6 +310,24 @@ class ScatteredArray(_Common):
         As for `AreaArray`.
     mask : boolean array (n,), optional
         True where a marker is good.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> beads = [(0.0, 0.0), (2e-3, 0.0), (0.0, 1e-3)]  # (x, y)
+    >>> array = pp.ScatteredArray(positions=beads, depth="base", channels=["displacement_x"], noise=2e-6)
+    >>> array.dimensions, array.shape, array.noise_std, array.apertures
+    (2, (3,), (2e-06,), (0.0, 0.0))
+
+    >>> array.points[1].tolist()  # (y, x)
+    [0.0, 0.002]
+
+    >>> array.masked([True, True, False]).valid.tolist(), array.at_base(2e-3).depth
+    ([True, True, False], 0.002)
+
+    >>> array.sample_noise(np.random.default_rng(0)).shape
+    (1, 3)
     """
 
     positions: Any = field(repr=False)

@@ -48,7 +48,24 @@ def pair(name: str, value: object, *, zero: bool = False, sign: bool = False) ->
 
 @dataclass(frozen=True, kw_only=True)
 class LineGrid:
-    """A line of ``count`` surface cells of width ``spacing`` [m], centred at ``center`` [m]."""
+    """A line of ``count`` surface cells of width ``spacing`` [m], centred at ``center`` [m].
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+    >>> grid.x.round(6).tolist()
+    [-0.0015, -0.0005, 0.0005, 0.0015]
+
+    >>> grid.edges.round(6).tolist()
+    [-0.002, -0.001, 0.0, 0.001, 0.002]
+
+    >>> grid.dimensions, grid.shape, grid.spacings, grid.cell, grid.components
+    (1, (4,), (0.001,), 0.001, ('x', 'z'))
+
+    >>> [len(axis) for axis in grid.axes]
+    [4]
+    """
 
     count: int
     spacing: float
@@ -105,6 +122,19 @@ class AreaGrid:
     """A grid of ``shape`` (ny, nx) surface cells.
 
     ``spacing`` [m] is one number or (dy, dx); ``center`` is (x, y) [m].
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> grid = pp.AreaGrid(shape=(2, 3), spacing=1e-3, center=(5e-3, 0.0))  # 2 rows, 3 columns
+    >>> grid.x.round(6).tolist(), grid.y.round(6).tolist()
+    ([0.004, 0.005, 0.006], [-0.0005, 0.0005])
+
+    >>> grid.dimensions, grid.spacings, round(grid.cell, 9), grid.components
+    (2, (0.001, 0.001), 1e-06, ('x', 'y', 'z'))
+
+    >>> [len(axis) for axis in grid.axes]  # (y, x)
+    [2, 3]
     """
 
     shape: tuple[int, int]

@@ -336,6 +336,29 @@ class Operator:
     -----
     Missing taxels (``mask``) read 0 and are not used. In line contact the displacement of a half-plane is defined up to
     a constant: such channels are relative to their mean over the array.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.sensing import Operator
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> array = pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_zz"], mask=[True, True, False])
+    >>> operator = Operator(pad, [array], pp.LineGrid(count=5, spacing=1e-3))
+    >>> traction = np.zeros((2, 5))
+    >>> traction[1, 2] = 1000.0  # pressure on the cell in the middle [Pa]
+    >>> (readings,) = operator.forward(traction)
+    >>> readings.round(1).tolist()  # the third taxel is masked
+    [[184.8, 549.8, 0.0]]
+
+    >>> operator.adjoint([readings]).shape, operator.dense().shape  # two working taxels
+    ((2, 5), (2, 10))
+
+    >>> np.allclose(operator.columns([1], np.array([2]))[:, 0, 0] * 1000.0, readings[0, :2])
+    True
+
+    >>> len(operator.planes), operator.observed([np.ones((1, 3))])[0].tolist()
+    (1, [[1.0, 1.0, 0.0]])
     """
 
     def __init__(self, pad: Pad, planes: Sequence[Array], surface: Grid, boundary: Boundary = "free") -> None:

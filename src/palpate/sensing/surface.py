@@ -33,6 +33,14 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS) -> Grid:
     cost time. A cell's centre lies above each taxel of the first plane. The grid reaches past the arrays by ``depths``
     times the greatest depth and at least one pitch, so that a contact beyond the edge is not pushed inside; where displacement
     is measured, also by 15 % of the array's width, because displacement reaches that far.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.sensing import default_surface
+    >>> array = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
+    >>> default_surface([array])  # two depths more on each side
+    LineGrid(count=15, spacing=0.001, center=0.0)
     """
     first = planes[0]
     depth = min(p.depth for p in planes)

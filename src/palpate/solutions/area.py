@@ -71,6 +71,28 @@ class AreaContact:
         Half-widths in x and y [m]: the contact radius twice for a circle.
     center : (float, float)
         Where its middle (x, y) lies on the surface [m].
+
+    Examples
+    --------
+    >>> from palpate import HalfSpace, solutions
+    >>> ball = solutions.hertz_point(radius=1e-3, force=1.0)
+    >>> ball.sliding(0.5).force.round(3).tolist()  # dragged towards +x
+    [0.5, 0.0, 1.0]
+
+    >>> ball.partial_slip(0.5, 0.2).force.round(3).tolist()  # 0.2 N of the 0.5 N that friction bears
+    [0.2, 0.0, 1.0]
+
+    >>> ball.shifted(2e-3, 0.0).traction([0.0, 2e-3], 0.0)[2].round(-2).tolist()  # pressure [Pa] at two places
+    [0.0, 477500.0]
+
+    >>> centres = [-0.5e-3, 0.5e-3]  # of four cells, 1 mm wide
+    >>> cells = ball.averages(centres, centres, samples=64)
+    >>> (cells[2].sum() * 1e-6).round(2).item()  # pressure times area [N]: all of the force
+    1.0
+
+    >>> pad = HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> ball.fields(pad, ["stress_zz"], 0.0, 0.0, [0.5e-3, 1e-3]).round(-2).tolist()  # below its middle [Pa]
+    [[382000.0, 238700.0]]
     """
 
     terms: tuple[_Term, ...]
@@ -206,29 +228,69 @@ def _single(shape: Shape, size: tuple[float, float], force: float, component: st
 
 
 def point_load(*, force: float, component: str = "z") -> AreaContact:
-    """A point force [N] at the origin: Boussinesq ("z") or Cerruti ("x", "y")."""
+    """A point force [N] at the origin: Boussinesq ("z") or Cerruti ("x", "y").
+
+    Examples
+    --------
+    >>> from palpate import HalfSpace, solutions
+    >>> pad = HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> load = solutions.point_load(force=1.0)
+    >>> load.fields(pad, ["stress_zz"], 0.0, 0.0, 1e-3).round(-2).tolist()  # 3 P / (2 pi z^2)
+    [477500.0]
+    """
     return _single("load", (0.0, 0.0), force, component)
 
 
 def patch(*, half_widths: tuple[float, float], traction: float, component: str = "z") -> AreaContact:
-    """Uniform ``traction`` [Pa] on |x| < a, |y| < b, ``half_widths`` (a, b) [m] (Love 1929 for pressure)."""
+    """Uniform ``traction`` [Pa] on |x| < a, |y| < b, ``half_widths`` (a, b) [m] (Love 1929 for pressure).
+
+    Examples
+    --------
+    >>> from palpate import solutions
+    >>> solutions.patch(half_widths=(1e-3, 2e-3), traction=1e4).force.round(6).tolist()  # 4 a b p
+    [0.0, 0.0, 0.08]
+    """
     a, b = (positive("half_widths", h, "metres") for h in half_widths)
     return _single("patch", (a, b), 4 * a * b * traction, component)
 
 
 def hertz_point(*, radius: float, force: float) -> AreaContact:
-    """A ball: p = (3P/(2 pi a^2)) sqrt(1 - r^2/a^2), ``force`` P [N], contact ``radius`` a [m] (Hertz 1882)."""
+    """A ball: p = (3P/(2 pi a^2)) sqrt(1 - r^2/a^2), ``force`` P [N], contact ``radius`` a [m] (Hertz 1882).
+
+    Examples
+    --------
+    >>> from palpate import solutions
+    >>> ball = solutions.hertz_point(radius=1e-3, force=1.0)
+    >>> ball.traction(0.0, 0.0).round(-2).tolist()  # peak 3 P / (2 pi a^2)
+    [0.0, 0.0, 477500.0]
+    """
     a = positive("radius", radius, "metres")
     return _single("hertz", (a, a), positive("force", force, "newtons"), "z")
 
 
 def flat_punch(*, radius: float, force: float) -> AreaContact:
-    """A flat circular punch: p = P/(2 pi a sqrt(a^2 - r^2)), ``force`` P [N], ``radius`` a [m] (Boussinesq)."""
+    """A flat circular punch: p = P/(2 pi a sqrt(a^2 - r^2)), ``force`` P [N], ``radius`` a [m] (Boussinesq).
+
+    Examples
+    --------
+    >>> from palpate import solutions
+    >>> punch = solutions.flat_punch(radius=1e-3, force=1.0)
+    >>> punch.traction(0.0, 0.0).round(-2).tolist()  # P / (2 pi a^2) in the middle
+    [0.0, 0.0, 159200.0]
+    """
     a = positive("radius", radius, "metres")
     return _single("punch", (a, a), positive("force", force, "newtons"), "z")
 
 
 def hertz_contact_radius(pad: HalfSpace, *, radius: float, force: float) -> float:
-    """a = (3 P R/(4 E*))^(1/3) [m]: a rigid ball of ``radius`` R [m] pressed with ``force`` P [N]."""
+    """a = (3 P R/(4 E*))^(1/3) [m]: a rigid ball of ``radius`` R [m] pressed with ``force`` P [N].
+
+    Examples
+    --------
+    >>> from palpate import HalfSpace, solutions
+    >>> pad = HalfSpace(youngs_modulus=3e5, poissons_ratio=0.5)  # E* = 4e5 Pa
+    >>> round(solutions.hertz_contact_radius(pad, radius=10e-3, force=1.0), 6)
+    0.002657
+    """
     product = positive("force", force, "newtons") * positive("radius", radius, "metres")
     return (3.0 * product / (4.0 * smoothed_modulus(pad))) ** (1.0 / 3.0)

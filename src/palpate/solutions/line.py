@@ -44,6 +44,26 @@ class LineContact:
         Half-width a of the contact [m] (0 for a line load).
     center : float
         Where its middle lies on the surface [m].
+
+    Examples
+    --------
+    >>> from palpate import HalfSpace, solutions
+    >>> roller = solutions.hertz_line(half_width=1e-3, force=10.0)
+    >>> roller.sliding(0.5).force.round(3).tolist()  # dragged towards +x
+    [5.0, 10.0]
+
+    >>> roller.partial_slip(0.5, 2.0).force.round(3).tolist()  # 2 N/m of the 5 N/m that friction bears
+    [2.0, 10.0]
+
+    >>> roller.shifted(2e-3).traction([0.0, 2e-3])[1].round(1).tolist()  # pressure [Pa] at two places
+    [0.0, 6366.2]
+
+    >>> roller.averages([-1e-3, 0.0, 1e-3])[1].round(3).tolist()  # means of two cells, 1 mm wide
+    [5000.0, 5000.0]
+
+    >>> pad = HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> roller.fields(pad, ["stress_zz"], 0.0, [0.0, 1e-3]).round(1).tolist()  # p0 and p0 / sqrt(2)
+    [[6366.2, 4501.6]]
     """
 
     terms: tuple[_Term, ...]
@@ -134,28 +154,70 @@ def _single(shape: Shape, half_width: float, force: float, component: str) -> Li
 
 
 def line_load(*, force: float, component: str = "z") -> LineContact:
-    """A concentrated line load (Flamant for "z") of ``force`` [N/m] at x = 0."""
+    """A concentrated line load (Flamant for "z") of ``force`` [N/m] at x = 0.
+
+    Examples
+    --------
+    >>> from palpate import HalfSpace, solutions
+    >>> pad = HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> load = solutions.line_load(force=1.0)
+    >>> load.fields(pad, ["stress_zz"], 0.0, 1e-3).round(2).tolist()  # 2 P / (pi z)
+    [636.62]
+    """
     return _single("load", 0.0, force, component)
 
 
 def strip(*, half_width: float, traction: float, component: str = "z") -> LineContact:
-    """Uniform ``traction`` [Pa] on |x| < ``half_width`` [m]."""
+    """Uniform ``traction`` [Pa] on |x| < ``half_width`` [m].
+
+    Examples
+    --------
+    >>> from palpate import HalfSpace, solutions
+    >>> pad = HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> strip = solutions.strip(half_width=1e-3, traction=1000.0)
+    >>> strip.fields(pad, ["stress_zz"], 0.0, 1e-3).round(1).tolist()  # (1/2 + 1/pi) p at the depth a
+    [818.3]
+    """
     a = positive("half_width", half_width, "metres")
     return _single("strip", a, 2.0 * a * traction, component)
 
 
 def hertz_line(*, half_width: float, force: float) -> LineContact:
-    """A cylinder: p = (2P/(pi a)) sqrt(1 - x^2/a^2), ``force`` P [N/m], ``half_width`` a [m] (Hertz 1882)."""
+    """A cylinder: p = (2P/(pi a)) sqrt(1 - x^2/a^2), ``force`` P [N/m], ``half_width`` a [m] (Hertz 1882).
+
+    Examples
+    --------
+    >>> from palpate import solutions
+    >>> roller = solutions.hertz_line(half_width=1e-3, force=10.0)
+    >>> roller.traction(0.0).round(1).tolist()  # (q_x, p) [Pa]; peak 2 P / (pi a)
+    [0.0, 6366.2]
+    """
     return _single("hertz", positive("half_width", half_width, "metres"), positive("force", force, "N/m"), "z")
 
 
 def flat_punch_line(*, half_width: float, force: float) -> LineContact:
-    """A flat rigid punch: p = P/(pi sqrt(a^2 - x^2)), ``force`` P [N/m], ``half_width`` a [m] (Sadowsky 1928)."""
+    """A flat rigid punch: p = P/(pi sqrt(a^2 - x^2)), ``force`` P [N/m], ``half_width`` a [m] (Sadowsky 1928).
+
+    Examples
+    --------
+    >>> from palpate import solutions
+    >>> punch = solutions.flat_punch_line(half_width=1e-3, force=10.0)
+    >>> punch.traction(0.0).round(1).tolist()  # (q_x, p) [Pa]; P / (pi a) in the middle
+    [0.0, 3183.1]
+    """
     return _single("punch", positive("half_width", half_width, "metres"), positive("force", force, "N/m"), "z")
 
 
 def hertz_contact_half_width(pad: HalfSpace, *, radius: float, force: float) -> float:
-    """a = sqrt(4 P R/(pi E*)) [m]: a rigid cylinder of ``radius`` R [m] pressed with ``force`` P [N/m]."""
+    """a = sqrt(4 P R/(pi E*)) [m]: a rigid cylinder of ``radius`` R [m] pressed with ``force`` P [N/m].
+
+    Examples
+    --------
+    >>> from palpate import HalfSpace, solutions
+    >>> pad = HalfSpace(youngs_modulus=3e5, poissons_ratio=0.5)  # E* = 4e5 Pa
+    >>> round(solutions.hertz_contact_half_width(pad, radius=10e-3, force=100.0), 6)
+    0.001784
+    """
     return math.sqrt(
         4.0 * positive("force", force, "N/m") * positive("radius", radius, "metres") / (math.pi * smoothed_modulus(pad))
     )

@@ -87,6 +87,16 @@ class Touch:
     `variance_reduction`, the interval of the traction) are labelled xarray objects; numbers read off them (`force`, `moment`,
     `center_of_pressure`, `peak_pressure`, ... and their intervals) are plain arrays of the caller's kind with the batch axes first.
     Positions and vectors are (x, y) or (x, y, z); array axes are (y, x).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+    >>> shear, pressure = [0.0, 100.0, 200.0, 0.0], [0.0, 500.0, 1000.0, 0.0]
+    >>> touch = pp.Touch(np.array([shear, pressure]), grid, ("x", "z"), "tikhonov")  # as a method makes it
+    >>> touch.force.round(6).tolist()  # (x, z) [N/m]
+    [0.3, 1.5]
     """
 
     values: Any = field(metadata=per_frame("component", "*"))
@@ -132,7 +142,15 @@ class Touch:
 
     @property
     def batch(self) -> tuple[int, ...]:
-        """Shape of the batch axes; () for one frame."""
+        """Shape of the batch axes; () for one frame.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> pp.Touch(np.zeros((3, 2, 4)), pp.LineGrid(count=4, spacing=1e-3), ("x", "z"), "tikhonov").batch
+        (3,)
+        """
         return tuple(np.shape(self.values))[: -1 - self.surface.dimensions]
 
     def __bool__(self) -> bool:
@@ -178,7 +196,16 @@ class Touch:
         return rebuilt(self, pick)
 
     def frame(self, index: int) -> Touch:
-        """One frame, counted over all batch axes (the touch itself where there is no batch)."""
+        """One frame, counted over all batch axes (the touch itself where there is no batch).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> touch = pp.Touch(np.zeros((3, 2, 4)), pp.LineGrid(count=4, spacing=1e-3), ("x", "z"), "tikhonov")
+        >>> touch.frame(2).batch, touch.frame(-1).batch, len(touch[1:])
+        ((), (), 2)
+        """
         if not self.batch:
             return self
         count = math.prod(self.batch)
@@ -188,12 +215,30 @@ class Touch:
 
     @property
     def methods(self) -> npt.NDArray[np.str_]:
-        """The method that found each frame (*batch)."""
+        """The method that found each frame (*batch).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> pp.Touch(np.zeros((3, 2, 4)), grid, ("x", "z"), "tikhonov").methods.tolist()
+        ['tikhonov', 'tikhonov', 'tikhonov']
+        """
         return np.full(self.batch, self.method) if self.found_by is None else self.found_by
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed, what could not be seen, and what became of the frames that it holds, in words."""
+        """What was assumed, what could not be seen, and what became of the frames that it holds, in words.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> pp.Touch(np.zeros((2, 4)), grid, ("z",), "tikhonov", assumptions=("shear was taken as zero",)).notes
+        ('shear was taken as zero',)
+        """
         from palpate.touch.words import outcome
 
         return tuple(dict.fromkeys((*self.assumptions, *outcome(self))))
@@ -202,7 +247,20 @@ class Touch:
 
     @property
     def traction(self) -> xarray.DataArray:
-        """Traction [Pa] with coordinates: (time, component, y, x), or (component, x) for one frame on a line."""
+        """Traction [Pa] with coordinates: (time, component, y, x), or (component, x) for one frame on a line.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.AreaGrid(shape=(4, 5), spacing=1e-3)
+        >>> traction = pp.Touch(np.zeros((7, 3, 4, 5)), grid, ("x", "y", "z"), "tikhonov").traction
+        >>> traction.dims, traction.shape, traction.attrs["units"]
+        (('time', 'component', 'y', 'x'), (7, 3, 4, 5), 'Pa')
+
+        >>> traction.x.values.round(6).tolist()
+        [-0.002, -0.001, 0.0, 0.001, 0.002]
+        """
         import xarray
 
         data = to_numpy(self.values)
@@ -236,12 +294,33 @@ class Touch:
 
     @property
     def pressure(self) -> xarray.DataArray:
-        """Pressure p [Pa], positive into the pad."""
+        """Pressure p [Pa], positive into the pad.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> touch = pp.Touch(np.array([[0.0] * 4, [0.0, 500.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
+        >>> touch.pressure.dims, touch.pressure.values.tolist()
+        (('x',), [0.0, 500.0, 1000.0, 0.0])
+        """
         return self._sought("z").sel(component="z", drop=True).rename("pressure")
 
     @property
     def shear(self) -> xarray.DataArray:
-        """Shear traction [Pa]: component "x", or "x" and "y"."""
+        """Shear traction [Pa]: component "x", or "x" and "y".
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> shear, pressure = [0.0, 100.0, 200.0, 0.0], [0.0, 500.0, 1000.0, 0.0]
+        >>> touch = pp.Touch(np.array([shear, pressure]), grid, ("x", "z"), "tikhonov")
+        >>> touch.shear.dims, touch.shear.sel(component="x").values.tolist()
+        (('component', 'x'), [0.0, 100.0, 200.0, 0.0])
+        """
         names = [c for c in self.surface.components if c != "z"]
         return self._sought(*names).sel(component=names).rename("shear")
 
@@ -276,7 +355,18 @@ class Touch:
 
     @property
     def force(self) -> Any:
-        """Net force (*batch, component) [N], or [N/m] on a line; NaN where `unobservable_force` says it cannot be known."""
+        """Net force (*batch, component) [N], or [N/m] on a line; NaN where `unobservable_force` says it cannot be known.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.AreaGrid(shape=(10, 10), spacing=1e-3)  # 1 cm^2
+        >>> values = np.zeros((3, 10, 10))
+        >>> values[2] = 1000.0  # pressed by 1 kPa
+        >>> pp.Touch(values, grid, ("x", "y", "z"), "tikhonov").force.round(6).tolist()  # [N]
+        [0.0, 0.0, 0.1]
+        """
         xp = namespace(self.values)
         total = self._integral(self.values)
         if self.unobservable_force:
@@ -290,6 +380,16 @@ class Touch:
 
         On an area (*batch, 3) [N m]: (int y p, -int x p, int (x q_y - y q_x)). On a line (*batch, 1) [N]: about y, -int x p.
         NaN where it involves a component of `unobservable_force`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.AreaGrid(shape=(10, 10), spacing=1e-3, center=(0.0, 5e-3))  # 1 cm^2, its middle at y = 5 mm
+        >>> values = np.zeros((3, 10, 10))
+        >>> values[2] = 1000.0  # pressed by 1 kPa: 0.1 N
+        >>> (pp.Touch(values, grid, ("x", "y", "z"), "tikhonov").moment * 1e3).round(3)[0].item()  # about x [N mm]
+        0.5
         """
         xp = namespace(self.values)
         x, p = self._coordinate("x"), self._component("z")
@@ -309,6 +409,15 @@ class Touch:
         """(*batch, 2) as (x, y), or (*batch, 1) on a line [m]: int x p / int p over the `contact`; NaN without contact.
 
         Only the contact counts: far from it the recovered pressure is noise around zero, which a long lever would amplify.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)  # cells at -1.5, -0.5, 0.5 and 1.5 mm
+        >>> touch = pp.Touch(np.array([[0.0] * 4, [0.0, 500.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
+        >>> (touch.center_of_pressure * 1e3).round(3).tolist()  # [mm]
+        [0.167]
         """
         self._require("z")
         xp = namespace(self.values)
@@ -320,7 +429,17 @@ class Touch:
 
     @property
     def peak_pressure(self) -> Any:
-        """Largest pressure (*batch) [Pa]."""
+        """Largest pressure (*batch) [Pa].
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> touch = pp.Touch(np.array([[0.0] * 4, [0.0, 500.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
+        >>> float(touch.peak_pressure)
+        1000.0
+        """
         self._require("z")
         return self._largest(self._component("z"))
 
@@ -328,7 +447,17 @@ class Touch:
         return namespace(x).max(x, axis=tuple(range(-self.surface.dimensions, 0)))
 
     def contact(self, *, threshold: float = 0.1) -> Any:
-        """True (*batch, *surface) where the pressure exceeds ``threshold`` times its peak."""
+        """True (*batch, *surface) where the pressure exceeds ``threshold`` times its peak.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> touch = pp.Touch(np.array([[0.0] * 4, [5.0, 500.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
+        >>> touch.contact().tolist(), touch.contact(threshold=0.6).tolist()
+        ([False, True, True, False], [False, False, True, False])
+        """
         self._require("z")
         if not 0 < threshold < 1:
             raise InvalidInput(f"threshold must lie between 0 and 1; got {threshold!r}.")
@@ -337,7 +466,17 @@ class Touch:
         return (p > threshold * peak) & (peak > 0)
 
     def contact_area(self, *, threshold: float = 0.1) -> Any:
-        """Area (*batch) [m^2] (a width [m] on a line) where the pressure exceeds ``threshold`` times its peak."""
+        """Area (*batch) [m^2] (a width [m] on a line) where the pressure exceeds ``threshold`` times its peak.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> touch = pp.Touch(np.array([[0.0] * 4, [5.0, 500.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
+        >>> float(touch.contact_area())  # two cells of 1 mm
+        0.002
+        """
         xp = namespace(self.values)
         return self._integral(xp.astype(self.contact(threshold=threshold), self.values.dtype))
 
@@ -347,6 +486,19 @@ class Touch:
         Positive: every point of the contact could bear more shear. Negative: some point is beyond the friction limit, so it
         slides, or the friction is higher than said. ``threshold`` delimits the contact as in `contact`, because at its
         edge both p and q vanish. NaN without contact.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> shear, pressure = [0.0, 100.0, 200.0, 0.0], [0.0, 500.0, 1000.0, 0.0]
+        >>> touch = pp.Touch(np.array([shear, pressure]), grid, ("x", "z"), "tikhonov")
+        >>> float(touch.slip_margin(0.5))  # 0.5 * 500 Pa - 100 Pa
+        150.0
+
+        >>> float(touch.slip_margin(0.1))  # beyond the friction limit by 100 Pa
+        -100.0
         """
         self._require(*self.surface.components)
         if not (isinstance(friction, int | float) and math.isfinite(friction) and friction > 0):
@@ -368,7 +520,18 @@ class Touch:
 
     @property
     def std(self) -> xarray.DataArray:
-        """Standard deviation of the traction [Pa], labelled like `traction`."""
+        """Standard deviation of the traction [Pa], labelled like `traction`.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=5.0))
+        >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+        >>> std = skin.reconstruct(readings, method="adaptive").std
+        >>> std.dims, std.attrs["units"], bool(std.sel(component="z", x=0.0) < 100.0)  # of a peak of 2122 Pa
+        (('component', 'x'), 'Pa', True)
+        """
         return self._map(intervals.std(self), "std")
 
     @property
@@ -377,6 +540,19 @@ class Touch:
 
         NaN where there is no contact. Low values are where the map shows what the prior expects between what the data fix:
         features much finer than the depth, and cells beyond the array.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=5.0))
+        >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+        >>> part = skin.reconstruct(readings, method="adaptive").variance_reduction.sel(component="z")
+        >>> bool(part.sel(x=0.0) > 0.5)  # most of it is measured, not assumed
+        True
+
+        >>> bool(part.isel(x=0).isnull())  # nothing touches there
+        True
         """
         return self._map(intervals.errors(self).variance_reduction, "variance_reduction", unit="1")
 
@@ -404,6 +580,16 @@ class Touch:
         often as they say. That is a statement about contacts like those: a mean over contacts and noise, not a promise about one. Where the
         case has no constants of its own, `calibration_note` says whose are used. Contact found beyond the outermost taxels adds a fixed part
         of itself to s std, in quadrature.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=5.0))
+        >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+        >>> low, high = skin.reconstruct(readings, method="adaptive").interval(0.95, "force")
+        >>> bool(low[1] < 10.0 < high[1])  # the true force
+        True
         """
         low, high = intervals.interval(self, level, of, friction)
         if of == "traction":
@@ -414,17 +600,47 @@ class Touch:
         """Probability (*batch) that the true peak pressure [Pa], or the true normal "force" [N], exceeds ``limit``.
 
         From the same calibrated distribution as `interval`.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=5.0))
+        >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+        >>> touch = skin.reconstruct(readings, method="adaptive")
+        >>> round(float(touch.exceeds(5.0, "force")), 2), round(float(touch.exceeds(20.0, "force")), 2)
+        (1.0, 0.0)
         """
         return from_numpy(intervals.exceeds(self, limit, of), self.values)
 
     @property
     def calibration_case(self) -> Case:
-        """What the constants of the error bars must be for."""
+        """What the constants of the error bars must be for.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=5.0))
+        >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+        >>> str(skin.reconstruct(readings, method="adaptive").calibration_case)
+        'line, stress, half-space'
+        """
         return self.case or Case(contact_kind(self.surface.dimensions, self.components))
 
     @property
     def calibration_note(self) -> str:
-        """Whose constants the error bars use, where the case has none of its own; else empty."""
+        """Whose constants the error bars use, where the case has none of its own; else empty.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=5.0))
+        >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+        >>> skin.reconstruct(readings, method="adaptive").calibration_note  # the case has constants of its own
+        ''
+        """
         return intervals.calibration_note(self)
 
     def _map(self, values: Any, name: str, *, unit: str = "Pa") -> xarray.DataArray:
@@ -436,13 +652,39 @@ class Touch:
     # -- pictures ------------------------------------------------------------------------------------------------------
 
     def plot(self, *, frame: int = 0, truth: Any = None, title: str | None = None) -> Figure:
-        """A figure of pressure and shear (of one ``frame`` of a batch); ``truth`` (component, *surface) is drawn beside it."""
+        """A figure of pressure and shear (of one ``frame`` of a batch); ``truth`` (component, *surface) is drawn beside it.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> touch = pp.Touch(np.array([[0.0] * 4, [0.0, 500.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
+        >>> figure = touch.plot(title="a press")
+        >>> len(figure.axes)  # figure.savefig("press.png") keeps it
+        1
+        """
         from palpate._plot import plot_touch
 
         return plot_touch(self, frame=frame, truth=truth, title=title)
 
     def summary(self, *, friction: float | None = None, frame: int = 0) -> str:
-        """Force, peak pressure, centre of pressure and (with ``friction``) slip margin in words, one to a line."""
+        """Force, peak pressure, centre of pressure and (with ``friction``) slip margin in words, one to a line.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> shear, pressure = [0.0, 100.0, 200.0, 0.0], [0.0, 500.0, 1000.0, 0.0]
+        >>> touch = pp.Touch(np.array([shear, pressure]), grid, ("x", "z"), "tikhonov")
+        >>> print(touch.summary(friction=0.5))
+        net force       x 0.3 N/m, z 1.5 N/m
+        peak pressure   1000 Pa
+        centre          0.1667 mm
+        contact         2 mm
+        slip margin     150 Pa at friction 0.5
+        """
         from palpate.touch.words import summary
 
         return summary(self.frame(frame), friction)
@@ -458,6 +700,15 @@ def joined(touches: Sequence[Touch]) -> Touch:
     ------
     InvalidInput
         Nothing to join, single frames mixed with batches, or results on different surfaces or of different components.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.touch import joined
+    >>> frame = pp.Touch(np.zeros((2, 4)), pp.LineGrid(count=4, spacing=1e-3), ("x", "z"), "tikhonov")
+    >>> joined([frame, frame, frame]).batch
+    (3,)
     """
     if not touches:
         raise InvalidInput("there is nothing to join: give at least one touch.")

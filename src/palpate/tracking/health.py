@@ -37,6 +37,17 @@ class Health:
     answered before the tolerance was reached; ``repeated`` were the same as the frame before, bit by bit; in ``rezeroed`` the zero
     followed drift. ``left_out`` (reading) is True for readings that are not used now, with ``reasons`` (reading): "", "missing",
     "stuck", "out of range" or "unexplained"; ``label`` names a reading.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> skin = pp.Skin(pad, pp.LineArray(count=5, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+    >>> tracker = skin.track()
+    >>> for _ in range(3):
+    ...     touch = tracker.step([[0.0] * 5] * 2, time=0.5)  # always the same time
+    >>> tracker.health.frames, tracker.health.late
+    (3, 2)
     """
 
     frames: int = 0

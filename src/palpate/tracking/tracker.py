@@ -73,6 +73,18 @@ class Tracker:
         Time constant [s] with which the zero follows drift while nothing touches; None keeps it.
     rate : float
         Frames a second, for streams whose frames come without a time.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"], noise=5.0)
+    >>> skin = pp.Skin(pad, array)
+    >>> press = pp.solutions.hertz_line(half_width=3e-3, force=10.0)
+    >>> with skin.track() as tracker:
+    ...     forces = [float(tracker.step(skin.sense(press.shifted(x))).force[1]) for x in (0.0, 1e-3, 2e-3)]
+    >>> [round(f) for f in forces]  # three frames [N/m]
+    [10, 10, 10]
     """
 
     def __init__(
@@ -116,7 +128,22 @@ class Tracker:
         return 0, flat / self._std
 
     def reset(self) -> None:
-        """Forget contact, drift, penalty and the state of the taxels, as before the first frame."""
+        """Forget contact, drift, penalty and the state of the taxels, as before the first frame.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> tracker = skin.track(baseline=1)  # the first frame is the zero
+        >>> touch = tracker.step([[0.0] * 21] * 2)
+        >>> tracker.health.frames
+        1
+
+        >>> tracker.reset()
+        >>> tracker.health.frames
+        0
+        """
         n, estimator = len(self._std), self.estimator
         self.health = Health(left_out=np.zeros(n, dtype=bool), reasons=np.zeros(n, dtype="<U12"), label=self._label)
         self._check = ReadingCheck(self.health, self._limits)
@@ -158,6 +185,20 @@ class Tracker:
         ------
         InvalidInput
             A reading of the wrong shape or kind, or a time that is not finite; the tracker is then as it was before.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"], noise=5.0)
+        >>> skin = pp.Skin(pad, array)
+        >>> tracker = skin.track()
+        >>> touch = tracker.step(skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0)), time=0.01)
+        >>> touch.time.item(), pp.Status.coded(touch.status).label, round(float(touch.force[1]))
+        (0.01, 'solved', 10)
+
+        >>> tracker.step([[0.0] * 21] * 2, time=0.02).force.tolist()  # let go
+        [0.0, 0.0]
         """
         started = clock.perf_counter()
         flat, like = self._flat(reading)
@@ -231,11 +272,31 @@ class Tracker:
 
     @property
     def seconds(self) -> float:
-        """Time that the last frame took [s]."""
+        """Time that the last frame took [s].
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> tracker = skin.track()
+        >>> touch = tracker.step([[0.0] * 21] * 2)
+        >>> tracker.seconds > 0.0
+        True
+        """
         return self._seconds
 
     def close(self) -> None:
-        """End the thread that a budget needs."""
+        """End the thread that a budget needs.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> tracker = skin.track(budget=0.02)
+        >>> tracker.close()  # or: with skin.track(budget=0.02) as tracker
+        """
         self._background.close()
 
     def __enter__(self) -> Tracker:

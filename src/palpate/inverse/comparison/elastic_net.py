@@ -18,7 +18,14 @@ __all__ = ["ElasticNet"]
 
 @dataclass(frozen=True, kw_only=True)
 class ElasticNet(Comparison):
-    """Least squares with lambda times the first norm of the traction and lambda times its square, p >= 0."""
+    """Least squares with lambda times the first norm of the traction and lambda times its square, p >= 0.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pp.ElasticNet().chosen  # lambda follows from the noise, given or estimated
+    'discrepancy'
+    """
 
     name: ClassVar[str] = "elastic_net"
     summary: ClassVar[str] = "for comparison: first norm and square of the traction"

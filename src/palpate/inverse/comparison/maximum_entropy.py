@@ -18,7 +18,14 @@ __all__ = ["MaximumEntropy"]
 
 @dataclass(frozen=True, kw_only=True)
 class MaximumEntropy(Comparison):
-    """Least squares with lambda times the negative entropy of the pressure, which is positive."""
+    """Least squares with lambda times the negative entropy of the pressure, which is positive.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pp.MaximumEntropy().chosen  # lambda follows from the noise, given or estimated
+    'discrepancy'
+    """
 
     name: ClassVar[str] = "maxent"
     summary: ClassVar[str] = "for comparison: maximum entropy, pressure alone"

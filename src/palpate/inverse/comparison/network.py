@@ -24,7 +24,14 @@ SETTLED, HORIZON = 0.02, 1e8
 
 @dataclass(frozen=True, kw_only=True)
 class AnalogNetwork(Comparison):
-    """A network of units with saturating outputs; its couplings are the pad's response and a smoothness of weight lambda."""
+    """A network of units with saturating outputs; its couplings are the pad's response and a smoothness of weight lambda.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pp.AnalogNetwork().chosen  # lambda follows from the noise, given or estimated
+    'discrepancy'
+    """
 
     name: ClassVar[str] = "network"
     summary: ClassVar[str] = "for comparison: where an analog network settles"

@@ -20,7 +20,18 @@ TRIED, OPTIMAL, ROUNDS_OF_CELLS = 0.02, 1e-10, 60
 
 @dataclass(frozen=True, kw_only=True)
 class NonNegative(Comparison):
-    """Least squares with p >= 0 and nothing else: no parameter."""
+    """Least squares with p >= 0 and nothing else: no parameter.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> skin = pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+    >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+    >>> touch = skin.reconstruct(readings, method=pp.NonNegative())
+    >>> round(float(touch.force[1])), float(touch.pressure.min())  # [N/m], [Pa]
+    (10, 0.0)
+    """
 
     name: ClassVar[str] = "nnls"
     summary: ClassVar[str] = "for comparison: least squares with p >= 0 alone"

@@ -21,7 +21,14 @@ SMALLEST_GRADIENT, ROUNDS = 1e-4, 30
 
 @dataclass(frozen=True, kw_only=True)
 class TotalVariation(Comparison):
-    """Least squares with lambda times the integral of the size of the gradient, p >= 0."""
+    """Least squares with lambda times the integral of the size of the gradient, p >= 0.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pp.TotalVariation().chosen  # lambda follows from the noise, given or estimated
+    'discrepancy'
+    """
 
     name: ClassVar[str] = "tv"
     summary: ClassVar[str] = "for comparison: total variation"

@@ -73,6 +73,12 @@ class Constrained(Method):
     """One even penalty with the same constraints: less sharp than `Adaptive`, faster, and what a `Tracker` does.
 
     ``friction`` and ``draws`` as for `Adaptive`; ``parameter`` is the weight of the penalty (default: by evidence).
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pp.Constrained(friction=0.6).chosen  # the rule that chooses the weight of the penalty
+    'evidence'
     """
 
     name: ClassVar[str] = "constrained"
@@ -98,6 +104,14 @@ class Automatic(Method):
 
     A frame that contact which only pushes does not explain (adhesion, cells that pull) is given to `Tikhonov`, unless ``friction`` says
     that there is contact. What other frames hold makes no difference.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+    >>> str(pp.Automatic().resolved(skin.problem(components=["x"])))  # no pressure is sought
+    'tikhonov'
     """
 
     name: ClassVar[str] = "automatic"

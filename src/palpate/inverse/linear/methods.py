@@ -67,6 +67,12 @@ class Hilgers(Method):
     """Regularisation in a Sobolev space (J. W. Hilgers, SIAM J. Numer. Anal. 13, 1976, 172-184).
 
     ``length`` [m] is the correlation length (default: the depth, or the cell at depth 0); ``parameter`` and ``rule`` as for `Tikhonov`.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pp.Hilgers(length=2e-3).chosen  # the rule that chooses the parameter
+    'evidence'
     """
 
     name: ClassVar[str] = "hilgers"
@@ -87,7 +93,14 @@ class Hilgers(Method):
 
 @dataclass(frozen=True, kw_only=True)
 class Truncated(Method):
-    """Truncated singular value decomposition: singular values with s^2 above ``parameter`` are kept."""
+    """Truncated singular value decomposition: singular values with s^2 above ``parameter`` are kept.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pp.Truncated().chosen  # the rule that chooses the parameter
+    'gcv'
+    """
 
     name: ClassVar[str] = "truncated"
     summary: ClassVar[str] = "linear, the spectrum cut off"
@@ -109,6 +122,13 @@ class Wiener(Method):
 
     ``spectrum`` is a function of |k| [rad/m], or a mapping from component to function: power spectral density in Pa^2 m (line) or
     Pa^2 m^2 (area).
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> method = pp.Wiener(spectrum=lambda k: 1e4 / (1.0 + (2e-3 * k) ** 2))  # features of about 2 mm
+    >>> method.needs.noise  # the array must say its noise
+    True
     """
 
     name: ClassVar[str] = "wiener"

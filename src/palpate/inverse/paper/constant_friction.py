@@ -45,6 +45,18 @@ class ConstantFriction(Method):
         Coefficient mu; its sign is the direction of sliding.
     order, parameter, rule
         Of the inversion for pressure, as for `Tikhonov`.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pad = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)
+    >>> skin = pp.Skin(pad, pp.LineArray(count=41, pitch=0.5, depth=1.5, channels=["stress_zz"]))
+    >>> normal = pp.solutions.strip(half_width=3.5, traction=0.1)
+    >>> shear = pp.solutions.strip(half_width=3.5, traction=0.04, component="x")
+    >>> readings = skin.sense(skin.sample(normal) + skin.sample(shear))
+    >>> touch = skin.reconstruct(readings, method=pp.ConstantFriction(friction=0.4))
+    >>> touch.force.round(2).tolist()
+    [0.28, 0.7]
     """
 
     name: ClassVar[str] = "constant_friction"

@@ -28,7 +28,18 @@ __all__ = ["Division", "DivisionEstimator"]
 
 @dataclass(frozen=True, kw_only=True)
 class Division(Method):
-    """The founding paper's method: division of discrete Fourier transforms, on the array's own grid; without noise only."""
+    """The founding paper's method: division of discrete Fourier transforms, on the array's own grid; without noise only.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pad = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)
+    >>> skin = pp.Skin(pad, pp.LineArray(count=121, pitch=0.5, depth=1.5, channels=["stress_zz"]))
+    >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3.5, force=0.774))
+    >>> touch = skin.reconstruct(readings, method=pp.Division())
+    >>> round(float(touch.force[1]), 2)  # per length
+    0.77
+    """
 
     name: ClassVar[str] = "dft"
     summary: ClassVar[str] = "the founding paper's division, on the array's own grid"

@@ -27,7 +27,18 @@ __all__ = ["LinearSystem", "LinearSystemEstimator"]
 
 @dataclass(frozen=True, kw_only=True)
 class LinearSystem(Method):
-    """The system of concentrated loads that `Division` takes as circular, solved as it stands; without noise only."""
+    """The system of concentrated loads that `Division` takes as circular, solved as it stands; without noise only.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> pad = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)
+    >>> skin = pp.Skin(pad, pp.LineArray(count=121, pitch=0.5, depth=1.5, channels=["stress_zz"]))
+    >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3.5, force=0.774))
+    >>> touch = skin.reconstruct(readings, method=pp.LinearSystem())
+    >>> round(float(touch.force[1]), 2)  # per length
+    0.77
+    """
 
     name: ClassVar[str] = "linear"
     summary: ClassVar[str] = "the linear system that the division stands for, on the array's own grid"
