@@ -1,6 +1,6 @@
 """From source to screen: the live page in headless Chromium, its latency, and its screenshots.
 
-python benchmarks/live.py [--rate 200] [--size 32] [--seconds 60] [--shots FOLDER]
+python benchmarks/live.py [--rate 200] [--size 32] [--seconds 60 | --painted 100] [--shots FOLDER]
 
 Without --rate, what ``palpate live --demo`` shows. With it, a recording of --size x --size x 3 at that rate, friction known. Prints
 frames in, reconstructed and painted, and the latency from the frame's birth to the end of its painting (one clock); the last line is the
@@ -32,6 +32,9 @@ import websockets
 import palpate as pp
 from palpate import simulation
 from palpate.live import Live, Session
+
+#: Seconds after which a page that shows nothing is given up.
+PATIENCE = 120.0
 
 
 def free_port() -> int:
@@ -115,14 +118,21 @@ class Browser:
         found = await self("Runtime.evaluate", expression=script, returnByValue=True)
         return found.get("result", {}).get("value")
 
+    async def until(self, condition: str, seconds: float) -> bool:
+        """Whether a condition of the page came true in time."""
+        deadline = time.monotonic() + seconds
+        while not await self.value(condition):
+            if time.monotonic() > deadline:
+                return False
+            await asyncio.sleep(0.05)
+        return True
+
     async def shot(self, path: Path, address: str, width: int, height: int) -> None:
         await self("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         await self("Page.navigate", url=address)
-        await asyncio.sleep(1.0)
-        for _ in range(80):  # the moment to show is when slip is announced
-            if await self.value("!document.getElementById('alarm').hidden"):
-                break
-            await asyncio.sleep(0.1)
+        await self.until("palpate.painted > 2", PATIENCE)
+        # the moment to show is when slip is announced
+        await self.until("!document.getElementById('alarm').hidden", 8.0)
         await asyncio.sleep(0.2)
         found = await self("Page.captureScreenshot", format="png")
         path.write_bytes(base64.b64decode(found["data"]))
@@ -133,12 +143,16 @@ class Browser:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-async def watch(address: str, session: Session, seconds: float, shots: Path | None) -> dict[str, Any]:
+async def watch(
+    address: str, session: Session, seconds: float, enough: int | None, shots: Path | None
+) -> dict[str, Any]:
     browser = Browser()
     try:
         await browser.open()
         await browser("Page.navigate", url=address)
+        await browser.until("palpate.painted > 2", PATIENCE)
         await asyncio.sleep(1.0)
+        begun = time.monotonic()
         before = (
             session.count,
             session.behind,
@@ -146,10 +160,13 @@ async def watch(address: str, session: Session, seconds: float, shots: Path | No
             await browser.value("palpate.received"),
         )
         await browser.value("palpate.latencies.length = 0")
-        await asyncio.sleep(seconds)
+        if enough is None:
+            await asyncio.sleep(seconds)
+        else:
+            await browser.until(f"palpate.painted >= {before[2] + enough}", PATIENCE)
         painted = await browser.value("palpate.painted")
         found = {
-            "seconds": seconds,
+            "seconds": time.monotonic() - begun,
             "reconstructed": session.count - before[0],
             "skipped": session.behind - before[1],
             "received": await browser.value("palpate.received") - before[3],
@@ -174,6 +191,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float)
     parser.add_argument("--size", type=int, default=32)
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--painted", type=int, help="stop after so many pictures instead")
     parser.add_argument("--shots", type=Path)
     args = parser.parse_args()
     session = make_session(args.rate, args.size)
@@ -190,12 +208,12 @@ def main() -> None:
         time.sleep(0.05)
     if args.shots is not None:
         time.sleep(4.0)
-    found = asyncio.run(watch(f"http://127.0.0.1:{port}/", session, args.seconds, args.shots))
+    found = asyncio.run(watch(f"http://127.0.0.1:{port}/", session, args.seconds, args.painted, args.shots))
     server.should_exit = True
     thread.join(timeout=20)
     due = found["reconstructed"] + found["skipped"]
     print(
-        f"{due} frames in {args.seconds:g} s, {found['reconstructed']} reconstructed ({found['approximate']} approximately), "
+        f"{due} frames in {found['seconds']:.1f} s, {found['reconstructed']} reconstructed ({found['approximate']} approximately), "
         f"{found['skipped']} skipped as late, {found['received']} received, {found['painted']} painted; birth to paint p50 "
         f"{found['latency_p50_ms']:.0f} ms, p99 {found['latency_p99_ms']:.0f} ms"
     )

@@ -250,41 +250,44 @@ def test_masked_taxels_cost_little() -> None:
     assert errors[1] < 1.15 * errors[0]
 
 
+SEEDS = [0, *(pytest.param(i, marks=pytest.mark.long) for i in (1, 2))]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("noise", [0.005, 0.03])
-def test_sliding_is_recognised(noise: float) -> None:
+def test_sliding_is_recognised(noise: float, seed: int) -> None:
     """A contact that slides: shear in one proportion to pressure, at the friction given, or at less where what is given is too high."""
     skin = pp.Skin(PAD, area(THREE))
     direction = 0.7
     clean = skin.sense(skin.sample(BALL.sliding(0.5, direction=direction)))
     for given in (0.5, 0.6):
-        for seed in range(3):
-            size = noise * float(np.abs(clean).max())
-            noisy = clean + size * np.random.default_rng(seed).standard_normal(clean.shape)
-            touch = skin.reconstruct(noisy, friction=given)
-            shear, pressure = touch.force[:2], touch.force[2]
-            assert float(np.hypot(*shear) / pressure) == pytest.approx(0.5, abs=noise)
-            assert float(np.arctan2(*shear[::-1])) == pytest.approx(direction, abs=2 * noise)
-            low, high = touch.interval(0.99, "force")
-            true = np.array([0.5 * np.cos(direction), 0.5 * np.sin(direction), 1.0])
-            assert ((low < true) & (true < high)).all(), (given, seed, low, high)
-            assert (low < high).all()
-            assert float(touch.sliding) > 0.95
-            assert "in one proportion to pressure" in touch.summary()
+        size = noise * float(np.abs(clean).max())
+        noisy = clean + size * np.random.default_rng(seed).standard_normal(clean.shape)
+        touch = skin.reconstruct(noisy, friction=given)
+        shear, pressure = touch.force[:2], touch.force[2]
+        assert float(np.hypot(*shear) / pressure) == pytest.approx(0.5, abs=noise)
+        assert float(np.arctan2(*shear[::-1])) == pytest.approx(direction, abs=2 * noise)
+        low, high = touch.interval(0.99, "force")
+        true = np.array([0.5 * np.cos(direction), 0.5 * np.sin(direction), 1.0])
+        assert ((low < true) & (true < high)).all(), (given, seed, low, high)
+        assert (low < high).all()
+        assert float(touch.sliding) > 0.95
+        assert "in one proportion to pressure" in touch.summary()
 
 
-def test_sliding_is_not_seen_where_nothing_slides() -> None:
+@pytest.mark.parametrize("seed", SEEDS)
+def test_sliding_is_not_seen_where_nothing_slides(seed: int) -> None:
     """A firm grip stays one, and neither its shear nor its margin is that of a slide."""
     skin = pp.Skin(PAD, area(THREE))
     clean = skin.sense(skin.sample(BALL.partial_slip(0.6, 0.24)))
-    for seed in range(3):
-        noisy = clean + 0.01 * np.abs(clean).max() * np.random.default_rng(seed).standard_normal(clean.shape)
-        touch = skin.reconstruct(noisy, friction=0.6)
-        assert float(np.hypot(*touch.force[:2]) / touch.force[2]) == pytest.approx(0.24, abs=0.03)
-        assert float(touch.sliding) < 0.05
-        # the rim carries more of the shear than of the pressure
-        q, p = np.asarray(touch.values)[0], np.asarray(touch.values)[2]
-        rim, middle = (p > 0.3 * p.max()) & (p < 0.5 * p.max()), p > 0.9 * p.max()
-        assert (q[rim] / p[rim]).mean() > 1.3 * (q[middle] / p[middle]).mean()
+    noisy = clean + 0.01 * np.abs(clean).max() * np.random.default_rng(seed).standard_normal(clean.shape)
+    touch = skin.reconstruct(noisy, friction=0.6)
+    assert float(np.hypot(*touch.force[:2]) / touch.force[2]) == pytest.approx(0.24, abs=0.03)
+    assert float(touch.sliding) < 0.05
+    # the rim carries more of the shear than of the pressure
+    q, p = np.asarray(touch.values)[0], np.asarray(touch.values)[2]
+    rim, middle = (p > 0.3 * p.max()) & (p < 0.5 * p.max()), p > 0.9 * p.max()
+    assert (q[rim] / p[rim]).mean() > 1.3 * (q[middle] / p[middle]).mean()
 
 
 def test_draws_of_a_slide() -> None:
@@ -306,6 +309,7 @@ def test_draws_of_a_slide() -> None:
         np.testing.assert_allclose(forces[:, :2].std(axis=0), closed[:2], rtol=0.6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("contact", ["pressed cone", "sliding block"])
 def test_sliding_contact_is_solved_on_a_finer_grid(contact: str) -> None:
     """Pressure alone is seen in more detail than pressure and shear; on the grid of both, these were 1.3 and 0.7."""
@@ -353,6 +357,7 @@ def test_periodic_and_shear_only_stay_linear() -> None:
 # -- how good, how sure --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_better_than_the_clairvoyant_filter() -> None:
     records = bench.accuracy(["line"], draws=3, comparisons=False)
     ratios = np.array(list(bench.ratios(records).values()))
@@ -378,6 +383,7 @@ def test_clairvoyant_filter_by_simulation() -> None:
     assert expected < 1.15 * best
 
 
+@pytest.mark.long
 def test_paper_at_40_decibels() -> None:
     """Cylinder and punch at 1 % noise: better than any linear filter or plain non-negativity (0.084, 0.45; 0.71, 0.37)."""
     layout = bench.LAYOUTS["line"]
@@ -389,6 +395,7 @@ def test_paper_at_40_decibels() -> None:
         assert np.mean(records) < limit
 
 
+@pytest.mark.long
 def test_intervals_hold_what_they_say() -> None:
     records = bench.accuracy(["line"], draws=6, seed=1, comparisons=False)
     for level, low, high in ((0.95, 0.9, 1.0), (0.5, 0.4, 0.65)):
@@ -439,6 +446,7 @@ def test_draws_lie_in_the_cone_and_spread_like_the_closed_form() -> None:
         skin.reconstruct(readings, draws=-1)
 
 
+@pytest.mark.long
 def test_what_lies_beyond_the_array_is_in_the_error() -> None:
     """Contacts across the edge, of which a quarter or more is guessed: the intervals hold them all the same."""
     held, wide = [], []
@@ -456,6 +464,9 @@ def test_what_lies_beyond_the_array_is_in_the_error() -> None:
     assert len(held) > 20
     assert np.mean(held) > 0.85
     assert np.median(wide) < 1.0
+
+
+def test_a_contact_across_the_edge_is_said() -> None:
     skin = pp.Skin(PAD, area())
     inner = skin.reconstruct(pressed(skin, BALL, 0.01)[0])
     assert not inner.errors.outside_force.any()
@@ -467,7 +478,7 @@ def test_what_lies_beyond_the_array_is_in_the_error() -> None:
     assert batch.frame(0).errors.outside_traction.shape == inner.values.shape
 
 
-@pytest.mark.parametrize("loud", [(1.0, 1.0, 8.0), (8.0, 8.0, 1.0)])
+@pytest.mark.parametrize("loud", [(1.0, 1.0, 8.0), pytest.param((8.0, 8.0, 1.0), marks=pytest.mark.long)])
 def test_each_channel_has_its_own_noise(loud: tuple[float, float, float]) -> None:
     """Learned from the readings, it makes nearly as good a use of them as noise that is given; of one frame and of some."""
     skin = pp.Skin(PAD, area(THREE))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
 import struct
@@ -9,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,17 @@ BALL = solutions.hertz_point(radius=2.5e-3, force=1.0).partial_slip(0.6, 0.3)
 @pytest.fixture(scope="module")
 def skin() -> pp.Skin:
     return pp.Skin(PAD, ARRAY)
+
+
+#: Seconds that a machine with other things to do may take; nobody waits as long where it goes well.
+PATIENCE = 120.0
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
 
 
 def session(skin: pp.Skin, frames: int = 100_000, rate: float = 100.0, wrong_at: int | None = None) -> Session:
@@ -132,18 +144,50 @@ def test_the_page_and_its_stream(skin: pp.Skin) -> None:
         assert health["failure"] is None
 
 
-def test_a_slow_page_gets_the_newest_and_nothing_queues(skin: pp.Skin) -> None:
+def test_a_slow_page_gets_the_newest_and_nothing_queues(skin: pp.Skin, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page whose connection takes nothing for 60 frames: what was under way, then the present."""
+    import asyncio
+
+    from palpate.live import server
+
+    monkeypatch.setattr(server, "STALLED", PATIENCE)
     live = Live(session(skin, rate=400.0), token="")
-    with (
-        testclient.TestClient(live.app, base_url=HERE) as client,
-        client.websocket_connect("ws://127.0.0.1/stream") as socket,
-    ):
-        socket.receive_text()
-        packet(socket)
-        time.sleep(1.0)
-        # what was under way, then the present
-        late = [packet(socket)["frame"] for _ in range(12)]
-        assert client.get("/health").json()["frames"] - late[-1] < 400
+    frames: list[int] = []
+
+    async def page() -> int:
+        taken, left = asyncio.Event(), asyncio.Event()
+        asked = iter([{"type": "websocket.connect"}])
+
+        async def receive() -> dict[str, Any]:
+            for message in asked:
+                return message
+            await left.wait()
+            return {"type": "websocket.disconnect", "code": 1000}
+
+        async def send(message: Any) -> None:
+            if message.get("bytes"):
+                frames.append(unpacked(message["bytes"])[0]["frame"])
+                await taken.wait()
+                if len(frames) > 3:
+                    left.set()
+
+        scope = {"type": "websocket", "scheme": "ws", "path": "/stream", "root_path": "", "query_string": b""}
+        scope |= {"headers": [(b"host", b"127.0.0.1")], "subprotocols": [], "client": ("127.0.0.1", 1)}
+        async with asyncio.timeout(PATIENCE):
+            serving = asyncio.create_task(live.app(scope, receive, send))
+            while not frames or live.session.count < frames[0] + 60:
+                await asyncio.sleep(0.005)
+            now = live.session.count
+            taken.set()
+            await serving
+        return now
+
+    live.session.start()
+    try:
+        now = asyncio.run(page())
+    finally:
+        live.session.stop()
+    assert frames[2] >= now, frames
 
 
 def test_doors(skin: pp.Skin) -> None:
@@ -176,7 +220,7 @@ def test_doors(skin: pp.Skin) -> None:
                     socket.send_text(
                         ["{", '{"record": 3}', '{"record": "' + "x" * 5000 + '"}', '{"erase": true}'][kind - 1]
                     )
-            deadline = time.monotonic() + 20
+            deadline = time.monotonic() + PATIENCE
             while live.refused.get("message", 0) < 1000 and time.monotonic() < deadline:
                 packet(socket)
             assert packet(socket)["frame"] > 0
@@ -231,11 +275,12 @@ def test_a_sensor_on_the_network(skin: pp.Skin) -> None:
             for i in range(5):
                 sender.sendto(b"noise", ("127.0.0.1", listener.port))
                 sender.sendto(frame_bytes(i, 0.01 * i, reading), ("127.0.0.1", listener.port))
-                numbers = packet(page)
+            while (numbers := packet(page))["time"] < 0.0399:
+                pass
         assert numbers["force"][2] == pytest.approx(1.0, abs=0.05)
         assert numbers["time"] == pytest.approx(0.04)
         begun = time.monotonic()
-    assert time.monotonic() - begun < 5
+    assert time.monotonic() - begun < PATIENCE
     assert listener.counts["malformed"] == 5
 
 
@@ -256,7 +301,7 @@ def test_sessions_end(skin: pp.Skin) -> None:
     before = threading.active_count()
     one = session(skin, frames=30, rate=1000.0)
     one.start()
-    time.sleep(0.5)
+    until(lambda: one.count > 10)
     one.stop()
     assert one.count > 10
     assert threading.active_count() <= before
@@ -269,14 +314,14 @@ def test_in_a_browser(tmp_path: Path) -> None:
         [
             sys.executable,
             str(Path(__file__).parents[1] / "benchmarks" / "live.py"),
-            "--seconds",
-            "4",
+            "--painted",
+            "61",
             "--shots",
             str(tmp_path),
         ],
         capture_output=True,
         text=True,
-        timeout=180,
+        timeout=5 * PATIENCE,
     )
     assert out.returncode == 0, out.stderr
     numbers = json.loads(out.stdout.splitlines()[-1])
@@ -328,15 +373,18 @@ def test_a_sensor_on_the_network_through_the_command(skin: pp.Skin, tmp_path: Pa
     process = subprocess.Popen(
         [sys.executable, "-m", "palpate", *arguments], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     )
+    stack = contextlib.ExitStack()
     try:
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline:
+        client = stack.enter_context(httpx.Client(base_url=f"http://127.0.0.1:{page}", timeout=PATIENCE))
+
+        def answers() -> bool:
             try:
-                httpx.get(f"http://127.0.0.1:{page}/health").raise_for_status()
-                break
-            except httpx.HTTPError:
+                return client.get("/health").is_success
+            except httpx.ConnectError:
                 assert process.poll() is None
-                time.sleep(0.1)
+                return False
+
+        until(answers)
         clean = np.asarray(skin.sense(BALL), dtype=np.float32)
         rng = np.random.default_rng(0)
         noise = (100.0 * rng.standard_normal((40, *clean.shape))).astype(np.float32)
@@ -345,19 +393,19 @@ def test_a_sensor_on_the_network_through_the_command(skin: pp.Skin, tmp_path: Pa
             connect(f"ws://127.0.0.1:{glove}", subprotocols=["foxglove.sdk.v1"]) as viewer,
             sending(kind, wire) as send,
         ):
-            health = f"http://127.0.0.1:{page}/health"
             for i, frame in enumerate(values):
                 send(frame_bytes(i, 0.01 * i, frame))
-                while httpx.get(health).json()["frames"] <= i:
-                    assert time.monotonic() < deadline
+                until(lambda i=i: client.get("/health").json()["frames"] > i)
             seen: set[str] = set()
             while len(seen) < 3:
-                seen |= {c["topic"] for c in json.loads(viewer.recv(timeout=10)).get("channels", [])}
-        assert httpx.get(health).json()["received"]["frames"] == 40
+                seen |= {c["topic"] for c in json.loads(viewer.recv(timeout=PATIENCE)).get("channels", [])}
+        assert client.get("/health").json()["received"]["frames"] == 40
         process.send_signal(signal.SIGINT)
-        output = process.communicate(timeout=30)[0].decode()
+        output = process.communicate(timeout=PATIENCE)[0].decode()
     finally:
+        stack.close()
         process.kill()
+        process.communicate()
     assert "Traceback" not in output, output
     assert f"ws://127.0.0.1:{glove}" in output
     assert seen >= {"/palpate/readings", "/palpate/touch", "/palpate/wrench"}
@@ -375,7 +423,7 @@ def test_show_takes_a_generator(skin: pp.Skin, monkeypatch: pytest.MonkeyPatch, 
     def serve(live: Live, *, host: str, port: int) -> None:
         assert (host, port) == ("127.0.0.1", 8765)
         with testclient.TestClient(live.app, base_url=HERE) as client:
-            deadline = time.monotonic() + 20
+            deadline = time.monotonic() + PATIENCE
             assert client.get("/health").status_code == 403
             health = f"/health?token={live.token}"
             while client.get(health).json()["frames"] < 30 and time.monotonic() < deadline:

@@ -21,7 +21,7 @@ SHAPE = (3, 6, 5)
 
 
 def wait(until: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 60
     while not until() and time.monotonic() < deadline:
         time.sleep(0.005)
     assert until()

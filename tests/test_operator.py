@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ LAYOUTS: dict[str, list[Any]] = {
     ],
     "line, scattered": [pp.ScatteredArray(positions=POSITIONS[:, 0], depth=0.4, channels=LINE_CHANNELS, aperture=0.1)],
     "area": [pp.AreaArray(shape=(6, 7), pitch=(0.5, 0.4), depth=0.5, channels=AREA_CHANNELS, center=(0.3, -2.0))],
-    "area, aperture, fine": [pp.AreaArray(shape=(5, 4), pitch=0.5, depth=0.15, channels=AREA_CHANNELS, aperture=0.3)],
+    "area, aperture, fine": [pp.AreaArray(shape=(3, 4), pitch=0.5, depth=0.15, channels=AREA_CHANNELS, aperture=0.3)],
     "area, at the surface": [
         pp.AreaArray(
             shape=(5, 6),
@@ -41,7 +42,9 @@ LAYOUTS: dict[str, list[Any]] = {
     ],
     "area, masked": [pp.AreaArray(shape=(4, 4), pitch=0.5, depth=0.5, channels=["stress_zz"], mask=np.eye(4) < 0.5)],
     "area, scattered": [
-        pp.ScatteredArray(positions=POSITIONS, depth=0.0, channels=["displacement_x", "displacement_y"], aperture=0.05)
+        pp.ScatteredArray(
+            positions=POSITIONS[:8], depth=0.0, channels=["displacement_x", "displacement_y"], aperture=0.05
+        )
     ],
     "area, planes of two kinds": [
         pp.AreaArray(shape=(4, 5), pitch=0.5, depth=0.5, channels=["stress_zz"]),
@@ -72,6 +75,12 @@ def operator(planes: Sequence[Any], boundary: Any, pad: str = "half-space 0.37")
     return Operator(PADS[pad], planes, surface, boundary)
 
 
+@cache
+def laid_out(layout: str, boundary: Any, pad: str = "half-space 0.37") -> Operator:
+    """The operator of a layout, whose kernels are made once for all tests."""
+    return operator(LAYOUTS[layout], boundary, pad)
+
+
 def dot_test(op: Operator, dtype: Any, rng: np.random.Generator) -> float:
     """|<A t, r> - <t, A' r>| in units of eps |A t| |r|."""
     traction = rng.standard_normal((2, len(op.surface.components), *op.surface.shape)).astype(dtype)
@@ -93,12 +102,12 @@ CASES = [(n, "free") for n in LAYOUTS] + [(n, "periodic") for n in PERIODIC]
 @pytest.mark.parametrize("pad", list(PADS))
 @pytest.mark.parametrize(("layout", "boundary"), CASES)
 def test_adjoint(layout: str, boundary: str, pad: str, dtype: Any, rng: np.random.Generator) -> None:
-    assert dot_test(operator(LAYOUTS[layout], boundary, pad), dtype, rng) < 50
+    assert dot_test(laid_out(layout, boundary, pad), dtype, rng) < 50
 
 
 @pytest.mark.parametrize(("layout", "boundary"), CASES)
 def test_dense_is_the_same_operator(layout: str, boundary: str, rng: np.random.Generator) -> None:
-    op = operator(LAYOUTS[layout], boundary)
+    op = laid_out(layout, boundary)
     traction = rng.standard_normal((len(op.surface.components), *op.surface.shape))
     expected = np.concatenate([f[:, p.valid].ravel() for f, p in zip(op.forward(traction), op.planes_of)])
     found = op.dense() @ traction.ravel()
@@ -127,7 +136,7 @@ def test_adjoint_property(count: int, ratio: int, depth: float, width: float, nu
 @pytest.mark.parametrize("pad", ["half-space 0.37", "skin on soft", "soft base"])
 def test_mirror(layout: str, boundary: str, pad: str, rng: np.random.Generator) -> None:
     """Mirrored traction gives the mirrored reading, on even and odd grids."""
-    op = operator(LAYOUTS[layout], boundary, pad)
+    op = laid_out(layout, boundary, pad)
     axes = "x" if op.surface.dimensions == 1 else "yx"
     traction = rng.standard_normal((len(op.surface.components), *op.surface.shape))
     for axis, name in enumerate(axes):
@@ -321,12 +330,12 @@ def test_too_large_a_dense_map_is_refused() -> None:
         pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.3), array, surface=pp.AreaGrid(shape=(300, 300), spacing=0.01)
     )
     with pytest.raises(pp.Unsupported, match="GB"):
-        _ = skin.operator
+        _ = skin.operator.planes
 
 
 @pytest.mark.parametrize(("layout", "boundary"), CASES)
 def test_columns_are_those_of_the_matrix(layout: str, boundary: str, rng: np.random.Generator) -> None:
-    op = operator(LAYOUTS[layout], boundary)
+    op = laid_out(layout, boundary)
     count, cells = len(op.surface.components), int(np.prod(op.surface.shape))
     some = rng.choice(cells, size=min(9, cells), replace=False)
     wanted = [count - 1, 0]
