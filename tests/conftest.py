@@ -9,9 +9,9 @@ from typing import Any
 for _library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
-import numpy as np
-import pytest
-from hypothesis import settings
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+from hypothesis import settings  # noqa: E402
 
 # slow or loaded machines must not fail a property, and a run must be repeatable
 settings.register_profile("palpate", deadline=None, derandomize=True)
