@@ -476,7 +476,8 @@ class Child:
                 answers.put(line)
             answers.put("")
 
-        threading.Thread(target=listen, args=(self._process.stdout, self._answers), daemon=True).start()
+        self._listener = threading.Thread(target=listen, args=(self._process.stdout, self._answers), daemon=True)
+        self._listener.start()
         self._answers.get()
         return self._process
 
@@ -493,7 +494,9 @@ class Child:
                 self.close()
                 return "hang", f"over {self.patience:g} s"
             if not line:
-                return "crash", f"signal {-process.wait()}"
+                signal = -process.wait()
+                self.close()
+                return "crash", f"signal {signal}"
             if line.startswith("\x1e"):
                 outcome, why = json.loads(line[1:])
                 return outcome, why
@@ -502,7 +505,10 @@ class Child:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
-            self._process.stdin.close()  # type: ignore[union-attr]
+            self._listener.join()
+            with contextlib.suppress(BrokenPipeError):  # of what it did not take any more
+                self._process.stdin.close()  # type: ignore[union-attr]
+            self._process.stdout.close()  # type: ignore[union-attr]
             self._process = None
 
 

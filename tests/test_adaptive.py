@@ -303,10 +303,10 @@ def test_draws_of_a_slide() -> None:
         forces = draws.sum(axis=(2, 3)) * skin.surface.cell
         turn = np.array([[np.cos(0.7), np.sin(0.7)], [-np.sin(0.7), np.cos(0.7)]])
         _, across = (forces[:, :2] @ turn.T).std(axis=0)
-        assert across == pytest.approx(0.01, rel=0.7)  # Q times the error of the angle
+        assert across == pytest.approx(0.01, rel=0.5)  # Q times the error of the angle
         assert touch.errors is not None
         closed = np.asarray(touch.errors.force)
-        np.testing.assert_allclose(forces[:, :2].std(axis=0), closed[:2], rtol=0.6)
+        np.testing.assert_allclose(forces[:, :2].std(axis=0), closed[:2], rtol=0.3)
 
 
 @pytest.mark.long

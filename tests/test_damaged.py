@@ -6,6 +6,7 @@ import importlib.util
 import json
 import sys
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -59,14 +60,20 @@ def test_a_few_damaged_files_of_each_kind(name: str) -> None:
     assert report.outcomes["refused"] > 0
 
 
+@pytest.fixture(scope="module")
+def child() -> Iterator[Any]:
+    """The process that reads, which a crash or a hang ends instead of the tests."""
+    one = fuzz.Child(patience=300.0)
+    yield one
+    one.close()
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", list(fuzz.READERS))
-def test_many_damaged_files(name: str) -> None:
-    child = fuzz.Child()
-    try:
-        report = fuzz.fuzz(fuzz.READERS[name], 150, child=child)
-    finally:
-        child.close()
+def test_more_damaged_files(name: str, child: Any) -> None:
+    """Thousands of files: ``python benchmarks/fuzz.py``."""
+    report = fuzz.fuzz(fuzz.READERS[name], 24, child=child)
+    assert sum(report.outcomes.values()) == 24
     assert not report.failures
 
 
