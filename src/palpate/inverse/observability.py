@@ -18,6 +18,8 @@ __all__ = ["Observability", "check_observable", "observability", "observable_com
 
 #: Below this ratio of singular values at every wavelength a combination of components leaves no trace.
 BLIND = 1e-9
+#: Channels across the surface: what presses reaches them first.
+NORMAL = ("displacement_z", "strain_zz", "stress_zz")
 
 
 @dataclass(frozen=True)
@@ -96,13 +98,20 @@ def is_observable(pad: Pad, planes: Sequence[Array], components: Sequence[str]) 
 def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:
     """What is sought by default: the most components that can be told apart.
 
-    All of them; else both shears; else one: the shear along x (or y) where every channel is odd in that axis, as
-    displacement_x and stress_xz are, otherwise pressure.
+    All of them. Else, where a channel across the surface (stress_zz, strain_zz, displacement_z) is measured, pressure, with the shear
+    along x (or y) where a channel is odd in that axis, as stress_xz and displacement_x are: to take pressure as zero there would make
+    shear of what presses. Else both shears; else one, where every channel is odd in that axis; else pressure.
     """
     line = planes[0].dimensions == 1
     channels = [c for p in planes for c in p.channels]
-    candidates: list[tuple[str, ...]] = [("x", "z")] if line else [("x", "y", "z"), ("x", "y")]
-    candidates += [(axis,) for axis in ("x" if line else "xy") if all(mirror_parity(c, axis) < 0 for c in channels)]
+    axes = "x" if line else "xy"
+    candidates: list[tuple[str, ...]] = [("x", "z")] if line else [("x", "y", "z")]
+    if any(c in NORMAL for c in channels):
+        candidates += [(a, "z") for a in axes if any(mirror_parity(c, a) < 0 for c in channels)]
+        candidates.append(("z",))
+    if not line:
+        candidates.append(("x", "y"))
+    candidates += [(axis,) for axis in axes if all(mirror_parity(c, axis) < 0 for c in channels)]
     for candidate in [*candidates, ("z",), ("x",)]:
         if is_observable(pad, planes, candidate):
             return candidate
