@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import typer
 
 import palpate as pp
 from palpate.cli import app
@@ -120,3 +121,51 @@ def test_the_demo_takes_baseline_and_friction(
     with pytest.raises(Enough):
         app(["live", "--demo", *given], standalone_mode=False)
     assert (seen["baseline"], seen["friction"]) == used
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("reconstruct", "r.nc", "--skin", "skin.toml", "--components", ""), "components must be"),
+        (
+            (
+                "reconstruct",
+                "r.nc",
+                "--skin",
+                "skin.toml",
+                "--method",
+                "tikhonov",
+                "--parameter",
+                "evidence",
+                "--rule",
+                "gcv",
+            ),
+            "names the rule already",
+        ),
+        ((*TRACK, "--force"), "--force replaces a result"),
+    ],
+)
+def test_what_was_taken_without_a_word(arguments: tuple[str, ...], message: str, folder: Path) -> None:
+    with pytest.raises(pp.InvalidInput, match=message):
+        app(list(arguments), standalone_mode=False)
+    assert not (folder / "r-touch.nc").exists()
+
+
+def test_a_seed_below_zero_is_refused(folder: Path) -> None:
+    with pytest.raises(typer.TyperException, match="greater than or equal to 0"):
+        app([*SIMULATE, "--seed", "-1"], standalone_mode=False)
+
+
+def test_frames_that_do_not_fit_into_memory_are_refused_before_any_work(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("palpate._memory.available", lambda: 2_000_000_000)
+    with pytest.raises(pp.Unsupported, match=r"10,000,000 frames of 16 readings need about 5.1 GB of memory.*--frames"):
+        app([*SIMULATE, "--frames", "10000000"], standalone_mode=False)
+
+    def full(_: float, what: str, remedy: str) -> None:
+        raise pp.Unsupported(f"{what}: {remedy}")
+
+    monkeypatch.setattr("palpate._memory.require", full)
+    with pytest.raises(pp.Unsupported, match=r"the touches of 3 frames: Use palpate track --out"):
+        app(["reconstruct", "r.nc", "--skin", "skin.toml", "--method", "tikhonov"], standalone_mode=False)

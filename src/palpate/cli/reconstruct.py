@@ -38,6 +38,7 @@ def reconstruct(
     """Recover pressure and shear from a recording. Nothing to tune."""
     from dataclasses import replace
 
+    from palpate._memory import require
     from palpate.elastic import Viscoelastic
     from palpate.recordings import read_recording, read_stream, write_touch
     from palpate.recordings.formats import file_format
@@ -65,14 +66,20 @@ def reconstruct(
         )
     options: dict[str, Any] = {
         "method": method,
-        "components": components.split(",") if components else None,
+        "components": None if components is None else [c.strip() for c in components.split(",")],
     }
     count = len(recording.readings)
     if not -count <= frame < count:
         raise InvalidInput(f"frame {frame} is not among the {count} frames of {recording_file}.")
     step = count if isinstance(skin.pad, Viscoelastic) else 64  # creep remembers, so its frames stay together
     with busy("preparing the skin"):
-        skin.reconstruct(recording.readings[:1], time=recording.time[:1], **options)
+        first = skin.reconstruct(recording.readings[:1], time=recording.time[:1], **options)
+    # the touches one by one, joined, and as they are written, each with its error bars
+    require(
+        (8 if first.errors is not None else 4) * count * first.values.nbytes,
+        f"the touches of {count:,} frames",
+        "Use palpate track --out, which writes each frame as it comes, or split the recording.",
+    )
     parts = [
         skin.reconstruct(recording.readings[i : i + step], time=recording.time[i : i + step], **options)
         for i in progress(range(0, count, step), "reconstructing")

@@ -37,12 +37,15 @@ def simulate(
     direction: Annotated[float, typer.Option(help="Direction of the drag [degrees from +x] (area only).")] = 0.0,
     frames: Annotated[int, typer.Option(help="Frames; the force grows evenly over them.")] = 1,
     rate: Annotated[float, typer.Option(help="Frames per second.")] = 100.0,
-    seed: Annotated[int, typer.Option(help="Seed of the noise; none is added where the skin names no noise.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the noise; none is added where the skin names no noise.")
+    ] = 0,
     overwrite: Overwrite = False,
 ) -> None:
     """Make a recording of a known contact on a skin."""
     import numpy as np
 
+    from palpate._memory import require
     from palpate.elastic import Viscoelastic
     from palpate.recordings import Recording, write_recording
     from palpate.recordings.formats import file_format
@@ -55,6 +58,13 @@ def simulate(
         raise InvalidInput("simulate writes one recording: the skin's planes must have one shape.")
     if frames < 1 or not 0 < rate < 1e9:
         raise InvalidInput(f"frames must be at least 1 and rate positive; got {frames} and {rate:g}.")
+    values = sum(len(p.channels) * p.points.shape[0] for p in skin.planes)
+    # the frames one by one, stacked, and as they are written
+    require(
+        32.0 * frames * values,
+        f"{frames:,} frames of {values:,} readings",
+        "Give fewer --frames, or make several recordings.",
+    )
     body = _contact(skin, contact, force, size, x, y, friction, drag, direction)
     full = skin.sample(body)
     noisy = all(p.noise_std is not None for p in skin.planes)

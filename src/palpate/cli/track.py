@@ -43,6 +43,8 @@ def track(
     from palpate.skin import Skin
     from palpate.touch import joined
 
+    if force and out is None:
+        raise InvalidInput("--force replaces a result: give --out too, or leave it out.")
     kind = None if out is None else file_format(out)
     if out is not None:
         check_output(out, inputs=[recording_file, *skin_files(skin_file)], force=force)

@@ -132,6 +132,8 @@ def method_named(name: str, given: Mapping[str, Any]) -> Method:
             raise kind(
                 f'method="{name}": parameter must be a positive number or one of {", ".join(method.rules)}; got {parameter!r}.'
             )
+        if "rule" in said:
+            raise InvalidInput(f"parameter={parameter!r} names the rule already: leave out rule={said['rule']!r}.")
         del said["parameter"]
         if "rule" in accepted:
             said["rule"] = parameter

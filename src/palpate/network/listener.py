@@ -109,6 +109,7 @@ class FrameListener:
         self._open = True
         self._kind = kind
         self._connections: dict[str, Any] = {}
+        self._talks: set[asyncio.Task[Any]] = set()
         self._refused: dict[str, float] = {}
         if kind == "ws":
             self._library()
@@ -181,9 +182,16 @@ class FrameListener:
         finally:
             server.close()
             self._abort_all()
+            # not left to be cancelled: Python 3.11 writes a traceback for each
+            if self._talks:
+                await asyncio.wait(self._talks, timeout=2)
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Frames of one connection, until it leaves or sends what does not begin as a frame: then nothing tells where one begins."""
+        talk = asyncio.current_task()
+        if talk is not None:
+            self._talks.add(talk)
+            talk.add_done_callback(self._talks.discard)
         sender = self._arrived(writer.transport)
         why = None
         try:
