@@ -86,7 +86,7 @@ def test_refusals() -> None:
         skin.reconstruct(np.zeros((1, 10)), time=[0.0])
     with pytest.raises(pp.Unsupported, match="creeps"):
         pp.Skin(half, array).sense(np.zeros((1, 2, 14)), time=[0.0])
-    with pytest.raises(pp.Unsupported, match="do not separate"):
+    with pytest.raises(pp.Unsupported, match="creeps differently"):
         pp.Viscoelastic(pp.BondedLayers([pp.Layer(thickness=1.0, youngs_modulus=1.0, poissons_ratio=0.3)], half), PRONY)
     for bad in ([], [(0.5, 1.0), (0.5, 2.0)], [(-0.1, 1.0)], [(0.1, 0.0)], [0.1, 0.2], "gel"):
         with pytest.raises(pp.InvalidInput, match=r"prony|Prony"):

@@ -506,7 +506,7 @@ class Skin:
         components, friction, parameter
             As for `reconstruct`.
         baseline : int or array
-            Frames at the start, without contact, whose mean is zero and whose spread is the noise; or that zero itself, one frame
+            Frames at the start, without contact, whose mean is zero and whose standard deviation is the noise; or that zero itself, one frame
             of readings (channel, *array). 0 (default): the readings are zero already.
         tolerance : float
             Change of traction, as a part of its peak, at which a frame's iteration ends.

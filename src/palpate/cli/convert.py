@@ -55,7 +55,10 @@ def convert(
         bool, typer.Option("--markers", help="The numbers are positions of markers: read their displacement.")
     ] = False,
     salvage: Annotated[
-        bool, typer.Option("--salvage", help="Read a torn MCAP file, or HDF5 that was not closed, as far as it goes.")
+        bool,
+        typer.Option(
+            "--salvage", help="Read what is whole of a recording that was cut off or damaged (.mcap, .nc, .h5, .csv)."
+        ),
     ] = False,
     force: Force = False,
 ) -> None:

@@ -67,13 +67,15 @@ def live(
     if sum((demo, recording_file is not None, len(listening))) != 1:
         raise InvalidInput("give either a RECORDING, --udp, --tcp or --ws with a --skin, or --demo.")
     if (skin_file is None) != demo:
-        raise InvalidInput("--demo brings its own skin." if demo else "what is shown needs its skin: --skin skin.toml.")
+        raise InvalidInput(
+            "--demo has its own skin: leave out --skin." if demo else "what is shown needs its skin: --skin skin.toml."
+        )
     if not (np.isfinite(speed) and speed > 0):
         raise InvalidInput(f"--speed must be a positive number; got {speed:g}.")
     if recording_file is None and speed != 1.0:
-        raise InvalidInput("--speed is that of a RECORDING that is replayed; what comes live has its own.")
+        raise InvalidInput("--speed is for replaying a RECORDING; a live sensor has its own pace: leave out --speed.")
     if listening and loop:
-        raise InvalidInput("--loop begins a RECORDING again; what comes from the network has no end.")
+        raise InvalidInput("--loop repeats a RECORDING, not frames from the network: leave out --loop.")
     if record_to is not None and not record_to.is_dir():
         raise InvalidInput(f"--record-to {record_to}: no such folder.")
     if record is not None:

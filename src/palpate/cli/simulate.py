@@ -116,7 +116,9 @@ def _contact(
     if friction == 0 and drag != 1:
         raise InvalidInput(f"--drag {drag:g} is a part of friction * force: give --friction too.")
     if friction * drag == 0 and direction:
-        raise InvalidInput(f"--direction {direction:g} is that of a drag: give --friction, and a --drag above 0.")
+        raise InvalidInput(
+            f"--direction {direction:g} is the direction of a drag: give --friction, and a --drag above 0."
+        )
     if load <= 0 or a <= 0:
         raise InvalidInput(f"force and size must be positive; got {force} and {size}.")
     if line:

@@ -52,7 +52,9 @@ def track(
     skin = Skin.from_file(skin_file, recording=recording)
     check_matching(recording, skin)
     if not baseline < len(recording.readings):
-        raise InvalidInput(f"--baseline {baseline} leaves nothing of {len(recording.readings)} frames.")
+        raise InvalidInput(
+            f"--baseline {baseline} leaves no frame of the {len(recording.readings)} in the recording: give a smaller number."
+        )
     check_watched(skin, friction, max_pressure, max_force)
     monitor = grasp_monitor(skin, friction, max_pressure, max_force, lambda event: typer.echo(str(event)))
     touches, seconds = [], []

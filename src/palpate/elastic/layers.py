@@ -137,7 +137,7 @@ class BondedLayers:
             top += layer.thickness
         if self.base is None:
             raise InvalidInput(
-                f"depth {depth:g} m lies below the rigid base of the pad at {self.thickness:g} m; nothing is felt there. "
+                f"depth {depth:g} m lies below the rigid base of the pad at {self.thickness:g} m; nothing can be measured there. "
                 'Use depth="base" for taxels at the base.'
             )
         return len(self.layers), depth - top

@@ -68,7 +68,7 @@ class Viscoelastic:
             )
         if isinstance(self.elastic, BondedLayers) and self.elastic.base is not None:
             raise Unsupported(
-                "layers that creep on a half-space that does not, or differently, do not separate in time and space. Use a "
+                "layers that creep on a half-space that creeps differently, or not at all, are not supported. Use a "
                 "rigid base, or a HalfSpace."
             )
         try:

@@ -25,8 +25,8 @@ class Errors:
 
     ``traction`` (*batch, component, *surface) [Pa]; ``force`` (*batch, component) [N or N/m]; ``moment`` (*batch, 3 or 1);
     ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa]. ``variance_reduction`` is shaped like ``traction``: 1 - posterior over prior
-    variance of each cell in contact, NaN elsewhere. The ``outer`` ones are no deviations but what each quantity owes to traction found
-    beyond the outermost taxels, where nothing is measured: it is known to a part of itself.
+    variance of each cell in contact, NaN elsewhere. Those named ``outside_...`` are not standard deviations: they are the part of
+    each quantity that comes from outside the outermost taxels, where nothing is measured; its relative error is a calibrated constant.
     """
 
     traction: Floats = field(metadata=per_frame("component", "*"))

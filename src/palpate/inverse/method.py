@@ -149,7 +149,7 @@ class Method(abc.ABC):
             )
         if self.needs.pressure and "z" not in problem.components:
             raise Unsupported(
-                f'method="{self.name}" lives on pressure that cannot pull: seek component z as well, or use method="tikhonov".'
+                f'method="{self.name}" keeps pressure from pulling, so it needs the pressure: seek component z as well, or use method="tikhonov".'
             )
         if self.needs.noise and any(a.noise_std is None for a in problem.planes):
             raise Unsupported(

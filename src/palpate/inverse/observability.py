@@ -133,7 +133,7 @@ def check_observable(pad: Pad, planes: Sequence[Array], components: Sequence[str
     )
     raise NotObservable(
         f"the components {', '.join(components)} cannot be told apart from {channels}: at every wavelength some "
-        f'combination of them leaves no trace. {remedy}, or seek fewer components (components=["z"]).'
+        f'combination of them has no effect on the readings. {remedy}, or seek fewer components (components=["z"]).'
     )
 
 

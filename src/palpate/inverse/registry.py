@@ -70,7 +70,7 @@ def register(method: AnyMethod) -> AnyMethod:
 def unregister(name: str) -> None:
     """Take out a method that was added."""
     if name in {m.name for m in _BUILT_IN}:
-        raise InvalidInput(f"{name} is palpate's own and stays.")
+        raise InvalidInput(f"{name} is part of palpate and cannot be removed.")
     _registered.pop(name, None)
 
 

@@ -1,6 +1,6 @@
 """The page's server: Starlette on this machine, one binary WebSocket, only the newest packet is ever sent.
 
-It answers to this machine alone (127.0.0.1) unless told otherwise, and only to those who bring the token, as notebooks do: other users and
+It answers to this machine alone (127.0.0.1) unless another host is given, and only to those who bring the token, as notebooks do: other users and
 other programs of this machine reach 127.0.0.1 too. Without a token only a page under a name of this machine itself is served, so that a
 foreign name that resolves to 127.0.0.1 (DNS rebinding) gets nothing. A page of another origin is refused, and so are messages of more than
 a kilobyte. A page that does not read for `STALLED` seconds is cut off.

@@ -34,7 +34,7 @@ from palpate.tracking import Tracker
 __all__ = ["MAGIC", "Session", "packed", "recorded", "unpacked"]
 
 MAGIC = b"PLP1"
-#: Events that a page that connects late is told.
+#: Events that a page that connects late is sent.
 REMEMBERED = 200
 #: Frames whose forces and slip margin it is shown.
 HISTORY = 1000
@@ -95,7 +95,7 @@ def unpacked(packet: bytes) -> tuple[dict[str, Any], Any]:
         raise InvalidInput("not a palpate packet: it does not begin with PLP1.")
     (size,) = struct.unpack("<I", packet[4:8])
     if len(packet) < 8 + size or (len(packet) - 8 - size) % 4:
-        raise InvalidInput(f"a torn palpate packet of {len(packet)} bytes.")
+        raise InvalidInput(f"an incomplete palpate packet of {len(packet)} bytes.")
     try:
         numbers = json.loads(packet[8 : 8 + size])
     except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -53,7 +53,7 @@ class FrameListener:
         How long it waits for what.
     report : callable, optional
         Called with words about senders (who is served, who began again, who was refused and why), from the listener's thread. Refusals
-        of one kind are told at most every 10 s; ``counts`` has all of them.
+        of one kind are reported at most every 10 s; ``counts`` has all of them.
 
     Attributes
     ----------

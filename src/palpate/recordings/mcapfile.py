@@ -224,7 +224,7 @@ def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tu
         except _damage() as error:
             if not salvage:
                 raise InvalidInput(
-                    f"{path}: cannot be read as MCAP; the file is torn, damaged or of another format ({_short(error)}). palpate convert "
+                    f"{path}: cannot be read as MCAP; the file is cut off, damaged or of another format ({_short(error)}). palpate convert "
                     "--salvage takes what is whole."
                 ) from error
 

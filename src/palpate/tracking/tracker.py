@@ -124,7 +124,10 @@ class Tracker:
             return int(baseline), np.zeros(len(self._std)) if baseline == 0 else None
         flat, _ = self._flat(baseline)
         if not np.isfinite(flat).all():
-            raise InvalidInput("the baseline holds values that are not finite; mask dead taxels (Skin.masked).")
+            raise InvalidInput(
+                f"the baseline holds {np.count_nonzero(~np.isfinite(flat))} values that are not finite: give another frame, or leave "
+                "these taxels out (Skin.masked)."
+            )
         return 0, flat / self._std
 
     def reset(self) -> None:

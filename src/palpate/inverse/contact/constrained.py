@@ -115,7 +115,7 @@ class ConstrainedEstimator:
         self.window = tuple(slice((n - m) // 2, (n - m) // 2 + m) for n, m in zip(grid.shape, self.surface.shape))
         self.inside = np.zeros(grid.shape, dtype=bool)
         self.inside[self.window] = True
-        # beyond the outermost taxels
+        # outside the outermost taxels
         points = np.concatenate([a.points[np.ravel(a.valid)] for a in operator.planes_of])
         self.outside = np.zeros(grid.shape, dtype=bool)
         for axis, (x, dx) in enumerate(zip(grid.axes, grid.spacings)):

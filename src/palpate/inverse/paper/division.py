@@ -70,7 +70,7 @@ class DivisionEstimator:
             self._inverse = _inverse(stacked) if square else np.linalg.pinv(stacked)
         if not np.isfinite(self._inverse).all():
             raise NotObservable(
-                'method="dft" divides by zero: at some wavevector these channels do not see these components at all. '
+                'method="dft" divides by zero: at some wavevector these components have no effect on these channels. '
                 'Use method="tikhonov".'
             )
         singular = np.linalg.svd(stacked, compute_uv=False)
