@@ -132,6 +132,11 @@ class GraspMonitor:
     events : list of Event
         All so far (the last 10,000).
 
+    Raises
+    ------
+    InvalidInput
+        A limit or friction that is not positive, or ``incipient`` outside 0 to 0.95.
+
     Examples
     --------
     >>> import numpy as np
@@ -190,6 +195,11 @@ class GraspMonitor:
 
     def update(self, touch: Touch) -> list[Event]:
         """Take in one touch (without batch axes) and return what began or ended.
+
+        Raises
+        ------
+        InvalidInput
+            A batch, or a touch whose pressure was not sought.
 
         Examples
         --------

@@ -213,6 +213,11 @@ def is_channel(name: str) -> bool:
 def channel_unit(channel: str) -> str:
     """SI unit of a channel: "m" for displacement, "Pa" for stress, "1" for strain, "rad" for rotation.
 
+    Raises
+    ------
+    InvalidInput
+        No channel of this name.
+
     Examples
     --------
     >>> from palpate.elastic import channel_unit

@@ -40,6 +40,11 @@ class HalfSpace:
     poissons_ratio : float
         Poisson's ratio nu, 0 <= nu <= 0.5. Exactly 0.5 (incompressible) needs no special case.
 
+    Raises
+    ------
+    InvalidInput
+        A modulus that is not positive and finite, or a Poisson's ratio outside 0 to 0.5.
+
     Notes
     -----
     With mu = E/(2(1+nu)), surface values S0, N0 and C = S0 + N0, the field that dies out with depth is

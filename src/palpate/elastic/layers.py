@@ -34,6 +34,11 @@ class Layer:
     poissons_ratio : float
         Poisson's ratio nu, 0 <= nu <= 0.5 (0.5 included).
 
+    Raises
+    ------
+    InvalidInput
+        A thickness or modulus that is not positive and finite, or a Poisson's ratio outside 0 to 0.5.
+
     Examples
     --------
     >>> import palpate as pp

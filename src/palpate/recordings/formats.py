@@ -273,6 +273,11 @@ def write_recording(recording: Recording, path: str | Path) -> None:
 
     NetCDF, NPZ and Zarr keep every bit, CSV writes 17 digits, MCAP single precision and nanoseconds. All carry a checksum.
 
+    Raises
+    ------
+    InvalidInput
+        An ending that is not known, or a store that exists.
+
     Examples
     --------
     >>> import tempfile

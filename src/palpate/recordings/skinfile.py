@@ -153,6 +153,11 @@ def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad
     A scattered plane without ``positions_file`` takes the positions of ``recording``, and an area plane without shape and
     pitch those of a gridded one.
 
+    Raises
+    ------
+    InvalidInput
+        The file is not there, or an entry is missing, unknown or out of range; the message names it.
+
     Examples
     --------
     >>> import tempfile
@@ -185,6 +190,11 @@ def read_stream(path: str | Path) -> TopicMapping | None:
     """How the messages of a robot become readings, where the skin.toml says it in a section [stream].
 
     Channels are those of the planes and the shape that of an area plane, unless the section names others.
+
+    Raises
+    ------
+    InvalidInput
+        As for `read_skin`.
 
     Examples
     --------

@@ -140,6 +140,11 @@ class LineArray(_Common):
     mask : boolean array (count,), optional
         True where a taxel works.
 
+    Raises
+    ------
+    InvalidInput
+        A count, length, noise, mask or channel that cannot be meant; the message says what is accepted.
+
     Examples
     --------
     >>> import numpy as np
@@ -230,6 +235,11 @@ class AreaArray(_Common):
     center : (float, float)
         Position (x, y) of the middle of the array [m].
 
+    Raises
+    ------
+    InvalidInput
+        A count, length, noise, mask or channel that cannot be meant; the message says what is accepted.
+
     Examples
     --------
     >>> import numpy as np
@@ -310,6 +320,11 @@ class ScatteredArray(_Common):
         As for `AreaArray`.
     mask : boolean array (n,), optional
         True where a marker is good.
+
+    Raises
+    ------
+    InvalidInput
+        A count, length, noise, mask or channel that cannot be meant; the message says what is accepted.
 
     Examples
     --------

@@ -50,6 +50,11 @@ def pair(name: str, value: object, *, zero: bool = False, sign: bool = False) ->
 class LineGrid:
     """A line of ``count`` surface cells of width ``spacing`` [m], centred at ``center`` [m].
 
+    Raises
+    ------
+    InvalidInput
+        Fewer than 2 cells along an axis, or a spacing that is not positive and finite.
+
     Examples
     --------
     >>> import palpate as pp
@@ -122,6 +127,11 @@ class AreaGrid:
     """A grid of ``shape`` (ny, nx) surface cells.
 
     ``spacing`` [m] is one number or (dy, dx); ``center`` is (x, y) [m].
+
+    Raises
+    ------
+    InvalidInput
+        Fewer than 2 cells along an axis, or a spacing that is not positive and finite.
 
     Examples
     --------

@@ -230,6 +230,11 @@ def _single(shape: Shape, size: tuple[float, float], force: float, component: st
 def point_load(*, force: float, component: str = "z") -> AreaContact:
     """A point force [N] at the origin: Boussinesq ("z") or Cerruti ("x", "y").
 
+    Raises
+    ------
+    InvalidInput
+        A number that is not finite, a size that is not positive, or a component that there is not.
+
     Examples
     --------
     >>> from palpate import HalfSpace, solutions
@@ -244,6 +249,11 @@ def point_load(*, force: float, component: str = "z") -> AreaContact:
 def patch(*, half_widths: tuple[float, float], traction: float, component: str = "z") -> AreaContact:
     """Uniform ``traction`` [Pa] on |x| < a, |y| < b, ``half_widths`` (a, b) [m] (Love 1929 for pressure).
 
+    Raises
+    ------
+    InvalidInput
+        A number that is not finite, a size that is not positive, or a component that there is not.
+
     Examples
     --------
     >>> from palpate import solutions
@@ -256,6 +266,11 @@ def patch(*, half_widths: tuple[float, float], traction: float, component: str =
 
 def hertz_point(*, radius: float, force: float) -> AreaContact:
     """A ball: p = (3P/(2 pi a^2)) sqrt(1 - r^2/a^2), ``force`` P [N], contact ``radius`` a [m] (Hertz 1882).
+
+    Raises
+    ------
+    InvalidInput
+        A radius or force that is not positive and finite.
 
     Examples
     --------
@@ -271,6 +286,11 @@ def hertz_point(*, radius: float, force: float) -> AreaContact:
 def flat_punch(*, radius: float, force: float) -> AreaContact:
     """A flat circular punch: p = P/(2 pi a sqrt(a^2 - r^2)), ``force`` P [N], ``radius`` a [m] (Boussinesq).
 
+    Raises
+    ------
+    InvalidInput
+        A radius or force that is not positive and finite.
+
     Examples
     --------
     >>> from palpate import solutions
@@ -284,6 +304,11 @@ def flat_punch(*, radius: float, force: float) -> AreaContact:
 
 def hertz_contact_radius(pad: HalfSpace, *, radius: float, force: float) -> float:
     """a = (3 P R/(4 E*))^(1/3) [m]: a rigid ball of ``radius`` R [m] pressed with ``force`` P [N].
+
+    Raises
+    ------
+    InvalidInput
+        A radius or force that is not positive and finite.
 
     Examples
     --------

@@ -156,6 +156,11 @@ def _single(shape: Shape, half_width: float, force: float, component: str) -> Li
 def line_load(*, force: float, component: str = "z") -> LineContact:
     """A concentrated line load (Flamant for "z") of ``force`` [N/m] at x = 0.
 
+    Raises
+    ------
+    InvalidInput
+        A number that is not finite, a size that is not positive, or a component that there is not.
+
     Examples
     --------
     >>> from palpate import HalfSpace, solutions
@@ -169,6 +174,11 @@ def line_load(*, force: float, component: str = "z") -> LineContact:
 
 def strip(*, half_width: float, traction: float, component: str = "z") -> LineContact:
     """Uniform ``traction`` [Pa] on |x| < ``half_width`` [m].
+
+    Raises
+    ------
+    InvalidInput
+        A number that is not finite, a size that is not positive, or a component that there is not.
 
     Examples
     --------
@@ -185,6 +195,11 @@ def strip(*, half_width: float, traction: float, component: str = "z") -> LineCo
 def hertz_line(*, half_width: float, force: float) -> LineContact:
     """A cylinder: p = (2P/(pi a)) sqrt(1 - x^2/a^2), ``force`` P [N/m], ``half_width`` a [m] (Hertz 1882).
 
+    Raises
+    ------
+    InvalidInput
+        A half-width or force that is not positive and finite.
+
     Examples
     --------
     >>> from palpate import solutions
@@ -198,6 +213,11 @@ def hertz_line(*, half_width: float, force: float) -> LineContact:
 def flat_punch_line(*, half_width: float, force: float) -> LineContact:
     """A flat rigid punch: p = P/(pi sqrt(a^2 - x^2)), ``force`` P [N/m], ``half_width`` a [m] (Sadowsky 1928).
 
+    Raises
+    ------
+    InvalidInput
+        A half-width or force that is not positive and finite.
+
     Examples
     --------
     >>> from palpate import solutions
@@ -210,6 +230,11 @@ def flat_punch_line(*, half_width: float, force: float) -> LineContact:
 
 def hertz_contact_half_width(pad: HalfSpace, *, radius: float, force: float) -> float:
     """a = sqrt(4 P R/(pi E*)) [m]: a rigid cylinder of ``radius`` R [m] pressed with ``force`` P [N/m].
+
+    Raises
+    ------
+    InvalidInput
+        A radius or force that is not positive and finite.
 
     Examples
     --------

@@ -198,6 +198,11 @@ class Touch:
     def frame(self, index: int) -> Touch:
         """One frame, counted over all batch axes (the touch itself where there is no batch).
 
+        Raises
+        ------
+        InvalidInput
+            No such frame.
+
         Examples
         --------
         >>> import numpy as np
@@ -296,6 +301,11 @@ class Touch:
     def pressure(self) -> xarray.DataArray:
         """Pressure p [Pa], positive into the pad.
 
+        Raises
+        ------
+        NotObservable
+            Pressure was not sought.
+
         Examples
         --------
         >>> import numpy as np
@@ -310,6 +320,11 @@ class Touch:
     @property
     def shear(self) -> xarray.DataArray:
         """Shear traction [Pa]: component "x", or "x" and "y".
+
+        Raises
+        ------
+        NotObservable
+            Shear was not sought.
 
         Examples
         --------
@@ -487,6 +502,13 @@ class Touch:
         slides, or the friction is higher than said. ``threshold`` delimits the contact as in `contact`, because at its
         edge both p and q vanish. NaN without contact.
 
+        Raises
+        ------
+        InvalidInput
+            A friction that is not positive, or a threshold outside 0 to 1.
+        NotObservable
+            Pressure or shear was not sought.
+
         Examples
         --------
         >>> import numpy as np
@@ -521,6 +543,11 @@ class Touch:
     @property
     def std(self) -> xarray.DataArray:
         """Standard deviation of the traction [Pa], labelled like `traction`.
+
+        Raises
+        ------
+        Unsupported
+            The method gives no error bars.
 
         Examples
         --------

@@ -18,7 +18,8 @@ __all__ = ["ElasticNet"]
 
 @dataclass(frozen=True, kw_only=True)
 class ElasticNet(Comparison):
-    """Least squares with lambda times the first norm of the traction and lambda times its square, p >= 0.
+    """Least squares with lambda times the first norm of the traction and lambda times its square, p >= 0
+    (H. Zou, T. Hastie, J. R. Stat. Soc. B 67, 2005, 301-320).
 
     Examples
     --------

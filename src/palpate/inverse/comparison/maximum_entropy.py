@@ -18,7 +18,8 @@ __all__ = ["MaximumEntropy"]
 
 @dataclass(frozen=True, kw_only=True)
 class MaximumEntropy(Comparison):
-    """Least squares with lambda times the negative entropy of the pressure, which is positive.
+    """Least squares with lambda times the negative entropy of the pressure, which is positive
+    (J. Skilling, R. K. Bryan, Mon. Not. R. Astron. Soc. 211, 1984, 111-124).
 
     Examples
     --------

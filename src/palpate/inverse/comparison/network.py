@@ -24,7 +24,8 @@ SETTLED, HORIZON = 0.02, 1e8
 
 @dataclass(frozen=True, kw_only=True)
 class AnalogNetwork(Comparison):
-    """A network of units with saturating outputs; its couplings are the pad's response and a smoothness of weight lambda.
+    """A network of units with saturating outputs; its couplings are the pad's response and a smoothness of weight lambda
+    (J. J. Hopfield, PNAS 81, 1984, 3088-3092).
 
     Examples
     --------

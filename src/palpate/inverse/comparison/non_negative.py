@@ -20,7 +20,7 @@ TRIED, OPTIMAL, ROUNDS_OF_CELLS = 0.02, 1e-10, 60
 
 @dataclass(frozen=True, kw_only=True)
 class NonNegative(Comparison):
-    """Least squares with p >= 0 and nothing else: no parameter.
+    """Least squares with p >= 0 and nothing else: no parameter (C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, 1974).
 
     Examples
     --------

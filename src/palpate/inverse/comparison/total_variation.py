@@ -21,7 +21,8 @@ SMALLEST_GRADIENT, ROUNDS = 1e-4, 30
 
 @dataclass(frozen=True, kw_only=True)
 class TotalVariation(Comparison):
-    """Least squares with lambda times the integral of the size of the gradient, p >= 0.
+    """Least squares with lambda times the integral of the size of the gradient, p >= 0
+    (L. Rudin, S. Osher, E. Fatemi, Physica D 60, 1992, 259-268).
 
     Examples
     --------

@@ -93,7 +93,8 @@ class Hilgers(Method):
 
 @dataclass(frozen=True, kw_only=True)
 class Truncated(Method):
-    """Truncated singular value decomposition: singular values with s^2 above ``parameter`` are kept.
+    """Truncated singular value decomposition: singular values with s^2 above ``parameter`` are kept
+    (P. C. Hansen, BIT 27, 1987, 534-553).
 
     Examples
     --------
