@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import importlib.util
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,43 @@ settings.register_profile("palpate", deadline=None, derandomize=True)
 settings.load_profile("palpate")
 
 DATA = Path(__file__).parent / "data"
+
+#: What whole files of tests are about, where that is an extra. A core without extras is tested by the others.
+COMMANDS, FILES, BAGS = (
+    ("typer", "rich", "h5netcdf", "pydantic", "matplotlib"),
+    ("h5netcdf", "h5py", "pydantic"),
+    ("mcap", "rosbags"),
+)
+NEEDS = {
+    "test_ablation.py": COMMANDS,
+    "test_adaptive.py": ("clarabel", *COMMANDS),
+    "test_cli.py": COMMANDS,
+    "test_damaged.py": FILES,
+    "test_docs.py": COMMANDS,
+    "test_formats_plug_in.py": (*COMMANDS, "mcap", "zarr"),
+    "test_labelled.py": FILES,
+    "test_mcap.py": (*COMMANDS, *BAGS),
+    "test_methods.py": COMMANDS,
+    "test_options.py": COMMANDS,
+    "test_overwriting.py": COMMANDS,
+    "test_paper.py": ("matplotlib",),
+    "test_published.py": COMMANDS,
+    "test_recordings.py": FILES,
+    "test_robots.py": (*COMMANDS, *BAGS),
+    "test_sinks.py": (*COMMANDS, *BAGS, "websockets", "zarr"),
+    "test_stopped.py": COMMANDS,
+    "test_stopped_stream.py": (*COMMANDS, "mcap", "zarr"),
+}
+LEFT_OUT = {
+    name: missing
+    for name, libraries in NEEDS.items()
+    if (missing := [one for one in libraries if importlib.util.find_spec(one) is None])
+}
+collect_ignore = list(LEFT_OUT)
+
+
+def pytest_report_header() -> list[str]:
+    return [f"{name} is left out: it needs {', '.join(missing)} (palpate[test])" for name, missing in LEFT_OUT.items()]
 
 
 @pytest.fixture(scope="session")
