@@ -54,14 +54,20 @@ def test_netcdf_opens_in_xarray(tmp_path: Path) -> None:
         assert data["time"].attrs["units"] == "s"
 
 
-@pytest.mark.parametrize("ending", [".nc", ".npz", ".csv"])
-def test_results(ending: str, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def touches() -> list[pp.Touch]:
+    """Two frames on an area and on a line."""
     pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.4)
-    for array in (
+    arrays = (
         pp.AreaArray(shape=(5, 6), pitch=1e-3, depth=1e-3, channels=["stress_zz"]),
         pp.LineArray(count=9, pitch=1e-3, depth=1e-3, channels=["stress_zz"]),
-    ):
-        touch = pp.Skin(pad, array).reconstruct(np.ones((2, 1, *array.shape)))
+    )
+    return [pp.Skin(pad, array).reconstruct(np.ones((2, 1, *array.shape))) for array in arrays]
+
+
+@pytest.mark.parametrize("ending", [".nc", ".npz", ".csv"])
+def test_results(ending: str, touches: list[pp.Touch], tmp_path: Path) -> None:
+    for touch in touches:
         path = tmp_path / f"touch{ending}"
         write_touch(touch, path, provenance={"command": "palpate reconstruct x"})
         if ending == ".nc":
