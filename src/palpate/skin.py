@@ -514,7 +514,7 @@ class Skin:
             Seconds that a frame may take. Without it every frame is finished; with it the iteration ends early where it must
             (`Touch.converged` is then False), and what takes longer runs in a thread beside the stream.
         rezero : float, optional
-            Time constant [s] with which the zero follows drift while nothing touches; None keeps it. Contact that grows by less
+            Time constant [s], and at least ten frames, with which the zero follows drift while nothing touches; None keeps it. Contact that grows by less
             than a few standard deviations of noise in this time is taken for drift.
         rate : float
             Frames a second, for frames that are given without a time.

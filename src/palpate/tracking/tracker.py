@@ -70,7 +70,7 @@ class Tracker:
         Seconds a frame may take. The iteration ends early where it must (``converged`` is then False), and what takes longer
         (learning the penalty, moving the region of interest, error bars) runs beside the stream in a thread of its own.
     rezero : float, optional
-        Time constant [s] with which the zero follows drift while nothing touches; None keeps it.
+        Time constant [s], and at least ten frames, with which the zero follows drift while nothing touches; None keeps it.
     rate : float
         Frames a second, for streams whose frames come without a time.
 

@@ -13,6 +13,8 @@ __all__ = ["Zero"]
 
 #: Frames from which the noise is taken with the zero: with 5, and some hundred readings that share it, it is known to a few per cent.
 FRAMES_FOR_NOISE = 5
+#: Largest part of the time constant that one frame counts for, however long the pause before it: ten frames must agree on a new zero.
+ONE_FRAME = 0.1
 
 
 class Zero:
@@ -56,7 +58,7 @@ class Zero:
         if self.time_constant is None:
             return False
         # after a long pause one frame alone, with its noise, does not become the zero
-        share = -math.expm1(-min(elapsed, self.time_constant) / self.time_constant)
+        share = -math.expm1(-min(elapsed / self.time_constant, ONE_FRAME))
         # drift is slow: what would be taken for contact in one frame is something else
         change = np.clip(scaled - self.baseline, -TAKEN * noise, TAKEN * noise)
         self.baseline[good] += share * change[good]
