@@ -627,6 +627,7 @@ def test_bench_from_the_shell(tmp_path: Any) -> None:
     assert "layouts must be among" in wrong.stderr
 
 
+@pytest.mark.long
 def test_calibration_is_reproducible_and_sane() -> None:
     found = bench.calibration(24, seed=3)
     assert found == bench.calibration(24, seed=3)

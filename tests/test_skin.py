@@ -137,10 +137,10 @@ def test_bad_descriptions(make: Any, word: str) -> None:
 def test_a_batch_is_its_frames() -> None:
     skin = pp.Skin(PAD, area(noise=10.0))
     contact = solutions.hertz_point(radius=3e-3, force=0.5).sliding(0.2)
-    frames = np.stack([skin.sense(contact, rng=np.random.default_rng(i)) for i in range(6)]).reshape(2, 3, 3, 8, 9)
+    frames = np.stack([skin.sense(contact, rng=np.random.default_rng(i)) for i in range(2)]).reshape(2, 1, 3, 8, 9)
     batch = skin.reconstruct(frames)
-    assert batch.values.shape == (2, 3, 3, *skin.surface.shape)
-    one = skin.reconstruct(frames[1, 2])
-    np.testing.assert_allclose(batch.values[1, 2], one.values, atol=1e-9 * np.abs(one.values).max())
+    assert batch.values.shape == (2, 1, 3, *skin.surface.shape)
+    one = skin.reconstruct(frames[1, 0])
+    np.testing.assert_allclose(batch.values[1, 0], one.values, atol=1e-9 * np.abs(one.values).max())
     assert batch.parameter is not None
-    assert batch.parameter.shape == (2, 3)
+    assert batch.parameter.shape == (2, 1)
