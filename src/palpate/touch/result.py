@@ -13,11 +13,12 @@ import numpy.typing as npt
 from palpate._arrays import from_numpy, is_numpy, namespace, to_numpy
 from palpate._batches import freeze, per_frame, per_frame_fields, rebuilt, stacked
 from palpate.elastic.half_space import Floats
-from palpate.errors import InvalidInput, NotObservable
+from palpate.errors import InvalidInput
 from palpate.inverse.estimate import Errors
 from palpate.sensing.grids import Grid
 from palpate.status import Status
 from palpate.touch import intervals
+from palpate.touch.numbers import Numbers
 from palpate.uncertainty import Case, contact_kind
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ __all__ = ["Touch", "joined"]
 
 
 @dataclass(frozen=True, eq=False)
-class Touch:
+class Touch(Numbers):
     """What touches the pad.
 
     Attributes
@@ -342,201 +343,6 @@ class Touch:
     def _sought(self, *names: str) -> xarray.DataArray:
         self._require(*names)
         return self.traction
-
-    def _require(self, *names: str) -> None:
-        missing = [n for n in names if n not in self.components]
-        if missing:
-            raise NotObservable(
-                f"the component{'s' if len(missing) > 1 else ''} {', '.join(missing)} of the traction was not sought: "
-                f"only {', '.join(self.components)} {'was' if len(self.components) == 1 else 'were'}, and the rest taken as "
-                "zero. Measure more channels or another plane, and ask for it with components=[...]."
-            )
-
-    # -- numbers -------------------------------------------------------------------------------------------------------
-
-    def _component(self, name: str) -> Any:
-        d = self.surface.dimensions
-        return self.values[(..., self.surface.components.index(name), *(slice(None),) * d)]
-
-    def _integral(self, x: Any) -> Any:
-        xp = namespace(x)
-        return xp.sum(x, axis=tuple(range(-self.surface.dimensions, 0))) * self.surface.cell
-
-    def _coordinate(self, name: str) -> Any:
-        """x or y [m], shaped to multiply a component."""
-        if name == "x":
-            return from_numpy(self.surface.x, self.values)
-        return from_numpy(self.surface.axes[0][:, None], self.values)
-
-    @property
-    def force(self) -> Any:
-        """Net force (*batch, component) [N], or [N/m] on a line; NaN where `unobservable_force` says it cannot be known.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import palpate as pp
-        >>> grid = pp.AreaGrid(shape=(10, 10), spacing=1e-3)  # 1 cm^2
-        >>> values = np.zeros((3, 10, 10))
-        >>> values[2] = 1000.0  # pressed by 1 kPa
-        >>> pp.Touch(values, grid, ("x", "y", "z"), "tikhonov").force.round(6).tolist()  # [N]
-        [0.0, 0.0, 0.1]
-        """
-        xp = namespace(self.values)
-        total = self._integral(self.values)
-        if self.unobservable_force:
-            lost = np.array([math.nan if c in self.unobservable_force else 0.0 for c in self.surface.components])
-            total = total + from_numpy(lost, self.values)
-        return xp.asarray(total)
-
-    @property
-    def moment(self) -> Any:
-        """Moment about the origin of the surface coordinates.
-
-        On an area (*batch, 3) [N m]: (int y p, -int x p, int (x q_y - y q_x)). On a line (*batch, 1) [N]: about y, -int x p.
-        NaN where it involves a component of `unobservable_force`.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import palpate as pp
-        >>> grid = pp.AreaGrid(shape=(10, 10), spacing=1e-3, center=(0.0, 5e-3))  # 1 cm^2, its middle at y = 5 mm
-        >>> values = np.zeros((3, 10, 10))
-        >>> values[2] = 1000.0  # pressed by 1 kPa: 0.1 N
-        >>> (pp.Touch(values, grid, ("x", "y", "z"), "tikhonov").moment * 1e3).round(3)[0].item()  # about x [N mm]
-        0.5
-        """
-        xp = namespace(self.values)
-        x, p = self._coordinate("x"), self._component("z")
-        about_y = -self._integral(x * p)
-        if self.surface.dimensions == 1:
-            parts, needs = [about_y], ["z"]
-        else:
-            y = self._coordinate("y")
-            spin = self._integral(x * self._component("y") - y * self._component("x"))
-            parts, needs = [self._integral(y * p), about_y, spin], ["z", "z", "xy"]
-        out = xp.stack(parts, axis=-1)
-        lost = np.array([math.nan if any(c in self.unobservable_force for c in n) else 0.0 for n in needs])
-        return out + from_numpy(lost, self.values)
-
-    @property
-    def center_of_pressure(self) -> Any:
-        """(*batch, 2) as (x, y), or (*batch, 1) on a line [m]: int x p / int p over the `contact`; NaN without contact.
-
-        Only the contact counts: far from it the recovered pressure is noise around zero, which a long lever would amplify.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import palpate as pp
-        >>> grid = pp.LineGrid(count=4, spacing=1e-3)  # cells at -1.5, -0.5, 0.5 and 1.5 mm
-        >>> touch = pp.Touch(np.array([[0.0] * 4, [0.0, 500.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
-        >>> (touch.center_of_pressure * 1e3).round(3).tolist()  # [mm]
-        [0.167]
-        """
-        self._require("z")
-        xp = namespace(self.values)
-        p = xp.where(self.contact(), self._component("z"), xp.zeros_like(self._component("z")))
-        total = self._integral(p)
-        safe = xp.where(total > 0, total, xp.ones_like(total) * math.nan)
-        names = ("x",) if self.surface.dimensions == 1 else ("x", "y")
-        return xp.stack([self._integral(self._coordinate(n) * p) / safe for n in names], axis=-1)
-
-    @property
-    def peak_pressure(self) -> Any:
-        """Largest pressure (*batch) [Pa].
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import palpate as pp
-        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
-        >>> touch = pp.Touch(np.array([[0.0] * 4, [0.0, 500.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
-        >>> float(touch.peak_pressure)
-        1000.0
-        """
-        self._require("z")
-        return self._largest(self._component("z"))
-
-    def _largest(self, x: Any) -> Any:
-        return namespace(x).max(x, axis=tuple(range(-self.surface.dimensions, 0)))
-
-    def contact(self, *, threshold: float = 0.1) -> Any:
-        """True (*batch, *surface) where the pressure exceeds ``threshold`` times its peak.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import palpate as pp
-        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
-        >>> touch = pp.Touch(np.array([[0.0] * 4, [5.0, 500.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
-        >>> touch.contact().tolist(), touch.contact(threshold=0.6).tolist()
-        ([False, True, True, False], [False, False, True, False])
-        """
-        self._require("z")
-        if not 0 < threshold < 1:
-            raise InvalidInput(f"threshold must lie between 0 and 1; got {threshold!r}.")
-        p = self._component("z")
-        peak = self.peak_pressure[(..., *(None,) * self.surface.dimensions)]
-        return (p > threshold * peak) & (peak > 0)
-
-    def contact_area(self, *, threshold: float = 0.1) -> Any:
-        """Area (*batch) [m^2] (a width [m] on a line) where the pressure exceeds ``threshold`` times its peak.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import palpate as pp
-        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
-        >>> touch = pp.Touch(np.array([[0.0] * 4, [5.0, 500.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
-        >>> float(touch.contact_area())  # two cells of 1 mm
-        0.002
-        """
-        xp = namespace(self.values)
-        return self._integral(xp.astype(self.contact(threshold=threshold), self.values.dtype))
-
-    def slip_margin(self, friction: float, *, threshold: float = 0.1) -> Any:
-        """Grasp stability (*batch) [Pa]: the smallest friction * p - |q| over the contact.
-
-        Positive: every point of the contact could bear more shear. Negative: some point is beyond the friction limit, so it
-        slides, or the friction is higher than said. ``threshold`` delimits the contact as in `contact`, because at its
-        edge both p and q vanish. NaN without contact.
-
-        Raises
-        ------
-        InvalidInput
-            A friction that is not positive, or a threshold outside 0 to 1.
-        NotObservable
-            Pressure or shear was not sought.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import palpate as pp
-        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
-        >>> shear, pressure = [0.0, 100.0, 200.0, 0.0], [0.0, 500.0, 1000.0, 0.0]
-        >>> touch = pp.Touch(np.array([shear, pressure]), grid, ("x", "z"), "tikhonov")
-        >>> float(touch.slip_margin(0.5))  # 0.5 * 500 Pa - 100 Pa
-        150.0
-
-        >>> float(touch.slip_margin(0.1))  # beyond the friction limit by 100 Pa
-        -100.0
-        """
-        self._require(*self.surface.components)
-        if not (isinstance(friction, int | float) and math.isfinite(friction) and friction > 0):
-            raise InvalidInput(f"friction must be a positive number; got {friction!r}.")
-        xp = namespace(self.values)
-        margin = friction * self._component("z") - self._shear_size()
-        inside = self.contact(threshold=threshold)
-        margin = xp.where(inside, margin, xp.ones_like(margin) * math.inf)
-        smallest = -self._largest(-margin)
-        return xp.where(xp.isfinite(smallest), smallest, xp.ones_like(smallest) * math.nan)
-
-    def _shear_size(self) -> Any:
-        xp = namespace(self.values)
-        if self.surface.dimensions == 1:
-            return xp.abs(self._component("x"))
-        return xp.sqrt(self._component("x") ** 2 + self._component("y") ** 2)
 
     # -- how sure ------------------------------------------------------------------------------------------------------
 
