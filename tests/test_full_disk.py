@@ -20,7 +20,9 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.errors import InvalidInput
 from palpate.recordings import read_recording, recorder
+from palpate.recordings.files import in_place
 from palpate.recordings.heldfile import PAGE, HeldFile
 from palpate.recordings.stores import BLOCK
 
@@ -247,3 +249,24 @@ def test_left_open_at_the_end_of_the_process(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stderr) == (0, "")
     assert len(read_recording(path).readings) == 64
+
+
+def test_a_recorder_in_place_speaks_of_the_name_that_was_asked_for(tmp_path: Path) -> None:
+    """Nothing is left of a hidden folder, so nothing of it is promised."""
+    path = tmp_path / "a.zarr"
+
+    def full() -> None:
+        try:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        except OSError as error:
+            raise InvalidInput("hidden: writing failed; the 96 frames before are kept and can be read.") from error
+
+    with (
+        pytest.raises(
+            InvalidInput, match=r"a\.zarr: writing failed \(No space left on device\); nothing was written\."
+        ) as found,
+        in_place(path),
+    ):
+        full()
+    assert isinstance(found.value.__cause__, OSError)
+    assert list(tmp_path.iterdir()) == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -169,3 +170,27 @@ def test_frames_that_do_not_fit_into_memory_are_refused_before_any_work(
     monkeypatch.setattr("palpate._memory.require", full)
     with pytest.raises(pp.Unsupported, match=r"the touches of 3 frames: Use palpate track --out"):
         app(["reconstruct", "r.nc", "--skin", "skin.toml", "--method", "tikhonov"], standalone_mode=False)
+
+
+def test_a_component_named_twice_is_refused() -> None:
+    skin = pp.Skin(
+        pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5),
+        pp.LineArray(count=11, pitch=0.5, depth=1.5, channels=["stress_zz"]),
+    )
+    with pytest.raises(pp.InvalidInput, match="names one twice"):
+        skin.reconstruct(np.zeros((1, 11)), components=["z", "z"])
+
+
+@pytest.mark.parametrize(
+    "setting", [{"budget": 0.0}, {"budget": -1.0}, {"rezero": math.nan}, {"rate": True}, {"tolerance": None}]
+)
+def test_settings_of_a_tracker_are_checked_before_anything_is_prepared(
+    setting: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    skin = pp.Skin(
+        pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5),
+        pp.LineArray(count=11, pitch=0.5, depth=1.5, channels=["stress_zz"]),
+    )
+    monkeypatch.setattr(skin, "_prepared", lambda *_: pytest.fail("prepared"))
+    with pytest.raises(pp.InvalidInput, match="must be a positive number"):
+        skin.track(**setting)

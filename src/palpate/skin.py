@@ -32,7 +32,7 @@ from palpate.sensing.readings import Layout, checked_traction, creeping, frame_t
 from palpate.sensing.surface import default_surface
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
-from palpate.tracking import Tracker
+from palpate.tracking import Tracker, check_settings
 from palpate.uncertainty import Case
 
 if TYPE_CHECKING:
@@ -535,6 +535,7 @@ class Skin:
         >>> round(float(touch.force[1]))  # normal force [N/m]
         10
         """
+        check_settings(tolerance=tolerance, rate=rate, budget=budget, rezero=rezero)
         names = self._names(components)
         method = method_named(Constrained.name, {"friction": friction, "parameter": parameter})
         solver = self._prepared(method, names)
@@ -594,6 +595,8 @@ class Skin:
         accepted = self._surface.components
         if isinstance(components, str) or not components or any(c not in accepted for c in components):
             raise InvalidInput(f"components must be a list of names among {', '.join(accepted)}; got {components!r}.")
+        if len(set(components)) < len(components):
+            raise InvalidInput(f"components names one twice: {', '.join(components)}; name each once.")
         return tuple(c for c in accepted if c in components)
 
     def problem(self, *, components: Sequence[str] | None = None) -> Problem:

@@ -53,9 +53,13 @@ def in_place(path: str | Path) -> Iterator[Path]:
         if before is not None and stat.S_ISREG(before.st_mode):
             os.chmod(fresh, stat.S_IMODE(before.st_mode))
         _move(fresh, target, folder / "before")
-    except OSError as error:
+    except (OSError, InvalidInput) as error:
+        # a recorder that writes to the fresh name speaks of that name, and of frames that do not stay
+        cause = error if isinstance(error, OSError) else error.__cause__
+        if not isinstance(cause, OSError):
+            raise
         kept = "" if before is None else ", and what was there is kept"
-        raise InvalidInput(f"{path}: writing failed ({error.strerror or error}); nothing was written{kept}.") from error
+        raise InvalidInput(f"{path}: writing failed ({cause.strerror or cause}); nothing was written{kept}.") from cause
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -13,6 +13,6 @@
 """
 
 from palpate.tracking.health import Health
-from palpate.tracking.tracker import Tracker
+from palpate.tracking.tracker import Tracker, check_settings
 
-__all__ = ["Health", "Tracker"]
+__all__ = ["Health", "Tracker", "check_settings"]

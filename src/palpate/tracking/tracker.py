@@ -35,7 +35,7 @@ from palpate.tracking.times import FrameTime, FrameTimes
 from palpate.tracking.zero import Zero
 from palpate.uncertainty import Case
 
-__all__ = ["Tracker"]
+__all__ = ["Tracker", "check_settings"]
 
 #: Everything is looked at (new contacts, taxels that contact does not explain) once in so many frames: a look costs about as
 #: much as a frame.
@@ -48,6 +48,15 @@ UNEXPLAINED, GROSS = 8.0, 0.1
 WORST, FEW = 0.6, 0.05
 #: Part of the budget in which a frame's iteration ends; the rest is for the answer.
 BUDGET_OF_ITERATION = 0.8
+
+
+def check_settings(**settings: float | None) -> None:
+    """Refuse settings that are no positive numbers; None, where it is a choice, passes."""
+    for name, value in settings.items():
+        if value is None and name in ("budget", "rezero"):
+            continue
+        if isinstance(value, bool) or not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+            raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
 
 
 class Tracker:
@@ -103,9 +112,7 @@ class Tracker:
         rate: float = 100.0,
         label: Callable[[int], str] = str,
     ) -> None:
-        for name, value in (("tolerance", tolerance), ("rate", rate), ("budget", budget), ("rezero", rezero)):
-            if value is not None and not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
-                raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
+        check_settings(tolerance=tolerance, rate=rate, budget=budget, rezero=rezero)
         self.estimator, self.names, self.notes = estimator, names, notes
         self.tolerance, self.budget, self.rezero, self.rate = tolerance, budget, rezero, rate
         self._make_creep, self._case = creep, case

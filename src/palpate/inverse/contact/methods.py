@@ -30,8 +30,8 @@ def cone_of(components: tuple[str, ...], friction: float | None) -> Cone:
     """The set that every cell's traction lies in."""
     if friction is not None and components == ("z",):
         raise Unsupported(
-            "friction ties shear to pressure, and only pressure is sought here: the channels cannot tell shear "
-            "apart. Leave friction out, or measure more channels."
+            "friction ties shear to pressure, and only pressure is sought here. Leave friction out, or seek shear too, with "
+            "channels that can tell it from pressure."
         )
     return Cone(components, friction)
 
