@@ -33,7 +33,9 @@ def main() -> int:
     parser.add_argument("--contact", choices=("line", "area", "area with shear"), default="line")
     parser.add_argument("--seed", type=int, default=999)
     arguments = parser.parse_args()
-    print(f"| case | quantity | 50 % | 95 % | 50 %, 95 % without constants of its own | ({arguments.frames} frames)")
+    said = f"--frames {arguments.frames} --contact '{arguments.contact}' --seed {arguments.seed}"
+    print(f"Made by `python benchmarks/coverage.py {said}`.\n")
+    print("| case | quantity | 50 % | 95 % | 50 %, 95 % without constants of its own |\n|---|---|---|---|---|")
     for sensing in SENSING:
         for body in BODIES:
             case = Case(arguments.contact, sensing, body)

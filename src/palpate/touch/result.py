@@ -247,7 +247,8 @@ class Touch(Numbers):
         """
         from palpate.touch.words import outcome
 
-        return tuple(dict.fromkeys((*self.assumptions, *outcome(self))))
+        calibration = (self.calibration_note,) if self.calibration_note else ()
+        return tuple(dict.fromkeys((*self.assumptions, *outcome(self), *calibration)))
 
     # -- labelled views ------------------------------------------------------------------------------------------------
 

@@ -81,5 +81,4 @@ def summary(one: Touch, friction: float | None) -> str:
     if one.sliding is not None and float(one.sliding) > 0.5:
         sure = 100 * float(one.sliding)
         lines.append(f"shear           in one proportion to pressure, as where all of it slides: sure to {sure:.0f} %")
-    notes = [*one.notes, *([one.calibration_note] if one.calibration_note else [])]
-    return "\n".join([*lines, *(f"note: {n}" for n in notes)])
+    return "\n".join([*lines, *(f"note: {n}" for n in one.notes)])
