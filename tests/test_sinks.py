@@ -455,3 +455,27 @@ def test_rerun_file(tmp_path: Path) -> None:
     assert (tmp_path / "run.rrd").stat().st_size > 10_000
     with pytest.raises(pp.InvalidInput, match="not overwritten"):
         RerunSink(tmp_path / "run.rrd")
+
+
+def test_rerun_says_when_the_stream_is_not_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rerun writes in a thread of its own and fails when it is asked to finish."""
+    from types import SimpleNamespace
+
+    from palpate.live.rerun import RerunSink
+
+    class Stream:
+        ended = False
+
+        def spawn(self) -> None: ...
+
+        def flush(self) -> None:
+            raise RuntimeError("File-writer thread shut down prematurely")
+
+        def disconnect(self) -> None:
+            self.ended = True
+
+    stream = Stream()
+    monkeypatch.setitem(sys.modules, "rerun", SimpleNamespace(RecordingStream=lambda _: stream))
+    with pytest.raises(pp.InvalidInput, match="the viewer: Rerun could not be given the whole stream"):
+        RerunSink().close()
+    assert stream.ended

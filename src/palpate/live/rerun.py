@@ -37,7 +37,7 @@ class RerunSink:
             raise missing("Rerun streams", error) from error
         if path is not None and Path(path).exists():
             raise InvalidInput(f"{path} exists; a recording is not overwritten. Give another name.")
-        self._rerun = rerun
+        self._rerun, self._path = rerun, path
         self._stream = rerun.RecordingStream("palpate")
         try:
             if path is None:
@@ -83,6 +83,17 @@ class RerunSink:
         self._stream.log("events", self._rerun.TextLog(str(event), level="WARN" if warning else "INFO"))
 
     def close(self) -> None:
-        """Send what waits."""
-        self._stream.flush()
-        self._stream.disconnect()
+        """Send what waits.
+
+        Raises
+        ------
+        InvalidInput
+            The viewer is gone, or the disk was full: the stream is not whole. Rerun says so only here.
+        """
+        try:
+            self._stream.flush()
+        except RuntimeError as error:
+            where = "the viewer" if self._path is None else str(self._path)
+            raise InvalidInput(f"{where}: Rerun could not be given the whole stream ({error}).") from error
+        finally:
+            self._stream.disconnect()
