@@ -234,7 +234,7 @@ def test_track_from_the_shell(tmp_path: Path) -> None:
         assert (found["force_high"].values[held, 2] > 0.55).all()
     result = CliRunner().invoke(app, [*common[:-1], "100000"])
     assert isinstance(result.exception, pp.InvalidInput)
-    assert "leaves nothing" in str(result.exception)
+    assert "leaves no frame" in str(result.exception)
 
 
 def test_touch_as_mcap(tmp_path: Path) -> None:

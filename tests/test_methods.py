@@ -139,7 +139,7 @@ def test_a_name_is_taken_once() -> None:
         pp.register(Other)
     with pytest.raises(pp.InvalidInput, match="subclass"):
         pp.register(int)  # type: ignore[type-var]
-    with pytest.raises(pp.InvalidInput, match="stays"):
+    with pytest.raises(pp.InvalidInput, match="cannot be removed"):
         registry.unregister("adaptive")
 
 
