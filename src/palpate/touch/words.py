@@ -60,13 +60,17 @@ def summary(one: Touch, friction: float | None) -> str:
     unit = "N/m" if line else "N"
     components = one.surface.components
     lines = ["net force       " + ", ".join(f"{c} {v:.4g} {unit}" for c, v in zip(components, force))]
-    if one.errors is not None:
+    # some frames have none: found by a method without error bars, or before a stream has made them
+    known = one.errors is not None and bool(np.isfinite(one.errors.force).all())
+    if one.errors is not None and not known:
+        lines.append(f"  95 %          not known for this frame (method {one.methods.item()})")
+    elif one.errors is not None:
         low, high = (to_numpy(v) for v in one.interval(0.95, "force"))
         sought = [(c, a, b) for c, a, b in zip(components, low, high) if c in one.components]
         lines.append("  95 %          " + ", ".join(f"{c} {a:.3g} to {b:.3g}" for c, a, b in sought) + f" {unit}")
     if "z" in one.components:
         lines.append(f"peak pressure   {float(one.peak_pressure):.4g} Pa")
-        if one.errors is not None:
+        if known:
             low, high = one.interval(0.95, "peak_pressure")
             lines.append(f"  95 %          {float(low):.3g} to {float(high):.3g} Pa")
         centre = to_numpy(one.center_of_pressure)
