@@ -27,6 +27,7 @@ from palpate.inverse.problem import Kept, Problem
 from palpate.inverse.registry import method_named, unnamed
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import Grid, LineGrid
+from palpate.sensing.nuisance import check_nuisance
 from palpate.sensing.operator import Boundary, Operator
 from palpate.sensing.readings import Layout, checked_traction, creeping, frame_times, joined_planes, with_creep
 from palpate.sensing.surface import default_surface
@@ -64,6 +65,10 @@ class Skin:
         "free" (default): the pad goes on beyond the surface grid, where nothing touches it. "periodic": the surface is
         the array's own grid, repeated for ever, as in Fourier-transform traction cytometry; fast, but a contact near an edge
         touches its copy, and from displacements of a half-space the net force cannot be known.
+    nuisance : "auto" or sequence of str
+        What readings may hold besides contact and noise: "offset" (of each channel; of displacement, a shift of the image), "ramp" (a
+        linear change across the array), "rotation" (of an image). "auto" (default): offsets and rotation, where a frame speaks for them;
+        () for none.
 
     Notes
     -----
@@ -89,6 +94,7 @@ class Skin:
         *,
         surface: Grid | None = None,
         boundary: Boundary = "free",
+        nuisance: Sequence[str] | str = "auto",
     ) -> None:
         check_pad(pad)
         planes = (array,) if isinstance(array, LineArray | AreaArray | ScatteredArray) else tuple(array)
@@ -113,7 +119,15 @@ class Skin:
         self._pad, self._planes, self._boundary, self._surface = pad, planes, boundary, surface
         # every spatial computation is that of the instantaneous pad; creep is a filter in time
         self._elastic: Pad = pad.elastic if isinstance(pad, Viscoelastic) else pad
-        self._problem = Problem(self._elastic, planes, surface, boundary, surface.components, fixed=self._given)
+        self._problem = Problem(
+            self._elastic,
+            planes,
+            surface,
+            boundary,
+            surface.components,
+            fixed=self._given,
+            nuisance=check_nuisance(nuisance),
+        )
         self._methods = Kept(entries=PREPARED)
         self._default: tuple[str, ...] | None = None
 
@@ -284,7 +298,14 @@ class Skin:
             raise InvalidInput(f"working must hold one mask for each of {len(self._planes)} planes; got {len(masks)}.")
         planes = [p.masked(m) for p, m in zip(self._planes, masks)]
         # missing taxels do not move the surface, so that results stay comparable
-        out = Skin(self._pad, planes, surface=self._surface, boundary=self._boundary)
+        kinds = self._problem.nuisance
+        out = Skin(
+            self._pad,
+            planes,
+            surface=self._surface,
+            boundary=self._boundary,
+            nuisance="auto" if kinds is None else kinds,
+        )
         out._given = out._problem.fixed = self._given
         return out
 

@@ -72,6 +72,8 @@ class Problem:
         What is sought.
     fixed : bool
         Whether the user gave the surface: contact is then sought nowhere else.
+    nuisance : tuple of str or None
+        What readings hold besides contact and noise (`palpate.sensing.nuisance`); None: the readings decide.
     """
 
     def __init__(
@@ -83,15 +85,25 @@ class Problem:
         components: Sequence[str],
         *,
         fixed: bool = False,
+        nuisance: tuple[str, ...] | None = None,
         kept: Kept | None = None,
     ) -> None:
         self.pad, self.planes, self.surface, self.boundary = pad, tuple(planes), surface, boundary
-        self.components, self.fixed = tuple(components), fixed
+        self.components, self.fixed, self.nuisance = tuple(components), fixed, nuisance
         self.kept = Kept() if kept is None else kept
 
     def seeking(self, components: Sequence[str]) -> Problem:
         """The same problem with other components sought; it shares what does not depend on them."""
-        return Problem(self.pad, self.planes, self.surface, self.boundary, components, fixed=self.fixed, kept=self.kept)
+        return Problem(
+            self.pad,
+            self.planes,
+            self.surface,
+            self.boundary,
+            components,
+            fixed=self.fixed,
+            nuisance=self.nuisance,
+            kept=self.kept,
+        )
 
     @property
     def columns(self) -> tuple[int, ...]:

@@ -78,8 +78,8 @@ class Learning:
         known = None if self._from_contact else self.noise
 
         def work() -> tuple[float, float, float]:
-            _, parameter, scale, _ = estimator.evidence(estimator.orders[1], rows, known)
-            return parameter, scale, energy
+            evidence = estimator.evidence(estimator.orders[1], rows, known)
+            return evidence.parameter, evidence.scale, energy
 
         found: Any = background.result("learn", work)
         if found is None:

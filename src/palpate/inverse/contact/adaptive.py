@@ -135,7 +135,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             start = np.stack([repeated(t.reshape(grid.shape), ratio).ravel() for t in first])[:, cells]
             return self.normal(self.level(ratio), cells, y, noise, observed), start
 
-        _, parameter, scale, _ = evidence[1]
+        parameter, scale = evidence[1].parameter, evidence[1].scale
         ratio = self._ratio(self.taxels * c, self.seen(parameter), count * c)
         data, start = refined(ratio)
         slides: list[tuple[Floats, Floats, float]] = []
@@ -176,9 +176,10 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """The models on the cells of ``data``, with their weights; without ``local``, those of an even penalty alone."""
         level = data.level
         members = []
-        best = max(e[0] for e in evidence.values())
-        odds = {order: math.exp(max(e[0] - best, -50.0)) for order, e in evidence.items()}
-        for order, (_, parameter, scale, _) in evidence.items():
+        best = max(e.gain for e in evidence.values())
+        odds = {order: math.exp(max(e.gain - best, -50.0)) for order, e in evidence.items()}
+        for order, found in evidence.items():
+            parameter, scale = found.parameter, found.scale
             if order > 1 and odds[order] < self.thresholds.improbable:
                 continue
             precisions = self.precisions(level, order, parameter / scale**2)

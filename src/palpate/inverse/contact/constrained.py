@@ -173,7 +173,7 @@ class ConstrainedEstimator:
         import scipy.ndimage
 
         level = self.level(1)
-        _, parameter, scale, _ = evidence[1]
+        parameter, scale = evidence[1].parameter, evidence[1].scale
         region = grown((first[-1] > FAINT * first[-1].max()).reshape(level.grid.shape), MARGIN)
         cells = np.flatnonzero(region)
         data = self.normal(level, cells, y, noise, observed)
@@ -271,7 +271,7 @@ class ConstrainedEstimator:
         parts, limits = self.parts, self.thresholds
         for attempt in range(MOST_ATTEMPTS):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
-            gain, parameter, scale, linear = evidence[1]
+            gain, parameter, scale, linear = evidence[1][:4]
             uneven = self.noise.uneven(data, observed, known) if parts.uneven_evidence else 0.0
             if not (gain > limits.contact + uneven and scale > 0):
                 return self._nothing(parameter, scale, data, ~observed)

@@ -1,4 +1,9 @@
-"""Marginal likelihood of one frame under a linear Gaussian model: what the contact methods start from."""
+"""Marginal likelihood of one frame under a linear Gaussian model: what the contact methods start from.
+
+readings = A t + B c + noise, where the sizes c of the patterns B (`palpate.sensing.nuisance`, single broken readings) may be
+anything: a flat prior, so that they are marginalised as in restricted maximum likelihood (H. D. Patterson, R. Thompson, Biometrika 58,
+1971, 545-554). In the spectrum's basis C = 1 + s^2/lambda is diagonal, and B a few columns more.
+"""
 
 from __future__ import annotations
 
@@ -9,50 +14,125 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.elastic.half_space import Floats
-from palpate.inverse.linear.parameter import choose_parameter, tikhonov
+from palpate.inverse.linear.parameter import candidates, choose_parameter, refined, tikhonov
 from palpate.inverse.linear.regularised import Decomposition
 
-__all__ = ["LinearEvidence", "linear_evidence"]
+__all__ = ["LinearEvidence", "linear_evidence", "log_evidence"]
 
 
 class LinearEvidence(NamedTuple):
-    """Log marginal likelihood over that of noise alone, parameter, noise scale, and traction (component, *surface) sought."""
+    """Log marginal likelihood over that of noise alone, parameter, noise scale, traction (component, *surface) sought.
+
+    ``logdet`` is that of the readings' covariance over the noise's, patterns included; ``objective`` is misfit and penalty together in
+    units of the whitening; ``freedom`` the readings less the patterns; ``sizes`` (pattern,) of the patterns.
+    """
 
     gain: float
     parameter: float
     scale: float
     traction: Floats
+    logdet: float
+    objective: float
+    freedom: float
+    sizes: Floats
 
 
 def linear_evidence(
-    linear: Decomposition, rows: Sequence[Floats], parameter: float | None = None, known: float | None = None
+    linear: Decomposition,
+    rows: Sequence[Floats],
+    parameter: float | None = None,
+    known: float | None = None,
+    patterns: Floats | None = None,
 ) -> LinearEvidence:
     """Of one frame of readings, with the parameter given or by evidence.
 
-    ``known`` fixes the noise scale (in units of the whitening) where it is not the arrays' own.
+    ``known`` fixes the noise scale (in units of the whitening) where it is not the arrays' own; ``patterns`` (pattern, coefficient) are
+    those that readings may hold besides contact, projected like the readings.
     """
     spectrum = linear.spectrum
     values, counts = spectrum.eigenvalues, spectrum.multiplicity
-    coefficients = spectrum.project(rows) / (known or 1.0)
-    power = np.abs(np.asarray(coefficients)) ** 2
+    unit = known or 1.0
+    coefficients = np.asarray(spectrum.project(rows)) / unit
     certain = linear.noise_known or known is not None
-    if parameter is None:
-        chosen, variance = choose_parameter("evidence", tikhonov, values, counts, power[None], noise_known=certain)
+    if patterns is not None and len(patterns):
+        best, variance, total, logdet, base, count = _with_patterns(values, coefficients, patterns, parameter, certain)
+        free, sizes = _without(values, coefficients, patterns, best)
+        left = total[1]
+        everything = total[0]
     else:
-        chosen = np.array([parameter])
-        left = float((counts * power * (1.0 - tikhonov(values, chosen))).sum())
-        variance = np.array([1.0 if certain else left / counts.sum()])
-    best, scale = float(chosen[0]), math.sqrt(float(variance[0])) * (known or 1.0)
-    ratio = values / best
-    left, total = float((counts * power / (1.0 + ratio)).sum()), float((counts * power).sum())
-    logdet = float(counts @ np.log1p(ratio))
-    if total == 0.0:
+        power = np.abs(coefficients) ** 2
+        if parameter is None:
+            chosen, found = choose_parameter("evidence", tikhonov, values, counts, power[None], noise_known=certain)
+        else:
+            chosen = np.array([parameter])
+            left = float((counts * power * (1.0 - tikhonov(values, chosen))).sum())
+            found = np.array([1.0 if certain else left / counts.sum()])
+        best, variance = float(chosen[0]), float(found[0])
+        ratio = values / best
+        left, everything = float((counts * power / (1.0 + ratio)).sum()), float((counts * power).sum())
+        logdet, base, count = float(counts @ np.log1p(ratio)), 0.0, float(counts.sum())
+        free, sizes = coefficients, np.zeros(0)
+    scale = math.sqrt(variance) * unit
+    if everything <= 0.0:
         gain = 0.0
     elif certain:
-        gain = 0.5 * (total - left - logdet)
+        gain = 0.5 * (everything - left - (logdet - base))
     else:
-        gain = 0.5 * (float(counts.sum()) * math.log(total / left) - logdet)
-    phi = tikhonov(values, chosen)
-    filtered = coefficients * np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
-    traction = np.asarray(spectrum.solve(filtered * (known or 1.0)))
-    return LinearEvidence(gain, best, scale, traction[list(linear.columns)])
+        gain = 0.5 * (count * math.log(everything / max(left, 1e-300)) - (logdet - base))
+    phi = tikhonov(values, np.array([best]))
+    filtered = free * np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
+    traction = np.asarray(spectrum.solve(filtered * unit))[list(linear.columns)]
+    return LinearEvidence(gain, best, scale, traction, logdet, left * unit**2, count, sizes * unit)
+
+
+def log_evidence(objective: float, logdet: float, count: float, noise: float | None) -> float:
+    """Log marginal likelihood up to a constant of the readings, with the noise scale known or marginalised (prior 1/noise).
+
+    ``objective`` is misfit and penalty together in units of the whitening, as in `LinearEvidence`.
+    """
+    if noise is not None:
+        return -0.5 * objective / noise**2 - count * math.log(noise) - 0.5 * logdet
+    return math.lgamma(0.5 * count) - 0.5 * count * math.log(max(0.5 * objective, 1e-300)) - 0.5 * logdet
+
+
+def _with_patterns(
+    values: Floats, c: Floats, patterns: Floats, parameter: float | None, certain: bool
+) -> tuple[float, float, tuple[float, float], float, float, float]:
+    """Parameter, noise variance, (objective of noise alone, objective), log determinant, that of noise alone, and count."""
+    if parameter is None:
+        grid = candidates(values)
+    else:
+        grid = np.array([parameter])
+    weights = grid[:, None] / (grid[:, None] + values[None, :])
+    objective, logdet = _restricted(weights, c, patterns)
+    (everything,), (base,) = _restricted(np.ones((1, len(c))), c, patterns)
+    count = float(len(c) - len(patterns))
+    if certain:
+        score = objective + logdet
+    else:
+        score = count * np.log(np.maximum(objective, 1e-300) / count) + logdet
+    score = np.where(np.isfinite(score), score, np.inf)[None]
+    place = np.argmin(score, axis=1)
+    best = float(grid[0]) if parameter is not None else float(refined(grid, score, place)[0])
+    (left,), (there,) = _restricted(best / (best + values)[None], c, patterns)
+    variance = 1.0 if certain else max(float(left), 0.0) / count
+    return best, variance, (float(everything), float(left)), float(there), float(base), count
+
+
+def _restricted(weights: Floats, c: Floats, patterns: Floats) -> tuple[Floats, Floats]:
+    """(objective, log determinant) for rows of ``weights`` = 1/C, with the patterns marginalised."""
+    weighted = weights[:, None, :] * patterns[None]
+    middle = weighted @ patterns.T
+    right = weighted @ c
+    sizes = np.linalg.solve(middle, right[..., None])[..., 0]
+    objective = weights @ c**2 - (right * sizes).sum(axis=1)
+    with np.errstate(divide="ignore"):
+        logdet = -np.log(weights).sum(axis=1) + np.linalg.slogdet(middle)[1]
+    return objective, logdet
+
+
+def _without(values: Floats, c: Floats, patterns: Floats, parameter: float) -> tuple[Floats, Floats]:
+    """The coefficients without the patterns, and their sizes, by generalised least squares."""
+    weighted = patterns * (parameter / (parameter + values))
+    sizes = np.linalg.solve(weighted @ patterns.T, weighted @ c)
+    return c - sizes @ patterns, sizes

@@ -16,7 +16,17 @@ import numpy.typing as npt
 from palpate.elastic.half_space import Floats
 from palpate.errors import InvalidInput, Unsupported
 
-__all__ = ["RULES", "Filter", "by_discrepancy", "check_parameter", "choose_parameter", "tikhonov", "truncate"]
+__all__ = [
+    "RULES",
+    "Filter",
+    "by_discrepancy",
+    "candidates",
+    "check_parameter",
+    "choose_parameter",
+    "refined",
+    "tikhonov",
+    "truncate",
+]
 
 Rule = Literal["evidence", "gcv", "lcurve", "discrepancy"]
 RULES: tuple[str, ...] = ("evidence", "gcv", "lcurve", "discrepancy")
@@ -97,7 +107,7 @@ def choose_parameter(
         if len(grid) > 600:
             grid = grid[np.unique(np.linspace(0, len(grid) - 1, 600).astype(int))]
     else:
-        grid = top * 10.0 ** np.linspace(2.0, -DECADES, (DECADES + 2) * PER_DECADE + 1)
+        grid = candidates(eigenvalues)
     datum = multiplicity * power  # (frame, n)
     count = float(multiplicity.sum())
     phi = filter_factors(eigenvalues[None, :], grid[:, None])  # (candidate, n)
@@ -127,7 +137,7 @@ def choose_parameter(
     best = np.argmin(score, axis=1)
     parameter = grid[best].copy()
     if filter_factors is tikhonov:
-        parameter = _refine(grid, score, best)
+        parameter = refined(grid, score, best)
     if noise_known:
         return parameter, np.ones(len(parameter))
     phi = filter_factors(eigenvalues[None, :], parameter[:, None])
@@ -173,7 +183,12 @@ def _curvature(a: Floats, b: Floats) -> Floats:
     return np.where(moving, -curvature, -np.inf)
 
 
-def _refine(grid: Floats, score: Floats, best: npt.NDArray[np.intp]) -> Floats:
+def candidates(eigenvalues: Floats) -> Floats:
+    """Parameters that are tried, from strong to weak."""
+    return np.asarray(float(eigenvalues.max()) * 10.0 ** np.linspace(2.0, -DECADES, (DECADES + 2) * PER_DECADE + 1))
+
+
+def refined(grid: Floats, score: Floats, best: npt.NDArray[np.intp]) -> Floats:
     """Vertex of the parabola through the best candidate and its neighbours, in log lambda."""
     inner = np.clip(best, 1, len(grid) - 2)
     rows = np.arange(len(best))

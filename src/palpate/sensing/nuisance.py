@@ -1,0 +1,103 @@
+"""What readings hold besides contact and noise: offsets, ramps, rigid motion of an image.
+
+readings = A t + B c + noise. Each column of B is one `Nuisance`: a known pattern over the readings whose size c is not known. Methods
+solve for t with c marginalised, so that what a nuisance could explain is not taken for contact and widens the error bars.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.elastic.channels import find_channel
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+from palpate.sensing.arrays import Array
+
+__all__ = ["NUISANCES", "Nuisance", "check_nuisance", "nuisances"]
+
+#: Kinds of nuisance by their short names.
+NUISANCES: tuple[str, ...] = ("offset", "ramp", "rotation")
+
+_SHIFT = {"displacement_x": "shift along x", "displacement_y": "shift along y", "displacement_z": "shift along z"}
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """One pattern that readings may hold.
+
+    Attributes
+    ----------
+    kind : str
+        One of `NUISANCES`.
+    label : str
+        Such as "offset of stress_zz".
+    unit : str
+        Of its size c: that of the channel for an offset; per metre for a ramp; rad for a rotation.
+    rows : array (reading,)
+        Readings for a size of 1, in the order of the operator's rows (plane, channel, working taxel).
+    """
+
+    kind: str
+    label: str
+    unit: str
+    rows: Floats
+
+
+def check_nuisance(kinds: Sequence[str] | str | None) -> tuple[str, ...] | None:
+    """The kinds in order, or None where evidence decides; raises `InvalidInput` for others."""
+    if kinds is None or kinds == "auto":
+        return None
+    if isinstance(kinds, str) or any(k not in NUISANCES for k in kinds):
+        raise InvalidInput(
+            f'nuisance must be "auto" (the readings decide) or a list of {", ".join(NUISANCES)} (an empty one for none); got {kinds!r}.'
+        )
+    return tuple(k for k in NUISANCES if k in kinds)
+
+
+def nuisances(planes: Sequence[Array], kinds: Sequence[str]) -> list[Nuisance]:
+    """Every nuisance of these kinds that the planes can have.
+
+    "offset": one for each channel of each plane (of displacement: a shift of the image). "ramp": a linear change along x (and y) of each
+    channel. "rotation": a small rotation about the normal of a plane that measures displacement_x and displacement_y.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.sensing.nuisance import nuisances
+    >>> array = pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"])
+    >>> [(n.label, n.rows.tolist()) for n in nuisances([array], ["offset"])][1]
+    ('offset of stress_zz', [0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+    """
+    sizes = [int(a.valid.sum()) * len(a.channels) for a in planes]
+    total, start = sum(sizes), 0
+    found = []
+    for number, array in enumerate(planes):
+        where = f" in plane {number}" if len(planes) > 1 else ""
+        points = array.points[array.valid.ravel()]
+        middle = points - points.mean(axis=0)
+        n = len(points)
+
+        def column(parts: dict[int, Floats], start: int = start, n: int = n) -> Floats:
+            rows = np.zeros(total)
+            for channel, values in parts.items():
+                rows[start + channel * n : start + (channel + 1) * n] = values
+            return rows
+
+        for i, channel in enumerate(array.channels):
+            unit = find_channel(channel).kind.unit
+            if "offset" in kinds:
+                label = _SHIFT.get(channel, f"offset of {channel}")
+                found.append(Nuisance("offset", label + where, unit, column({i: np.ones(n)})))
+            if "ramp" in kinds:
+                for axis in range(array.dimensions):
+                    label = f"ramp of {channel} along {'xy'[axis]}"
+                    found.append(Nuisance("ramp", label + where, f"{unit}/m", column({i: middle[:, axis]})))
+        names = list(array.channels)
+        if "rotation" in kinds and array.dimensions == 2 and {"displacement_x", "displacement_y"} <= set(names):
+            parts = {names.index("displacement_x"): -middle[:, 1], names.index("displacement_y"): middle[:, 0]}
+            found.append(Nuisance("rotation", "rotation about z" + where, "rad", column(parts)))
+        start += sizes[number]
+    return found
