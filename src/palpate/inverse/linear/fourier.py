@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import from_numpy, irfftn, namespace, rfftn
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.linear.priors import Prior, wavenumbers
 from palpate.sensing.operator import Operator, periodic_transfer

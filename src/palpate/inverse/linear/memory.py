@@ -10,12 +10,18 @@ import numpy as np
 from palpate._memory import SHARE, SMALL, available, gigabytes, require
 from palpate.elastic.pad import Pad
 from palpate.errors import Unsupported
-from palpate.inverse.linear.spectrum import LARGEST_BLOCK, LARGEST_MODES, LARGEST_SVD, in_blocks
+from palpate.inverse.linear.spectrum import LARGEST_BLOCK, LARGEST_MODES, LARGEST_SVD, MODES_AT_A_TIME, in_blocks
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.surface import WIDE, default_surface
 
 __all__ = ["check_spectrum", "check_waves"]
+
+#: What is recommended takes no more than this part of what is free, so that it still serves when a little less is.
+RECOMMENDED = 0.5
+#: Coarser layouts that are tried for a recommendation: pitches that grow by a tenth up to a factor of 1.1^200 (more than any recording spans),
+#: and every second to hundredth taxel.
+COARSER, PITCHES, THINNEST = 1.1, 200, 100
 
 
 def block_size(pad: Pad, planes: Sequence[Array], surface: Grid) -> int:
@@ -48,7 +54,7 @@ def spectrum_memory(pad: Pad, planes: Sequence[Array], surface: Grid, sought: in
     total = matrices + 5.0 * 8.0 * n * n + kept
     modes = 0.0
     if count * sought * cells <= LARGEST_MODES:
-        modes = kept + 16.0 * count * sought * cells + 8.0 * row * min(count, 256)
+        modes = kept + 16.0 * count * sought * cells + 8.0 * row * min(count, MODES_AT_A_TIME)
     return max(total, modes)
 
 
@@ -83,7 +89,9 @@ def check_waves(planes: Sequence[Array], surface: Grid) -> None:
 def _served(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) -> bool:
     surface = default_surface(planes, depths=WIDE)
     peak = spectrum_memory(pad, planes, surface, sought)
-    return block_size(pad, planes, surface) <= LARGEST_BLOCK and (free is None or peak <= 0.5 * free or peak < SMALL)
+    return block_size(pad, planes, surface) <= LARGEST_BLOCK and (
+        free is None or peak <= RECOMMENDED * free or peak < SMALL
+    )
 
 
 def _remedy(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) -> str:
@@ -92,8 +100,8 @@ def _remedy(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) ->
     if isinstance(first, ScatteredArray):
         extent = np.ptp(first.points, axis=0)
         pitch = float((np.prod(extent) / len(first.points)) ** (1.0 / first.dimensions))
-        for _ in range(200):
-            pitch = float(f"{1.1 * pitch:.2g}")
+        for _ in range(PITCHES):
+            pitch = float(f"{COARSER * pitch:.2g}")
             counts = np.maximum(2, np.floor(extent / pitch + 1e-9).astype(int))
             channels = first.channels
             if first.dimensions == 2:
@@ -112,7 +120,7 @@ def _remedy(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) ->
     words = []
     if all(a.mask is None and not a.noise_correlation and a.grid == first.grid for a in planes):  # type: ignore[union-attr]
         words.append('Skin(..., boundary="periodic") serves it (boundary = "periodic" in skin.toml, without a surface)')
-    for step in range(2, 100):
+    for step in range(2, THINNEST + 1):
         thinner = [_thinned(a, step) for a in planes]
         if _served(pad, thinner, sought, free):
             slices = ", ".join([f"::{step}"] * first.dimensions)

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.linear.parameter import tikhonov, truncate
 from palpate.inverse.linear.priors import DifferencePrior, SpectralPrior, hilgers_prior

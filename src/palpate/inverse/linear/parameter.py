@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 
 __all__ = [
@@ -35,6 +35,20 @@ Filter = Callable[[Floats, Floats], Floats]
 #: Candidates span this many decades below the largest eigenvalue (all that double precision tells from zero) and two above, at this many
 #: to a decade; the minimum is then refined by a parabola, so that a step of a fifth costs nothing.
 DECADES, PER_DECADE = 16, 12
+#: Cut-offs lie between eigenvalues above this part of the largest, a few roundings of it: what is below is not told from zero.
+SMALLEST = 1e-15
+#: Most cut-offs that are tried: where there are more readings, neighbours keep counts that differ by a six-hundredth.
+CUT_OFFS = 600
+#: Parameters that leave fewer degrees of freedom than this part of the readings are out: the sum is known to 1e-16 of the count, so that
+#: the score is still right to a millionth.
+FREE = 1e-9
+#: The L-curve is looked at above this part of the largest eigenvalue: an eigenvalue of n readings is known to n roundings, some 1e-14.
+CORNER = 1e-14
+#: Where neither logarithm moves by this much from one candidate to the next, no corner is sought: their rounding, 1e-14, makes a curvature of
+#: 1e-14/FLAT^2 = 0.01 there, and a corner's is of order one.
+FLAT = 1e-6
+#: Keeps logarithms of what rounds to nothing finite; near the smallest double.
+TINY = 1e-300
 
 
 def check_parameter(parameter: float | str) -> None:
@@ -101,11 +115,11 @@ def choose_parameter(
     grid: Floats
     score: Floats
     if filter_factors is truncate:
-        levels = np.unique(eigenvalues[eigenvalues > 1e-15 * top])
+        levels = np.unique(eigenvalues[eigenvalues > SMALLEST * top])
         # half-way between neighbours, so that rounding cannot move a value across; at least one is kept
         grid = np.concatenate([[0.5 * levels[0]], np.sqrt(levels[:-1] * levels[1:])])
-        if len(grid) > 600:
-            grid = grid[np.unique(np.linspace(0, len(grid) - 1, 600).astype(int))]
+        if len(grid) > CUT_OFFS:
+            grid = grid[np.unique(np.linspace(0, len(grid) - 1, CUT_OFFS).astype(int))]
     else:
         grid = candidates(eigenvalues)
     datum = multiplicity * power  # (frame, n)
@@ -115,24 +129,24 @@ def choose_parameter(
 
     if rule == "gcv":
         free = (1.0 - phi) @ multiplicity
-        free[free < 1e-9 * count] = np.nan
+        free[free < FREE * count] = np.nan
         score = count * residual / free**2
     elif rule == "discrepancy":
-        score = np.abs(np.log(np.maximum(residual, 1e-300) / count))
+        score = np.abs(np.log(np.maximum(residual, TINY) / count))
     elif rule == "lcurve":
         safe = np.where(eigenvalues > 0, eigenvalues, 1.0)
         penalty = datum @ np.where(eigenvalues > 0, phi**2 / safe, 0.0).T
-        score = -_curvature(np.log(np.maximum(residual, 1e-300)), np.log(np.maximum(penalty, 1e-300)))
+        score = -_curvature(np.log(np.maximum(residual, TINY)), np.log(np.maximum(penalty, TINY)))
         # beyond the spectrum's ends every lambda does the same, and rounding makes corners of its own
-        positive = eigenvalues[eigenvalues > 1e-14 * top]
+        positive = eigenvalues[eigenvalues > CORNER * top]
         score[:, (grid < positive.min()) | (grid > top)] = np.inf
     else:
         explained = datum @ (1.0 - phi).T  # sum c^2/(1 + s^2/lambda)
-        logdet = -np.log(np.maximum(1.0 - phi, 1e-300)) @ multiplicity
+        logdet = -np.log(np.maximum(1.0 - phi, TINY)) @ multiplicity
         if noise_known:
             score = explained + logdet
         else:
-            score = count * np.log(np.maximum(explained / count, 1e-300)) + logdet
+            score = count * np.log(np.maximum(explained / count, TINY)) + logdet
     score = np.where(np.isfinite(score), score, np.inf)
     best = np.argmin(score, axis=1)
     parameter = grid[best].copy()
@@ -150,19 +164,22 @@ def choose_parameter(
 
 #: Misfit is brought this near to the noise (relative): the noise of 5000 readings is known no better (1/sqrt(2 n)).
 DISCREPANCY = 0.01
+#: Where it is sought, as parts of a unit in which a parameter of 1 leaves nothing of the traction (10 more than all, to be sure that both
+#: sides of the noise are there), and how often that is halved: 23 in the logarithm comes to 0.6 % of the parameter.
+SOUGHT, BISECTIONS = (1e-9, 10.0), 12
 
 
 def by_discrepancy(misfit: Callable[[float], float], noise: float, unit: float) -> float:
-    """The parameter whose root mean square ``misfit`` is the noise, by bisection of its logarithm between 1e-9 and 10 ``unit``.
+    """The parameter whose root mean square ``misfit`` is the noise, by bisection of its logarithm between 1e-9 and 10 ``unit`` (`SOUGHT`).
 
     For methods that have no spectrum; ``misfit`` is asked once for each parameter tried, the one returned last.
     """
-    low, high = math.log(1e-9 * unit), math.log(10.0 * unit)
+    low, high = (math.log(part * unit) for part in SOUGHT)
     middle = high
-    for _ in range(24):
+    for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         left = misfit(math.exp(middle))
-        if abs(left - noise) < DISCREPANCY * noise or high - low < 0.02:
+        if abs(left - noise) < DISCREPANCY * noise:
             break
         if left > noise:
             high = middle
@@ -178,7 +195,7 @@ def _curvature(a: Floats, b: Floats) -> Floats:
     speed = (da**2 + db**2) ** 1.5
     with np.errstate(divide="ignore", invalid="ignore"):
         curvature = (da * ddb - db * dda) / speed
-    moving = (np.abs(da) > 1e-6) | (np.abs(db) > 1e-6)
+    moving = (np.abs(da) > FLAT) | (np.abs(db) > FLAT)
     # candidates run from strong to weak regularisation, so a falls, b rises, and the corner turns to the right
     return np.where(moving, -curvature, -np.inf)
 

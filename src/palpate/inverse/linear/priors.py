@@ -10,11 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy, irfftn, namespace, rfftn
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.grids import Grid
 
 __all__ = ["DifferencePrior", "Prior", "SpectralPrior", "hilgers_prior", "wavenumbers"]
+
+#: Wavenumber that stands for 0, as a part of the smallest other one: the mean then has 1e8 (first derivative) or 1e16 (second) times the
+#: variance of the longest wave, so that any reading that feels it decides it.
+MEAN = 1e-4
 
 
 class Prior(Protocol):
@@ -82,7 +86,7 @@ class DifferencePrior:
     def spectrum(self, k: Floats) -> Floats:
         """1/(cell k^{2m}); the mean (k = 0), which no derivative sees, is left practically free."""
         smallest = k[k > 0].min()
-        return np.asarray(self._scale / (self.grid.cell * np.where(k > 0, k, 1e-4 * smallest) ** (2 * self.order)))
+        return np.asarray(self._scale / (self.grid.cell * np.where(k > 0, k, MEAN * smallest) ** (2 * self.order)))
 
 
 class SpectralPrior:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import from_numpy, namespace, to_numpy
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.estimate import Estimate
 from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import check_spectrum, check_waves

@@ -23,8 +23,7 @@ import numpy.typing as npt
 
 from palpate._arrays import from_numpy, namespace
 from palpate.elastic.channels import find_channel, mirror_parity
-from palpate.elastic.half_space import Floats
-from palpate.elastic.pad import Pad, mirror_symmetric
+from palpate.elastic.pad import Floats, Pad, mirror_symmetric
 from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.whitening import axis_roots, inverse_root
 from palpate.sensing.arrays import Array, ScatteredArray
@@ -40,6 +39,10 @@ LARGEST_MODES = 6_000_000
 #: Up to this many readings the decomposition is an SVD of H, which keeps small singular values; beyond it an eigendecomposition of H H^T,
 #: several times faster, which keeps those above the square root of the rounding error.
 LARGEST_SVD = 700
+#: Modes are made so many at a time: what the adjoint needs besides is then small against a surface of some thousand cells.
+MODES_AT_A_TIME = 256
+#: Centres that lie nearer than this part of a cell are one: positions are sums of a few hundred pitches, each rounded to 1e-16.
+ONE_CENTRE = 1e-9
 
 
 class Spectrum(Protocol):
@@ -146,7 +149,10 @@ class DataSpectrum:
         unknowns = len(self.columns) * math.prod(operator.surface.shape)
         if len(self.eigenvalues) * unknowns <= LARGEST_MODES:
             unit = np.diag(self._inverse_root())
-            rows = [self._adjoint(unit[i : i + 256])[:, self.columns] for i in range(0, len(unit), 256)]
+            rows = [
+                self._adjoint(unit[i : i + MODES_AT_A_TIME])[:, self.columns]
+                for i in range(0, len(unit), MODES_AT_A_TIME)
+            ]
             self._modes = np.concatenate(rows).reshape(-1, unknowns)
             self._copies.clear()
 
@@ -382,7 +388,7 @@ def in_blocks(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
         if isinstance(array, ScatteredArray) or array.mask is not None:
             return False
         for a, b, dx in zip(array.grid.axes, surface.axes, surface.spacings):
-            if abs((a[0] + a[-1]) - (b[0] + b[-1])) > 1e-9 * dx:
+            if abs((a[0] + a[-1]) - (b[0] + b[-1])) > ONE_CENTRE * dx:
                 return False
     extent = max(float(np.ptp(a.points, axis=0).max()) for a in planes)
     return all(mirror_symmetric(pad, a.depth, extent) for a in planes)
