@@ -31,6 +31,10 @@ __all__ = ["Correction", "Surface"]
 DIGITS = 34.0
 #: Highest angular order of a channel per traction.
 ORDERS = 3
+#: Angular orders below this part of a function's largest are rounding.
+NOTHING = 1e-14
+#: Spline values held at once: 16 MB.
+LARGEST_TABLE = 2_000_000
 
 
 class Surface(Pad, Protocol):
@@ -108,14 +112,20 @@ class Correction:
     def line(self, x: Floats, spacing: float, aperture: float) -> Floats:
         """(channel, 2, ...) per unit traction of a cell of width ``spacing``, averaged over ``aperture``."""
         flat = x.ravel()
-        k, weight = self._nodes(float(np.abs(flat).max(initial=0.0)) + spacing + aperture)
+        reach = float(np.abs(flat).max(initial=0.0)) + spacing + aperture
+        k, weight = self._nodes(reach)
         matrix = self._remaining(k, np.zeros_like(k), line=True)[..., [0, 2]]
         factor = weight / np.pi * spacing * np.sinc(k * spacing / (2 * np.pi)) * np.sinc(k * aperture / (2 * np.pi))
         spectrum = (matrix * factor[:, None, None]).reshape(k.size, -1)
-        out = np.empty((flat.size, spectrum.shape[1]))
-        for start in range(0, flat.size, 2048):
-            phase = flat[start : start + 2048, None] * k
-            out[start : start + 2048] = np.cos(phase) @ spectrum.real - np.sin(phase) @ spectrum.imag
+        # a lattice repeats its distances
+        distance, back = np.unique(np.round(np.abs(flat) / reach, 14), return_inverse=True)
+        even, odd = np.empty((2, distance.size, spectrum.shape[1]))
+        for start in range(0, distance.size, 2048):
+            rows = slice(start, start + 2048)
+            phase = (distance[rows, None] * reach) * k
+            even[rows], odd[rows] = np.cos(phase) @ spectrum.real, np.sin(phase) @ spectrum.imag
+        back = back.reshape(flat.shape)
+        out = even[back] - np.sign(flat)[:, None] * odd[back]
         return np.moveaxis(out.reshape(*x.shape, len(self.channels), 2), (-2, -1), (0, 1))
 
     def area(
@@ -136,28 +146,17 @@ class Correction:
                 t, w = np.polynomial.legendre.leggauss(few)
                 sources.append((t * spacing / 2, w / 2))
         nodes = [
-            [(a + b, u * v) for (a, u), (b, v) in itertools.product(zip(*rule), zip(*source))]
+            (np.add.outer(rule[0], source[0]).ravel(), np.multiply.outer(rule[1], source[1]).ravel())
             for rule, source in zip(rules, sources)
         ]
         y, x = offsets
-        reach = math.hypot(*(float(np.abs(o).max()) + max(abs(n) for n, _ in axis) for o, axis in zip((y, x), nodes)))
+        reach = math.hypot(*(float(np.abs(o).max() + np.abs(n).max()) for o, (n, _) in zip((y, x), nodes)))
         radial = self._radial(reach)
-        cell = float(np.prod(spacings))
-        out = np.zeros((len(self.channels) * 3, *y.shape, x.shape[-1]))
-        for (node_y, weight_y), (node_x, weight_x) in itertools.product(*nodes):
-            xx, yy = np.broadcast_arrays((x + node_x)[..., None, :], (y + node_y)[..., :, None])
-            r = np.hypot(xx, yy)
-            turn = np.where(r > 0, (xx + 1j * yy) / np.where(r > 0, r, 1.0), 1.0)
-            # mirror images share their distance
-            distance, back = np.unique(np.round(r / reach, 14), return_inverse=True)
-            values = radial(distance * reach)  # (distance, order, function)
-            back = back.reshape(r.shape)
-            phase = np.ones_like(turn)
-            for order in range(self.orders + 1):
-                part = np.moveaxis(values[:, order][back], -1, 0)
-                out += weight_y * weight_x * cell * (part * phase).real
-                phase = phase * turn
-        return out.reshape(len(self.channels), 3, *out.shape[1:])
+        out = np.empty((len(self.channels) * 3, *y.shape, x.shape[-1]))
+        for place in np.ndindex(y.shape[:-1]):
+            axes = [_Axis(offset[place], *points, reach) for offset, points in zip(offsets, nodes)]
+            out[(slice(None), *place)] = radial.averaged(*axes)
+        return float(np.prod(spacings)) * out.reshape(len(self.channels), 3, *out.shape[1:])
 
     def _radial(self, reach: float) -> _Radial:
         from scipy.special import j0, j1, jv
@@ -192,13 +191,50 @@ class Correction:
         return _Radial(r, table)
 
 
+class _Axis:
+    """Weighted sums along one axis over points offset + node: the distances from 0 that occur, each once, and who takes how much of them."""
+
+    def __init__(self, offset: Floats, node: Floats, weight: Floats, reach: float) -> None:
+        points = offset[:, None] + node
+        # mirror images share their distance
+        distance, back = np.unique(np.round(np.abs(points) / reach, 14), return_inverse=True)
+        self.distance = distance * reach
+        back = back.reshape(points.shape)
+        rows = np.arange(len(offset))[:, None]
+        self.even, self.odd = np.zeros((2, len(offset), len(distance)))
+        np.add.at(self.even, (rows, back), weight)
+        np.add.at(self.odd, (rows, back), weight * np.sign(points))
+
+
 class _Radial:
-    """Spline of the radial functions."""
+    """Functions of the plane as angular orders: sum_n Re(f_n(r) exp(i n theta)), f_n by splines where it is not nothing."""
 
     def __init__(self, r: Floats, table: npt.NDArray[np.complex128]) -> None:
+        """``table`` is f (distance, order, function)."""
         from scipy.interpolate import CubicSpline
 
-        self._spline = CubicSpline(r, table, axis=0)
+        self.count = table.shape[-1]
+        parts = np.stack([table.real, -table.imag], axis=1)  # of cos(n theta) and of sin(n theta)
+        sizes = np.abs(parts).max(axis=0)
+        self.sine, self.order, self.function = np.nonzero(sizes > NOTHING * sizes.max(axis=(0, 1)))
+        self._spline = CubicSpline(r, parts[:, self.sine, self.order, self.function], axis=0)
 
-    def __call__(self, r: Floats) -> npt.NDArray[np.complex128]:
-        return np.asarray(self._spline(r))
+    def averaged(self, y: _Axis, x: _Axis) -> Floats:
+        """(function, ny, nx): sums over the points of both axes, from one quadrant of the plane."""
+        out = np.zeros((self.count, len(y.even), len(x.even)))
+        rows = max(1, LARGEST_TABLE // (len(x.distance) * max(len(self.order), 1)))
+        for start in range(0, len(y.distance), rows):
+            some = slice(start, start + rows)
+            yy, xx = y.distance[some, None], x.distance
+            values = np.moveaxis(self._spline(np.hypot(yy, xx)), -1, 0)
+            angle = np.arctan2(yy, xx)
+            # cos(n theta) is even in y, sin(n theta) odd; in x they are even or odd as n is
+            for sine, odd in itertools.product((0, 1), (0, 1)):
+                chosen = np.flatnonzero((self.sine == sine) & (self.order % 2 == odd))
+                along_y, along_x = (y.odd if sine else y.even), (x.even if sine == odd else x.odd)
+                for order in np.unique(self.order[chosen]):
+                    which = chosen[self.order[chosen] == order]
+                    wave = np.sin(order * angle) if sine else np.cos(order * angle)
+                    # every function has an angular order once
+                    out[self.function[which]] += along_y[:, some] @ (values[which] * wave) @ along_x.T
+        return out
