@@ -35,8 +35,7 @@ class Palpate(Node):  # type: ignore[misc]
             raise SystemExit(f"{skin_file} has no section [stream]: which topic, and what do its numbers mean?")
         self.mapping = mapping
         skin = pp.Skin.from_file(skin_file)
-        bound = friction if {"z"} < set(skin.components) else None
-        self.tracker = skin.track(friction=bound, baseline=baseline, budget=budget)
+        self.tracker = skin.track(friction=friction, baseline=baseline, budget=budget)
         self.monitor = pp.GraspMonitor(
             friction=friction, callback=lambda event: self.events.publish(String(data=str(event)))
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import sys
 from collections.abc import Iterator
@@ -55,11 +56,25 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
     "speed of a demo": (("live", "--demo", "--speed", "2"), "--speed"),
     "speed of the network": (("live", "--udp", "9000", "--skin", "skin.toml", "--speed", "2"), "--speed"),
     "loop of the network": (("live", "--tcp", "9000", "--skin", "skin.toml", "--loop"), "--loop"),
-    "demo on no friction": (("live", "--demo", "--friction", "0"), "--friction must be"),
-    "live friction below 0": ((*LIVE, "--friction", "-0.4"), "--friction must be"),
-    "live friction without shear": ((*LIVE, "--friction", "0.4"), "measure only z"),
-    "track friction below 0": ((*TRACK, "--friction", "-0.4"), "--friction must be"),
-    "track friction without shear": ((*TRACK, "--friction", "0.4"), "measure only z"),
+    "demo on no friction": (("live", "--demo", "--friction", "0"), "friction must be"),
+    "live friction below 0": ((*LIVE, "--friction", "-0.4"), "friction must be"),
+    "live friction without shear": ((*LIVE, "--friction", "0.4"), "friction ties shear to pressure"),
+    "live friction in words": ((*LIVE, "--friction", "some"), "friction must be a positive number; got 'some'"),
+    "live weight of nothing": ((*LIVE, "--parameter", "0"), "parameter must be a positive number"),
+    "live by another rule": ((*LIVE, "--parameter", "gcv"), "one of evidence; got 'gcv'"),
+    "track friction below 0": ((*TRACK, "--friction", "-0.4"), "friction must be"),
+    "track friction without shear": ((*TRACK, "--friction", "0.4"), "friction ties shear to pressure"),
+    "track by another rule": ((*TRACK, "--parameter", "gcv"), "one of evidence; got 'gcv'"),
+    "accuracy of no method": (("bench", "accuracy", "--method", "best"), "method must be one of"),
+    "accuracy of an option of others": (
+        ("bench", "accuracy", "--method", "nnls", "--order", "2"),
+        "does not take order",
+    ),
+    "accuracy of friction without shear": (
+        ("bench", "accuracy", "--friction", "0.4", "--draws", "1"),
+        "friction ties shear",
+    ),
+    "calibration of no error bars": (("bench", "calibration", "--method", "nnls"), "method must be one of adaptive, "),
     "drag without friction": ((*SIMULATE, "--drag", "0.5"), "--friction too"),
     "direction without friction": ((*SIMULATE[:2], "area.toml", *SIMULATE[3:], "--direction", "30"), "--direction"),
     "noise of one plane": ((*SIMULATE[:2], "two.toml", *SIMULATE[3:]), "noise"),
@@ -82,7 +97,7 @@ def test_what_has_no_meaning_is_refused(name: str, folder: Path) -> None:
     (folder / "area.toml").write_text(area)
     if "area.toml" in arguments:
         arguments = tuple(a.replace("20 N/m", "1 N") for a in arguments)
-    with pytest.raises(pp.InvalidInput, match=message):
+    with pytest.raises(pp.PalpateError, match=message):
         app(list(arguments), standalone_mode=False)
     assert not (folder / "new.nc").exists()
 
@@ -194,3 +209,28 @@ def test_settings_of_a_tracker_are_checked_before_anything_is_prepared(
     monkeypatch.setattr(skin, "_prepared", lambda *_: pytest.fail("prepared"))
     with pytest.raises(pp.InvalidInput, match="must be a positive number"):
         skin.track(**setting)
+
+
+@pytest.mark.parametrize("command", ["track", "live"])
+def test_a_tracker_offers_the_options_of_its_method(command: str) -> None:
+    """Every option of the method that `Skin.track` takes, with the method's own words."""
+    whole: Any = typer.main.get_command(app)
+    found = whole.commands[command]
+    offered = {p.name: p for p in found.get_params(typer.Context(found))}
+    for name in ("friction", "parameter"):
+        assert offered[name].help.startswith(pp.Constrained.options()[name].help)
+    assert "draws" not in offered
+
+
+def test_the_weight_of_the_penalty_reaches_the_tracker(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: dict[str, Any] = {}
+    original = pp.Skin.track
+
+    @functools.wraps(original)
+    def track(self: pp.Skin, **options: Any) -> Any:
+        seen.update(options)
+        return original(self, **options)
+
+    monkeypatch.setattr(pp.Skin, "track", track)
+    app(["track", "r.nc", "--skin", "skin.toml", "--parameter", "0.5"], standalone_mode=False)
+    assert seen["parameter"] == 0.5

@@ -1,13 +1,14 @@
 """How accurate the inversion is, and whether its error bars are honest: contacts x noise x methods."""
 
 from palpate.bench.ablation import ablation, as_markdown, summary
-from palpate.bench.accuracy import NOISES, Record, accuracy, coverage, ratios, run, table
+from palpate.bench.accuracy import DEFAULT, NOISES, Record, accuracy, coverage, measured, ratios, run, table
 from palpate.bench.calibration import calibration, crossing, population, write_constants
 from palpate.bench.contacts import FRICTION, Patch, area_contact, line_contact
 from palpate.bench.layouts import LAYOUTS, Layout
 from palpate.bench.unseen import KINDS, unseen
 
 __all__ = [
+    "DEFAULT",
     "FRICTION",
     "KINDS",
     "LAYOUTS",
@@ -23,6 +24,7 @@ __all__ = [
     "coverage",
     "crossing",
     "line_contact",
+    "measured",
     "population",
     "ratios",
     "run",

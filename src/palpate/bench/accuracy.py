@@ -5,26 +5,47 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from palpate.bench.contacts import Traction
 from palpate.bench.layouts import LAYOUTS, Layout
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.methods import Automatic
+from palpate.inverse.method import Method
+from palpate.inverse.registry import method_named, methods
 from palpate.touch import Touch, intervals
 from palpate.uncertainty import calibrated, constants
 
-__all__ = ["NOISES", "Record", "accuracy", "coverage", "ratios", "run", "spread_over", "standardised", "table"]
+__all__ = [
+    "DEFAULT",
+    "NOISES",
+    "Record",
+    "accuracy",
+    "coverage",
+    "measured",
+    "ratios",
+    "run",
+    "spread_over",
+    "standardised",
+    "table",
+]
 
 #: Noise levels, as parts of the largest reading.
 NOISES = (1e-3, 1e-2, 5e-2)
 
+#: What the automatic method is called in records and tables: on these contacts it is that one.
+DEFAULT = "adaptive"
+
 
 @dataclass(frozen=True)
 class Record:
-    """One reconstruction against the truth."""
+    """One reconstruction against the truth.
+
+    ``method`` is what was asked for, ``found_by`` the method that found it, whose constants its error bars ``z`` have.
+    """
 
     layout: str
     contact: str
@@ -33,6 +54,7 @@ class Record:
     error: float
     clairvoyant: float
     z: dict[str, Floats]
+    found_by: str
 
     @property
     def ratio(self) -> float:
@@ -78,11 +100,14 @@ def run(
     traction: Traction,
     noise: float,
     rng: np.random.Generator,
-    methods: Iterable[str],
+    asked: Iterable[str | Method],
     *,
     yardstick: bool = True,
 ) -> list[Record]:
-    """One noise draw of one contact, by the methods asked for; without ``yardstick`` the clairvoyant filter's error is NaN."""
+    """One noise draw of one contact, by the methods asked for; without ``yardstick`` the clairvoyant filter's error is NaN.
+
+    Methods that take a friction are told the layout's, unless they have one.
+    """
     readings, truth = layout.make(traction)
     std = noise * float(np.abs(readings).max())
     noisy = readings + std * rng.standard_normal(readings.shape)
@@ -96,15 +121,27 @@ def run(
     columns = [layout.skin.surface.components.index(c) for c in layout.components]
     size = float(np.linalg.norm(truth[columns]))
     records = []
-    for method in methods:
-        options: dict[str, Any] = {"friction": layout.friction} if method in ("adaptive", "constrained") else {}
-        if method != "adaptive":
-            options["method"] = method
-        touch = layout.skin.reconstruct(noisy, components=list(layout.components), **options)
+    for method in asked:
+        touch = layout.skin.reconstruct(noisy, method=_told(method, layout), components=list(layout.components))
         error = float(np.linalg.norm((np.asarray(touch.values) - truth)[columns])) / size
         z = standardised(touch, truth, layout.friction) if touch.errors is not None else {}
-        records.append(Record(layout.name, name, noise, method, error, clairvoyant, z))
+        records.append(Record(layout.name, name, noise, str(method), error, clairvoyant, z, touch.method))
     return records
+
+
+def _told(method: str | Method, layout: Layout) -> Method:
+    """The method, with the layout's friction where it takes one."""
+    if isinstance(method, Method):
+        untold = getattr(method, "friction", 0) is None  # 0: it takes none
+        return replace(method, friction=layout.friction) if untold else method  # type: ignore[call-arg]
+    name = Automatic.name if method == DEFAULT else method
+    return method_named(name, {"friction": layout.friction} if "friction" in methods()[name].options() else {})
+
+
+def measured(layout: Layout, method: Method | None = None, *, comparisons: bool = True) -> tuple[str | Method, ...]:
+    """The methods that `accuracy` measures on a layout: ``method`` or the default, and those for comparison."""
+    first = DEFAULT if method is None else method
+    return (first, *(m for m in layout.methods if m != str(first))) if comparisons else (first,)
 
 
 def accuracy(
@@ -113,13 +150,14 @@ def accuracy(
     *,
     draws: int = 2,
     seed: int = 0,
+    method: Method | None = None,
     comparisons: bool = True,
     jobs: int = 1,
     report: Callable[[Record], None] | None = None,
 ) -> list[Record]:
-    """Every contact of the layouts at every noise level, ``draws`` times."""
+    """Every contact of the layouts at every noise level, ``draws`` times, by ``method`` (default: the automatic one)."""
     tasks = [
-        (name, noise, contact, draws, seed, comparisons)
+        (name, noise, contact, draws, seed, method, comparisons)
         for name in layouts
         for noise in noises
         for contact in LAYOUTS[name].contacts
@@ -133,8 +171,8 @@ def accuracy(
     return records
 
 
-def _one_contact(task: tuple[str, float, str, int, int, bool]) -> list[Record]:
-    name, noise, contact, draws, seed, comparisons = task
+def _one_contact(task: tuple[str, float, str, int, int, Method | None, bool]) -> list[Record]:
+    name, noise, contact, draws, seed, method, comparisons = task
     layout = LAYOUTS[name]
     out = []
     for draw in range(draws):
@@ -145,12 +183,12 @@ def _one_contact(task: tuple[str, float, str, int, int, bool]) -> list[Record]:
             layout.contacts[contact],
             noise,
             rng,
-            ("adaptive", *(layout.methods if comparisons else ())),
+            measured(layout, method, comparisons=comparisons),
         )
     return out
 
 
-def ratios(records: Sequence[Record], method: str = "adaptive") -> dict[tuple[str, str, float], float]:
+def ratios(records: Sequence[Record], method: str = DEFAULT) -> dict[tuple[str, str, float], float]:
     """Mean error over draws, over the clairvoyant filter's, of each layout, contact and noise."""
     groups: dict[tuple[str, str, float], list[float]] = {}
     for r in records:
@@ -159,7 +197,7 @@ def ratios(records: Sequence[Record], method: str = "adaptive") -> dict[tuple[st
     return {k: float(np.mean(v)) for k, v in groups.items()}
 
 
-def coverage(records: Sequence[Record], level: float, method: str = "adaptive") -> dict[str, float]:
+def coverage(records: Sequence[Record], level: float, method: str = DEFAULT) -> dict[str, float]:
     """Part of true values inside the interval of that level, for each quantity; every contact and noise counts alike."""
     inside: dict[str, dict[tuple[str, str, float], list[float]]] = {}
     zero, one, none = np.asarray(0.0), np.asarray(1.0), np.asarray(-math.inf)
@@ -167,7 +205,7 @@ def coverage(records: Sequence[Record], level: float, method: str = "adaptive") 
         if record.method != method:
             continue
         for quantity, z in record.z.items():
-            known = calibrated(method, LAYOUTS[record.layout].case, quantity)
+            known = calibrated(record.found_by, LAYOUTS[record.layout].case, quantity)
             low, high = (float(v) for v in known.bounds(level, zero, one, zero, none))
             # every frame counts once, however many cells it has
             group = inside.setdefault(quantity, {}).setdefault((record.layout, record.contact, record.noise), [])

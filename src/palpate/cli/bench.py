@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.files import Force, check_output, make_folder, save_figure, write_text
+from palpate.cli.methods import MethodCommand, chosen_method
 from palpate.cli.progress import Bar
 from palpate.errors import InvalidInput
 
@@ -16,8 +17,9 @@ bench_app = typer.Typer(
 )
 
 
-@bench_app.command("accuracy")
+@bench_app.command("accuracy", cls=MethodCommand)
 def bench_accuracy(
+    ctx: typer.Context,
     layouts: Annotated[str | None, typer.Option(help="Layouts, separated by commas; default: all.")] = None,
     draws: Annotated[int, typer.Option(min=1, help="Noise draws of each contact.")] = 2,
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
@@ -29,12 +31,13 @@ def bench_accuracy(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Error of every method against the clairvoyant Wiener filter, and coverage of the error bars."""
+    """Error of a method (by default the automatic one) and of those for comparison against the clairvoyant Wiener filter, and coverage of the error bars."""
     import csv
     import io
 
     from palpate import bench
 
+    method = chosen_method(ctx)
     names = tuple(bench.LAYOUTS) if layouts is None else tuple(n.strip() for n in layouts.split(","))
     unknown = [n for n in names if n not in bench.LAYOUTS]
     if unknown:
@@ -47,7 +50,7 @@ def bench_accuracy(
         len(bench.LAYOUTS[n].contacts)
         * len(bench.NOISES)
         * draws
-        * (1 + (len(bench.LAYOUTS[n].methods) if comparisons else 0))
+        * len(bench.measured(bench.LAYOUTS[n], method, comparisons=comparisons))
         for n in names
     )
     with Bar("contacts", total) as step:
@@ -55,17 +58,20 @@ def bench_accuracy(
             names,
             draws=draws,
             seed=seed,
+            method=method,
             comparisons=comparisons,
             jobs=jobs,
             report=lambda record: step(record.contact),
         )
     typer.echo("error over that of the clairvoyant Wiener filter, which knows the contact's spectrum and the noise")
-    typer.echo(f"{'layout':<21}{'method':<13}{'noise':>7}{'geometric mean':>16}{'worst':>8}{'contacts':>10}")
-    for layout, method, noise, mean, worst, count in bench.table(records):
+    wide = max(13, 2 + max(len(r.method) for r in records))
+    typer.echo(f"{'layout':<21}{'method':<{wide}}{'noise':>7}{'geometric mean':>16}{'worst':>8}{'contacts':>10}")
+    for layout, name, noise, mean, worst, count in bench.table(records):
         level = "all" if noise != noise else f"{noise:g}"
-        typer.echo(f"{layout:<21}{method:<13}{level:>7}{mean:>16.3f}{worst:>8.3f}{count:>10}")
-    typer.echo("part of true values inside the intervals (adaptive)")
-    half, most = bench.coverage(records, 0.5), bench.coverage(records, 0.95)
+        typer.echo(f"{layout:<21}{name:<{wide}}{level:>7}{mean:>16.3f}{worst:>8.3f}{count:>10}")
+    label = bench.DEFAULT if method is None else str(method)
+    half, most = bench.coverage(records, 0.5, label), bench.coverage(records, 0.95, label)
+    typer.echo(f"part of true values inside the intervals ({label})" if half else f"{label} has no error bars")
     for quantity, value in half.items():
         typer.echo(f"{quantity:<21}50 %: {value:.3f}   95 %: {most[quantity]:.3f}")
     if folder is not None:
@@ -134,7 +140,7 @@ def bench_ablation(
 @bench_app.command("calibration")
 def bench_calibration(
     frames: Annotated[int, typer.Option(min=20, help="Random contacts.")] = 500,
-    method: Annotated[str, typer.Option(help="adaptive or constrained.")] = "adaptive",
+    method: Annotated[str, typer.Option(help="A method whose error bars have constants.")] = "adaptive",
     contact: Annotated[
         str | None, typer.Option(help='"line", "area" or "area with shear"; by default a mixture of all.')
     ] = None,
@@ -149,6 +155,7 @@ def bench_calibration(
     """The constants of the error bars, from a random population of contacts."""
     import palpate
     from palpate import bench
+    from palpate.uncertainty import calibrated_methods
 
     for name, value, accepted in (
         ("contact", contact, (None, "line", "area", "area with shear")),
@@ -157,8 +164,8 @@ def bench_calibration(
     ):
         if value not in accepted:
             raise InvalidInput(f"{name} must be one of {', '.join(str(a) for a in accepted if a)}; got {value!r}.")
-    if method not in ("adaptive", "constrained"):
-        raise InvalidInput(f"method must be adaptive or constrained; got {method!r}.")
+    if method not in calibrated_methods():
+        raise InvalidInput(f"method must be one of {', '.join(calibrated_methods())}; got {method!r}.")
     with Bar("contacts", frames) as step:
         found = bench.calibration(
             frames,

@@ -14,7 +14,7 @@ from palpate.cli.bench import bench_app
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
 from palpate.cli.live import live
-from palpate.cli.methods import MethodCommand
+from palpate.cli.methods import MethodCommand, TrackerCommand
 from palpate.cli.pad import pad
 from palpate.cli.paper import paper
 from palpate.cli.reconstruct import reconstruct
@@ -48,9 +48,10 @@ def _root(
     pass
 
 
-for _command in (demo, simulate, track, live, convert, pad, paper):
-    app.command()(_command)
-app.command(cls=MethodCommand)(reconstruct)
+#: Those that take the options of methods.
+_TAKING = {track: TrackerCommand, live: TrackerCommand, reconstruct: MethodCommand}
+for _command in (demo, simulate, track, live, convert, pad, paper, reconstruct):
+    app.command(cls=_TAKING.get(_command))(_command)
 app.add_typer(bench_app, name="bench")
 
 

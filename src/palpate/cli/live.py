@@ -8,12 +8,14 @@ from typing import Annotated, Any
 import typer
 
 from palpate.cli.files import check_output, provenance, skin_files, skin_text
+from palpate.cli.methods import tracker_options
 from palpate.cli.options import check_matching, check_watched, grasp_monitor
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
 
 def live(
+    ctx: typer.Context,
     recording_file: Annotated[
         Path | None,
         typer.Argument(
@@ -25,7 +27,6 @@ def live(
     tcp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this TCP port.")] = None,
     ws: Annotated[int | None, typer.Option(min=1, max=65535, help="Take frames by WebSocket on this port.")] = None,
     demo: Annotated[bool, typer.Option("--demo", help="A simulated finger: needs nothing else.")] = False,
-    friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
     baseline: Annotated[
         int | None,
         typer.Option(min=0, help="Frames at the start that are the zero: nothing touches (default 0; 20 with --demo)."),
@@ -86,12 +87,13 @@ def live(
         raise InvalidInput(
             f"--host {host} opens the page to others: they must bring a token; leave --token out to have one made."
         )
+    options = tracker_options(ctx)
     pace, end = True, None
     if demo:
-        from palpate.simulation import demonstration
+        from palpate.simulation import DEMONSTRATED, demonstration
 
         skin, frames = demonstration()
-        friction = 0.6 if friction is None else friction
+        options = {"friction": DEMONSTRATED, **options}
         baseline = 20 if baseline is None else baseline
         loop, name = True, "simulated finger"
 
@@ -121,10 +123,10 @@ def live(
         def source() -> Iterator[tuple[float, Any]]:
             yield from zip((recording.time / speed).tolist(), recording.readings)
 
-    check_watched(skin, friction, max_pressure, max_force)
-    monitor = grasp_monitor(skin, friction, max_pressure, max_force)
+    check_watched(skin, max_pressure, max_force)
+    monitor = grasp_monitor(skin, options.get("friction"), max_pressure, max_force)
     with busy("preparing the skin"):
-        tracker = skin.track(friction=friction, baseline=baseline or 0, budget=BUDGET)
+        tracker = skin.track(**options, baseline=baseline or 0, budget=BUDGET)
     sinks: list[Sink] = []
     if foxglove is not None:
         sinks.append(FoxgloveServer(recorded(skin)["channels"], port=foxglove))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
 if TYPE_CHECKING:
-    from palpate.inverse.method import Method
+    from palpate.inverse.method import Method, Option
 
 _KEY = "palpate.methods"
 
@@ -18,11 +19,34 @@ class MethodCommand(TyperCommand):
     """A command that takes --method and every option of every method."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Its own parameters and those of the methods."""
+        """Its own parameters and those of the methods; a name that is its own is not the methods'."""
+        own = super().get_params(ctx)
         known = ctx.meta.setdefault(f"{_KEY}.params", [])
         if not known:
-            known.extend(_options())
-        return [*super().get_params(ctx), *known]
+            names = {p.name for p in own}
+            known.extend(_click_options([p for p in self.parameters() if p.name not in names]))
+        last = [p for p in own if p.name == "help"]
+        return [*(p for p in own if p.name != "help"), *known, *last]
+
+    def parameters(self) -> list[inspect.Parameter]:
+        """What it takes besides its own, each with its help."""
+        return _every_option()
+
+
+class TrackerCommand(MethodCommand):
+    """A command that takes the options of a tracker's method."""
+
+    def parameters(self) -> list[inspect.Parameter]:
+        """The options of its method that `Skin.track` takes."""
+        from palpate.inverse.contact.methods import Constrained
+        from palpate.skin import Skin
+
+        taken = inspect.signature(Skin.track).parameters
+        return [
+            _parameter(name, f"{_sentence(option, Constrained.rules if name == 'parameter' else ())}.", "VALUE")
+            for name, option in Constrained.options().items()
+            if name in taken and option.read is not None
+        ]
 
 
 def chosen_method(ctx: typer.Context) -> Method | None:
@@ -40,7 +64,27 @@ def chosen_method(ctx: typer.Context) -> Method | None:
     return method_from_text(name, given) if given or name is not None else None
 
 
-def _options() -> list[Any]:
+def tracker_options(ctx: typer.Context) -> dict[str, Any]:
+    """The options of a tracker's method that the command line gives, checked; for `Skin.track`.
+
+    Raises
+    ------
+    InvalidInput
+        A value that the method does not accept.
+    """
+    from palpate.inverse.contact.methods import Constrained
+    from palpate.inverse.registry import method_from_text
+
+    given = ctx.meta.get(_KEY, {})
+    method = method_from_text(Constrained.name, given)
+    return {name: getattr(method, name) for name in given}
+
+
+def _sentence(option: Option, rules: Sequence[str]) -> str:
+    return option.help + (f"; or {', '.join(rules)}" if rules else "")
+
+
+def _every_option() -> list[inspect.Parameter]:
     """--method, and one option for each name that any method takes in text."""
     from palpate.inverse.registry import methods, options
 
@@ -51,9 +95,12 @@ def _options() -> list[Any]:
         said: dict[str, list[str]] = {}
         for method, option in takers.items():
             rules = known[method].rules if name == "parameter" and method in known else ()
-            said.setdefault(option.help + (f"; or {', '.join(rules)}" if rules else ""), []).append(method)
+            said.setdefault(_sentence(option, rules), []).append(method)
         parameters.append(_parameter(name, "; ".join(f"{', '.join(m)}: {h}" for h, m in said.items()) + ".", "VALUE"))
+    return parameters
 
+
+def _click_options(parameters: Sequence[inspect.Parameter]) -> list[Any]:
     def nothing(**_: Any) -> None:
         pass
 

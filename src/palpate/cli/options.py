@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,15 +27,8 @@ def grasp_monitor(
     )
 
 
-def check_watched(skin: Skin, friction: float | None, pressure: str | None, force: str | None) -> None:
+def check_watched(skin: Skin, pressure: str | None, force: str | None) -> None:
     """Refuse what these channels cannot tell: a limit that is never reached would look like safety."""
-    if friction is not None and not (math.isfinite(friction) and friction > 0):
-        raise InvalidInput(f"--friction must be a positive number; got {friction:g}.")
-    if friction is not None and not {"z"} < set(skin.components):
-        raise InvalidInput(
-            f"--friction ties shear to pressure, but these channels measure only {', '.join(skin.components)}: leave it out, or measure more "
-            "channels."
-        )
     if "z" not in skin.components and not (pressure is None and force is None):
         raise InvalidInput(
             f"--max-pressure and --max-force watch the pressure, but these channels measure only {', '.join(skin.components)}: leave them out."
@@ -69,13 +61,6 @@ def known_channels(names: list[str]) -> list[str]:
     from palpate.elastic.channels import check_channels
 
     return list(check_channels(names, 2))
-
-
-def number_or_rule(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
 
 
 def check_matching(recording: Any, skin: Skin) -> None:

@@ -8,12 +8,14 @@ from typing import Annotated
 import typer
 
 from palpate.cli.files import Force, check_output, provenance, skin_files
+from palpate.cli.methods import tracker_options
 from palpate.cli.options import check_matching, check_watched, grasp_monitor
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
 
 def track(
+    ctx: typer.Context,
     recording_file: Annotated[
         Path,
         typer.Argument(metavar="RECORDING", help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag)."),
@@ -25,7 +27,6 @@ def track(
             help="Readings, touches and events to write, frame by frame (.mcap, .nc, .h5, .zarr), or the touches alone (.npz, .csv)."
         ),
     ] = None,
-    friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
     baseline: Annotated[int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches.")] = 0,
     budget: Annotated[float | None, typer.Option(help="Milliseconds a frame may take.")] = None,
     max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
@@ -48,6 +49,7 @@ def track(
     kind = None if out is None else file_format(out)
     if out is not None:
         check_output(out, inputs=[recording_file, *skin_files(skin_file)], force=force)
+    options = tracker_options(ctx)
     recording = read_recording(recording_file, mapping=read_stream(skin_file))
     skin = Skin.from_file(skin_file, recording=recording)
     check_matching(recording, skin)
@@ -55,11 +57,13 @@ def track(
         raise InvalidInput(
             f"--baseline {baseline} leaves no frame of the {len(recording.readings)} in the recording: give a smaller number."
         )
-    check_watched(skin, friction, max_pressure, max_force)
-    monitor = grasp_monitor(skin, friction, max_pressure, max_force, lambda event: typer.echo(str(event)))
+    check_watched(skin, max_pressure, max_force)
+    monitor = grasp_monitor(
+        skin, options.get("friction"), max_pressure, max_force, lambda event: typer.echo(str(event))
+    )
     touches, seconds = [], []
     with busy("preparing the skin"):
-        tracker = skin.track(friction=friction, baseline=baseline, budget=None if budget is None else 1e-3 * budget)
+        tracker = skin.track(**options, baseline=baseline, budget=None if budget is None else 1e-3 * budget)
     record = provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
     with contextlib.ExitStack() as stack:
         stack.enter_context(tracker)

@@ -331,14 +331,13 @@ def show(
     skin: Skin,
     frames: Iterable[tuple[float, Any]],
     *,
-    friction: float | None = None,
-    baseline: int | Any = 0,
     monitor: GraspMonitor | None = None,
     sinks: Sequence[Sink] = (),
     name: str = "",
     host: str = "127.0.0.1",
     port: int = 8765,
     token: str | None = None,
+    **tracking: Any,
 ) -> None:
     """Show whatever comes as (time [s], readings) in the browser, until interrupted.
 
@@ -347,8 +346,6 @@ def show(
     skin : Skin
     frames : iterable of (float, array)
         A generator that waits for its sensor, for example.
-    friction, baseline
-        As in `Skin.track`.
     monitor : GraspMonitor, optional
         Default: one with the same friction.
     sinks : sequence of Sink
@@ -360,12 +357,18 @@ def show(
     token : str, optional
         What a page must bring; made up unless it is given. ``""`` asks for none, on this machine only. The address to open is
         logged (``logging.getLogger("palpate.live")``).
+    **tracking
+        Options of `Skin.track`, such as ``friction`` and ``baseline``; a ``budget`` in which a page is shown well, unless it is given.
+
+    Raises
+    ------
+    InvalidInput, Unsupported
+        A host open to others without a token, a port that is taken, or what `Skin.track` refuses.
     """
     if host not in LOCAL and token == "":
         raise InvalidInput(f"host {host} opens the page to others: give a token that they must bring (?token=...).")
-    bound = friction if {"z"} < set(skin.components) else None
-    tracker = skin.track(friction=bound, baseline=baseline, budget=BUDGET)
-    monitor = GraspMonitor(friction=friction) if monitor is None else monitor
+    tracker = skin.track(**{"budget": BUDGET, **tracking})
+    monitor = GraspMonitor(friction=tracking.get("friction")) if monitor is None else monitor
     session = Session(skin, lambda: frames, tracker, monitor, name=name, pace=False, sinks=sinks)
     live = Live(session, token=token)
     logging.getLogger("palpate.live").warning("open %s", address(live, host, port))

@@ -5,8 +5,9 @@ from palpate.uncertainty.calibration import (
     Case,
     Constants,
     calibrated,
+    calibrated_methods,
     constants,
     contact_kind,
 )
 
-__all__ = ["Calibration", "Case", "Constants", "calibrated", "constants", "contact_kind"]
+__all__ = ["Calibration", "Case", "Constants", "calibrated", "calibrated_methods", "constants", "contact_kind"]

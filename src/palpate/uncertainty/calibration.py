@@ -155,6 +155,11 @@ def _table() -> Mapping[tuple[str, Case], Constants]:
     return MappingProxyType(found)
 
 
+def calibrated_methods() -> tuple[str, ...]:
+    """The methods that have constants."""
+    return tuple(dict.fromkeys(m for m, _ in _table()))
+
+
 def constants(method: str, case: Case) -> Constants:
     """The constants of a method for a case, or for the nearest case that has some (compare ``.case`` to know).
 
@@ -170,7 +175,7 @@ def constants(method: str, case: Case) -> Constants:
     if not candidates:
         raise Unsupported(
             f'method="{method}" gives no error bars for {case.contact} contact; methods that do: '
-            f"{', '.join(dict.fromkeys(m for m, _ in table))}."
+            f"{', '.join(calibrated_methods())}."
         )
     nearest = max(candidates, key=lambda c: (c.sensing == case.sensing, c.body == case.body))
     return table[method, nearest]
