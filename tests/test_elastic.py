@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import palpate as pp
 from palpate.elastic import AREA_CHANNELS, LINE_CHANNELS, stress_from_strains, transfer
-from palpate.elastic.quantities import channel_unit, mirror_parity
+from palpate.elastic.channels import channel_unit, mirror_parity
 
 RATIOS = (0.0, 0.3, 0.49, 0.5)
 

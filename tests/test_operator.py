@@ -13,7 +13,7 @@ import palpate as pp
 from conftest import channel_of, relative
 from palpate import solutions
 from palpate.elastic import AREA_CHANNELS, LINE_CHANNELS, transfer
-from palpate.elastic.quantities import mirror_parity
+from palpate.elastic.channels import mirror_parity
 from palpate.sensing import Operator, default_surface
 from palpate.sensing.kernels import aperture_rule, influence
 

@@ -78,6 +78,31 @@ def test_rooms(path: Path) -> None:
         assert other == own or ROOMS.index(other) < ROOMS.index(own), f"{own} imports {module}"
 
 
+def top_level(body: list[ast.stmt]) -> set[str]:
+    """Names that statements of a module define, without those that they import."""
+    found: set[str] = set()
+    for node in body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found |= {n.id for t in targets for n in ast.walk(t) if isinstance(n, ast.Name)}
+        elif isinstance(node, ast.If):
+            found |= top_level([*node.body, *node.orelse])
+    return found
+
+
+def test_names_are_offered_where_they_live() -> None:
+    """Only packages gather names of their modules; a module offers none that it takes from another."""
+    for path in SOURCE.rglob("*.py"):
+        if path.name in ("__init__.py", "half_space.py"):
+            continue
+        body = ast.parse(path.read_text()).body
+        offered = [n for n in body if isinstance(n, ast.Assign) and ast.unparse(n.targets[0]) == "__all__"]
+        names = set(ast.literal_eval(offered[0].value)) if offered else set()
+        assert names <= top_level(body), f"{path.name} offers {', '.join(sorted(names - top_level(body)))}"
+
+
 def test_public_names() -> None:
     assert sorted(pp.__all__) == sorted({*pp._PUBLIC, "solutions", "__version__"})
     for name in pp.__all__:

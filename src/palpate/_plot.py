@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate._extras import require
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate._arrays import to_numpy
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.status import Status
 from palpate.touch import Touch

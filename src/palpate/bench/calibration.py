@@ -13,7 +13,7 @@ from palpate.bench.accuracy import run, spread_over
 from palpate.bench.contacts import Patch, Traction, area_contact, line_contact
 from palpate.bench.layouts import Layout
 from palpate.elastic import BondedLayers, HalfSpace, Layer
-from palpate.elastic.half_space import Floats, Pad
+from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.recordings.files import atomically
 from palpate.sensing import AreaArray, LineArray

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing import LineGrid
 from palpate.sensing.grids import Grid

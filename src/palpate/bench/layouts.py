@@ -31,7 +31,7 @@ from palpate.bench.contacts import (
     line_contact,
 )
 from palpate.elastic import BondedLayers, HalfSpace, Layer
-from palpate.elastic.half_space import Floats, Pad
+from palpate.elastic.pad import Floats, Pad
 from palpate.elastic.quantities import transfer
 from palpate.errors import Unsupported
 from palpate.sensing import AreaArray, LineArray, ScatteredArray

@@ -17,8 +17,7 @@ from palpate.bench.calibration import CHANNELS
 from palpate.bench.contacts import Traction
 from palpate.bench.layouts import Layout
 from palpate.elastic import BondedLayers, HalfSpace, Layer
-from palpate.elastic.half_space import Floats
-from palpate.elastic.pad import Pad
+from palpate.elastic.pad import Floats, Pad
 from palpate.sensing import AreaArray, LineArray
 from palpate.sensing.grids import Grid
 

@@ -7,26 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.channels import (
-    AREA_CHANNELS,
-    LINE_CHANNELS,
-    channel_unit,
-    check_channels,
-    find_channel,
-    mirror_parity,
-)
+from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Complexes, Floats, Pad
 
-__all__ = [
-    "AREA_CHANNELS",
-    "COMPONENTS",
-    "LINE_CHANNELS",
-    "WaveFields",
-    "channel_unit",
-    "check_channels",
-    "mirror_parity",
-    "transfer",
-]
+__all__ = ["COMPONENTS", "WaveFields", "transfer"]
 
 #: Traction components, in the order of the component axis.
 COMPONENTS: dict[int, tuple[str, ...]] = {1: ("x", "z"), 2: ("x", "y", "z")}

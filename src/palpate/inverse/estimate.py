@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from palpate._arrays import to_numpy
 from palpate._batches import freeze, per_frame
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.sensing.operator import Operator
 from palpate.status import Status
 

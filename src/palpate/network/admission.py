@@ -16,7 +16,7 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.network.frames import HEAD, MAGIC, frame_from_bytes, is_big_endian
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import to_numpy
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
 __all__ = ["HEAD", "LATEST", "MAGIC", "frame_bytes", "frame_from_bytes", "is_big_endian"]

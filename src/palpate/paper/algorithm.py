@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import irfftn, rfftn
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse import LinearSystemEstimator
 from palpate.paper.cases import DEPTH, PAD, PITCH, array, sense

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.paper.algorithm import divide, solve_linear
 from palpate.paper.cases import SENSORS, array, data
 from palpate.paper.pictures import Panel, PaperFigure

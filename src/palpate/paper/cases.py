@@ -14,7 +14,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats, HalfSpace
+from palpate.elastic.half_space import HalfSpace
+from palpate.elastic.pad import Floats
 from palpate.sensing.arrays import LineArray
 from palpate.sensing.operator import sampled_kernel
 

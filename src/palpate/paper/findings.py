@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import irfftn
-from palpate.elastic.half_space import Floats
 from palpate.elastic.hooke import stress_from_strains
+from palpate.elastic.pad import Floats
 from palpate.errors import NotObservable
 from palpate.paper.algorithm import discrete_kernel, divide, even_part, half_width, transform
 from palpate.paper.cases import DEPTH, PAD, PITCH, SENSORS, array, data, mean_error

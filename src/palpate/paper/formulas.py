@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.elastic.quantities import transfer
 from palpate.errors import InvalidInput
 from palpate.paper.cases import PAD

@@ -13,7 +13,7 @@ from palpate.paper.beyond import our_figures
 from palpate.paper.cases import DEPTH, EPS, FRICTION, HALF_WIDTH, LOAD, PITCH, SENSORS
 from palpate.paper.pictures import PaperFigure, figures
 from palpate.paper.tables import Results, results, to_csv, to_html
-from palpate.recordings.formats import atomically
+from palpate.recordings.files import atomically
 
 __all__ = ["report"]
 

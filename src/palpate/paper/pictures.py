@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate._extras import require
 from palpate._plot import INK
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.paper import sketches
 from palpate.paper.algorithm import discrete_kernel, divide, sliding, transform
 from palpate.paper.cases import DEPTH, FRICTION, PITCH, SENSORS, array, data

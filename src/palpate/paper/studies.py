@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse import (
     ConstantFrictionEstimator,
     DifferencePrior,

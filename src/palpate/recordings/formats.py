@@ -27,7 +27,6 @@ __all__ = [
     "BUILT_IN",
     "ENTRY_POINTS",
     "Format",
-    "atomically",
     "endings",
     "existing",
     "file_format",

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from palpate.elastic.channels import CHANNELS, is_channel
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
 __all__ = ["TopicMapping"]

@@ -38,8 +38,9 @@ import numpy as np
 
 from palpate._extras import missing
 from palpate.elastic.channels import channel_unit, check_channels
-from palpate.elastic.half_space import HalfSpace, Pad
+from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.layers import BondedLayers, Layer
+from palpate.elastic.pad import Pad
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
 from palpate.recordings.mapping import TopicMapping

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings.csvfile import cells, number, text_of, warn_of_a_cut
 from palpate.recordings.formats import existing

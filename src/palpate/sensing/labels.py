@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from palpate._arrays import as_real
 from palpate.elastic.channels import channel_unit
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.arrays import Array, LineArray, ScatteredArray
 from palpate.sensing.grids import Grid

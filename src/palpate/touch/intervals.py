@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate._arrays import to_numpy
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.estimate import Errors
 from palpate.uncertainty import Calibration, Constants, constants

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from palpate._arrays import from_numpy, is_numpy, namespace, to_numpy
 from palpate._batches import freeze, per_frame, per_frame_fields, rebuilt, stacked
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.estimate import Errors
 from palpate.sensing.grids import Grid

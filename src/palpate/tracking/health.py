@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 
 __all__ = ["Flags", "Health", "ReadingCheck"]
 

@@ -12,7 +12,7 @@ import time as clock
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import Cone
 from palpate.tracking.region import Region, Single
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.parts import MODEL_ERROR
 from palpate.tracking.background import Background

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, MARGIN, ConstrainedEstimator
 from palpate.inverse.contact.model import grown
 from palpate.tracking.health import Flags

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import from_numpy
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.tracking.search import TAKEN
 
 __all__ = ["Zero"]

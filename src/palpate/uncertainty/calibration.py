@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from palpate.elastic.channels import find_channel
-from palpate.elastic.half_space import Floats, Pad
+from palpate.elastic.pad import Floats, Pad
 from palpate.errors import Unsupported
 from palpate.sensing.arrays import Array
 

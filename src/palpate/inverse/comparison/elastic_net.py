@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.comparison.whole_map import Comparison, Frame, WholeMap
 from palpate.inverse.contact.cone import minimise
 from palpate.inverse.method import number

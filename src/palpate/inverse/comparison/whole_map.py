@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate._arrays import from_numpy
 from palpate._memory import require
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.contact.cone import Cone
 from palpate.inverse.contact.differences import Differences

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from palpate._arrays import from_numpy, to_numpy
-from palpate.elastic.half_space import Floats, Pad
+from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.estimate import Estimate
 from palpate.inverse.linear.methods import Tikhonov
