@@ -157,3 +157,24 @@ def plot_accuracy(records: Sequence[Any]) -> Figure:
         handles, labels, loc="outside upper right", fontsize=8, ncols=3, title="bar: geometric mean", title_fontsize=8
     )
     return figure
+
+
+def plot_trust(lines: Sequence[Any]) -> Figure:
+    """Frames of each row that are wrong: without a word, and with one."""
+    require("figures", "matplotlib")
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.5, 1.2 + 0.26 * len(lines)), layout="constrained")
+    ax = figure.subplots()
+    rows = range(len(lines))
+    silent = [100.0 * line.betrays / line.frames for line in lines]
+    warned = [100.0 * line.warned / line.frames for line in lines]
+    ax.barh(rows, silent, color="C3", label="without a word")
+    ax.barh(rows, warned, left=silent, color="0.8", label="with a word")
+    ax.axvline(1.0, color="0.3", linewidth=0.8, linestyle="--")
+    ax.set_yticks(rows, [line.row for line in lines])
+    ax.invert_yaxis()
+    ax.set_xlim(0, 100)
+    ax.set_xlabel("frames whose force is off by more than 30 % of the load, or far outside its 95 % interval [%]")
+    ax.legend(frameon=False, loc="lower right")
+    return figure

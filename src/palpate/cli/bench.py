@@ -184,3 +184,80 @@ def bench_calibration(
     if write is not None:
         bench.write_constants(write, found, method=method, frames=frames, seed=seed, version=palpate.__version__)
         typer.echo(f"wrote           {write}")
+
+
+@bench_app.command("trust")
+def bench_trust(
+    frames: Annotated[int, typer.Option(min=1, help="Random frames of each row.")] = 200,
+    rows: Annotated[
+        str | None, typer.Option(help="Rows, separated by commas; default: all. A wrong name lists them.")
+    ] = None,
+    first: Annotated[int, typer.Option(min=0, help="Number of the first frame of each row.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed; frame k of a row is the same whatever else is run.")] = 0,
+    limit: Annotated[
+        float | None, typer.Option(min=0.1, help="Processor seconds a frame may take; longer ones are left unanswered.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    each: Annotated[bool, typer.Option("--each", help="Also say every frame that is wrong without a word.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Markdown file for the table.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Picture of it.")] = None,
+    cases: Annotated[Path | None, typer.Option(help="CSV file with every frame.")] = None,
+    force: Force = False,
+) -> None:
+    """How often the inversion is wrong without a word: offsets, pulls, stuck taxels, wrong pads and more, on random sensors."""
+    import csv
+    import io
+
+    from palpate.bench import trust
+
+    names = tuple(trust.ROWS) if rows is None else tuple(dict.fromkeys(n.strip() for n in rows.split(",")))
+    unknown = [n for n in names if n not in trust.ROWS]
+    if unknown:
+        raise InvalidInput(f"rows must be among {', '.join(trust.ROWS)}; got {', '.join(unknown)}.")
+    for path in (out, figure, cases):
+        if path is not None:
+            check_output(path, force=force)
+    found: list[trust.Verdict] = []
+    whole = True
+    typer.echo(" | ".join(trust.HEADER))
+    try:
+        with Bar("frames", frames * len(names)) as step:
+            for verdict in trust.trust(frames, rows=names, first=first, seed=seed, limit=limit, jobs=jobs):
+                found.append(verdict)
+                step(f"{verdict.row} {verdict.index}")
+                if each and (verdict.betrays or verdict.broken):
+                    typer.echo(trust.sentence(verdict))
+                here = [v for v in found if v.row == verdict.row]
+                if len(here) == frames:
+                    typer.echo(" | ".join(trust.cells(trust.lines(here)[0])))
+    except KeyboardInterrupt:
+        whole = False
+    done = trust.lines(found)
+    if not whole:
+        unfinished = [line for line in done if line.frames < frames]
+        for line in unfinished:
+            typer.echo(" | ".join(trust.cells(line)))
+        typer.echo("stopped before the end: no files were written", err=True)
+        raise typer.Exit(130)
+    total = sum(line.frames for line in done)
+    typer.echo(f"wrong without a word: {sum(line.betrays for line in done)} of {total} frames")
+    if out is not None:
+        given = "" if rows is None else f" --rows '{','.join(names)}'"
+        given += f" --first {first}" if first else ""
+        given += f" --limit {limit:g}" if limit is not None else ""
+        command = f"palpate bench trust --frames {frames} --seed {seed}{given}"
+        write_text(out, trust.markdown(done, command=command))
+    if figure is not None:
+        from palpate._plot import plot_trust
+
+        save_figure(plot_trust(done), figure)
+    if cases is not None:
+        table = io.StringIO()
+        writer = csv.writer(table, lineterminator="\n")
+        titles, entries = trust.cases(found)
+        writer.writerow(titles)
+        writer.writerows(entries)
+        write_text(cases, table.getvalue())
+    written = [str(p) for p in (out, figure, cases) if p is not None]
+    if written:
+        typer.echo(f"wrote           {', '.join(written)}")

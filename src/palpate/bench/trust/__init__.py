@@ -1,0 +1,22 @@
+"""How often is it wrong without a word? Violations x sensors x contacts, and what the library says of each frame."""
+
+from palpate.bench.trust.judge import Verdict, judge, verdict
+from palpate.bench.trust.rows import ROWS, Frame, make_frame
+from palpate.bench.trust.table import HEADER, Line, cases, cells, lines, markdown, sentence, trust
+
+__all__ = [
+    "HEADER",
+    "ROWS",
+    "Frame",
+    "Line",
+    "Verdict",
+    "cases",
+    "cells",
+    "judge",
+    "lines",
+    "make_frame",
+    "markdown",
+    "sentence",
+    "trust",
+    "verdict",
+]

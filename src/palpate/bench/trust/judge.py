@@ -1,0 +1,300 @@
+"""One frame judged: how wrong it is, whether its intervals hold the truth, and whether it says a word.
+
+**Load**: the integral of the traction's magnitude; of a plain push the net force. Where nothing touches, that of the contact that the noise fits.
+
+**Wrong**: the net force is off by more than 30 % of the load (length of the vector of its errors in the components that are sought, and in the
+normal one always).
+
+**Far outside**: the true net force lies outside its 95 % interval by more than half the interval's half-width, in any of these components. Of
+intervals that hold 95 % of normal errors, 0.3 % do. A normal force that is not sought, where there is one, lies far outside.
+
+**A word** is what the frame itself says:
+
+- its readings are refused,
+- its status is not "solved" or "no contact" ("no contact" is an answer, right or wrong),
+- ``Touch.fit``, where there is one, is below 0.01,
+- its force or the interval of it is not a number, where a clean frame of the same sensor has one,
+- the 95 % interval of the worst component of the force is wider than the load,
+- a note, figures apart, that a clean frame of the same sensor does not have. What is said of every frame is no word.
+"""
+
+from __future__ import annotations
+
+import re
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate.bench.trust.presses import cell_means
+from palpate.bench.trust.rows import Frame
+from palpate.elastic.half_space import Floats
+from palpate.errors import PalpateError
+from palpate.status import Status
+from palpate.touch import Touch
+
+__all__ = ["FAR", "MISFIT", "WRONG", "Verdict", "judge", "verdict"]
+
+#: Error of the net force, in parts of the load, from which on a frame is wrong.
+WRONG = 0.3
+#: How far outside its interval, in half-widths, the truth is far outside.
+FAR = 0.5
+#: Misfit probability below which a frame says that it does not fit.
+MISFIT = 0.01
+#: Errors smaller than this part of the load are rounding.
+_EXACT = 1e-6
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of one frame.
+
+    Attributes
+    ----------
+    row, index
+        The frame.
+    force_error : float
+        Error of the net force over the load.
+    field_error : float
+        Error of the traction over its norm (of the typical load's, where nothing touches).
+    far, peak_far : bool
+        True net force, true peak pressure: far outside the 95 % interval.
+    inside : dict
+        Part of the true values inside the 95 % interval, of "force" (components), "peak" and "cells"; NaN where there is no interval.
+    words : tuple of str
+        What the frame itself says.
+    seconds : float
+        Processor time to solve it, the sensor prepared.
+    status : str
+        Status, or what refused the readings.
+    broken : bool
+        The library failed with an exception that it does not raise on purpose.
+    late : bool
+        No answer within the time allowed: neither right nor wrong.
+    found, low, high, true : arrays (component,)
+        Net force, its 95 % interval, and the truth.
+    fit : float
+        Misfit probability, NaN where the library has none.
+    frame : str
+        The frame in words.
+    """
+
+    row: str
+    index: int
+    force_error: float
+    field_error: float
+    far: bool
+    peak_far: bool
+    inside: dict[str, float]
+    words: tuple[str, ...]
+    seconds: float
+    status: str
+    broken: bool
+    late: bool
+    found: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    true: tuple[float, ...]
+    fit: float
+    frame: str
+
+    @property
+    def wrong(self) -> bool:
+        """The net force is off by more than `WRONG` of the load, or the library broke down."""
+        return self.broken or self.force_error > WRONG
+
+    @property
+    def silent(self) -> bool:
+        """Whether it says nothing."""
+        return not self.words
+
+    @property
+    def betrays(self) -> bool:
+        """Wrong without a word: wrong, or the truth far outside, and nothing said."""
+        return self.silent and (self.wrong or self.far)
+
+
+class _Late(Exception):
+    """A frame took longer than it may."""
+
+
+@contextmanager
+def _limited(seconds: float | None) -> Iterator[None]:
+    """`_Late` after ``seconds`` of processor time, where the system can do that."""
+    able = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
+    if seconds is None or not able:
+        yield
+        return
+
+    def stop(*_: object) -> None:
+        raise _Late
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def judge(frame: Frame, *, limit: float | None = None) -> Verdict:
+    """Reconstruct a frame as a user would, with nothing tuned, and compare it with the truth; ``limit`` [s] of processor time."""
+    options: dict[str, Any] = {} if frame.friction is None else {"friction": frame.friction}
+    try:
+        reference = frame.skin.reconstruct(frame.reference, **options)
+        start = time.process_time()
+        with _limited(limit):
+            touch = frame.skin.reconstruct(frame.readings, **options)
+        seconds = time.process_time() - start
+    except _Late:
+        return _unanswered(frame, f"no answer within {limit:g} s", late=True)
+    except PalpateError as error:
+        return _unanswered(frame, f"refused: {error}", words=(f"refused: {error}",))
+    except (ArithmeticError, LookupError, RuntimeError, TypeError, ValueError) as error:  # LinAlgError is a ValueError
+        return _unanswered(frame, f"broke down: {type(error).__name__}: {error}", broken=True)
+    return verdict(frame, touch, reference, seconds)
+
+
+def _unanswered(
+    frame: Frame, said: str, *, words: tuple[str, ...] = (), broken: bool = False, late: bool = False
+) -> Verdict:
+    true = tuple(float(v) for v in frame.load.force)
+    none = (float("nan"),) * len(true)
+    return Verdict(
+        row=frame.row,
+        index=frame.index,
+        force_error=np.nan,
+        field_error=np.nan,
+        far=False,
+        peak_far=False,
+        inside={"force": np.nan, "peak": np.nan, "cells": np.nan},
+        words=words,
+        seconds=np.nan,
+        status=said,
+        broken=broken,
+        late=late,
+        found=none,
+        low=none,
+        high=none,
+        true=true,
+        fit=np.nan,
+        frame=str(frame),
+    )
+
+
+def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Verdict:
+    """What a touch is worth, beside that of a clean frame of the same sensor."""
+    grid = touch.surface
+    truth, typical = cell_means(frame.load, grid), cell_means(frame.typical, grid)
+    values = to_numpy(touch.values)
+    load = frame.typical.size
+    names = grid.components
+    asked = [i for i, c in enumerate(names) if c in touch.components or c == "z"]
+    sought = [i for i, c in enumerate(names) if c in touch.components]
+    force, true = to_numpy(touch.force).astype(np.float64), frame.load.force
+    error = force - true
+    low, high = _interval(touch, "force", len(names))
+    peak_low, peak_high = _interval(touch, "peak_pressure", 0) if "z" in touch.components else (np.nan, np.nan)
+    # a component that is not sought is said to be zero
+    left_out = [i for i in asked if i not in sought]
+    low[left_out] = high[left_out] = 0.0 if np.isfinite(low[sought]).any() else np.nan
+    slack = _EXACT * load
+    outside = [_beyond(true[i], low[i], high[i]) > FAR * 0.5 * (high[i] - low[i]) + slack for i in asked]
+    inside_force = [_beyond(true[i], low[i], high[i]) <= slack for i in asked if np.isfinite(low[i])]
+    peak = float(truth[-1].max())
+    strongest = float(np.abs(typical).max())
+    beyond = _beyond(peak, peak_low, peak_high)
+    inside = {
+        "force": float(np.mean(inside_force)) if inside_force else np.nan,
+        "peak": np.nan if not np.isfinite(peak_low) else float(beyond <= _EXACT * strongest),
+        "cells": _cells(touch, truth, sought),
+    }
+    norm = float(np.linalg.norm(typical[asked]))
+    fit = getattr(touch, "fit", None)
+    fit = float("nan") if fit is None else float(np.min(np.asarray(fit, dtype=np.float64)))
+    worst = asked[int(np.nanargmax(np.abs(error[asked])))] if np.isfinite(error[asked]).any() else asked[-1]
+    status = Status.SOLVED if touch.status is None else Status.coded(int(np.asarray(touch.status)))
+    words = []
+    if status not in (Status.SOLVED, Status.NO_CONTACT):
+        words.append(f"status {status}")
+    if fit < MISFIT:
+        words.append(f"fit {fit:.2g}")
+    known = _known(reference)
+    if known > _known(touch):
+        words.append("force or interval not known")
+    if high[worst] - low[worst] > load:
+        words.append("interval wider than the load")
+    usual = {_without_figures(n) for n in reference.notes}
+    for note in touch.notes:
+        if _without_figures(note) not in usual and not note.startswith(Status.NO_CONTACT.label):
+            words.append(f"note: {note}")
+    finite = error[asked][np.isfinite(error[asked])]
+    return Verdict(
+        row=frame.row,
+        index=frame.index,
+        force_error=float(np.linalg.norm(finite)) / load,
+        field_error=float(np.linalg.norm((values - truth)[asked])) / norm,
+        far=any(outside),
+        peak_far=bool(beyond > FAR * 0.5 * (peak_high - peak_low) + _EXACT * strongest),
+        inside=inside,
+        words=tuple(words),
+        seconds=seconds,
+        status=status.label,
+        broken=False,
+        late=False,
+        found=tuple(float(v) for v in force),
+        low=tuple(float(v) for v in low),
+        high=tuple(float(v) for v in high),
+        true=tuple(float(v) for v in true),
+        fit=fit,
+        frame=str(frame),
+    )
+
+
+def _beyond(value: float, low: float, high: float) -> float:
+    """How far a value lies outside an interval; NaN, which is beyond nothing, where there is none."""
+    return float(np.maximum(low - value, value - high))
+
+
+def _known(touch: Touch) -> int:
+    """0: the force is not known; 1: it is; 2: so is its interval."""
+    if not np.isfinite(to_numpy(touch.force)).all():
+        return 0
+    low, high = _interval(touch, "force", len(touch.surface.components))
+    sought = [touch.surface.components.index(c) for c in touch.components]
+    return 1 + int(np.isfinite(low[sought]).all() and np.isfinite(high[sought]).all())
+
+
+def _interval(touch: Touch, of: str, length: int) -> tuple[Any, Any]:
+    """The 95 % interval, NaN where the touch has none."""
+    if touch.errors is None:
+        nothing = np.full(length, np.nan) if length else np.nan
+        return nothing, np.copy(nothing)
+    low, high = touch.interval(0.95, of)
+    return np.array(to_numpy(low), dtype=np.float64), np.array(to_numpy(high), dtype=np.float64)
+
+
+def _cells(touch: Touch, truth: Floats, sought: list[int]) -> float:
+    """Part of the cells in contact, in truth or as found, whose traction lies in its interval; components that are sought."""
+    if touch.errors is None:
+        return np.nan
+    low, high = (np.asarray(side)[sought] for side in touch.interval(0.95))
+    values = to_numpy(touch.values)
+    here = (np.abs(truth).sum(axis=0) > 0) | (np.abs(values).sum(axis=0) > 0)
+    if not here.any() or not np.isfinite(low[:, here]).any():
+        return np.nan
+    slack = _EXACT * float(np.abs(truth).max())
+    inside = (truth[sought] >= low - slack) & (truth[sought] <= high + slack)
+    return float(np.mean(inside[:, here]))
+
+
+def _without_figures(note: str) -> str:
+    """A note with its numbers and lists of taxels taken out, so that notes which differ in figures alone are one."""
+    return re.sub(r"[-+]?\d[\d.,e+-]*", "#", note.partition(": ")[0] if ": " in note else note)

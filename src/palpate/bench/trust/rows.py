@@ -1,0 +1,481 @@
+"""The rows of the table: what is wrong with the readings, the description of the sensor, or the load.
+
+Every frame is made from its own random numbers, those of (seed, row, index): frame 17 of a row is the same whatever else is run.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from palpate.bench.trust.presses import Load, plain_ball, random_load
+from palpate.bench.trust.sensors import Sensor, random_sensor
+from palpate.elastic.half_space import Floats
+from palpate.errors import InvalidInput
+from palpate.skin import Skin
+
+__all__ = ["ROWS", "Frame", "Row", "make_frame"]
+
+#: Standard deviation of the noise, in parts of the largest reading: on clean frames, and where something else is wrong.
+CLEAN, USUAL = (1e-4, 0.2), (1e-3, 0.05)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame, what the library is told of its sensor, and the truth.
+
+    Attributes
+    ----------
+    row : str
+    index : int
+    sensor, told : Sensor
+        What the readings were made with, and what the library is told.
+    known_to : mapping
+        Relative standard deviations that it is told besides.
+    friction : float or None
+        Coefficient of friction that it is told.
+    noise : tuple of float or None
+        Standard deviation of each channel's noise that it is told.
+    readings : array (channel, *array)
+    load : Load
+        The truth; all zero where nothing touches.
+    typical : Load
+        What errors are counted in parts of: the load, or where nothing touches, the load that the noise would fit.
+    reference : array (channel, *array)
+        A clean frame of the sensor as told: a ball in the middle. What is said of it too is no word on this frame.
+    words : str
+        What is wrong, in figures.
+    """
+
+    row: str
+    index: int
+    sensor: Sensor
+    told: Sensor
+    known_to: Mapping[str, float]
+    friction: float | None
+    noise: tuple[float, ...] | None
+    readings: Floats
+    load: Load
+    typical: Load
+    reference: Floats
+    words: str
+
+    @cached_property
+    def skin(self) -> Skin:
+        """What a user would make."""
+        return self.told.skin(self.noise, known_to=self.known_to)
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing touches."""
+        return not np.any(self.load.traction)
+
+    def __str__(self) -> str:
+        told = [] if self.friction is None else [f"friction {self.friction:.2g} given"]
+        told.append("noise given" if self.noise is not None else "noise not given")
+        return f"{self.row} {self.index}: {self.sensor}; {self.load.words}; {', '.join(told)}; {self.words}"
+
+
+@dataclass
+class _Draft:
+    """A frame in the making: readings without noise, and the noise that is added last."""
+
+    sensor: Sensor
+    load: Load
+    readings: Floats
+    noise: Floats
+    rng: np.random.Generator
+    words: list[str] = field(default_factory=list)
+
+    @property
+    def peak(self) -> float:
+        """Largest reading without noise."""
+        return float(np.abs(self.readings).max())
+
+    def say(self, text: str) -> None:
+        self.words.append(text)
+
+    def any_taxel(self) -> tuple[int, ...]:
+        """Index of a random reading."""
+        return tuple(int(self.rng.integers(n)) for n in self.readings.shape)
+
+    def across(self) -> Floats:
+        """A coordinate in a random direction, -1 to 1 over the array."""
+        axes = np.meshgrid(*(np.linspace(-1, 1, n) for n in self.sensor.shape), indexing="ij")
+        angle = float(self.rng.uniform(0, 2 * math.pi))
+        if len(axes) == 1:
+            return axes[0] * math.copysign(1.0, math.cos(angle))
+        out = math.cos(angle) * axes[1] + math.sin(angle) * axes[0]
+        return np.asarray(out / np.abs(out).max())
+
+
+Change = Callable[[_Draft], None]
+
+
+# -- what happens to readings --------------------------------------------------------------------------------------------
+
+
+def _offset(draft: _Draft) -> None:
+    part = float(draft.rng.uniform(0.1, 0.3) * draft.rng.choice([-1, 1]))
+    draft.say(f"offset of {100 * part:.0f} % of the peak everywhere")
+    draft.readings = draft.readings + part * draft.peak
+
+
+def _channel_offsets(draft: _Draft) -> None:
+    parts = draft.rng.uniform(0.05, 0.3, size=len(draft.readings)) * draft.rng.choice([-1, 1], size=len(draft.readings))
+    draft.say("offsets of " + ", ".join(f"{100 * p:.0f}" for p in parts) + " % of the peak")
+    draft.readings = draft.readings + draft.peak * parts.reshape(-1, *(1,) * len(draft.sensor.shape))
+
+
+def _ramp(draft: _Draft) -> None:
+    peak = draft.peak
+    for i in range(len(draft.readings)):
+        part = float(draft.rng.uniform(0.05, 0.3))
+        draft.say(f"ramp of {100 * part:.0f} % of the peak at either end")
+        draft.readings[i] += part * peak * draft.across()
+
+
+def _clipped(draft: _Draft) -> None:
+    ceiling = 0.6 * draft.peak
+    whole = draft.readings + draft.noise
+    draft.noise = np.clip(whole, -ceiling, ceiling) - draft.readings
+    draft.say(f"clipped at {ceiling:.3g}")
+
+
+def _railed(draft: _Draft) -> None:
+    place, sign = draft.any_taxel(), float(draft.rng.choice([-1, 1]))
+    draft.say(f"reading {place} at {10 * sign:+.0f} peaks")
+    draft.readings[place] = 10 * sign * draft.peak
+    draft.noise[place] = 0.0
+
+
+def _stuck(draft: _Draft) -> None:
+    place, part = draft.any_taxel(), float(draft.rng.uniform(-1.0, 1.5))
+    draft.say(f"reading {place} stuck at {part:.2f} of the peak")
+    draft.readings[place] = part * draft.peak
+    draft.noise[place] = 0.0
+
+
+def _dead(draft: _Draft) -> None:
+    place = np.unravel_index(int(np.abs(draft.readings).argmax()), draft.readings.shape)[1:]
+    where = tuple(int(i) for i in place)
+    draft.say(f"taxel {where} reads zero")
+    for channel in range(len(draft.readings)):
+        draft.readings[(channel, *where)] = draft.noise[(channel, *where)] = 0.0
+
+
+def _gains(draft: _Draft) -> None:
+    spread = float(draft.rng.uniform(0.05, 0.10))
+    draft.say(f"gains spread by {100 * spread:.0f} %")
+    draft.readings = draft.readings * (1.0 + spread * draft.rng.standard_normal(draft.readings.shape))
+
+
+def _negated(draft: _Draft) -> None:
+    if len(draft.readings) > 1 and draft.rng.random() < 0.5:
+        channel = int(draft.rng.integers(len(draft.readings)))
+        draft.say(f"wrong sign of {draft.sensor.channels[channel]}")
+        draft.readings[channel] *= -1
+    else:
+        draft.say("wrong sign of all")
+        draft.readings = -draft.readings
+
+
+def _transposed(draft: _Draft) -> None:
+    draft.say("rows and columns swapped")
+    draft.readings = np.ascontiguousarray(np.swapaxes(draft.readings, 1, 2))
+
+
+def _correlated(draft: _Draft) -> None:
+    length = float(draft.rng.uniform(1.0, 3.0))
+    draft.say(f"noise alike over {length:.1f} pitches")
+    axes = np.meshgrid(*(np.arange(n, dtype=np.float64) for n in draft.sensor.shape), indexing="ij")
+    points = np.stack([a.ravel() for a in axes], axis=1)
+    distance = np.abs(points[:, None] - points[None]).sum(axis=-1)
+    mixed = draft.noise.reshape(len(draft.noise), -1) @ np.linalg.cholesky(np.exp(-distance / length)).T
+    draft.noise = mixed.reshape(draft.noise.shape)
+
+
+def _heavy_tails(draft: _Draft) -> None:
+    freedom = float(draft.rng.uniform(2.0, 3.0))
+    draft.say(f"noise of Student's distribution with {freedom:.1f} degrees of freedom")
+    draft.noise = draft.noise / np.sqrt(draft.rng.chisquare(freedom, size=draft.noise.shape) / freedom)
+
+
+def _rounded(draft: _Draft) -> None:
+    scale = draft.peak * float(np.exp(draft.rng.uniform(0.0, math.log(8.0))))
+    step = 2.0 * scale / 256
+    draft.say(f"rounded to {step / draft.peak:.2%} of the peak")
+    draft.noise = np.round((draft.readings + draft.noise) / step) * step - draft.readings
+
+
+def _drift(draft: _Draft) -> None:
+    peak, names = draft.peak, draft.sensor.channels
+    axes = np.meshgrid(*(np.linspace(-1, 1, n) for n in draft.sensor.shape), indexing="ij")[::-1]
+    turn = 0.0 if len(axes) == 1 or draft.rng.random() < 0.3 else float(draft.rng.uniform(-0.2, 0.2)) * peak
+    for i, name in enumerate(names):
+        shift = float(draft.rng.uniform(0.05, 0.3) * draft.rng.choice([-1, 1])) * peak
+        draft.readings[i] += shift
+        if name == "displacement_x" and len(axes) > 1:
+            draft.readings[i] -= turn * axes[1]
+        elif name == "displacement_y":
+            draft.readings[i] += turn * axes[0] * draft.sensor.shape[1] / draft.sensor.shape[0]
+    draft.say(f"the stage moved by 5 to 30 % of the peak and turned by {turn / peak:.0%} of it at the sides")
+
+
+def _wrong_unit(draft: _Draft) -> None:
+    if len(draft.readings) > 1 and draft.rng.random() < 0.5:
+        channel = int(draft.rng.integers(len(draft.readings)))
+        draft.say(f"{draft.sensor.channels[channel]} ten times too large")
+        draft.readings[channel] *= 10
+        draft.noise[channel] *= 10
+    else:
+        draft.say("all ten times too large")
+        draft.readings, draft.noise = 10 * draft.readings, 10 * draft.noise
+
+
+_MIXABLE: tuple[Change, ...] = (
+    _gains,
+    _offset,
+    _channel_offsets,
+    _ramp,
+    _correlated,
+    _heavy_tails,
+    _stuck,
+    _dead,
+    _clipped,
+    _rounded,
+)
+
+
+def _mixed(draft: _Draft) -> None:
+    # in the order in which a sensor suffers them: gains and offsets before noise, noise before the converter
+    chosen = sorted(draft.rng.choice(len(_MIXABLE), size=int(draft.rng.integers(2, 4)), replace=False))
+    for i in chosen:
+        _MIXABLE[int(i)](draft)
+
+
+# -- what is told --------------------------------------------------------------------------------------------------------
+
+
+def _off(rng: np.random.Generator, low: float, high: float) -> float:
+    """A factor off by ``low`` to ``high``, up or down."""
+    return float(1.0 + rng.uniform(low, high) * rng.choice([-1, 1]))
+
+
+def _other_modulus(sensor: Sensor, rng: np.random.Generator) -> Sensor:
+    return replace(sensor, modulus=sensor.modulus * _off(rng, 0.2, 0.25))
+
+
+def _other_thickness(sensor: Sensor, rng: np.random.Generator) -> Sensor:
+    factor = _off(rng, 0.15, 0.25)
+    # what is told must still hold the taxels
+    factor = max(factor, 1.001 * sensor.depth / sensor.thickness)
+    return replace(sensor, layers=tuple((t * factor, part) for t, part in sensor.layers))
+
+
+def _other_depth(sensor: Sensor, rng: np.random.Generator) -> Sensor:
+    factor = float(rng.choice([0.7, 1.4]))
+    return replace(sensor, depth=min(sensor.depth * factor, 0.999 * sensor.thickness))
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row: sensors that it concerns, and what is done.
+
+    Attributes
+    ----------
+    name : str
+    says : str
+        What is wrong, for the table's reader.
+    suits : callable (Sensor) -> bool
+        Sensors that it concerns.
+    load : str
+        "press", "nothing", "pull", "adhesion" or "unseen shear".
+    change : callable or None
+        What happens to readings.
+    told : callable (Sensor, rng) -> Sensor or None
+        What the library is told in place of the truth.
+    known_to : mapping
+        Relative standard deviations that the description states.
+    noise : (float, float)
+        Range of the noise, in parts of the largest reading.
+    misstated : bool
+        The noise that is told is three times too small or too large.
+    """
+
+    name: str
+    says: str
+    suits: Callable[[Sensor], bool] = lambda s: True
+    load: str = "press"
+    change: Change | None = None
+    told: Callable[[Sensor, np.random.Generator], Sensor] | None = None
+    known_to: Mapping[str, float] = field(default_factory=dict)
+    noise: tuple[float, float] = USUAL
+    misstated: bool = False
+
+
+def _moves(sensor: Sensor) -> bool:
+    return sensor.sensing == "displacement"
+
+
+def _several(sensor: Sensor) -> bool:
+    return len(sensor.channels) > 1
+
+
+def _square(sensor: Sensor) -> bool:
+    return len(sensor.shape) == 2 and sensor.shape[0] == sensor.shape[1] and sensor.shears == "xy"
+
+
+def _thick_in_doubt(sensor: Sensor) -> bool:
+    return bool(sensor.layers) and sensor.depth < 0.8 * sensor.thickness
+
+
+def _modulus_matters(sensor: Sensor) -> bool:
+    return sensor.sensing != "stress"
+
+
+def _buried(sensor: Sensor) -> bool:
+    return sensor.depth > 0
+
+
+_TABLE: Sequence[Row] = (
+    Row("clean", "nothing but noise of 0.01 to 20 % of the largest reading", noise=CLEAN),
+    Row("empty", "nothing touches", load="nothing"),
+    Row("pulling", "all of the load pulls", load="pull"),
+    Row("adhesion", "a rim about each contact pulls with 20 to 60 % of the peak", load="adhesion"),
+    Row("offset", "all readings off by 10 to 30 % of the largest", change=_offset),
+    Row("channel offsets", "each channel off by 5 to 30 %", suits=_several, change=_channel_offsets),
+    Row("ramp", "a linear drift across the array, 5 to 30 % at either end", change=_ramp),
+    Row("clipped", "readings end at 60 % of the largest", change=_clipped),
+    Row("railed", "one reading at ten times the largest", change=_railed),
+    Row("stuck", "one reading stuck at a random level", change=_stuck),
+    Row("dead", "the taxel under the contact reads zero", change=_dead),
+    Row("gains", "gains of taxels spread by 5 to 10 %", change=_gains),
+    Row("gains named", "the same, and the array says so", change=_gains, known_to={"gain": 0.075}),
+    Row("modulus", "the pad 20 to 25 % stiffer or softer than said", suits=_modulus_matters, told=_other_modulus),
+    Row(
+        "modulus named",
+        "the same, and the pad says so",
+        suits=_modulus_matters,
+        told=_other_modulus,
+        known_to={"modulus": 0.2},
+    ),
+    Row("thickness", "the layer 15 to 25 % thicker or thinner than said", suits=_thick_in_doubt, told=_other_thickness),
+    Row(
+        "thickness named",
+        "the same, and the pad says so",
+        suits=_thick_in_doubt,
+        told=_other_thickness,
+        known_to={"thickness": 0.2},
+    ),
+    Row("depth", "taxels said to be 0.7 or 1.4 times as deep as they are", suits=_buried, told=_other_depth),
+    Row(
+        "depth named",
+        "the same, and the array says so",
+        suits=_buried,
+        told=_other_depth,
+        known_to={"depth": 0.35},
+    ),
+    Row("transposed", "rows and columns swapped", suits=_square, change=_transposed),
+    Row("wrong sign", "all readings, or those of a channel, negated", change=_negated),
+    Row("correlated noise", "noise alike over 1 to 3 pitches", change=_correlated, noise=(0.01, 0.1)),
+    Row("heavy tails", "noise of Student's distribution, 2 to 3 degrees of freedom", change=_heavy_tails),
+    Row("8 bit", "readings rounded to 256 steps of a range 1 to 8 times theirs", change=_rounded, noise=(1e-4, 1e-2)),
+    Row("stage drift", "displacement fields shifted and turned", suits=_moves, change=_drift),
+    Row("wrong unit", "all readings, or those of a channel, ten times too large", change=_wrong_unit),
+    Row("noise misstated", "noise three times as large or as small as said", misstated=True),
+    Row(
+        "unseen shear",
+        "contacts slide on sensors that see pressure alone",
+        suits=lambda s: not s.shears,
+        load="unseen shear",
+    ),
+    Row(
+        "mixed",
+        "two or three of: offset, channel offsets, ramp, stuck, dead, gains, correlated noise, heavy tails, clipped, 8 bit",
+        change=_mixed,
+    ),
+)
+
+#: Every row by name, in the order of the table.
+ROWS: Mapping[str, Row] = {row.name: row for row in _TABLE}
+
+
+def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
+    """Frame ``index`` of a row.
+
+    Examples
+    --------
+    >>> from palpate.bench.trust import make_frame
+    >>> frame = make_frame("offset", 3)
+    >>> bool((frame.readings == make_frame("offset", 3).readings).all())
+    True
+    """
+    if row not in ROWS:
+        raise InvalidInput(f"row must be one of {', '.join(ROWS)}; got {row!r}.")
+    this = ROWS[row]
+    rng = np.random.default_rng([seed, zlib.crc32(row.encode()), index])
+    sensor = random_sensor(rng, this.suits)
+    axes = "xy"[: len(sensor.shape)] if this.load == "unseen shear" else sensor.shears
+    mu = float(rng.uniform(0.2, 0.9))
+    adhesion = float(rng.uniform(0.2, 0.6)) if this.load == "adhesion" else 0.0
+    load = random_load(rng, sensor, friction=mu, axes=axes, adhesion=adhesion)
+    if this.load == "pull":
+        load = load.times(-1.0)
+    typical = load
+    readings = _sensed(sensor, load)
+    peak = float(np.abs(readings).max())
+    level = float(np.exp(rng.uniform(*np.log(this.noise))))
+    std = np.full(len(sensor.channels), level * peak)
+    if len(std) > 1 and rng.random() < 0.25:
+        std[int(rng.integers(len(std)))] *= 3.0
+    column = std.reshape(-1, *(1,) * len(sensor.shape))
+    draft = _Draft(sensor, load, readings, column * rng.standard_normal(readings.shape), rng)
+    draft.say(f"noise {level:.2g} of the largest reading")
+    if this.load == "nothing":
+        load = replace(load.times(0.0), words="nothing touches")
+        draft.readings = np.zeros_like(readings)
+    if this.change is not None:
+        this.change(draft)
+    told = sensor if this.told is None else this.told(sensor, rng)
+    if this.told is not None:
+        draft.say(
+            f"told depth {told.depth / sensor.depth if sensor.depth else 1:.2f}, modulus {told.modulus / sensor.modulus:.2f}, "
+            f"thickness {told.thickness / sensor.thickness if sensor.layers else 1:.2f} times the true one"
+        )
+    given = rng.random() < 0.5 or this.misstated
+    says = std * (float(rng.choice([1 / 3, 3.0])) if this.misstated else 1.0)
+    if this.misstated:
+        draft.say(f"noise said to be {says[0] / std[0]:.2g} times what it is")
+    # friction holds for what presses: nobody would state it for a pull
+    presses = this.load not in ("pull", "adhesion")
+    friction = mu * float(rng.choice([1.0, 1.0, 1.3])) if presses and sensor.shears and rng.random() < 0.5 else None
+    if this.load == "unseen shear":
+        friction = None
+    ball = plain_ball(told, float(np.abs(typical.traction).max()))
+    clean = _sensed(told, ball)
+    clean = clean + column * rng.standard_normal(clean.shape)
+    return Frame(
+        row=row,
+        index=index,
+        sensor=sensor,
+        told=told,
+        known_to=this.known_to,
+        friction=friction,
+        noise=tuple(float(v) for v in says) if given else None,
+        readings=draft.readings + draft.noise,
+        load=load,
+        typical=typical,
+        reference=clean,
+        words=", ".join(draft.words),
+    )
+
+
+def _sensed(sensor: Sensor, load: Load) -> Floats:
+    """Readings (channel, *array) without noise."""
+    return np.array(sensor.skin(surface=load.grid).sense(load.traction))
