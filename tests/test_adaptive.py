@@ -771,7 +771,7 @@ def test_exceeding_a_limit_agrees_with_the_interval() -> None:
 
 
 def test_no_interval_without_error_bars() -> None:
-    touch = skin_of().reconstruct(pressed(skin_of(), BALL, 0.02)[0], method="tikhonov")
+    touch = skin_of().reconstruct(pressed(skin_of(), BALL, 0.02)[0], method="dft")
     for ask in (
         lambda: touch.interval(0.95),
         lambda: touch.interval(0.95, "force"),

@@ -6,19 +6,37 @@ go through the functions below, so a new field needs its declaration and nothing
 
 from __future__ import annotations
 
+import abc
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from palpate._arrays import is_numpy, namespace, to_numpy
 from palpate.errors import InvalidInput
 
-__all__ = ["freeze", "per_frame", "per_frame_fields", "rebuilt", "stacked"]
+__all__ = ["Deferred", "freeze", "per_frame", "per_frame_fields", "rebuilt", "stacked"]
 
 Record = TypeVar("Record")
+
+
+class Deferred(abc.ABC):
+    """A record whose arrays are made when they are first asked for, out of others with the batch axes first."""
+
+    @property
+    @abc.abstractmethod
+    def deferred(self) -> bool:
+        """Whether something is still to be made."""
+
+    @abc.abstractmethod
+    def inputs(self) -> Iterator[tuple[str, Any]]:
+        """(name, value) of the arrays with batch axes that are there."""
+
+    @abc.abstractmethod
+    def changed(self, change: Callable[[Any], Any]) -> Any:
+        """The same record with ``change`` applied to what is there, so that what is still to be made is made for less."""
 
 
 def per_frame(*dims: str, missing: Any = math.nan) -> dict[str, Any]:
@@ -35,7 +53,9 @@ def per_frame_fields(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]
         if not f.metadata.get("per_frame"):
             continue
         value = getattr(record, f.name)
-        if is_dataclass(value):
+        if isinstance(value, Deferred) and value.deferred:
+            yield from ((f"{prefix}{f.name}.{name}", part) for name, part in value.inputs())
+        elif is_dataclass(value):
             yield from per_frame_fields(value, f"{prefix}{f.name}.")
         elif value is not None:
             yield prefix + f.name, value
@@ -43,6 +63,8 @@ def per_frame_fields(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]
 
 def rebuilt(record: Record, change: Callable[[Any], Any]) -> Record:
     """The same record with ``change`` applied to every per-frame array, those of nested records too."""
+    if isinstance(record, Deferred) and record.deferred:
+        return cast(Record, record.changed(change))
     changes = {}
     for f in fields(record):  # type: ignore[arg-type]
         value = getattr(record, f.name)

@@ -2,7 +2,7 @@
 
 from palpate.bench.ablation import ablation, as_markdown, summary
 from palpate.bench.accuracy import DEFAULT, NOISES, Record, accuracy, coverage, measured, ratios, run, table
-from palpate.bench.calibration import calibration, crossing, population, write_constants
+from palpate.bench.calibration import beyond, calibration, crossing, population, write_constants
 from palpate.bench.contacts import FRICTION, Patch, area_contact, line_contact
 from palpate.bench.layouts import LAYOUTS, Layout
 from palpate.bench.unseen import KINDS, unseen
@@ -20,6 +20,7 @@ __all__ = [
     "accuracy",
     "area_contact",
     "as_markdown",
+    "beyond",
     "calibration",
     "coverage",
     "crossing",

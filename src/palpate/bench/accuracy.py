@@ -62,19 +62,26 @@ class Record:
         return self.error / self.clairvoyant
 
 
-def standardised(touch: Touch, truth: Floats, friction: float | None) -> dict[str, Floats]:
-    """(true - found)/std of the model for every quantity; cells are those in contact, in truth or as found."""
+def standardised(touch: Touch, truth: Floats, friction: float | None, *, inside: bool = False) -> dict[str, Floats]:
+    """(true - found)/std of the model for every quantity; cells are those in contact, in truth or as found.
+
+    ``inside`` leaves out the error of what lies outside the array.
+    """
     grid = touch.surface
     columns = [grid.components.index(c) for c in touch.components]
     true = Touch(truth, grid, touch.components, "truth")
     known = constants(touch.method, touch.calibration_case)
+    if inside:
+        known = replace(known, outside=0.0)
 
     def z(of: str, value: Any, mu: float | None = None) -> Floats:
         found, std, outside, _ = intervals.uncalibrated(touch, known, of, mu)
         return known.quantities[of].standardised(np.asarray(value), found, std, outside)
 
+    # where traction has either sign, every cell holds some
+    found_contact = np.asarray(touch.contact() if known.signed else touch.values[-1] > 0)
     out = {
-        "traction": z("traction", truth)[columns][:, (truth[-1] > 0) | (np.asarray(touch.values)[-1] > 0)],
+        "traction": z("traction", truth)[columns][:, (truth[-1] > 0) | found_contact],
         "force": z("force", true.force)[-1:],
         "moment": z("moment", true.moment),
         "center_of_pressure": z("center_of_pressure", true.center_of_pressure),
@@ -83,7 +90,7 @@ def standardised(touch: Touch, truth: Floats, friction: float | None) -> dict[st
     if len(columns) > 1:
         found, std, outside, _ = intervals.uncalibrated(touch, known, "force")
         away = np.sign(found)
-        shear = known.quantities["shear_force"]
+        shear = known.quantities.get("shear_force", known.quantities["force"])
         out["shear_force"] = shear.standardised(away * true.force, away * found, std, outside)[columns[:-1]]
     if friction is not None:
         out["slip_margin"] = z("slip_margin", true.slip_margin(friction), friction)
@@ -103,10 +110,11 @@ def run(
     asked: Iterable[str | Method],
     *,
     yardstick: bool = True,
+    inside: bool = False,
 ) -> list[Record]:
     """One noise draw of one contact, by the methods asked for; without ``yardstick`` the clairvoyant filter's error is NaN.
 
-    Methods that take a friction are told the layout's, unless they have one.
+    Methods that take a friction are told the layout's, unless they have one. ``inside``: see `standardised`.
     """
     readings, truth = layout.make(traction)
     std = noise * float(np.abs(readings).max())
@@ -124,7 +132,7 @@ def run(
     for method in asked:
         touch = layout.skin.reconstruct(noisy, method=_told(method, layout), components=list(layout.components))
         error = float(np.linalg.norm((np.asarray(touch.values) - truth)[columns])) / size
-        z = standardised(touch, truth, layout.friction) if touch.errors is not None else {}
+        z = standardised(touch, truth, layout.friction, inside=inside) if touch.errors is not None else {}
         records.append(Record(layout.name, name, noise, str(method), error, clairvoyant, z, touch.method))
     return records
 

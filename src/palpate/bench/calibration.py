@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +18,9 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.recordings.files import atomically
 from palpate.sensing import AreaArray, LineArray
-from palpate.uncertainty import Case, constants
+from palpate.uncertainty import GAUSSIAN, Calibration, Case, Constants, constants
 
-__all__ = ["calibration", "crossing", "population", "write_constants"]
+__all__ = ["beyond", "calibration", "crossing", "population", "write_constants"]
 
 #: Quantities whose error has a sign: pressure only adds up, edges are rounded, weak shear is drawn to zero.
 SHIFTED = ("force", "peak_pressure", "shear_force", "slip_margin")
@@ -145,7 +146,64 @@ def _one_frame(task: tuple[int, int, str, str | None, str, str]) -> tuple[Case, 
     seed, index, method, contact, sensing, body = task
     rng = np.random.default_rng((seed, index))
     layout, traction, noise = population(rng, contact=contact, sensing=sensing, body=body)
-    return layout.case, run(layout, "random", traction, noise, rng, (method,), yardstick=False)[0].z
+    # what linear methods find outside the array is never quite nothing; `beyond` says what it is worth
+    inside = method in GAUSSIAN
+    return layout.case, run(layout, "random", traction, noise, rng, (method,), yardstick=False, inside=inside)[0].z
+
+
+def beyond(
+    found: Mapping[Case, Mapping[str, tuple[float, float, float]]],
+    frames: int = 200,
+    *,
+    method: str,
+    seed: int = 54321,
+    jobs: int = 1,
+    report: Callable[[int], None] | None = None,
+) -> dict[Case, float]:
+    """Of each case found, the relative error of what lies outside the array that makes the 95 % interval of the force hold.
+
+    On contacts across the edge (`crossing`, stress in half-spaces) of the same kind of contact.
+    """
+    kinds = {case.contact for case in found}
+    rows: dict[str, list[tuple[float, float, float]]] = {kind: [] for kind in kinds}
+    for i, (kind, row) in enumerate(spread_over(_one_beyond, [(seed, i, method, kinds) for i in range(frames)], jobs)):
+        if row is not None:
+            rows[kind].append(row)
+        if report is not None:
+            report(i + 1)
+    out = {}
+    for case, quantities in found.items():
+        force = Calibration(*quantities["force"])
+        half = force.quantile(0.95)
+        needed = []
+        for error, std, outside in rows[case.contact]:
+            left = (abs(error - force.shift * std) / half) ** 2 - (force.scale * std) ** 2
+            needed.append(0.0 if left <= 0 else math.sqrt(left) / max(outside, 1e-300))
+        if len(needed) >= 20:
+            out[case] = round(min(float(np.quantile(needed, 0.95)), 1.0), 3)
+    return out
+
+
+def _one_beyond(task: tuple[int, int, str, set[str]]) -> tuple[str, tuple[float, float, float] | None]:
+    """(contact, (error, std, part outside) of the normal force) of a frame across the edge."""
+    seed, index, method, kinds = task
+    rng = np.random.default_rng((seed, index))
+    layout, traction, noise = crossing(rng)
+    kind = layout.case.contact
+    if kind not in kinds:
+        return kind, None
+    readings, truth = layout.make(traction)
+    readings = readings + noise * float(np.abs(readings).max()) * rng.standard_normal(readings.shape)
+    options: dict[str, Any] = {} if method in GAUSSIAN else {"friction": layout.friction}
+    touch = layout.skin.reconstruct(readings, method=method, components=list(layout.components), **options)
+    if touch.errors is None:
+        raise InvalidInput(f'method="{method}" has no error bars.')
+    true = float(truth[-1].sum()) * touch.surface.cell
+    return kind, (
+        true - float(touch.force[-1]),
+        float(touch.errors.force[-1]),
+        float(touch.errors.outside_force[-1]),
+    )
 
 
 def write_constants(
@@ -156,10 +214,12 @@ def write_constants(
     frames: int,
     seed: int,
     version: str,
+    outside: Mapping[Case, float] | None = None,
 ) -> None:
     """Put new constants into the file of constants: entries of the same method and case are replaced, others kept.
 
-    What the frames did not show (shear where none is sought) and the part outside the array are taken from the nearest entry.
+    What the frames did not show (shear where none is sought) is taken from the nearest entry, and so is the part outside the array where
+    ``outside`` does not say it.
     """
     file = Path(path)
     try:
@@ -170,22 +230,21 @@ def write_constants(
             f"{path} is not a file of constants; give a copy of palpate/uncertainty/constants.json to put them into."
         ) from error
     for case, quantities in found.items():
-        near = constants(method, case)
+        near = _nearest(data["entries"], method, case)
+        part = (outside or {}).get(case)
         borrowed = sorted(set(near.quantities) - set(quantities))
         entry = {
             "method": method,
             "contact": case.contact,
             "sensing": case.sensing,
             "body": case.body,
-            "outside": near.outside,
+            "outside": near.outside if part is None else part,
             "population": {
                 "description": "random contacts and noise, palpate.bench.population",
                 "frames": frames,
                 "seed": seed,
                 "version": version,
-                "borrowed": f"outside, {', '.join(borrowed)} from {near.case}"
-                if borrowed
-                else f"outside from {near.case}",
+                "borrowed": f"{', '.join((['outside'] if part is None else []) + borrowed) or 'nothing'} from {near.case}",
             },
             "quantities": {
                 **{q: [c.shift, c.scale, c.freedom] for q, c in near.quantities.items() if q in borrowed},
@@ -203,6 +262,19 @@ def write_constants(
         Path(name).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
 
     atomically(file, write)
+
+
+def _nearest(entries: Sequence[Mapping[str, Any]], method: str, case: Case) -> Constants:
+    """Whose constants a case borrows: the nearest of its contact, or those of areas with shear, which have every quantity."""
+    near = constants(method, case)
+    if near.calibrated:
+        return near
+    for entry in entries:
+        if entry["method"] == method and entry["contact"] == "area with shear":
+            quantities = {name: Calibration(*numbers) for name, numbers in entry["quantities"].items()}
+            donor = Case(entry["contact"], entry["sensing"], entry["body"])
+            return Constants(method, donor, quantities, entry["outside"], entry["population"])
+    return near
 
 
 def _fit(frames: Sequence[Floats], *, shifted: bool) -> tuple[float, float, float]:

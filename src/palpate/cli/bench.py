@@ -146,6 +146,9 @@ def bench_calibration(
     ] = None,
     sensing: Annotated[str, typer.Option(help="stress, strain or displacement.")] = "stress",
     body: Annotated[str, typer.Option(help="half-space or layers.")] = "half-space",
+    across: Annotated[
+        int, typer.Option(min=0, help="Contacts across the array's edge, for the error of what is found outside it.")
+    ] = 0,
     seed: Annotated[int, typer.Option(help="Seed of the contacts and the noise.")] = 12345,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     write: Annotated[
@@ -181,8 +184,16 @@ def bench_calibration(
     for case, quantities in found.items():
         for quantity, (shift, scale, freedom) in quantities.items():
             typer.echo(f"{case!s:<44}{quantity:<21}{shift:>8.3f}{scale:>8.3f}{freedom:>9.2f}")
+    outside = {}
+    if across:
+        with Bar("contacts across the edge", across) as step:
+            outside = bench.beyond(found, across, method=method, seed=seed, jobs=jobs, report=lambda i: step(f"{i}"))
+        for case, part in outside.items():
+            typer.echo(f"{case!s:<44}outside the array, relative {part:.3f}")
     if write is not None:
-        bench.write_constants(write, found, method=method, frames=frames, seed=seed, version=palpate.__version__)
+        bench.write_constants(
+            write, found, method=method, frames=frames, seed=seed, version=palpate.__version__, outside=outside
+        )
         typer.echo(f"wrote           {write}")
 
 

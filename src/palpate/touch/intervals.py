@@ -27,7 +27,7 @@ def errors(touch: Touch) -> Errors:
     """The closed-form standard deviations, or `Unsupported` where the method gives none."""
     if touch.errors is None:
         raise Unsupported(
-            f'method="{touch.method}" gives no error bars; use method="adaptive" (the default where pressure is sought).'
+            f'method="{touch.method}" gives no error bars; use method="tikhonov", or leave the method out.'
         )
     return touch.errors
 
@@ -59,9 +59,12 @@ def calibration_note(touch: Touch) -> str:
         return ""
     for method in dict.fromkeys(touch.methods.ravel().tolist()):
         try:
-            used = constants(method, touch.calibration_case).case
+            known = constants(method, touch.calibration_case)
         except Unsupported:
             continue
+        used = known.case
+        if not known.calibrated:
+            return f'error bars of method="{method}" are those of its own Gaussian model: no simulated contacts calibrated them'
         if used != touch.calibration_case:
             return (
                 f"error bars are not calibrated for this case ({touch.calibration_case}); those for {used} are used, and may be too "
@@ -134,7 +137,7 @@ def uncalibrated(
     """Of a quantity: value, standard deviation by the model, error of what lies outside the array, and what it cannot go below."""
     found = errors(touch)
     sign = np.full(len(touch.surface.components), -math.inf)
-    sign[-1] = 0.0 if "z" in touch.components else -math.inf
+    sign[-1] = 0.0 if "z" in touch.components and not known.signed else -math.inf
     none = np.asarray(-math.inf)
     if of == "traction":
         floor = sign.reshape(-1, *(1,) * touch.surface.dimensions)

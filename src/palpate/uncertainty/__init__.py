@@ -1,6 +1,7 @@
 """How the errors of each quantity are distributed: generated constants with the population they come from."""
 
 from palpate.uncertainty.calibration import (
+    GAUSSIAN,
     Calibration,
     Case,
     Constants,
@@ -10,4 +11,13 @@ from palpate.uncertainty.calibration import (
     contact_kind,
 )
 
-__all__ = ["Calibration", "Case", "Constants", "calibrated", "calibrated_methods", "constants", "contact_kind"]
+__all__ = [
+    "GAUSSIAN",
+    "Calibration",
+    "Case",
+    "Constants",
+    "calibrated",
+    "calibrated_methods",
+    "constants",
+    "contact_kind",
+]

@@ -22,7 +22,12 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.errors import Unsupported
 from palpate.sensing.arrays import Array
 
-__all__ = ["Calibration", "Case", "Constants", "calibrated", "constants", "contact_kind"]
+__all__ = ["GAUSSIAN", "QUANTITIES", "Calibration", "Case", "Constants", "calibrated", "constants", "contact_kind"]
+
+#: Methods whose error bars are those of a Gaussian model, in which traction has either sign: used as they are where nothing calibrated them.
+GAUSSIAN = ("tikhonov", "hilgers", "truncated", "wiener")
+#: What constants are for.
+QUANTITIES = ("traction", "force", "moment", "center_of_pressure", "peak_pressure", "slip_margin")
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,10 @@ class Calibration:
         import scipy.special
 
         return float(scipy.special.stdtrit(self.freedom, probability))
+
+    def quantile(self, level: float) -> float:
+        """Half the width of the central interval of that level, in units of ``scale``."""
+        return self._quantile(0.5 * (1.0 + level))
 
     def above(self, limit: float, value: Floats, std: Floats, outside: Floats) -> Floats:
         """Probability that the true value lies above ``limit``."""
@@ -134,6 +143,16 @@ class Constants:
     outside: float
     population: Mapping[str, Any]
 
+    @property
+    def signed(self) -> bool:
+        """Whether pressure of this method may pull."""
+        return self.method in GAUSSIAN
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether a population made them; else they are those of the method's own model."""
+        return bool(self.population)
+
 
 def contact_kind(dimensions: int, components: Sequence[str]) -> str:
     """ "line", "area" (one component sought) or "area with shear"."""
@@ -156,14 +175,15 @@ def _table() -> Mapping[tuple[str, Case], Constants]:
 
 
 def calibrated_methods() -> tuple[str, ...]:
-    """The methods that have constants."""
-    return tuple(dict.fromkeys(m for m, _ in _table()))
+    """The methods whose error bars a population can calibrate: all but the one that is told its prior."""
+    return tuple(m for m in dict.fromkeys((*(m for m, _ in _table()), *GAUSSIAN)) if m != "wiener")
 
 
 def constants(method: str, case: Case) -> Constants:
     """The constants of a method for a case, or for the nearest case that has some (compare ``.case`` to know).
 
-    Nearest: the same contact, then the same sensing, then the same body.
+    Nearest: the same contact, then the same sensing, then the same body. The Gaussian model of a linear method without any is taken at
+    its word.
 
     Raises
     ------
@@ -172,6 +192,9 @@ def constants(method: str, case: Case) -> Constants:
     """
     table = _table()
     candidates = [c for m, c in table if m == method and c.contact == case.contact]
+    if not candidates and method in GAUSSIAN:
+        plain = MappingProxyType(dict.fromkeys(QUANTITIES, Calibration()))
+        return Constants(method, case, plain, 0.0, MappingProxyType({}))
     if not candidates:
         raise Unsupported(
             f'method="{method}" gives no error bars for {case.contact} contact; methods that do: '

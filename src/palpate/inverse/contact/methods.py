@@ -189,7 +189,13 @@ def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> E
     scale = None if other.noise_scale is None else other.noise_scale[..., None]
     errors = found.errors
     if errors is not None:
-        errors = Errors(**{f.name: filled(getattr(errors, f.name), None) for f in fields(Errors)})
+        theirs = other.errors
+        errors = Errors(
+            **{
+                f.name: filled(getattr(errors, f.name), None if theirs is None else getattr(theirs, f.name))
+                for f in fields(Errors)
+            }
+        )
     outliers = filled(found.outliers, None)
     if outliers is not None:
         outliers[pulls] = False  # the linear method hears every reading

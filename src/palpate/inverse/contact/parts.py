@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["MODEL_ERROR", "Parts", "Thresholds"]
+from palpate.inverse.linear.parameter import MODEL_ERROR
 
-#: No pad and no grid is known better than this part of the largest reading: the least noise that is assumed (also by a tracker). A
-#: convention: it matters only where the noise is less than that.
-MODEL_ERROR = 2e-4
+__all__ = ["MODEL_ERROR", "Parts", "Thresholds"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.linear.parameter import candidates, choose_parameter, refined, tikhonov
 from palpate.inverse.linear.regularised import Decomposition
 

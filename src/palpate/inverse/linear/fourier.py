@@ -50,11 +50,20 @@ class FourierSpectrum:
         if grid.shape[-1] % 2 == 0:
             half[..., -1, :] = 1.0
         self._shape = values.shape
-        self.eigenvalues, self.multiplicity = values.ravel(), half.ravel()
         self._forward = np.conj(np.swapaxes(u, -1, -2))  # (*k, n, channel)
         shape: tuple[int, ...] = values.shape
         self._back = np.zeros((*shape[:-1], len(self.columns), shape[-1]), dtype=np.complex128)
         self._back[..., :rank] = root[..., :, None] * np.conj(np.swapaxes(vh, -1, -2))[..., :rank]
+        # at k = 0 a half-space's displacement sees nothing: the mean is unknown, not uncertain, and an offset is neither traction nor noise
+        self._twice = half[..., 0].copy()
+        self._zero = (0,) * grid.dimensions
+        blind = values[self._zero] == 0
+        half[self._zero][blind] = 0.0
+        seen = (np.abs(self._back[self._zero][:, ~blind]) ** 2).sum(axis=-1)
+        #: Whether the mean of each component sought can be known.
+        self.mean_seen = seen > 0.5 * root[self._zero] ** 2
+        self._root = root
+        self.eigenvalues, self.multiplicity = values.ravel(), half.ravel()
         self._scales = scales
         self._norm = math.sqrt(math.prod(grid.shape))
         self._copies: dict[tuple[Any, ...], Any] = {}
@@ -96,3 +105,25 @@ class FourierSpectrum:
             else:
                 out.append(xp.zeros_like(images[(..., 0, *(slice(None),) * d)]))
         return xp.stack(out, axis=-1 - d)
+
+    def spread(self, rows: Floats) -> tuple[Floats, Floats]:
+        """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface), without a mean that leaves no trace."""
+        spectrum = np.moveaxis(rfftn(rows, self.operator.surface.shape) / self._norm, 1, -1)  # (row, *k, component)
+        inner = (np.conj(self._back) * spectrum[..., :, None]).sum(axis=-2)  # (row, *k, n)
+        powers = self.multiplicity.reshape(self._shape) * np.abs(inner) ** 2
+        whole = self._twice * (np.abs(spectrum) ** 2 * self._root**2).sum(axis=-1)
+        rest = whole - powers.sum(axis=-1)
+        rest[(slice(None), *self._zero)] = 0.0
+        return powers.reshape(len(rows), -1), np.maximum(rest, 0.0).reshape(len(rows), -1).sum(axis=1)
+
+    def cells(self) -> tuple[Floats, Floats, Floats]:
+        """The same of any cell: (n,), (n, component sought, 1...), (component sought, 1...)."""
+        count = math.prod(self.operator.surface.shape)
+        ones = (1,) * len(self._zero)
+        half = self.multiplicity.reshape(self._shape)
+        squares = half[..., None, :] * np.abs(self._back) ** 2 / count  # (*k, component, n)
+        rest = self._twice[..., None] * self._root**2 / count - squares.sum(axis=-1)
+        rest[self._zero] = 0.0
+        powers = np.swapaxes(squares, -1, -2).reshape(-1, len(self.columns))
+        total = np.maximum(rest, 0.0).reshape(-1, len(self.columns)).sum(axis=0)
+        return self.eigenvalues, powers.reshape(-1, len(self.columns), *ones), total.reshape(-1, *ones)

@@ -49,6 +49,7 @@ class Tikhonov(Method):
 
     name: ClassVar[str] = "tikhonov"
     summary: ClassVar[str] = "linear, milliseconds a frame; traction may pull"
+    error_bars: ClassVar[bool] = True
     rules: ClassVar[tuple[str, ...]] = _RULES
 
     order: int = choice(1, (0, 1, 2), help="order of the derivative that is kept small")
@@ -77,6 +78,7 @@ class Hilgers(Method):
 
     name: ClassVar[str] = "hilgers"
     summary: ClassVar[str] = "linear, in the norm of a Sobolev space"
+    error_bars: ClassVar[bool] = True
     rules: ClassVar[tuple[str, ...]] = _RULES
 
     length: float | None = number(help="correlation length [m] (default: the depth)", unit="metres")
@@ -105,6 +107,7 @@ class Truncated(Method):
 
     name: ClassVar[str] = "truncated"
     summary: ClassVar[str] = "linear, the spectrum cut off"
+    error_bars: ClassVar[bool] = True
     rules: ClassVar[tuple[str, ...]] = _CUT_OFF_RULES
 
     parameter: float | None = number(help=_PARAMETER)
@@ -135,6 +138,7 @@ class Wiener(Method):
     name: ClassVar[str] = "wiener"
     summary: ClassVar[str] = "linear, for a given power spectrum and noise"
     needs: ClassVar[Needs] = Needs(noise=True)
+    error_bars: ClassVar[bool] = True
 
     spectrum: Density | Mapping[str, Density] = function(  # noqa: RUF009
         help="a function of wavenumber [rad/m] that returns the power spectral density of the traction.",
@@ -153,4 +157,4 @@ class Wiener(Method):
             each = [density] * len(problem.components)
         priors = [SpectralPrior(problem.surface, d) for d in each]
         self.check(problem)
-        return Regularised(problem.decomposition(priors), tikhonov, 1.0)
+        return Regularised(problem.decomposition(priors), tikhonov, 1.0, absolute=True)

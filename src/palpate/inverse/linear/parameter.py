@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,11 +17,15 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 
 __all__ = [
+    "MODEL_ERROR",
     "RULES",
+    "Choice",
     "Filter",
+    "amplitude",
     "by_discrepancy",
     "candidates",
     "check_parameter",
+    "choose",
     "choose_parameter",
     "refined",
     "tikhonov",
@@ -49,6 +53,23 @@ CORNER = 1e-14
 FLAT = 1e-6
 #: Keeps logarithms of what rounds to nothing finite; near the smallest double.
 TINY = 1e-300
+#: Steps of the mean over candidates within one of theirs.
+FINER = 8
+
+#: No pad and no grid is known better than this part of the largest reading: the least noise that is assumed. A convention: it matters
+#: only where the noise is less than that.
+MODEL_ERROR = 2e-4
+
+
+class Choice(NamedTuple):
+    """What a rule chose for each frame (frame,): parameter, noise variance relative to the whitening, and where the rule gave way to
+    another one, ``fallback``.
+    """
+
+    parameter: Floats
+    noise_variance: Floats
+    fell_back: npt.NDArray[np.bool_]
+    fallback: str
 
 
 def check_parameter(parameter: float | str) -> None:
@@ -80,6 +101,21 @@ def choose_parameter(
     *,
     noise_known: bool,
 ) -> tuple[Floats, Floats]:
+    """Parameter and noise variance of each frame by a rule; see `choose`."""
+    found = choose(rule, filter_factors, eigenvalues, multiplicity, power, noise_known=noise_known)
+    return found.parameter, found.noise_variance
+
+
+def choose(
+    rule: str,
+    filter_factors: Filter,
+    eigenvalues: Floats,
+    multiplicity: Floats,
+    power: Floats,
+    *,
+    noise_known: bool,
+    floor: Floats | None = None,
+) -> Choice:
     """The regularisation parameter of each frame by a rule.
 
     Parameters
@@ -98,10 +134,12 @@ def choose_parameter(
         |c|^2 per datum.
     noise_known : bool
         Whether whitening used the true noise, so that residuals have unit variance.
+    floor : array (frame,), optional
+        Least noise variance that is believed where the noise is not known.
 
     Returns
     -------
-    parameter, noise_variance : arrays (frame,)
+    Choice
         The noise variance is relative to the whitening (1 where it is known).
     """
     check_parameter(rule)
@@ -112,21 +150,14 @@ def choose_parameter(
     if rule == "evidence" and filter_factors is not tikhonov:
         raise Unsupported('parameter="evidence" is not defined for truncation; use "gcv", "lcurve" or "discrepancy".')
     top = float(eigenvalues.max())
-    grid: Floats
-    score: Floats
-    if filter_factors is truncate:
-        levels = np.unique(eigenvalues[eigenvalues > SMALLEST * top])
-        # half-way between neighbours, so that rounding cannot move a value across; at least one is kept
-        grid = np.concatenate([[0.5 * levels[0]], np.sqrt(levels[:-1] * levels[1:])])
-        if len(grid) > CUT_OFFS:
-            grid = grid[np.unique(np.linspace(0, len(grid) - 1, CUT_OFFS).astype(int))]
-    else:
-        grid = candidates(eigenvalues)
+    least = np.zeros(len(power)) if floor is None else floor
+    grid = _levels(eigenvalues) if filter_factors is truncate else candidates(eigenvalues)
     datum = multiplicity * power  # (frame, n)
     count = float(multiplicity.sum())
     phi = filter_factors(eigenvalues[None, :], grid[:, None])  # (candidate, n)
     residual = datum @ ((1.0 - phi) ** 2).T  # (frame, candidate)
 
+    score: Floats
     if rule == "gcv":
         free = (1.0 - phi) @ multiplicity
         free[free < FREE * count] = np.nan
@@ -141,25 +172,67 @@ def choose_parameter(
         positive = eigenvalues[eigenvalues > CORNER * top]
         score[:, (grid < positive.min()) | (grid > top)] = np.inf
     else:
-        explained = datum @ (1.0 - phi).T  # sum c^2/(1 + s^2/lambda)
-        logdet = -np.log(np.maximum(1.0 - phi, TINY)) @ multiplicity
-        if noise_known:
-            score = explained + logdet
-        else:
-            score = count * np.log(np.maximum(explained / count, TINY)) + logdet
+        score = _minus_evidence(grid, eigenvalues, multiplicity, datum, None if noise_known else least)[0]
     score = np.where(np.isfinite(score), score, np.inf)
     best = np.argmin(score, axis=1)
-    parameter = grid[best].copy()
-    if filter_factors is tikhonov:
-        parameter = refined(grid, score, best)
+    parameter = refined(grid, score, best) if filter_factors is tikhonov else grid[best].copy()
+    without = np.zeros(len(parameter), dtype=bool)
     if noise_known:
-        return parameter, np.ones(len(parameter))
+        return Choice(parameter, np.ones(len(parameter)), without, "")
     phi = filter_factors(eigenvalues[None, :], parameter[:, None])
-    if filter_factors is tikhonov:
+    if rule == "evidence":
         variance = (datum * (1.0 - phi)).sum(axis=1) / count
     else:
         variance = (datum * (1.0 - phi) ** 2).sum(axis=1) / np.maximum((1.0 - phi) @ multiplicity, 1.0)
-    return parameter, variance
+    return Choice(parameter, np.maximum(variance, least), without, "")
+
+
+def amplitude(eigenvalues: Floats, multiplicity: Floats, power: Floats, floor: Floats | None) -> tuple[Floats, Floats]:
+    """What the frames say of the size of traction and noise: mean prior amplitude alpha = sigma^2/lambda and noise variance sigma^2 (frame,).
+
+    Means over lambda by its marginal likelihood, all decades of it being equally likely before: where nothing is seen, the amplitude
+    that would not have shown. ``floor`` (frame,) is the least noise variance, or None where the noise is known.
+    """
+    from scipy.interpolate import CubicSpline
+
+    coarse = np.log(candidates(eigenvalues))[::-1]
+    fine = np.linspace(coarse[0], coarse[-1], FINER * (len(coarse) - 1) + 1)
+    found = _minus_evidence(np.exp(coarse), eigenvalues, multiplicity, multiplicity * power, floor)
+    # both are smooth in log lambda, but the likelihood of many readings is narrower than a step
+    score, variance = (CubicSpline(coarse, values, axis=1)(fine) for values in found)
+    grid = np.exp(fine)
+    weight = np.exp(-0.5 * (score - score.min(axis=1, keepdims=True)))
+    weight /= weight.sum(axis=1, keepdims=True)
+    return (weight * variance / grid).sum(axis=1), (weight * variance).sum(axis=1)
+
+
+def candidates(eigenvalues: Floats) -> Floats:
+    """Parameters that are tried, from strong to weak."""
+    return np.asarray(float(eigenvalues.max()) * 10.0 ** np.linspace(2.0, -DECADES, (DECADES + 2) * PER_DECADE + 1))
+
+
+def _levels(eigenvalues: Floats) -> Floats:
+    """Thresholds of truncation that are tried."""
+    levels = np.unique(eigenvalues[eigenvalues > SMALLEST * eigenvalues.max()])
+    # half-way between neighbours, so that rounding cannot move a value across; at least one is kept
+    grid: Floats = np.concatenate([[0.5 * levels[0]], np.sqrt(levels[:-1] * levels[1:])])
+    if len(grid) > CUT_OFFS:
+        grid = grid[np.unique(np.linspace(0, len(grid) - 1, CUT_OFFS).astype(int))]
+    return grid
+
+
+def _minus_evidence(
+    grid: Floats, eigenvalues: Floats, multiplicity: Floats, datum: Floats, floor: Floats | None
+) -> tuple[Floats, Floats]:
+    """-2 log marginal likelihood and the noise variance (frame, candidate) for Tikhonov's filter; ``floor`` as in `amplitude`."""
+    left = 1.0 - tikhonov(eigenvalues[None, :], grid[:, None])
+    explained = datum @ left.T  # sum c^2/(1 + s^2/lambda)
+    logdet = -np.log(np.maximum(left, TINY)) @ multiplicity
+    if floor is None:
+        return explained + logdet, np.ones_like(explained)
+    count = float(multiplicity.sum())
+    variance = np.maximum(np.maximum(explained / count, floor[:, None]), TINY)
+    return count * np.log(variance) + explained / variance + logdet, variance
 
 
 #: Misfit is brought this near to the noise (relative): the noise of 5000 readings is known no better (1/sqrt(2 n)).
@@ -198,11 +271,6 @@ def _curvature(a: Floats, b: Floats) -> Floats:
     moving = (np.abs(da) > FLAT) | (np.abs(db) > FLAT)
     # candidates run from strong to weak regularisation, so a falls, b rises, and the corner turns to the right
     return np.where(moving, -curvature, -np.inf)
-
-
-def candidates(eigenvalues: Floats) -> Floats:
-    """Parameters that are tried, from strong to weak."""
-    return np.asarray(float(eigenvalues.max()) * 10.0 ** np.linspace(2.0, -DECADES, (DECADES + 2) * PER_DECADE + 1))
 
 
 def refined(grid: Floats, score: Floats, best: npt.NDArray[np.intp]) -> Floats:

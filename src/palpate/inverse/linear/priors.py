@@ -39,6 +39,10 @@ class Prior(Protocol):
         """W per wavenumber [rad/m] of a periodic surface, for the orthonormal Fourier transform."""
         ...
 
+    def variance(self) -> Floats:
+        """The diagonal of W (*surface)."""
+        ...
+
 
 class DifferencePrior:
     """Tikhonov's penalty: int |D^m t|^2/scale over the surface, of order m = 0, 1 or 2, and t = 0 beyond its edge.
@@ -75,6 +79,15 @@ class DifferencePrior:
     def root(self, x: Floats) -> Floats:
         """x C, with C = DST diag(sqrt W)."""
         return np.asarray(np.sqrt(self._variance) * self._transform(np, self._sines, x))
+
+    def variance(self) -> Floats:
+        """The diagonal of W (*surface)."""
+        if self.order == 0:
+            return np.asarray(self._variance)
+        squares = [s**2 for s in self._sines]
+        if self.grid.dimensions == 1:
+            return np.asarray(squares[0] @ self._variance)
+        return np.asarray(squares[0] @ self._variance @ squares[1].T)
 
     def _transform(self, xp: Any, sines: list[Any], x: Any) -> Any:
         if self.order == 0:
@@ -119,6 +132,10 @@ class SpectralPrior:
             self._copies[key] = from_numpy(self._table, x)
         out = irfftn(self._copies[key] * rfftn(x, self._size), self._size)
         return out[(..., *(slice(0, n) for n in self.grid.shape))]
+
+    def variance(self) -> Floats:
+        """The diagonal of W (*surface)."""
+        return np.full(self.grid.shape, irfftn(self._table, self._size).ravel()[0])
 
     def root(self, x: Floats) -> Floats:
         """x C with C = (restriction to the surface) times a Fourier root on the wider grid, as real columns."""

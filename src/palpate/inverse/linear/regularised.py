@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.estimate import Estimate
 from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import check_spectrum, check_waves
-from palpate.inverse.linear.parameter import Filter, check_parameter, choose_parameter
+from palpate.inverse.linear.parameter import MODEL_ERROR, Filter, check_parameter, choose
+from palpate.inverse.linear.posterior import LinearErrors, Spread, Uncertainty
 from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.spectrum import DataSpectrum, Spectrum, noise_scales
 from palpate.sensing.operator import Operator
@@ -35,10 +37,15 @@ class Decomposition:
     noise_known: bool
     spectrum: Spectrum
 
+    @cached_property
+    def spread(self) -> Spread:
+        """How sure estimates with it are."""
+        return Spread(self.spectrum, self.operator.surface, self.columns)
+
     @property
     def nbytes(self) -> int:
         """Memory that it holds."""
-        return self.spectrum.nbytes
+        return self.spectrum.nbytes + self.spread.nbytes
 
 
 def decompose(operator: Operator, priors: Sequence[Prior], columns: Sequence[int]) -> Decomposition:
@@ -54,14 +61,19 @@ def decompose(operator: Operator, priors: Sequence[Prior], columns: Sequence[int
 
 
 class Regularised:
-    """A regularised inversion: a decomposition, a filter phi(s^2, lambda), and lambda or the rule that chooses it for each frame."""
+    """A regularised inversion: a decomposition, a filter phi(s^2, lambda), and lambda or the rule that chooses it for each frame.
 
-    def __init__(self, decomposition: Decomposition, filter_factors: Filter, parameter: float | str) -> None:
+    ``absolute`` says that prior and noise are known as they are, not up to a factor.
+    """
+
+    def __init__(
+        self, decomposition: Decomposition, filter_factors: Filter, parameter: float | str, *, absolute: bool = False
+    ) -> None:
         check_parameter(parameter)
         self.decomposition, self.filter, self.parameter = decomposition, filter_factors, parameter
         self.operator, self.spectrum = decomposition.operator, decomposition.spectrum
         self.scales, self.noise_known = decomposition.scales, decomposition.noise_known
-        self.grid = self.operator.surface
+        self.grid, self.absolute = self.operator.surface, absolute
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
         """Traction from one readings array per plane."""
@@ -71,27 +83,43 @@ class Regularised:
         values, counts = self.spectrum.eigenvalues, self.spectrum.multiplicity
         power = np.abs(to_numpy(coefficients).astype(np.complex128)) ** 2
         power = np.real(power).reshape(-1, len(values))
+        floor = self._floor(readings, len(power))
         if isinstance(self.parameter, str):
-            chosen, variance = choose_parameter(
-                self.parameter, self.filter, values, counts, power, noise_known=self.noise_known
+            choice = choose(
+                self.parameter, self.filter, values, counts, power, noise_known=self.noise_known, floor=floor
             )
+            chosen, variance = choice.parameter, choice.noise_variance
         else:
             chosen = np.full(len(power), float(self.parameter))
             phi = self.filter(values[None, :], chosen[:1, None])[0]
             free = max(float(counts @ (1.0 - phi)), 1.0)
-            variance = (
-                np.ones(len(power)) if self.noise_known else (power * counts * (1.0 - phi) ** 2).sum(axis=1) / free
-            )
+            variance = np.ones(len(power))
+            if not self.noise_known:
+                variance = np.maximum((power * counts * (1.0 - phi) ** 2).sum(axis=1) / free, floor)
         phi = self.filter(values[None, :], chosen[:, None])
         gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0).reshape(*batch, -1)
         residual = np.sqrt((power * counts * (1.0 - phi) ** 2).sum(axis=1) / counts.sum())
         real = xp.real(coefficients) if xp.isdtype(coefficients.dtype, "complex floating") else coefficients
         traction = self.spectrum.solve(coefficients * from_numpy(gain, real))
         scale = np.sqrt(variance).reshape(batch)
+        if self.absolute:
+            known = Uncertainty(chosen.reshape(batch), np.ones(batch), np.ones(batch))
+        else:
+            least = None if self.noise_known else floor.reshape(batch)
+            known = Uncertainty(chosen.reshape(batch), power=power.reshape(*batch, -1), floor=least)
         return Estimate(
             traction,
             chosen.reshape(batch),
             scale,
             residual.reshape(batch),
+            errors=LinearErrors.of(self.decomposition.spread, self.filter, traction, known),
             noise_std=scale[..., None] * np.concatenate(self.scales),
         )
+
+    def _floor(self, readings: Sequence[Any], frames: int) -> Floats:
+        """Least noise variance of each frame (frame,), relative to the whitening."""
+        largest: Any = np.zeros(frames)
+        for array, scale, values in zip(self.operator.planes_of, self.scales, readings):
+            rows = np.abs(to_numpy(values).reshape(frames, len(scale), -1)[..., array.valid.ravel()])
+            largest = np.maximum(largest, (rows.max(axis=-1) / scale).max(axis=-1))
+        return np.asarray((MODEL_ERROR * largest) ** 2)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -24,6 +24,7 @@ import numpy.typing as npt
 from palpate._arrays import from_numpy, namespace
 from palpate.elastic.channels import find_channel, mirror_parity
 from palpate.elastic.pad import Floats, Pad, mirror_symmetric
+from palpate.inverse.linear.lumps import lumps
 from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.whitening import axis_roots, inverse_root
 from palpate.sensing.arrays import Array, ScatteredArray
@@ -48,6 +49,7 @@ ONE_CENTRE = 1e-9
 class Spectrum(Protocol):
     """What every linear method needs: the squared singular values, and the changes of basis to and from them."""
 
+    operator: Operator
     #: s^2 of the whitened operator, and how many real data each coefficient stands for.
     eigenvalues: Floats
     multiplicity: Floats
@@ -58,6 +60,14 @@ class Spectrum(Protocol):
 
     def solve(self, weights: Any) -> Any:
         """V weights: traction (..., component, *surface), zero in components not sought."""
+        ...
+
+    def spread(self, rows: Floats) -> tuple[Floats, Floats]:
+        """Of sums w't of the traction, ``rows`` (row, component sought, *surface): (w'V_i)^2 (row, n) and w'(W - V V')w (row,)."""
+        ...
+
+    def cells(self) -> tuple[Floats, Floats, Floats]:
+        """The same of every cell: eigenvalues (m,), powers (m, component sought, *surface or 1s), rest (component sought, *surface or 1s)."""
         ...
 
     @property
@@ -148,12 +158,10 @@ class DataSpectrum:
         self._modes: npt.NDArray[np.float64] | None = None
         unknowns = len(self.columns) * math.prod(operator.surface.shape)
         if len(self.eigenvalues) * unknowns <= LARGEST_MODES:
-            unit = np.diag(self._inverse_root())
-            rows = [
-                self._adjoint(unit[i : i + MODES_AT_A_TIME])[:, self.columns]
-                for i in range(0, len(unit), MODES_AT_A_TIME)
-            ]
-            self._modes = np.concatenate(rows).reshape(-1, unknowns)
+            count = len(self.eigenvalues)
+            self._modes = np.concatenate(
+                [self._some_modes(slice(i, min(i + MODES_AT_A_TIME, count))) for i in range(0, count, MODES_AT_A_TIME)]
+            )
             self._copies.clear()
 
     @property
@@ -181,13 +189,25 @@ class DataSpectrum:
         return _Block(None, vectors, values)
 
     def _symmetric_blocks(self) -> list[_Block]:
+        blocks = []
+        for bases, folded in self._symmetric_rows():
+            gram = np.zeros((len(folded[0][0]),) * 2)
+            for rows, weighted, _ in folded:
+                gram += rows @ weighted.T
+            values, vectors = _eigh(gram)
+            blocks.append(_Block(bases, vectors, values))
+        return blocks
+
+    def _symmetric_rows(
+        self,
+    ) -> Iterator[tuple[list[list[list[Floats]]], list[tuple[Floats, Floats, list[Floats]]]]]:
+        """Of each symmetry block: its bases, and for each component N^{-1/2} A and N^{-1/2} A W in the basis of half axes that is given."""
         surface, names = self.operator.surface, self.operator.surface.components
         d = surface.dimensions
         axes = "x" if d == 1 else "yx"
         cell_fold = _Fold(surface.shape)
         plane_folds = [_Fold(a.shape) for a in self.operator.planes_of]
         dense = [p.dense() for p in self.operator.planes]
-        blocks = []
         for signs in itertools.product((1, -1), repeat=d):
             bases: list[list[list[Floats]]] = []
             rows: list[Floats] = []
@@ -207,15 +227,13 @@ class DataSpectrum:
                         parts.append(entry.reshape(-1, *surface.shape) / scale[c])
                     rows.append(np.stack(parts, axis=1))
             stacked = np.concatenate(rows)
-            gram = np.zeros((len(stacked), len(stacked)))
+            folded = []
             for i, column in enumerate(self.columns):
                 # both images are mirror images of themselves: half of each axis carries all
                 halves = cell_fold.matrix([s * mirror_parity(names[column], ax) for s, ax in zip(signs, axes)])
                 weighted = self.priors[i].covariance(stacked[:, i])
-                gram += _folded(stacked[:, i], halves) @ _folded(weighted, halves).T
-            values, vectors = _eigh(gram)
-            blocks.append(_Block(bases, vectors, values))
-        return blocks
+                folded.append((_folded(stacked[:, i], halves), _folded(weighted, halves), halves))
+            yield bases, folded
 
     def project(self, readings: Sequence[Any]) -> Any:
         """U^T N^{-1/2} readings: (..., n)."""
@@ -266,6 +284,52 @@ class DataSpectrum:
             for i in range(len(surface.components))
         ]
         return xp.stack(parts, axis=-1 - surface.dimensions)
+
+    def spread(self, rows: Floats) -> tuple[Floats, Floats]:
+        """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface)."""
+        weighted = np.stack([prior.covariance(rows[:, i]) for i, prior in enumerate(self.priors)], axis=1)
+        whole = (rows * weighted).reshape(len(rows), -1).sum(axis=1)
+        if self._modes is not None:
+            inner = rows.reshape(len(rows), -1) @ self._modes.T
+        else:
+            full = np.zeros((len(rows), len(self.operator.surface.components), *self.operator.surface.shape))
+            full[:, self.columns] = weighted
+            inner = self.project(self.operator.forward(full)) * self._inverse_root()
+        powers = inner**2
+        return powers, np.maximum(whole - powers.sum(axis=1), 0.0)
+
+    def cells(self) -> tuple[Floats, Floats, Floats]:
+        """V_ik^2 of every cell k, eigenvalues near each other put together where there are many, and what no eigenvector sees."""
+        shape = (len(self.columns), *self.operator.surface.shape)
+        nodes, weights = lumps(self.eigenvalues)
+        powers, total = np.zeros((len(nodes), *shape)), np.zeros(shape)
+        root, start = self._inverse_root(), 0
+        if self._modes is None and self.blocks[0].bases is not None:
+            for block, (_, folded) in zip(self.blocks, self._symmetric_rows()):
+                here = slice(start, start + len(block.eigenvalues))
+                start = here.stop
+                for i, (_, weighted, halves) in enumerate(folded):
+                    squares = (root[here, None] * (block.vectors.T @ weighted)) ** 2
+                    # a mode is even or odd, so that its square is even: each cell has one entry on half of each axis
+                    powers[:, i] += _unfolded(weights[:, here] @ squares, halves)
+                    total[i] += _unfolded(squares.sum(axis=0)[None], halves)[0]
+        else:
+            for start in range(0, len(root), MODES_AT_A_TIME):
+                here = slice(start, min(start + MODES_AT_A_TIME, len(root)))
+                each = self._some_modes(here) ** 2
+                powers += (weights[:, here] @ each).reshape(powers.shape)
+                total += each.sum(axis=0).reshape(shape)
+        rest = np.stack([prior.variance() for prior in self.priors]) - total
+        return nodes, powers, np.maximum(rest, 0.0)
+
+    def _some_modes(self, here: slice) -> Floats:
+        """Rows of V^T (mode, component sought * cell)."""
+        if self._modes is not None:
+            return np.asarray(self._modes[here])
+        root = self._inverse_root()
+        unit = np.zeros((here.stop - here.start, len(root)))
+        unit[np.arange(len(unit)), np.arange(here.start, here.stop)] = root[here]
+        return np.asarray(self._adjoint(unit)[:, self.columns].reshape(len(unit), -1))
 
     def _adjoint(self, weights: Any) -> Any:
         """W A^T N^{-1/2} U weights."""
@@ -350,6 +414,14 @@ def _folded(rows: Floats, halves: Sequence[Floats]) -> Floats:
     for axis, basis in enumerate(halves):
         rows = np.moveaxis(np.tensordot(rows, basis, axes=(1 + axis, 1)), -1, 1 + axis)
     return rows.reshape(len(rows), -1)
+
+
+def _unfolded(powers: Floats, halves: Sequence[Floats]) -> Floats:
+    """(row, *surface) of squares in the basis of half axes, of functions each of which is even or odd."""
+    out = powers.reshape(len(powers), *(len(basis) for basis in halves))
+    for axis, basis in enumerate(halves):
+        out = np.moveaxis(np.tensordot(out, basis**2, axes=(1 + axis, 0)), -1, 1 + axis)
+    return np.asarray(out)
 
 
 def _scatter(xp: Any, part: Any, valid: npt.NDArray[np.bool_]) -> Any:

@@ -9,7 +9,7 @@ from functools import reduce
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.operator import Operator
 

@@ -1,0 +1,409 @@
+"""How sure a linear estimate is, in closed form.
+
+A traction of covariance alpha W and noise of variance sigma^2 (in units of the whitening); the estimate V diag(phi/s) U^T y then has the
+error covariance
+
+    alpha (W - V V^T) + V diag(e) V^T,      e = alpha (1 - phi)^2 + sigma^2 phi^2/s^2,
+
+which is the posterior covariance alpha W - alpha W A^T (A W A^T + lambda N)^{-1} A W where the filter is Tikhonov's and alpha =
+sigma^2/lambda (G. Wahba, J. R. Stat. Soc. B 45, 1983, 133-150), and holds for every other filter too. alpha and sigma^2 are means over
+what the frame says of them (`palpate.inverse.linear.parameter.amplitude`), so that a frame in which nothing shows has the error of what
+would not show. Patterns that are no contact, of sizes c that are not known (`palpate.sensing.nuisance`), add G cov(c) G^T, with G what
+the estimate makes of each.
+
+What does not depend on the frame is one table for all of them. It takes as long as solving some hundred frames, and the maps take three times the
+memory of the traction, so nothing is worked out before it is asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate._batches import Deferred
+from palpate._memory import require
+from palpate.elastic.pad import Floats
+from palpate.inverse.estimate import Errors
+from palpate.inverse.linear.fourier import FourierSpectrum
+from palpate.inverse.linear.memory import spectrum_memory
+from palpate.inverse.linear.parameter import Filter, amplitude
+from palpate.inverse.linear.spectrum import Spectrum
+from palpate.sensing.grids import Grid
+
+__all__ = ["LinearErrors", "Spread", "Uncertainty"]
+
+#: No pad and no grid is known better than this part of the net force: the least error of it that is assumed. A convention, which
+#: matters only where noise is less than that.
+MODEL_FORCE = 5e-4
+#: Cells of the centre of pressure: pressure above this part of its peak (`palpate.touch.numbers`).
+CONTACT = 0.1
+#: Frames that are worked out at a time.
+CHUNK = 32
+
+
+class Spread:
+    """Prior and posterior variances of sums of the traction, for any parameter: what does not depend on the frame."""
+
+    def __init__(self, spectrum: Spectrum, grid: Grid, columns: tuple[int, ...]) -> None:
+        self.spectrum, self.grid, self.columns = spectrum, grid, columns
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        return sum(part.nbytes for part in self.__dict__.get("cells", ()))
+
+    @cached_property
+    def cells(self) -> tuple[Floats, Floats, Floats]:
+        """See `Spectrum.cells`."""
+        operator = self.spectrum.operator
+        if operator.boundary == "free":
+            require(
+                spectrum_memory(operator.pad, operator.planes_of, self.grid, len(self.columns)),
+                "the error bars of a map",
+                'interval(of="force") and the other numbers need little: ask for those, or give a coarser surface.',
+            )
+        return self.spectrum.cells()
+
+    @cached_property
+    def force(self) -> tuple[Floats, Floats]:
+        """See `Spectrum.spread`: the net force of each component sought."""
+        n = len(self.columns)
+        rows = np.zeros((n, n, *self.grid.shape))
+        rows[np.arange(n), np.arange(n)] = self.grid.cell
+        return self.spectrum.spread(rows)
+
+    @cached_property
+    def moment_rows(self) -> Floats:
+        """The moments as sums over cells (moment, component sought, *surface)."""
+        d, cell = self.grid.dimensions, self.grid.cell
+        places = np.meshgrid(*self.grid.axes, indexing="ij")[::-1]  # x, then y
+        whole = np.zeros((1 if d == 1 else 3, d + 1, *self.grid.shape))
+        if d == 1:
+            whole[0, 1] = -places[0] * cell
+        else:
+            x, y = places
+            whole[0, 2], whole[1, 2] = y * cell, -x * cell
+            whole[2, 0], whole[2, 1] = -y * cell, x * cell
+        return whole[:, list(self.columns)]
+
+    @cached_property
+    def moment(self) -> tuple[Floats, Floats]:
+        """See `Spectrum.spread`."""
+        return self.spectrum.spread(self.moment_rows)
+
+    @cached_property
+    def outside(self) -> Any:
+        """Cells (*surface) outside the outermost taxels; a periodic surface has none."""
+        grid, planes = self.grid, self.spectrum.operator.planes_of
+        out = np.zeros(grid.shape, dtype=bool)
+        if self.spectrum.operator.boundary == "periodic":
+            return out
+        points = np.concatenate([a.points[np.ravel(a.valid)] for a in planes])
+        for axis, (x, dx) in enumerate(zip(grid.axes, grid.spacings)):
+            low, high = points[:, axis].min() - 0.5 * dx, points[:, axis].max() + 0.5 * dx
+            beyond = (x < low - 1e-9 * dx) | (x > high + 1e-9 * dx)
+            out |= beyond.reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
+        return out
+
+    @property
+    def mean_seen(self) -> Any:
+        """Whether the mean of each component sought leaves a trace."""
+        if isinstance(self.spectrum, FourierSpectrum):
+            return self.spectrum.mean_seen
+        return np.ones(len(self.columns), dtype=bool)
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Of each frame (*batch): the parameter, and how large noise and traction are taken to be.
+
+    Either ``noise`` sigma^2 and ``amplitude`` alpha are given (*batch), or what tells them: ``power`` |c|^2 per datum (*batch, n), and the least
+    noise variance ``floor`` (*batch), None where the noise is known. ``patterns`` (*batch, pattern, component sought, *surface) is G L,
+    with L L^T the covariance of the patterns' sizes.
+    """
+
+    parameter: Floats
+    noise: Floats | None = None
+    amplitude: Floats | None = None
+    power: Floats | None = None
+    floor: Floats | None = None
+    patterns: Floats | None = None
+
+    def changed(self, change: Callable[[Any], Any]) -> Uncertainty:
+        """With ``change`` applied to every array."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        made: dict[str, Any] = {name: None if v is None else change(v) for name, v in values.items()}
+        return Uncertainty(**made)
+
+
+class LinearErrors(Deferred, Errors):
+    """`Errors` of linear estimates, each field worked out when it is first asked for."""
+
+    _made_of: _Source
+
+    @classmethod
+    def of(cls, spread: Spread, filter_factors: Filter, traction: Any, known: Uncertainty) -> LinearErrors:
+        """Of a ``traction`` (*batch, component, *surface) and what is known of each frame."""
+        return cls._of(_Source(spread, filter_factors, traction, known))
+
+    @classmethod
+    def _of(cls, source: _Source) -> LinearErrors:
+        out: LinearErrors = object.__new__(cls)
+        object.__setattr__(out, "_made_of", source)
+        return out
+
+    def __getattr__(self, name: str) -> Any:
+        source = self.__dict__.get("_made_of")
+        if source is None or name not in _NAMES:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        value = np.asarray(getattr(source, "traction_error" if name == "traction" else name)())
+        value.flags.writeable = False
+        object.__setattr__(self, name, value)
+        return value
+
+    def __reduce__(self) -> Any:
+        return Errors, tuple(getattr(self, name) for name in _NAMES)  # a copy elsewhere needs no spectrum
+
+    @property
+    def deferred(self) -> bool:
+        """Whether something may still have to be worked out."""
+        return "_made_of" in self.__dict__
+
+    def inputs(self) -> Iterator[tuple[str, Any]]:
+        """What the fields are made of."""
+        source = self._made_of
+        yield "parameter", source.known.parameter
+
+    def changed(self, change: Callable[[Any], Any]) -> LinearErrors:
+        """The frames that ``change`` picks; what is there already is picked too."""
+        source = self._made_of
+        out = self._of(replace(source, traction=change(source.traction), known=source.known.changed(change)))
+        for name in _NAMES:
+            if name in self.__dict__:
+                object.__setattr__(out, name, change(self.__dict__[name]))
+        return out
+
+
+_NAMES = tuple(f.name for f in fields(Errors))
+
+
+@dataclass(frozen=True)
+class _Source:
+    """What the errors of some frames are made of, and how each is made."""
+
+    spread: Spread
+    filter: Filter
+    traction: Any
+    known: Uncertainty
+
+    # -- maps
+
+    def traction_error(self) -> Floats:
+        nodes, powers, rest = self.spread.cells
+        return self._everywhere(np.sqrt(self._cells(nodes, powers, rest)))
+
+    def variance_reduction(self) -> Floats:
+        nodes, powers, rest = self.spread.cells
+        size = self._sizes[0][:, None]
+        prior = rest.ravel() + powers.reshape(len(nodes), -1).sum(axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            part = 1.0 - self._cells(nodes, powers, rest).reshape(len(size), -1) / (size * prior)
+        shape = (len(part), len(self.spread.columns), *rest.shape[1:])
+        return self._everywhere(np.clip(part, 0.0, 1.0).reshape(shape), fill=math.nan)
+
+    def _cells(self, nodes: Floats, powers: Floats, rest: Floats) -> Floats:
+        """Variance (frame, component sought, *surface or 1s)."""
+        flat, left = powers.reshape(len(nodes), -1), rest.ravel()
+        parts = []
+        for part, size, weights in self._weights(nodes):
+            variance = (np.maximum(weights @ flat, 0.0) + size * left).reshape(-1, *rest.shape)
+            if self._patterns is not None:
+                variance = variance + (self._patterns[part] ** 2).sum(axis=1)
+            parts.append(variance)
+        return np.concatenate(parts)
+
+    # -- numbers
+
+    def force(self) -> Floats:
+        grid, columns = self.spread.grid, list(self.spread.columns)
+        rows = np.zeros((len(columns), len(columns), *grid.shape))
+        rows[np.arange(len(columns)), np.arange(len(columns))] = grid.cell
+        variance = self._numbers(*self.spread.force, rows)
+        total = self._all[:, columns].reshape(len(variance), len(columns), -1).sum(axis=-1) * grid.cell
+        out = np.zeros((len(variance), len(grid.components)))
+        out[:, columns] = np.sqrt(variance + (MODEL_FORCE * total) ** 2)
+        out[:, [c for c, seen in zip(columns, self.spread.mean_seen) if not seen]] = math.nan
+        return self._batched(out)
+
+    def moment(self) -> Floats:
+        out = np.sqrt(self._numbers(*self.spread.moment, self.spread.moment_rows))
+        lost = {c for c, seen in zip(self.spread.columns, self.spread.mean_seen) if not seen}
+        needs = [{1}] if self.spread.grid.dimensions == 1 else [{2}, {2}, {0, 1}]
+        out[:, [i for i, n in enumerate(needs) if n & lost]] = math.nan
+        return self._batched(out)
+
+    def center(self) -> Floats:
+        grid = self.spread.grid
+        out = np.full((self._count, grid.dimensions), math.nan)
+        if not self._presses or not self.spread.mean_seen[-1]:
+            return self._batched(out)
+        out = np.sqrt(self._own(self._center_rows()))
+        out[self._all[:, -1].reshape(self._count, -1).max(axis=1) <= 0] = math.nan
+        return self._batched(out)
+
+    def _center_rows(self) -> Floats:
+        """Changes of the centre of pressure with the traction (frame, axis, component sought, *surface)."""
+        pressure = self._all[:, -1]
+        rows = np.zeros((self._count, len(self._places), len(self.spread.columns), *self.spread.grid.shape))
+        for i, p in enumerate(pressure):
+            inside = np.where((p > CONTACT * p.max()) & (p.max() > 0), p, 0.0)
+            total = inside.sum()
+            if total > 0:
+                for a, x in enumerate(self._places):
+                    rows[i, a, -1] = (inside > 0) * (x - (x * inside).sum() / total) / total
+        return rows
+
+    def peak(self) -> Floats:
+        if not self._presses:
+            return self._batched(np.full(self._count, math.nan))
+        shape = self.spread.grid.shape
+        rows = np.zeros((self._count, 1, len(self.spread.columns), math.prod(shape)))
+        top = self._all[:, -1].reshape(self._count, -1).argmax(axis=1)
+        rows[np.arange(self._count), 0, -1, top] = 1.0
+        return self._batched(np.sqrt(self._own(rows.reshape(*rows.shape[:3], *shape))[:, 0]))
+
+    def _numbers(self, powers: Floats, rest: Floats, rows: Floats) -> Floats:
+        """Variance (frame, row) of sums that are the same in all frames."""
+        parts = []
+        for part, size, weights in self._weights(self.spread.spectrum.eigenvalues):
+            variance = weights @ powers.T + size * rest
+            if self._patterns is not None:
+                here = self._patterns[part]
+                inner = here.reshape(*here.shape[:2], -1) @ rows.reshape(len(rows), -1).T
+                variance = variance + (inner**2).sum(axis=1)
+            parts.append(variance)
+        return np.concatenate(parts)
+
+    def _own(self, rows: Floats) -> Floats:
+        """Variance (frame, row) of sums of their own, ``rows`` (frame, row, component sought, *surface)."""
+        parts = []
+        for part, size, weights in self._weights(self.spread.spectrum.eigenvalues):
+            here = rows[part]
+            powers, rest = self.spread.spectrum.spread(here.reshape(-1, *here.shape[2:]))
+            variance = (weights[:, None, :] * powers.reshape(*here.shape[:2], -1)).sum(axis=-1)
+            variance = variance + size * rest.reshape(here.shape[:2])
+            if self._patterns is not None:
+                flat = here.reshape(*here.shape[:2], -1)
+                inner = flat @ np.swapaxes(self._patterns[part].reshape(len(here), -1, flat.shape[-1]), 1, 2)
+                variance = variance + (inner**2).sum(axis=-1)
+            parts.append(variance)
+        return np.concatenate(parts)
+
+    # -- what was found where nothing is measured: smooth continuation is no observation, and contact that ends is not smooth
+
+    def outside_traction(self) -> Floats:
+        return self._batched(np.abs(self._all) * self.spread.outside)
+
+    def outside_force(self) -> Floats:
+        return self._batched(np.abs(self._far.reshape(*self._far.shape[:2], -1).sum(axis=-1)))
+
+    def outside_moment(self) -> Floats:
+        far, places = self._far, self._places
+        if len(places) == 1:
+            parts = [-(places[0] * far[:, -1])]
+        else:
+            x, y = places
+            parts = [y * far[:, 2], -x * far[:, 2], x * far[:, 1] - y * far[:, 0]]
+        return self._batched(np.abs(np.stack([p.reshape(len(p), -1).sum(axis=1) for p in parts], axis=1)))
+
+    def outside_center(self) -> Floats:
+        out = np.zeros((self._count, len(self._places)))
+        if self._presses:
+            weights = self._center_rows()[:, :, -1] * self.spread.outside  # (frame, axis, *surface)
+            out = np.abs((weights * self._all[:, None, -1]).reshape(*out.shape, -1).sum(axis=-1))
+        return self._batched(out)
+
+    def outside_peak(self) -> Floats:
+        pressure = self._all[:, -1].reshape(self._count, -1)
+        top = pressure.argmax(axis=1)
+        there = self.spread.outside.ravel()[top]
+        return self._batched(np.abs(pressure[np.arange(self._count), top]) * there)
+
+    # -- helpers
+
+    def _weights(self, values: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
+        """Some frames, their prior amplitude (frame, 1), and e (frame, n) of the eigenvalues ``values``."""
+        parameter = np.reshape(self.known.parameter, (-1, 1))
+        size, noise = (each[:, None] for each in self._sizes)
+        safe = np.where(values > 0, values, 1.0)
+        for start in range(0, len(parameter), CHUNK):
+            part = slice(start, start + CHUNK)
+            phi = np.where(values > 0, self.filter(values[None, :], parameter[part]), 0.0)
+            yield part, size[part], size[part] * (1.0 - phi) ** 2 + noise[part] * phi**2 / safe
+
+    @property
+    def _batch(self) -> tuple[int, ...]:
+        return tuple(np.shape(self.known.parameter))
+
+    @property
+    def _count(self) -> int:
+        return math.prod(self._batch)
+
+    @property
+    def _presses(self) -> bool:
+        """Whether pressure was sought."""
+        return self.spread.columns[-1] == len(self.spread.grid.components) - 1
+
+    @property
+    def _all(self) -> Any:
+        """Traction (frame, component, *surface)."""
+        grid = self.spread.grid
+        return to_numpy(self.traction).reshape(-1, len(grid.components), *grid.shape).astype(np.float64)
+
+    @property
+    def _far(self) -> Any:
+        """Force (frame, component, *surface) of the cells outside the outermost taxels."""
+        return self.spread.grid.cell * self._all * self.spread.outside
+
+    @property
+    def _places(self) -> Any:
+        """x, then y of every cell."""
+        return np.stack(np.meshgrid(*self.spread.grid.axes, indexing="ij")[::-1])
+
+    @property
+    def _patterns(self) -> Floats | None:
+        patterns = self.known.patterns
+        return None if patterns is None else patterns.reshape(self._count, *patterns.shape[len(self._batch) :])
+
+    @cached_property
+    def _sizes(self) -> tuple[Floats, Floats]:
+        """Prior amplitude and noise variance (frame,); NaN where readings that are zero throughout tell nothing."""
+        known = self.known
+        if known.amplitude is not None and known.noise is not None:
+            return np.reshape(known.amplitude, -1), np.reshape(known.noise, -1)
+        if known.power is None:
+            raise RuntimeError("neither the sizes of noise and traction are given nor what tells them")
+        spectrum = self.spread.spectrum
+        power = known.power.reshape(self._count, -1)
+        floor = None if known.floor is None else np.reshape(known.floor, -1)
+        size, noise = amplitude(spectrum.eigenvalues, spectrum.multiplicity, power, floor)
+        if floor is not None:
+            nothing = power @ spectrum.multiplicity == 0
+            size, noise = np.where(nothing, np.nan, size), np.where(nothing, np.nan, noise)
+        return size, noise
+
+    def _batched(self, values: Floats) -> Floats:
+        return values.reshape((*self._batch, *values.shape[1:]))
+
+    def _everywhere(self, values: Floats, fill: float = 0.0) -> Floats:
+        """(*batch, component, *surface) of maps of the components sought."""
+        grid = self.spread.grid
+        out = np.full((len(values), len(grid.components), *grid.shape), fill)
+        out[:, list(self.spread.columns)] = values
+        return self._batched(out)
