@@ -6,8 +6,8 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
-from palpate.inverse.contact.parts import MODEL_ERROR
 from palpate.inverse.estimate import Errors
+from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background
 from palpate.tracking.health import Flags
 from palpate.tracking.iteration import Iteration

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.parts import MODEL_ERROR
+from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background
 
 __all__ = ["NORMAL", "Learning", "rough_noise"]

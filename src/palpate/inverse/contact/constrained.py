@@ -24,10 +24,11 @@ from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel, Level, Normal, grown, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
-from palpate.inverse.contact.parts import MODEL_ERROR, Parts, Thresholds
+from palpate.inverse.contact.parts import Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence
+from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.regularised import Decomposition
 from palpate.inverse.linear.whitening import Readings

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate.inverse.linear.parameter import MODEL_ERROR
-
-__all__ = ["MODEL_ERROR", "Parts", "Thresholds"]
+__all__ = ["Parts", "Thresholds"]
 
 
 @dataclass(frozen=True, kw_only=True)
