@@ -14,6 +14,7 @@ import palpate as pp
 from palpate import _memory
 from palpate.inverse.linear import fourier, memory
 from palpate.inverse.linear.memory import spectrum_memory
+from palpate.inverse.registry import method_asked
 from palpate.sensing import operator as operators
 
 PAD = pp.HalfSpace(youngs_modulus=5e3, poissons_ratio=0.48)
@@ -71,7 +72,7 @@ def test_refused_before_any_work(name: str, monkeypatch: pytest.MonkeyPatch) -> 
     tracemalloc.start()
     try:
         with pytest.raises(pp.Unsupported) as refused:
-            skin._prepared(skin._method(options.get("method"), {}).resolved(skin.problem()), skin.components)
+            skin._prepared(method_asked(options.get("method"), {}).resolved(skin.problem()), skin.components)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import FrozenInstanceError, dataclass, fields, replace
@@ -223,6 +224,31 @@ def test_options_are_given_once() -> None:
         skin.reconstruct(readings, method="tikhonov", rng=np.random.default_rng(0))
     with pytest.raises(pp.Unsupported, match='method="tikhonov"'):
         pp.Skin(PAD, LINE, boundary="periodic").reconstruct(readings, friction=0.5)
+
+
+def test_options_are_those_that_methods_declare() -> None:
+    """`Skin.reconstruct` has no list of its own: what a method declares it takes, and what none declares is refused."""
+
+    @dataclass(frozen=True, kw_only=True)
+    class Halved(pp.Tikhonov):
+        name: ClassVar[str] = "halved"
+        part: float = number(0.5, help="part that is kept")
+
+    skin, readings = pp.Skin(PAD, LINE), np.zeros((1, 31))
+    registry.register(Halved)
+    try:
+        assert skin.reconstruct(readings, method="halved", part=0.25, order=2).method == "halved"
+        with pytest.raises(pp.InvalidInput, match="part must be a positive number"):
+            skin.reconstruct(readings, method="halved", part=-1)
+    finally:
+        registry.unregister("halved")
+    with pytest.raises(pp.Unsupported, match='"automatic" does not take frictoin; it takes friction, draws'):
+        skin.reconstruct(readings, frictoin=0.5)
+    with pytest.raises(pp.Unsupported, match="frictoin is an option of no method"):
+        skin.reconstruct(readings, method="tikhonov", frictoin=None)
+    offered = inspect.getdoc(pp.Skin.reconstruct) or ""
+    for option in registry.options():
+        assert f"``{option}``" in offered, f"the docstring of Skin.reconstruct does not name {option}"
 
 
 def test_every_method_says_what_it_is() -> None:

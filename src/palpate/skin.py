@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy
-from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats, Pad, check_pad
 from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
@@ -18,13 +17,14 @@ from palpate.inverse.contact.methods import Constrained
 from palpate.inverse.method import Method, Prepared
 from palpate.inverse.observability import (
     Observability,
-    blind_to_force,
     check_observable,
     observability,
     observable_components,
+    without_mean,
 )
 from palpate.inverse.problem import Kept, Problem
-from palpate.inverse.registry import method_named, unnamed
+from palpate.inverse.registry import method_asked, method_named
+from palpate.inverse.words import notes
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import Grid, LineGrid
 from palpate.sensing.nuisance import check_nuisance
@@ -41,12 +41,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Skin"]
 
-Spectrum = Callable[[Floats], npt.ArrayLike]
-
 #: Methods prepared that are kept; what they share is kept by `Problem`.
 PREPARED = 8
-
-_SPOKEN = {"x": "shear along x", "y": "shear along y", "z": "pressure"}
 
 
 class Skin:
@@ -386,14 +382,9 @@ class Skin:
         *,
         method: str | Method | None = None,
         components: Sequence[str] | None = None,
-        order: int | None = None,
-        parameter: float | str | None = None,
-        spectrum: Spectrum | Mapping[str, Spectrum] | None = None,
-        length: float | None = None,
-        friction: float | None = None,
-        draws: int | None = None,
         rng: np.random.Generator | None = None,
         time: npt.ArrayLike | None = None,
+        **options: Any,
     ) -> Touch:
         """Traction on the surface from readings.
 
@@ -407,35 +398,18 @@ class Skin:
         method : str or Method, optional
             A short name, or a method with its options, e.g. ``pp.Tikhonov(order=2, rule="gcv")``; `palpate.methods` lists all.
             "automatic" (default): "adaptive" (learned, constrained, with error bars), and "tikhonov" for frames that pull, and where
-            pressure is not sought, the boundary is periodic, or ``order`` or ``parameter`` is given. "constrained" (one even
-            penalty with the same constraints: less sharp, faster, what a `Tracker` does), "tikhonov" (linear, milliseconds a frame),
-            "hilgers" (Sobolev kernel), "truncated" (spectral cut-off), "wiener" (given spectrum), "dft" and "linear" (the founding
-            paper's division, and the linear system it stands for; on the array's own grid), "constant_friction" (the paper's
-            sliding contact, line contact only); and for comparison "nnls", "elastic_net", "tv" (total variation), "maxent" (maximum
-            entropy), "network" (analog network).
+            pressure is not sought, the boundary is periodic, or ``order``, ``parameter`` or ``rule`` is given.
         components : sequence of str, optional
             What is sought, e.g. ["z"]; the rest is taken as zero. Default: `Skin.components`.
-        order : 0, 1 or 2
-            Derivative that Tikhonov's method keeps small (default 1).
-        parameter : float or str
-            Regularisation parameter, or the rule that chooses it for each frame: "evidence" (default), "gcv" (default of
-            "truncated"), "lcurve", "discrepancy" (needs the array's noise; the comparison methods know no other and learn
-            the noise where it is not given).
-        spectrum : callable, or a mapping from component to callable
-            For "wiener": power spectral density of the traction as a function of |k| [rad/m], in Pa^2 m (line) or
-            Pa^2 m^2 (area). The array's noise must be given.
-        length : float
-            For "hilgers": correlation length [m] (default: the depth, or the pitch at depth 0).
-        friction : float
-            Coefficient mu. For "adaptive" and "constrained": |shear| <= mu * pressure in every cell. For "constant_friction": its sign is the
-            direction of sliding.
-        draws : int
-            For "adaptive" and "constrained": samples of the posterior kept in `Touch.draws` (slow: each is an optimisation).
         rng : numpy Generator
             Source of the draws (default: a fixed seed).
         time : array (frame,), optional
             Time of each frame [s] of readings (frame, channel, *array); labels the result. Needed where the pad creeps
             (`Viscoelastic`), to take the creep out.
+        **options
+            Options of the method, as its class takes and explains them: ``friction`` and ``draws`` of `Adaptive`, ``order``, ``rule``
+            and ``parameter`` (a number, or the name of a rule) of `Tikhonov`, ``length`` of `Hilgers`, ``spectrum`` of `Wiener`, and
+            those of methods that others bring. None is the method's own default.
 
         Returns
         -------
@@ -462,15 +436,7 @@ class Skin:
         >>> skin.reconstruct(readings, method="tikhonov").force.round().tolist()  # (x, z) [N/m]
         [3.0, 10.0]
         """
-        given = {
-            "order": order,
-            "parameter": parameter,
-            "spectrum": spectrum,
-            "length": length,
-            "friction": friction,
-            "draws": draws,
-        }
-        chosen = self._method(method, given)
+        chosen = method_asked(method, options)
         if rng is not None and "draws" not in chosen.options():
             raise Unsupported(f'method="{chosen.name}" does not take rng: it draws no samples.')
         parts = self._layout.checked(readings)
@@ -482,17 +448,18 @@ class Skin:
         prepared = self._prepared(chosen, names)
         estimate = prepared.solve(parts, rng)
         sought = chosen.returns(names)
+        problem = self._problem.seeking(sought)
         found_by = [chosen.name] if estimate.method is None else np.unique(estimate.method)
         return Touch(
             estimate.traction,
             prepared.grid,
             sought,
             str(found_by[0]),
-            (*self._notes(sought, chosen, prepared), *estimate.remarks()),
+            (*notes(problem, self.components, chosen, prepared), *estimate.remarks()),
             estimate.parameter,
             estimate.noise_std,
             estimate.residual,
-            self._unobservable(sought),
+            sought if without_mean(self._elastic, self._planes, self._boundary) else (),
             times,
             case=self.case(sought),
             errors=estimate.errors,
@@ -505,7 +472,7 @@ class Skin:
             found_by=estimate.method if len(found_by) > 1 else None,
             status=estimate.status(),
             pushing=estimate.pushed,
-            reading_names={row: self._reading_name(row) for row in estimate.left_out()},
+            reading_names={row: self._layout.reading_name(row) for row in estimate.left_out()},
         )
 
     def track(
@@ -572,7 +539,7 @@ class Skin:
             solver,
             names,
             self._layout,
-            notes=self._notes(names, method, solver),
+            notes=notes(self._problem.seeking(names), self.components, method, solver),
             case=self.case(names),
             creep=filters,
             baseline=baseline,
@@ -580,35 +547,8 @@ class Skin:
             budget=budget,
             rezero=rezero,
             rate=rate,
-            label=self._reading_name,
+            label=self._layout.reading_name,
         )
-
-    @staticmethod
-    def _method(method: str | Method | None, given: Mapping[str, Any]) -> Method:
-        """The method asked for, with its options; without a name the automatic one, or the linear one whose option was given."""
-        said = {name: value for name, value in given.items() if value is not None}
-        if isinstance(method, Method):
-            if said:
-                first = next(iter(said))
-                raise InvalidInput(
-                    f"{', '.join(said)} given beside a method with its own options: say {type(method).__name__}({first}=...)."
-                )
-            return method
-        if isinstance(method, type):
-            raise InvalidInput(f"method must be a {method.__name__} with its options: {method.__name__}(...).")
-        return method_named(unnamed(said) if method is None else method, said)
-
-    def _reading_name(self, row: int) -> str:
-        """Channel and taxel of a row of the operator."""
-        for i, array in enumerate(self._planes):
-            working = np.flatnonzero(array.valid.ravel())
-            size = len(working) * len(array.channels)
-            if row < size:
-                index = np.unravel_index(working[row % len(working)], array.shape)
-                plane = f" of plane {i}" if len(self._planes) > 1 else ""
-                return f"{array.channels[row // len(working)]} at taxel {tuple(int(k) for k in index)}{plane}"
-            row -= size
-        raise IndexError(row)
 
     def _names(self, components: Sequence[str] | None) -> tuple[str, ...]:
         if components is None:
@@ -641,33 +581,3 @@ class Skin:
             return method.prepare(self._problem.seeking(names))
 
         return self._methods.get((method, names), prepare)
-
-    def _unobservable(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        if self._boundary != "periodic" or self._elastic.mean_compliance(0.0) is not None:
-            return ()
-        return names if all(find_channel(c).kind.absolute for p in self._planes for c in p.channels) else ()
-
-    def _notes(self, names: tuple[str, ...], method: Method, prepared: Any) -> tuple[str, ...]:
-        notes = []
-        zero = [c for c in self._surface.components if c not in names]
-        if zero:
-            notes.append(
-                f"{' and '.join(_SPOKEN[c] for c in zero)} taken as zero: the channels cannot tell all components apart"
-                if set(names) == set(self.components)
-                else f"{' and '.join(_SPOKEN[c] for c in zero)} taken as zero, as asked"
-            )
-        notes.extend(method.assumptions())
-        unobservable = self._unobservable(names)
-        if unobservable:
-            notes.append(
-                "net force cannot be known from displacements of a periodic half-space: the mean traction is set to zero"
-            )
-        elif prepared.grid is self._surface:
-            blind = blind_to_force(self._elastic, self._planes, names)
-            if blind:
-                notes.append(
-                    f"the net force of {' and '.join(_SPOKEN[c] for c in blind)} is seen only through the finite width of the "
-                    "contact: these channels do not feel a uniform load"
-                )
-        notes.extend(getattr(prepared, "notes", ()))
-        return tuple(notes)

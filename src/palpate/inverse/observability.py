@@ -137,6 +137,13 @@ def check_observable(pad: Pad, planes: Sequence[Array], components: Sequence[str
     )
 
 
+def without_mean(pad: Pad, planes: Sequence[Array], boundary: str) -> bool:
+    """Whether the mean traction is unknown: absolute displacements of a half-space that repeats for ever."""
+    if boundary != "periodic" or pad.mean_compliance(0.0) is not None:
+        return False
+    return all(find_channel(c).kind.absolute for p in planes for c in p.channels)
+
+
 def blind_to_force(pad: Pad, planes: Sequence[Array], components: Sequence[str]) -> tuple[str, ...]:
     """Components whose mean (net force) leaves no trace in any channel as the wavelength grows."""
     names = COMPONENTS[planes[0].dimensions]

@@ -19,7 +19,7 @@ from palpate.inverse.paper.constant_friction import ConstantFriction
 from palpate.inverse.paper.division import Division
 from palpate.inverse.paper.linear_system import LinearSystem
 
-__all__ = ["GROUP", "method_from_text", "method_named", "methods", "options", "register", "unnamed"]
+__all__ = ["GROUP", "method_asked", "method_from_text", "method_named", "methods", "options", "register", "unnamed"]
 
 AnyMethod = TypeVar("AnyMethod", bound=type[Method])
 
@@ -121,10 +121,9 @@ def method_named(name: str, given: Mapping[str, Any]) -> Method:
     accepted = method.options()
     for option in said:
         if option not in accepted:
-            takers = options().get(option, {})
-            raise Unsupported(
-                f'method="{name}" does not take {option}; it belongs to {", ".join(takers) or "no method"}.'
-            )
+            takers = ", ".join(options().get(option, {}))
+            other = f"it belongs to {takers}" if takers else f"it takes {', '.join(accepted) or 'no options'}"
+            raise Unsupported(f'method="{name}" does not take {option}; {other}.')
     parameter = said.get("parameter")
     if isinstance(parameter, str):
         if parameter not in method.rules:
@@ -146,6 +145,30 @@ def method_named(name: str, given: Mapping[str, Any]) -> Method:
 def unnamed(given: Iterable[str]) -> str:
     """The method meant where only options are given: the automatic one, or the linear one where an option is its own."""
     return Tikhonov.name if {"order", "parameter", "rule"} & set(given) else Automatic.name
+
+
+def method_asked(method: str | Method | None, given: Mapping[str, Any]) -> Method:
+    """The method that Python asks for: by name or as an object, or by its options alone.
+
+    Raises
+    ------
+    InvalidInput, Unsupported
+        As for `method_named`; options beside an object, which has its own; a class in place of an object.
+    """
+    said = {name: value for name, value in given.items() if value is not None}
+    unknown = [name for name in given if name not in said and name not in options()]
+    if unknown:
+        raise Unsupported(f"{unknown[0]} is an option of no method; there are {', '.join(options())}.")
+    if isinstance(method, Method):
+        if said:
+            first = next(iter(said))
+            raise InvalidInput(
+                f"{', '.join(said)} given beside a method with its own options: say {type(method).__name__}({first}=...)."
+            )
+        return method
+    if isinstance(method, type):
+        raise InvalidInput(f"method must be a {method.__name__} with its options: {method.__name__}(...).")
+    return method_named(unnamed(said) if method is None else method, said)
 
 
 def method_from_text(name: str | None, given: Mapping[str, str]) -> Method:

@@ -208,6 +208,18 @@ class Layout:
         """One value per reading from one per channel of each plane."""
         return np.concatenate([np.repeat(v, int(a.valid.sum())) for v, a in zip(per_channel, self.planes)])
 
+    def reading_name(self, row: int) -> str:
+        """Channel and taxel of a reading, counted as in `limits`."""
+        for i, array in enumerate(self.planes):
+            working = np.flatnonzero(array.valid.ravel())
+            size = len(working) * len(array.channels)
+            if row < size:
+                index = np.unravel_index(working[row % len(working)], array.shape)
+                plane = f" of plane {i}" if len(self.planes) > 1 else ""
+                return f"{array.channels[row // len(working)]} at taxel {tuple(int(k) for k in index)}{plane}"
+            row -= size
+        raise IndexError(row)
+
 
 # -- time ------------------------------------------------------------------------------------------------------------------
 

@@ -1,0 +1,42 @@
+"""What a method assumed, and what the readings cannot tell, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from palpate.inverse.method import Method
+from palpate.inverse.observability import blind_to_force, without_mean
+from palpate.inverse.problem import Problem
+
+__all__ = ["notes"]
+
+_SPOKEN = {"x": "shear along x", "y": "shear along y", "z": "pressure"}
+
+
+def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: Any) -> tuple[str, ...]:
+    """Notes for every result of a problem, ``default`` being what would be sought if nothing were asked for."""
+    sought, found = problem.components, []
+    zero = [c for c in problem.surface.components if c not in sought]
+    if zero:
+        forced = set(sought) == set(default)
+        why = ": the channels cannot tell all components apart" if forced else ", as asked"
+        found.append(f"{_spoken(zero)} taken as zero{why}")
+    found.extend(method.assumptions())
+    if without_mean(problem.pad, problem.planes, problem.boundary):
+        found.append(
+            "net force cannot be known from displacements of a periodic half-space: the mean traction is set to zero"
+        )
+    elif prepared.grid is problem.surface:
+        blind = blind_to_force(problem.pad, problem.planes, sought)
+        if blind:
+            found.append(
+                f"the net force of {_spoken(blind)} is seen only through the finite width of the contact: these channels do not feel a "
+                "uniform load"
+            )
+    found.extend(getattr(prepared, "notes", ()))
+    return tuple(found)
+
+
+def _spoken(components: Iterable[str]) -> str:
+    return " and ".join(_SPOKEN[c] for c in components)
