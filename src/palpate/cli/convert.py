@@ -65,6 +65,7 @@ def convert(
     """Change the format of a recording, or read a table, an MCAP file or a ROS bag made elsewhere into one."""
     from palpate.elastic.channels import channel_unit
     from palpate.recordings import TopicMapping, read_recording, read_stream, read_table, write_recording
+    from palpate.recordings.checked import SALVAGED
     from palpate.recordings.formats import file_format
     from palpate.recordings.robots import is_bag
     from palpate.units import convert_factor, parse_quantity
@@ -146,3 +147,5 @@ def convert(
     written(target, lambda name: write_recording(recording, name))
     shape = "x".join(map(str, recording.readings.shape[2:]))
     typer.echo(f"wrote {target}: {len(recording.readings)} frames of {', '.join(recording.channels)}, {shape} taxels")
+    if salvage:
+        typer.echo(f"salvaged        {recording.meta[SALVAGED]}")

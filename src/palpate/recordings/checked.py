@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +17,22 @@ from palpate.recordings.recording import Recording
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["CHECKSUM", "affordable", "checksum", "confirm", "confirm_recording", "json_object", "recording_checksum"]
+__all__ = [
+    "CHECKSUM",
+    "SALVAGED",
+    "affordable",
+    "checksum",
+    "confirm",
+    "confirm_recording",
+    "json_object",
+    "recording_checksum",
+    "with_losses",
+]
 
 #: Attribute that holds the checksum.
 CHECKSUM = "palpate_crc32"
+#: Entry of ``meta`` that says what was lost of a recording that was salvaged.
+SALVAGED = "salvaged"
 #: The most that deflate can shrink (1032), and what small files may claim in any case.
 DEFLATE, SMALL = 1032, 1 << 20
 
@@ -81,6 +94,18 @@ def confirm_recording(recording: Recording, expected: Any, path: str | Path, rem
     if expected is not None:
         confirm(recording_dataset(recording), expected, path, remedy)
     return recording
+
+
+def with_losses(recording: Recording, expected: Any, path: str | Path, losses: str) -> Recording:
+    """What was salvaged, with a word among its ``meta`` on what was lost: by the checksum of the whole, where there is one."""
+    if expected is not None:
+        try:
+            confirm_recording(recording, expected, path)
+        except InvalidInput:
+            losses += "; it does not agree with its checksum, so that any of its numbers may be wrong"
+        else:
+            losses = "nothing is lost: it agrees with its checksum"
+    return replace(recording, meta={**recording.meta, SALVAGED: losses})
 
 
 def affordable(claimed: int, stored: int, path: str | Path, *, shrink: float = DEFLATE) -> None:

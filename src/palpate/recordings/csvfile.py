@@ -20,7 +20,7 @@ import numpy as np
 
 from palpate.elastic.channels import channel_unit, is_channel
 from palpate.errors import InvalidInput, UncheckedInput
-from palpate.recordings.checked import CHECKSUM, confirm_recording, json_object, recording_checksum
+from palpate.recordings.checked import CHECKSUM, confirm_recording, json_object, recording_checksum, with_losses
 from palpate.recordings.formats import Format
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
@@ -64,7 +64,8 @@ class Csv(Format):
                 expected = line.removeprefix(f"# {CHECKSUM} ").strip(" ,")
             elif line.strip() and not line.startswith("#"):
                 body.append((count, line))
-        if not ended and salvage and body and body[-1][0] == len(lines):
+        torn = not ended and salvage and bool(body) and body[-1][0] == len(lines)
+        if torn:
             body.pop()  # torn within a line
         if len(body) < 2:
             raise InvalidInput(f"{path}: no frames; a CSV recording has a header line and one line per frame.")
@@ -78,7 +79,12 @@ class Csv(Format):
             if not ended:
                 warn_of_a_cut(path, lines[-1])
         recording = _table(path, body, positions, meta)
-        return recording if salvage else confirm_recording(recording, expected, path, _EDITED)
+        if not salvage:
+            return confirm_recording(recording, expected, path, _EDITED)
+        lost = "the last line is torn and lost" if torn else "every line is whole"
+        if own and expected is None:
+            lost += ", and its end is missing: lines may have followed"
+        return with_losses(recording, expected, path, lost)
 
     def write(self, recording: Recording, path: Path) -> None:
         if len(set(recording.channels)) != len(recording.channels):

@@ -10,11 +10,13 @@ import functools
 import importlib
 import importlib.metadata
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from palpate._extras import require
 from palpate.errors import InvalidInput
+from palpate.recordings.checked import SALVAGED
 from palpate.recordings.files import atomically, in_place
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
@@ -241,7 +243,8 @@ def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, sal
     mapping : TopicMapping, optional
         Where the readings are in a robot's MCAP file or bag (palpate's own need none).
     salvage : bool
-        Read a torn file as far as it goes (MCAP, HDF5 that a `Recorder` did not close, the whole lines of a CSV).
+        Read a torn file as far as it goes (MCAP, HDF5 that a `Recorder` did not close, the whole lines of a CSV). What was lost is said
+        in ``meta["salvaged"]``.
 
     Returns
     -------
@@ -264,30 +267,34 @@ def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, sal
     ([[[0.0, 1.0, 0.0]]], ('stress_zz',))
     """
     found, known = existing(path)
-    return known.read(found, mapping=mapping, salvage=salvage)
+    recording = known.read(found, mapping=mapping, salvage=salvage)
+    if salvage and SALVAGED not in recording.meta:  # a format that reads all or nothing
+        return replace(recording, meta={**recording.meta, SALVAGED: "nothing is lost"})
+    return recording
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:
     """Write a recording; the format follows the file name.
 
-    NetCDF, NPZ and Zarr keep every bit, CSV writes 17 digits, MCAP single precision and nanoseconds. All carry a checksum.
+        NetCDF, NPZ and Zarr keep every bit, CSV writes 17 digits, MCAP single precision and nanoseconds. All carry a checksum.
 
-    Raises
-    ------
-    InvalidInput
-        An ending that is not known, or a store that exists.
+        Raises
+        ------
+        InvalidInput
+            An ending that is not known, or a store that exists.
 
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from palpate.recordings import Recording, write_recording
-    >>> press = Recording(readings=[[[0.0, 1.0, 0.0]]], channels=["stress_zz"], time=[0.0])
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_recording(press, f"{folder}/press.csv")
-    ...     text = Path(f"{folder}/press.csv").read_text()
-    >>> "stress_zz" in text
-    True
+        Examples
+        --------
+        >>> import tempfile
+        >>> from dataclasses import replace
+    from pathlib import Path
+        >>> from palpate.recordings import Recording, write_recording
+        >>> press = Recording(readings=[[[0.0, 1.0, 0.0]]], channels=["stress_zz"], time=[0.0])
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_recording(press, f"{folder}/press.csv")
+        ...     text = Path(f"{folder}/press.csv").read_text()
+        >>> "stress_zz" in text
+        True
     """
     into_place(path, lambda known, name: known.write(recording, name), task="write")
 

@@ -117,14 +117,14 @@ def recording_of(dataset: xarray.Dataset, name: str = "the data set") -> Recordi
         positions = found.transpose("taxel", ...).values if "taxel" in found.dims else found.values
     return Recording(
         readings=readings.transpose("time", "channel", *order).values,
-        channels=tuple(_text(c) for c in dataset["channel"].values),
+        channels=tuple(text(c) for c in dataset["channel"].values),
         time=dataset["time"].values,
         positions=positions,
         meta=_meta(dataset.attrs.get("meta", "{}"), name),
     )
 
 
-def _text(value: Any) -> str:
+def text(value: Any) -> str:
     return value.decode() if isinstance(value, bytes) else str(value)
 
 

@@ -229,6 +229,22 @@ def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tu
                 ) from error
 
 
+def whole(path: Path, topic: str) -> tuple[int, int]:
+    """Messages of a topic in whole chunks, and the bytes that follow the last one of a torn file (0: it is whole)."""
+    _library()
+    import mcap.reader
+
+    count = end = 0
+    with path.open("rb") as file:
+        reader = mcap.reader.NonSeekingReader(file, validate_crcs=True, record_size_limit=path.stat().st_size)
+        try:
+            for _ in reader.iter_messages(topic, log_time_order=False):
+                count, end = count + 1, file.tell()
+        except _damage():
+            return count, path.stat().st_size - end
+    return count, 0
+
+
 def _short(error: Exception) -> str:
     return str(error)[:120] or type(error).__name__
 

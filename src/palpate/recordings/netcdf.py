@@ -13,19 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.errors import InvalidInput
-from palpate.recordings.checked import (
-    CHECKSUM,
-    affordable,
-    checksum,
-    confirm,
-    confirm_recording,
-    json_object,
-)
+from palpate.recordings.checked import CHECKSUM, affordable, checksum
 from palpate.recordings.formats import Format
 from palpate.recordings.heldfile import write_netcdf
-from palpate.recordings.labelled import recording_dataset, touch_dataset
+from palpate.recordings.labelled import recording_dataset, text, touch_dataset
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
+from palpate.recordings.stored import confirmed_touch, stored_recording, touch_group
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -85,32 +79,16 @@ class NetCDF(Format):
             with opened(path, salvage=salvage) as file:
                 missing = [n for n in ("readings", "channel", "time") if n not in file]
                 if missing:
-                    held = ", ".join(map(_text, file)) or "nothing"
+                    held = ", ".join(map(text, file)) or "nothing"
                     raise InvalidInput(
                         f"{path}: not a palpate recording: it lacks {', '.join(missing)} (it holds {held})."
                     )
                 guard(file, path)
-                count = min(len(file["readings"]), len(file["time"]))
-                time = file["time"][:count]
-                if salvage:
-                    # blocks that were not written read as fill values
-                    whole = np.isfinite(time) & (np.diff(time, prepend=-np.inf) > 0)
-                    count = int(np.argmin(whole)) if not whole.all() else count
-                    time = time[:count]
-                meta = json_object(_text(file.attrs["meta"]), f"{path}: meta") if "meta" in file.attrs else {}
-                recording = Recording(
-                    readings=file["readings"][:count],
-                    channels=tuple(_text(c) for c in file["channel"][()]),
-                    time=time,
-                    positions=file["positions"][()] if "positions" in file else None,
-                    meta={str(k): str(v) for k, v in meta.items()},
-                )
-                expected = None if salvage else file.attrs.get(CHECKSUM)
+                return stored_recording(file, file["channel"][()], path, salvage=salvage)
         except InvalidInput:
             raise
         except DAMAGE as error:
             raise damage(path, error) from error
-        return confirm_recording(recording, expected, path)
 
     def write(self, recording: Recording, path: Path) -> None:
         _write(recording_dataset(recording), path)
@@ -118,26 +96,18 @@ class NetCDF(Format):
     def read_touch(self, path: Path) -> Any:
         import xarray
 
-        def group(name: str | None) -> xarray.Dataset:
-            return xarray.load_dataset(path, engine="h5netcdf", group=name, decode_times=False)
-
         try:
             with opened(path) as file:
-                name = "touch" if "traction" not in file and "touch" in file else None
+                name = touch_group(file)
                 guard(file[name] if name else file, path)
-            found = group(name)
-            if "traction" not in found:
-                raise InvalidInput(
-                    f"{path}: holds no touches (it holds {', '.join(map(str, found.variables)) or 'nothing'})."
-                )
+            found = xarray.load_dataset(path, engine="h5netcdf", group=name, decode_times=False)
+            return confirmed_touch(found, path)
         except InvalidInput:
             raise
         except DAMAGE as error:
             raise InvalidInput(
                 f"{path}: holds no touches that can be read; it is truncated, damaged, still being written, or of another format."
             ) from error
-        confirm(found, found.attrs.pop(CHECKSUM, None), path)
-        return found
 
     def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
         _write(touch_dataset(touch, record), path)
@@ -146,10 +116,6 @@ class NetCDF(Format):
         from palpate.recordings.stores import HdfRecorder
 
         return HdfRecorder(path, channels, positions=positions, meta=meta)
-
-
-def _text(value: Any) -> str:
-    return value.decode() if isinstance(value, bytes) else str(value)
 
 
 def _write(dataset: xarray.Dataset, path: Path) -> None:
@@ -175,7 +141,7 @@ def data_sets(group: Any) -> dict[str, Any]:
 
     def visit(name: Any, held: Any) -> None:
         if isinstance(held, h5py.Dataset):
-            found[_text(name)] = held
+            found[text(name)] = held
 
     group.visititems(visit)
     return found

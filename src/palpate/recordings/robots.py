@@ -11,6 +11,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, PalpateError
 from palpate.recordings import mcapfile
+from palpate.recordings.checked import with_losses
 from palpate.recordings.formats import Format
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.messages import READINGS, ros_types
@@ -187,6 +188,18 @@ def read_robot(path: str | Path, mapping: TopicMapping | None = None, *, salvage
     return Recording(readings=readings, channels=channels, time=np.array(times), positions=positions, meta=meta)
 
 
+def _losses(path: Path, mapping: TopicMapping | None, taken: int) -> str:
+    """What a torn MCAP file held besides the frames that were taken."""
+    count, torn = mcapfile.whole(path, READINGS if mapping is None else mapping.topic)
+    words = []
+    if torn:
+        frames = round(torn / max(path.stat().st_size - torn, 1) * count)
+        words.append(f"{torn} bytes from the damage on, some {frames} frames by their size")
+    if count > taken:
+        words.append(f"{count - taken} frames that cannot be read or do not follow in time")
+    return f"{' and '.join(words)} are lost" if words else "nothing is lost"
+
+
 class Mcap(Format):
     """MCAP files: palpate's own, and those of robots with a `TopicMapping`. A CRC-32 guards each chunk, one all the data."""
 
@@ -201,7 +214,8 @@ class Mcap(Format):
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         if mapping is not None and mcapfile.own(path) is not None and mapping.topic not in topics(path):
             mapping = None  # the mapping of a robot's messages does not concern palpate's own
-        return read_robot(path, mapping, salvage=salvage)
+        recording = read_robot(path, mapping, salvage=salvage)
+        return with_losses(recording, None, path, _losses(path, mapping, len(recording.time))) if salvage else recording
 
     def write(self, recording: Recording, path: Path) -> None:
         path.unlink(missing_ok=True)  # a recorder makes its own file

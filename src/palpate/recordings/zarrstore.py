@@ -10,19 +10,12 @@ import numpy as np
 
 from palpate.errors import InvalidInput
 from palpate.recordings import stores
-from palpate.recordings.checked import (
-    CHECKSUM,
-    affordable,
-    checksum,
-    confirm,
-    confirm_recording,
-    json_object,
-    recording_checksum,
-)
+from palpate.recordings.checked import CHECKSUM, affordable, checksum, recording_checksum
 from palpate.recordings.formats import Format
 from palpate.recordings.labelled import touch_dataset
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
+from palpate.recordings.stored import confirmed_touch, stored_recording, touch_group
 
 if TYPE_CHECKING:
     from palpate.recordings.recorder import Recorder
@@ -67,22 +60,11 @@ class Zarr(Format):
             if missing:
                 raise InvalidInput(f"{path}: not a palpate recording: it lacks {', '.join(missing)}.")
             _guard(root, path)
-            # blocks that were not finished are left out
-            count = min(root["time"].shape[0], root["readings"].shape[0])
-            meta = json_object(root.attrs.get("meta", "{}"), f"{path}: meta")
-            recording = Recording(
-                readings=root["readings"][:count],
-                channels=tuple(str(c) for c in root.attrs["channel"]),
-                time=root["time"][:count],
-                positions=root["positions"][...] if "positions" in root else None,
-                meta={str(k): str(v) for k, v in meta.items()},
-            )
-            expected = None if salvage else root.attrs.get(CHECKSUM)
+            return stored_recording(root, root.attrs["channel"], path, salvage=salvage)
         except InvalidInput:
             raise
         except _DAMAGE as error:
             raise InvalidInput(f"{path}: cannot be read as a Zarr store; it is damaged or something else.") from error
-        return confirm_recording(recording, expected, path)
 
     def write(self, recording: Recording, path: Path) -> None:
         with stores.ZarrRecorder(path, recording.channels, positions=recording.positions, meta=recording.meta) as out:
@@ -96,21 +78,18 @@ class Zarr(Format):
         zarr = stores.zarr_library()
         try:
             root = zarr.open_group(str(path), mode="r", zarr_format=3)
-            name = "touch" if "traction" not in root and "touch" in root else None
+            name = touch_group(root)
             _guard(root[name] if name else root, path)
             found = xarray.open_zarr(path, group=name, consolidated=False, decode_times=False).load()
-            if "traction" not in found:
-                raise InvalidInput(f"{path}: holds no touches.")
-            found = found.assign_coords(component=list(map(str, found.attrs["component"])))
-            del found.attrs["component"]
+            if "component" in found.attrs:
+                found = found.assign_coords(component=list(map(str, found.attrs.pop("component"))))
+            return confirmed_touch(found, path)
         except InvalidInput:
             raise
         except _DAMAGE as error:
             raise InvalidInput(
                 f"{path}: holds no touches that can be read; it is damaged, still being written, or of another format."
             ) from error
-        confirm(found, found.attrs.pop(CHECKSUM, None), path)
-        return found
 
     def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
         stores.zarr_library()

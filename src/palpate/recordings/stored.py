@@ -1,0 +1,61 @@
+"""Recordings and touches as named arrays with attributes: what is read alike from an HDF5 file and a Zarr store."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.errors import InvalidInput
+from palpate.recordings.checked import CHECKSUM, confirm, confirm_recording, json_object, with_losses
+from palpate.recordings.labelled import text
+from palpate.recordings.recording import Recording
+
+__all__ = ["confirmed_touch", "stored_recording", "touch_group"]
+
+
+def stored_recording(held: Any, channels: Iterable[Any], path: Path, *, salvage: bool) -> Recording:
+    """The recording in a file or group with arrays "readings", "time" and perhaps "positions", and attributes.
+
+    Blocks that were not finished are left out: readings without times, and with ``salvage`` what reads as fill values.
+    """
+    counts = held["readings"].shape[0], held["time"].shape[0]
+    count = min(counts)
+    time = held["time"][:count]
+    if salvage:
+        whole = np.isfinite(time) & (np.diff(time, prepend=-np.inf) > 0)
+        count = int(np.argmin(whole)) if not whole.all() else count
+        time = time[:count]
+    meta = json_object(text(held.attrs.get("meta", "{}")), f"{path}: meta")
+    recording = Recording(
+        readings=held["readings"][:count],
+        channels=tuple(text(c) for c in channels),
+        time=time,
+        positions=held["positions"][...] if "positions" in held else None,
+        meta={str(k): str(v) for k, v in meta.items()},
+    )
+    expected = held.attrs.get(CHECKSUM)
+    if not salvage:
+        return confirm_recording(recording, expected, path)
+    lost = max(counts) - count
+    known = (
+        f"{lost} of {max(counts)} frames that it has room for were not written whole"
+        if lost
+        else "every frame is whole"
+    )
+    return with_losses(recording, expected, path, known)
+
+
+def touch_group(held: Any) -> str | None:
+    """The group that holds touches: the file itself, or one of its own beside the readings."""
+    return "touch" if "traction" not in held and "touch" in held else None
+
+
+def confirmed_touch(found: Any, path: Path) -> Any:
+    """A dataset of touches, if there are any and they are what was written."""
+    if "traction" not in found:
+        raise InvalidInput(f"{path}: holds no touches (it holds {', '.join(map(str, found.variables)) or 'nothing'}).")
+    confirm(found, found.attrs.pop(CHECKSUM, None), path)
+    return found
