@@ -63,7 +63,7 @@ class Estimate:
     (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
     analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame), ``resolution`` [m] and
     ``sliding`` (probability that the contact slides as a whole; NaN where nothing touches). ``method`` (*batch) is the short name of what
-    decided each frame, where it was not the same for all.
+    decided each frame, where it was not the same for all. ``said`` is what the method says of the batch in words.
     """
 
     traction: Any
@@ -81,6 +81,7 @@ class Estimate:
     sliding: Floats | None = None
     noise_std: Floats | None = None
     method: npt.NDArray[np.str_] | None = None
+    said: tuple[str, ...] = ()
 
     def status(self) -> npt.NDArray[np.int8] | None:
         """What became of each frame (*batch), as codes of `palpate.Status`; None where nothing tells the batch."""
@@ -106,9 +107,12 @@ class Estimate:
     def remarks(self) -> tuple[str, ...]:
         """What a method says of its own way."""
         if self.settling is None:
-            return ()
+            return self.said
         settling = float(np.median(np.atleast_1d(self.settling)))
-        return (f"the network settled in {settling:.3g} RC (its units' time constant)",)
+        return (
+            *self.said,
+            f"the network settled in {settling:.3g} RC (its units' time constant)",
+        )
 
 
 def batch_of(readings: Sequence[Any], operator: Operator) -> tuple[int, ...]:

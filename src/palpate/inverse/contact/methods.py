@@ -205,6 +205,7 @@ def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> E
         parameter=filled(found.parameter, other.parameter),
         noise_scale=filled(found.noise_scale, scale),
         noise_std=filled(found.noise_std, other.noise_std),
+        said=other.said,
         residual=filled(found.residual, other.residual),
         errors=errors,
         outliers=outliers,

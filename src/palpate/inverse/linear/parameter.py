@@ -51,6 +51,9 @@ CORNER = 1e-14
 #: Where neither logarithm moves by this much from one candidate to the next, no corner is sought: their rounding, 1e-14, makes a curvature of
 #: 1e-14/FLAT^2 = 0.01 there, and a corner's is of order one.
 FLAT = 1e-6
+#: An L-curve has a corner where it turns by this angle at least [rad], a fifth of an L's. Corners that regularise well turn by 0.37 to 0.95;
+#: curves that bend the other way all over, but for a ripple, by 0 to 0.26 (stresses under a ball, displacements of real gels).
+TURN = 0.1 * math.pi
 #: Keeps logarithms of what rounds to nothing finite; near the smallest double.
 TINY = 1e-300
 #: Steps of the mean over candidates within one of theirs.
@@ -122,7 +125,8 @@ def choose(
     ----------
     rule : str
         "gcv": generalised cross-validation, min m sum r^2/(sum (1 - phi))^2 (Golub, Heath, Wahba 1979).
-        "lcurve": the corner (largest curvature) of log residual against log penalty (Hansen 1992).
+        "lcurve": the corner (largest curvature) of log residual against log penalty (Hansen 1992). Frames whose curve has none, as where
+        the traction is rough at every wavelength, are left to "evidence" ("gcv" where the spectrum is cut off).
         "discrepancy": residual equal to the noise, sum r^2 = m; needs the noise (Morozov 1966).
         "evidence": largest marginal likelihood of a Gaussian prior of unknown scale and, where the noise is not
         known, noise of unknown size (MacKay 1992). For Tikhonov filters only.
@@ -167,24 +171,43 @@ def choose(
     elif rule == "lcurve":
         safe = np.where(eigenvalues > 0, eigenvalues, 1.0)
         penalty = datum @ np.where(eigenvalues > 0, phi**2 / safe, 0.0).T
-        score = -_curvature(np.log(np.maximum(residual, TINY)), np.log(np.maximum(penalty, TINY)))
+        curvature, turned = _bend(np.log(np.maximum(residual, TINY)), np.log(np.maximum(penalty, TINY)))
         # beyond the spectrum's ends every lambda does the same, and rounding makes corners of its own
         positive = eigenvalues[eigenvalues > CORNER * top]
-        score[:, (grid < positive.min()) | (grid > top)] = np.inf
+        inside = (grid >= positive.min()) & (grid <= top)
+        score = np.where(inside, -curvature, np.inf)
     else:
         score = _minus_evidence(grid, eigenvalues, multiplicity, datum, None if noise_known else least)[0]
     score = np.where(np.isfinite(score), score, np.inf)
     best = np.argmin(score, axis=1)
     parameter = refined(grid, score, best) if filter_factors is tikhonov else grid[best].copy()
-    without = np.zeros(len(parameter), dtype=bool)
+    without, instead = np.zeros(len(parameter), dtype=bool), ""
+    if rule == "lcurve":
+        ends = np.flatnonzero(inside)[[0, -1]]
+        without = (turned[np.arange(len(best)), best] < TURN) | np.isin(best, ends)
+        instead = "gcv" if filter_factors is truncate else "evidence"
+    if without.any():
+        other = choose(
+            instead,
+            filter_factors,
+            eigenvalues,
+            multiplicity,
+            power[without],
+            noise_known=noise_known,
+            floor=None if floor is None else floor[without],
+        )
+        parameter[without] = other.parameter
     if noise_known:
-        return Choice(parameter, np.ones(len(parameter)), without, "")
+        return Choice(parameter, np.ones(len(parameter)), without, instead)
     phi = filter_factors(eigenvalues[None, :], parameter[:, None])
     if rule == "evidence":
         variance = (datum * (1.0 - phi)).sum(axis=1) / count
     else:
         variance = (datum * (1.0 - phi) ** 2).sum(axis=1) / np.maximum((1.0 - phi) @ multiplicity, 1.0)
-    return Choice(parameter, np.maximum(variance, least), without, "")
+    variance = np.maximum(variance, least)
+    if without.any():
+        variance[without] = other.noise_variance
+    return Choice(parameter, variance, without, instead)
 
 
 def amplitude(eigenvalues: Floats, multiplicity: Floats, power: Floats, floor: Floats | None) -> tuple[Floats, Floats]:
@@ -261,8 +284,11 @@ def by_discrepancy(misfit: Callable[[float], float], noise: float, unit: float) 
     return math.exp(middle)
 
 
-def _curvature(a: Floats, b: Floats) -> Floats:
-    """Curvature of the curves (a, b) along axis 1; the flat ends are left out."""
+def _bend(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Curvature of the curves (a, b) along axis 1, towards a corner, and the angle [rad] by which the bend that each point lies in turns.
+
+    -inf, and an angle of 0, where neither coordinate moves.
+    """
     da, db = np.gradient(a, axis=1), np.gradient(b, axis=1)
     dda, ddb = np.gradient(da, axis=1), np.gradient(db, axis=1)
     speed = (da**2 + db**2) ** 1.5
@@ -270,7 +296,15 @@ def _curvature(a: Floats, b: Floats) -> Floats:
         curvature = (da * ddb - db * dda) / speed
     moving = (np.abs(da) > FLAT) | (np.abs(db) > FLAT)
     # candidates run from strong to weak regularisation, so a falls, b rises, and the corner turns to the right
-    return np.where(moving, -curvature, -np.inf)
+    curvature = np.where(moving, -curvature, -np.inf)
+    bends = moving & (curvature > 0)
+    turned = np.zeros(a.shape)
+    turn = np.where(bends, curvature * np.sqrt(da**2 + db**2), 0.0)  # curvature times arc length
+    for row, here, angles in zip(turned, bends, turn):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], here, [False]]).astype(int)))
+        for start, stop in zip(edges[::2], edges[1::2]):
+            row[start:stop] = angles[start:stop].sum()
+    return curvature, turned
 
 
 def refined(grid: Floats, score: Floats, best: npt.NDArray[np.intp]) -> Floats:

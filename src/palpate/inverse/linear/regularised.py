@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate._arrays import from_numpy, namespace, to_numpy
 from palpate.elastic.pad import Floats
@@ -21,6 +22,10 @@ from palpate.inverse.linear.spectrum import DataSpectrum, Spectrum, noise_scales
 from palpate.sensing.operator import Operator
 
 __all__ = ["Decomposition", "Regularised", "decompose"]
+
+#: Part of the readings' degrees of freedom that must be left to noise for it to be told: with fewer, it is known to a factor of two or worse
+#: on any array of ten readings or more.
+UNEXPLAINED = 0.1
 
 
 @dataclass(frozen=True)
@@ -84,11 +89,17 @@ class Regularised:
         power = np.abs(to_numpy(coefficients).astype(np.complex128)) ** 2
         power = np.real(power).reshape(-1, len(values))
         floor = self._floor(readings, len(power))
+        said: list[str] = []
         if isinstance(self.parameter, str):
             choice = choose(
                 self.parameter, self.filter, values, counts, power, noise_known=self.noise_known, floor=floor
             )
             chosen, variance = choice.parameter, choice.noise_variance
+            if choice.fell_back.any():
+                said.append(
+                    f'rule="{self.parameter}": the curve has no corner{_some(choice.fell_back, batch)}, so "{choice.fallback}" chose the '
+                    "parameter there"
+                )
         else:
             chosen = np.full(len(power), float(self.parameter))
             phi = self.filter(values[None, :], chosen[:1, None])[0]
@@ -97,6 +108,13 @@ class Regularised:
             if not self.noise_known:
                 variance = np.maximum((power * counts * (1.0 - phi) ** 2).sum(axis=1) / free, floor)
         phi = self.filter(values[None, :], chosen[:, None])
+        if isinstance(self.parameter, str) and not self.noise_known:
+            blind = (1.0 - phi) @ counts < UNEXPLAINED * counts.sum()
+            if blind.any():
+                said.append(
+                    f"noise cannot be told from traction{_some(blind, batch)}, which explains the readings at every wavelength: what is fine "
+                    "in the map may be noise. Give the array its noise (noise=...)"
+                )
         gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0).reshape(*batch, -1)
         residual = np.sqrt((power * counts * (1.0 - phi) ** 2).sum(axis=1) / counts.sum())
         real = xp.real(coefficients) if xp.isdtype(coefficients.dtype, "complex floating") else coefficients
@@ -114,6 +132,7 @@ class Regularised:
             residual.reshape(batch),
             errors=LinearErrors.of(self.decomposition.spread, self.filter, traction, known),
             noise_std=scale[..., None] * np.concatenate(self.scales),
+            said=tuple(said),
         )
 
     def _floor(self, readings: Sequence[Any], frames: int) -> Floats:
@@ -123,3 +142,8 @@ class Regularised:
             rows = np.abs(to_numpy(values).reshape(frames, len(scale), -1)[..., array.valid.ravel()])
             largest = np.maximum(largest, (rows.max(axis=-1) / scale).max(axis=-1))
         return np.asarray((MODEL_ERROR * largest) ** 2)
+
+
+def _some(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
+    """ " in 3 of 70 frames", or nothing for a single frame."""
+    return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""
