@@ -9,21 +9,9 @@ import pytest
 from command_line import process, run
 from palpate.recordings import read_recording, read_touch, write_recording
 from palpate.recordings.recording import Recording
+from skin_files import SHEAR, skin_text
 
-SKIN = """\
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "area"
-shape = [10, 11]
-pitch = "1.4 mm"
-depth = "1.2 mm"
-channels = ["stress_xz", "stress_yz", "stress_zz"]
-noise = "5 Pa"
-"""
+SKIN = skin_text(10, 11, channels=SHEAR, pitch="1.4 mm", noise="5 Pa")
 LINE_SKIN = (
     SKIN.replace('kind = "area"', 'kind = "line"')
     .replace("shape = [10, 11]", "count = 20")

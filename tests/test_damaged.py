@@ -15,6 +15,7 @@ import pytest
 
 import palpate as pp
 from palpate.recordings import read_recording, read_skin, read_table, read_touch, write_recording
+from skin_files import skin_text
 
 for library in ("mcap", "rosbags", "foxglove", "zarr"):
     pytest.importorskip(library)
@@ -38,19 +39,9 @@ DATA = pp.Recording(
     time=[0.0, 0.01, 0.05, 0.06, 0.09],
     meta={"sensor": "left finger"},
 )
+
 FOREIGN = "time (s),stress_zz[0] (Pa),stress_zz[1] (Pa)\n0,0.5,0.25\n1,0.75,0.0123"
-SKIN = """\
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-[[plane]]
-kind = "area"
-shape = [4, 6]
-pitch = "1 mm"
-depth = "1.5 mm"
-channels = ["stress_zz"]
-"""
+SKIN = skin_text(4, 6, depth="1.5 mm")
 
 
 @pytest.mark.parametrize("name", ["csv", "npz", "nc", "csv of others", "table csv", "skin.toml"])

@@ -21,6 +21,7 @@ import palpate as pp
 from palpate import solutions
 from palpate.live import Live, Session, packed, unpacked
 from palpate.recordings.robots import read_robot, topics
+from skin_files import SHEAR, skin_text
 
 testclient = pytest.importorskip("starlette.testclient")
 
@@ -332,18 +333,7 @@ def test_in_a_browser(tmp_path: Path) -> None:
     assert all(p.stat().st_size > 20_000 for p in tmp_path.glob("*.png"))
 
 
-SKIN = """\
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-[[plane]]
-kind = "area"
-shape = [10, 10]
-pitch = "1 mm"
-depth = "1.5 mm"
-channels = ["stress_xz", "stress_yz", "stress_zz"]
-"""
+SKIN = skin_text(10, 10, channels=SHEAR, depth="1.5 mm")
 
 
 def free_port() -> int:

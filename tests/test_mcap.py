@@ -15,6 +15,7 @@ from palpate.cli import app
 from palpate.recordings import TopicMapping, read_recording, write_recording, write_touch
 from palpate.recordings.mcapfile import McapRecorder
 from palpate.recordings.robots import read_robot, topics
+from skin_files import SHEAR, skin_text
 
 mcap = pytest.importorskip("mcap.reader")
 typesys = pytest.importorskip("rosbags.typesys")
@@ -22,18 +23,7 @@ pytest.importorskip("foxglove")
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 ARRAY = pp.AreaArray(shape=(10, 12), pitch=1e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
-SKIN = """
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-[[plane]]
-kind = "area"
-shape = [10, 12]
-pitch = "1 mm"
-depth = "1.5 mm"
-channels = ["stress_xz", "stress_yz", "stress_zz"]
-"""
+SKIN = skin_text(10, 12, channels=SHEAR, depth="1.5 mm")
 
 
 def recording(frames: int = 30, scattered: bool = False) -> pp.Recording:

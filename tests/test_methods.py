@@ -19,6 +19,7 @@ from palpate.inverse import Estimate, Method, Problem, registry
 from palpate.inverse.method import Needs, number
 from palpate.inverse.problem import Kept
 from palpate.recordings import Recording, read_touch, write_recording
+from skin_files import skin_text
 
 PAD = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.45)
 LINE = pp.LineArray(count=31, pitch=0.5, depth=1.0, channels=["stress_zz"])
@@ -64,19 +65,7 @@ def registered() -> Iterator[None]:
     registry.unregister("backprojection")
 
 
-SKIN = """\
-[pad]
-kind = "half_space"
-youngs_modulus = "1 Pa"
-poissons_ratio = 0.45
-
-[[plane]]
-kind = "line"
-count = 31
-pitch = "0.5 m"
-depth = "1 m"
-channels = ["stress_zz"]
-"""
+SKIN = skin_text(31, pitch="0.5 m", depth="1 m", modulus="1 Pa", ratio=0.45)
 
 
 @pytest.fixture

@@ -17,20 +17,9 @@ import palpate as pp
 from palpate.cli import app
 from palpate.recordings import write_recording
 from palpate.recordings.recording import Recording
+from skin_files import skin_text
 
-SKIN = """\
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "line"
-count = 16
-pitch = "1 mm"
-depth = "1.2 mm"
-channels = ["stress_zz"]
-"""
+SKIN = skin_text(16)
 STREAM = SKIN + '\n[stream]\ntopic = "/finger"\nunit = "Pa"\n'
 
 

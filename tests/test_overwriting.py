@@ -17,21 +17,9 @@ from palpate.cli import app
 from palpate.recordings import read_recording, write_recording, write_touch
 from palpate.recordings.files import atomically, in_place
 from palpate.recordings.recording import Recording
+from skin_files import skin_text
 
-SKIN = """\
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "line"
-count = 16
-pitch = "1 mm"
-depth = "1.2 mm"
-channels = ["stress_zz"]
-noise = "5 Pa"
-"""
+SKIN = skin_text(16, noise="5 Pa")
 
 
 def palpate(*arguments: str) -> None:

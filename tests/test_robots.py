@@ -15,24 +15,13 @@ from palpate.cli import app
 from palpate.recordings import TopicMapping, read_recording, read_stream, write_recording
 from palpate.recordings.mcapfile import McapRecorder
 from palpate.recordings.robots import topics
+from skin_files import skin_text
 
 for library in ("mcap", "rosbags", "foxglove", "mcap_protobuf"):
     pytest.importorskip(library)
 
 SHEAR = ("stress_xz", "stress_yz", "stress_zz")
-SKIN = """\
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "area"
-shape = [4, 6]
-pitch = "1 mm"
-depth = "1.5 mm"
-channels = ["stress_xz", "stress_yz", "stress_zz"]
-"""
+SKIN = skin_text(4, 6, channels=SHEAR, depth="1.5 mm")
 XELA = {
     "xela_server_ros2/msg/SensStream": "xela_server_ros2/SensorFull[] sensors\n",
     "xela_server_ros2/msg/SensorFull": (

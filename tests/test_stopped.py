@@ -17,21 +17,9 @@ import palpate as pp
 from palpate.cli import main
 from palpate.recordings import files, read_recording, write_recording
 from palpate.recordings.recording import Recording
+from skin_files import skin_text
 
-SKIN = """\
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "line"
-count = 16
-pitch = "1 mm"
-depth = "1.2 mm"
-channels = ["stress_zz"]
-noise = "5 Pa"
-"""
+SKIN = skin_text(16, noise="5 Pa")
 COMMANDS = {
     "simulate": ["simulate", "--skin", "skin.toml", "--force", "20 N/m", "--overwrite", "--out"],
     "reconstruct": ["reconstruct", "r.nc", "--skin", "skin.toml", "--force", "--method", "tikhonov", "--out"],

@@ -16,21 +16,9 @@ import palpate as pp
 from palpate.cli import main
 from palpate.recordings import read_recording, write_recording
 from palpate.recordings.recording import Recording
+from skin_files import skin_text
 
-SKIN = """\
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "line"
-count = 8
-pitch = "1 mm"
-depth = "1.2 mm"
-channels = ["stress_zz"]
-noise = "5 Pa"
-"""
+SKIN = skin_text(8, noise="5 Pa")
 #: More than a block of 32, and no whole number of blocks.
 DONE = 41
 
