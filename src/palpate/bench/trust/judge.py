@@ -35,7 +35,7 @@ from palpate._arrays import to_numpy
 from palpate.bench.trust.presses import cell_means
 from palpate.bench.trust.rows import Frame
 from palpate.elastic.half_space import Floats
-from palpate.errors import PalpateError
+from palpate.errors import PalpateError, Unsupported
 from palpate.status import Status
 from palpate.touch import Touch
 
@@ -70,7 +70,7 @@ class Verdict:
     words : tuple of str
         What the frame itself says.
     seconds : float
-        Processor time to solve it, the sensor prepared.
+        Processor time to solve it, the sensor prepared; at least so much where it was not done in time.
     status : str
         Status, or what refused the readings.
     broken : bool
@@ -110,6 +110,11 @@ class Verdict:
         return self.broken or self.force_error > WRONG
 
     @property
+    def answered(self) -> bool:
+        """Whether there is an answer with a force."""
+        return bool(np.isfinite(self.force_error))
+
+    @property
     def silent(self) -> bool:
         """Whether it says nothing."""
         return not self.words
@@ -145,16 +150,20 @@ def _limited(seconds: float | None) -> Iterator[None]:
 
 
 def judge(frame: Frame, *, limit: float | None = None) -> Verdict:
-    """Reconstruct a frame as a user would, with nothing tuned, and compare it with the truth; ``limit`` [s] of processor time."""
+    """Reconstruct a frame as a user would, with nothing tuned, and compare it with the truth.
+
+    ``limit`` [s]: the processor time that it may take, and the clean frame of the same sensor.
+    """
     options: dict[str, Any] = {} if frame.friction is None else {"friction": frame.friction}
     try:
-        reference = frame.skin.reconstruct(frame.reference, **options)
+        with _limited(limit):
+            reference, options = _clean(frame, options)
         start = time.process_time()
         with _limited(limit):
             touch = frame.skin.reconstruct(frame.readings, **options)
         seconds = time.process_time() - start
     except _Late:
-        return _unanswered(frame, f"no answer within {limit:g} s", late=True)
+        return _unanswered(frame, f"no answer within {limit:g} s", seconds=float(limit or np.nan), late=True)
     except PalpateError as error:
         return _unanswered(frame, f"refused: {error}", words=(f"refused: {error}",))
     except (ArithmeticError, LookupError, RuntimeError, TypeError, ValueError) as error:  # LinAlgError is a ValueError
@@ -162,8 +171,22 @@ def judge(frame: Frame, *, limit: float | None = None) -> Verdict:
     return verdict(frame, touch, reference, seconds)
 
 
+def _clean(frame: Frame, options: dict[str, Any]) -> tuple[Touch, dict[str, Any]]:
+    """The touch of the clean frame, and the options that this sensor takes: who is refused friction leaves it out."""
+    try:
+        return frame.skin.reconstruct(frame.reference, **options), options
+    except Unsupported:
+        return frame.skin.reconstruct(frame.reference), {}
+
+
 def _unanswered(
-    frame: Frame, said: str, *, words: tuple[str, ...] = (), broken: bool = False, late: bool = False
+    frame: Frame,
+    said: str,
+    *,
+    words: tuple[str, ...] = (),
+    seconds: float = np.nan,
+    broken: bool = False,
+    late: bool = False,
 ) -> Verdict:
     true = tuple(float(v) for v in frame.load.force)
     none = (float("nan"),) * len(true)
@@ -176,7 +199,7 @@ def _unanswered(
         peak_far=False,
         inside={"force": np.nan, "peak": np.nan, "cells": np.nan},
         words=words,
-        seconds=np.nan,
+        seconds=seconds,
         status=said,
         broken=broken,
         late=late,

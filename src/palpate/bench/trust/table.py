@@ -64,7 +64,7 @@ class Line:
     field_error : float
         Median error of the traction over its norm.
     half, most : float
-        Processor seconds a frame, median and 99th percentile.
+        Processor seconds a frame, median and 99th percentile; frames not done in time count with the time that they had.
     """
 
     row: str
@@ -104,7 +104,7 @@ def lines(found: Sequence[Verdict]) -> list[Line]:
     out = []
     for row in dict.fromkeys(v.row for v in found):
         some = [v for v in found if v.row == row]
-        answered = [v for v in some if np.isfinite(v.seconds)]
+        answered = [v for v in some if v.answered]
         out.append(
             Line(
                 row=row,
@@ -121,7 +121,7 @@ def lines(found: Sequence[Verdict]) -> list[Line]:
                 needless=sum(not v.silent and not v.wrong and not v.far for v in answered),
                 coverage={q: _mean(v.inside[q] for v in some) for q in ("force", "peak", "cells")},
                 without=sum(not np.isfinite(v.inside["force"]) for v in answered),
-                refused=sum(not np.isfinite(v.seconds) and not v.broken and not v.late for v in some),
+                refused=sum(not v.answered and not v.broken and not v.late for v in some),
                 late=sum(v.late for v in some),
                 broken=sum(v.broken for v in some),
                 field_error=_percentile((v.field_error for v in some), 50),
@@ -172,7 +172,7 @@ def cells(line: Line) -> tuple[str, ...]:
 
 def sentence(v: Verdict) -> str:
     """What became of one frame, and what it was."""
-    if not np.isfinite(v.seconds):
+    if not v.answered:
         return f"{v.frame}: {v.status}"
     names = ("x", "z") if len(v.true) == 2 else ("x", "y", "z")
     force = ", ".join(
