@@ -170,7 +170,14 @@ def _dead(draft: _Draft) -> None:
 
 
 def _gains(draft: _Draft) -> None:
-    spread = float(draft.rng.uniform(0.05, 0.10))
+    _spread_gains(draft, float(draft.rng.uniform(0.05, 0.10)))
+
+
+def _stated_gains(draft: _Draft) -> None:
+    _spread_gains(draft, GAIN)
+
+
+def _spread_gains(draft: _Draft, spread: float) -> None:
     draft.say(f"gains spread by {100 * spread:.0f} %")
     draft.readings = draft.readings * (1.0 + spread * draft.rng.standard_normal(draft.readings.shape))
 
@@ -262,25 +269,38 @@ def _mixed(draft: _Draft) -> None:
 # -- what is told --------------------------------------------------------------------------------------------------------
 
 
-def _off(rng: np.random.Generator, low: float, high: float) -> float:
+Spread = Callable[[np.random.Generator], float]
+Told = Callable[[Sensor, np.random.Generator], Sensor]
+
+#: Relative standard deviations that descriptions state, where they do.
+MODULUS, THICKNESS, DEPTH, GAIN = 0.2, 0.2, 0.3, 0.075
+
+
+def _off(low: float, high: float) -> Spread:
     """A factor off by ``low`` to ``high``, up or down."""
-    return float(1.0 + rng.uniform(low, high) * rng.choice([-1, 1]))
+    return lambda rng: float(1.0 + rng.uniform(low, high) * rng.choice([-1, 1]))
 
 
-def _other_modulus(sensor: Sensor, rng: np.random.Generator) -> Sensor:
-    return replace(sensor, modulus=sensor.modulus * _off(rng, 0.2, 0.25))
+def _stated(std: float) -> Spread:
+    """A truth drawn from what is stated, a relative standard deviation ``std``, two of them at the most."""
+    return lambda rng: float(1.0 / (1.0 + std * np.clip(rng.standard_normal(), -2.0, 2.0)))
 
 
-def _other_thickness(sensor: Sensor, rng: np.random.Generator) -> Sensor:
-    factor = _off(rng, 0.15, 0.25)
-    # what is told must still hold the taxels
-    factor = max(factor, 1.001 * sensor.depth / sensor.thickness)
-    return replace(sensor, layers=tuple((t * factor, part) for t, part in sensor.layers))
+def _modulus(spread: Spread) -> Told:
+    return lambda sensor, rng: replace(sensor, modulus=sensor.modulus * spread(rng))
 
 
-def _other_depth(sensor: Sensor, rng: np.random.Generator) -> Sensor:
-    factor = float(rng.choice([0.7, 1.4]))
-    return replace(sensor, depth=min(sensor.depth * factor, 0.999 * sensor.thickness))
+def _thickness(spread: Spread) -> Told:
+    def told(sensor: Sensor, rng: np.random.Generator) -> Sensor:
+        # what is told must still hold the taxels
+        factor = max(spread(rng), 1.001 * sensor.depth / sensor.thickness)
+        return replace(sensor, layers=tuple((t * factor, part) for t, part in sensor.layers))
+
+    return told
+
+
+def _depth(spread: Spread) -> Told:
+    return lambda sensor, rng: replace(sensor, depth=min(sensor.depth * spread(rng), 0.999 * sensor.thickness))
 
 
 @dataclass(frozen=True)
@@ -313,7 +333,7 @@ class Row:
     suits: Callable[[Sensor], bool] = lambda s: True
     load: str = "press"
     change: Change | None = None
-    told: Callable[[Sensor, np.random.Generator], Sensor] | None = None
+    told: Told | None = None
     known_to: Mapping[str, float] = field(default_factory=dict)
     noise: tuple[float, float] = USUAL
     misstated: bool = False
@@ -356,30 +376,45 @@ _TABLE: Sequence[Row] = (
     Row("stuck", "one reading stuck at a random level", change=_stuck),
     Row("dead", "the taxel under the contact reads zero", change=_dead),
     Row("gains", "gains of taxels spread by 5 to 10 %", change=_gains),
-    Row("gains named", "the same, and the array says so", change=_gains, known_to={"gain": 0.075}),
-    Row("modulus", "the pad 20 to 25 % stiffer or softer than said", suits=_modulus_matters, told=_other_modulus),
+    Row("gains named", "gains spread by 7.5 %, and the array says so", change=_stated_gains, known_to={"gain": GAIN}),
+    Row(
+        "modulus",
+        "the pad 20 to 25 % stiffer or softer than said",
+        suits=_modulus_matters,
+        told=_modulus(_off(0.2, 0.25)),
+    ),
     Row(
         "modulus named",
-        "the same, and the pad says so",
+        "the modulus said to be known to 20 %, and it is",
         suits=_modulus_matters,
-        told=_other_modulus,
-        known_to={"modulus": 0.2},
+        told=_modulus(_stated(MODULUS)),
+        known_to={"modulus": MODULUS},
     ),
-    Row("thickness", "the layer 15 to 25 % thicker or thinner than said", suits=_thick_in_doubt, told=_other_thickness),
+    Row(
+        "thickness",
+        "the layer 15 to 25 % thicker or thinner than said",
+        suits=_thick_in_doubt,
+        told=_thickness(_off(0.15, 0.25)),
+    ),
     Row(
         "thickness named",
-        "the same, and the pad says so",
+        "the thickness said to be known to 20 %, and it is",
         suits=_thick_in_doubt,
-        told=_other_thickness,
-        known_to={"thickness": 0.2},
+        told=_thickness(_stated(THICKNESS)),
+        known_to={"thickness": THICKNESS},
     ),
-    Row("depth", "taxels said to be 0.7 or 1.4 times as deep as they are", suits=_buried, told=_other_depth),
+    Row(
+        "depth",
+        "taxels said to be 0.7 or 1.4 times as deep as they are",
+        suits=_buried,
+        told=_depth(lambda rng: float(rng.choice([0.7, 1.4]))),
+    ),
     Row(
         "depth named",
-        "the same, and the array says so",
+        "the depth said to be known to 30 %, and it is",
         suits=_buried,
-        told=_other_depth,
-        known_to={"depth": 0.35},
+        told=_depth(_stated(DEPTH)),
+        known_to={"depth": DEPTH},
     ),
     Row("transposed", "rows and columns swapped", suits=_square, change=_transposed),
     Row("wrong sign", "all readings, or those of a channel, negated", change=_negated),
