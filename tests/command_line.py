@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import signal
 import subprocess
 import sys
 from pathlib import Path
 from unittest import mock
+
+import pytest
 
 from palpate.cli import main
 
@@ -36,6 +39,16 @@ def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     if not isinstance(code, int):
         raise AssertionError(f"palpate {' '.join(arguments)} left with {code!r} instead of a number")
     return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
+
+
+def smaller_demo(monkeypatch: pytest.MonkeyPatch) -> None:
+    """palpate demo on 8 x 8 taxels of the same array instead of 32 x 32."""
+    demo = importlib.import_module("palpate.cli.demo")
+    text = demo._DEMO_SKIN
+    for old, new in (("[32, 32]", "[8, 8]"), ('"1 mm"', '"3 mm"'), ('"50 Pa"', '"200 Pa"')):
+        assert old in text
+        text = text.replace(old, new)
+    monkeypatch.setattr(demo, "_DEMO_SKIN", text)
 
 
 def process(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:

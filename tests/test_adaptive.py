@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import functools
 import itertools
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import clarabel
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from command_line import run
 from palpate import bench, solutions
 from palpate.inverse import Cone, minimise
 from palpate.uncertainty import Case
@@ -612,15 +615,10 @@ def test_detail_says_what_is_prior() -> None:
     assert shares[1] < shares[0]
 
 
-def test_bench_from_the_shell(tmp_path: Any) -> None:
-    import csv
-    import subprocess
-    import sys
-
-    command = [sys.executable, "-m", "palpate", "bench", "accuracy", "--no-comparisons", "--draws", "1"]
-    done = subprocess.run(
-        [*command, "--layouts", "across the edge", "--out", str(tmp_path)], capture_output=True, text=True, check=True
-    )
+def test_bench_from_the_shell(tmp_path: Path) -> None:
+    command = ["bench", "accuracy", "--no-comparisons", "--draws", "1"]
+    done = run(*command, "--layouts", "across the edge", "--out", str(tmp_path), cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
     assert "clairvoyant" in done.stdout
     assert "peak_pressure" in done.stdout
     with open(tmp_path / "accuracy.csv", encoding="utf-8") as file:
@@ -628,7 +626,7 @@ def test_bench_from_the_shell(tmp_path: Any) -> None:
     assert len(rows) == 12
     assert all(0 < float(r["error"]) < 1 for r in rows)
     assert (tmp_path / "accuracy.png").stat().st_size > 10_000
-    wrong = subprocess.run([*command, "--layouts", "sphere"], capture_output=True, text=True, check=False)
+    wrong = run(*command, "--layouts", "sphere", cwd=tmp_path)
     assert wrong.returncode == 2
     assert "layouts must be among" in wrong.stderr
 

@@ -17,18 +17,18 @@ SKINS = {
     "line": pp.Skin(
         PAD, pp.LineArray(count=30, pitch=1e-3, depth=2e-3, channels=["stress_xz", "stress_zz"], noise=10.0)
     ),
-    "area": pp.Skin(PAD, pp.AreaArray(shape=(8, 9), pitch=1e-3, depth=2e-3, channels=NAMES, noise=10.0)),
-    "fine": pp.Skin(PAD, pp.AreaArray(shape=(5, 6), pitch=3e-3, depth=1.5e-3, channels=NAMES, noise=10.0)),
+    "area": pp.Skin(PAD, pp.AreaArray(shape=(8, 9), pitch=1e-3, depth=2e-3, channels=NAMES, noise=300.0)),
+    "fine": pp.Skin(PAD, pp.AreaArray(shape=(5, 6), pitch=3e-3, depth=1.5e-3, channels=NAMES, noise=300.0)),
     "masked": pp.Skin(
-        PAD, pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=2e-3, channels=NAMES, noise=10.0, mask=np.eye(6) < 0.5)
+        PAD, pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=2e-3, channels=NAMES, noise=300.0, mask=np.eye(6) < 0.5)
     ),
     "periodic": pp.Skin(
-        PAD, pp.AreaArray(shape=(8, 9), pitch=1e-3, depth=2e-3, channels=NAMES, noise=10.0), boundary="periodic"
+        PAD, pp.AreaArray(shape=(8, 9), pitch=1e-3, depth=2e-3, channels=NAMES, noise=300.0), boundary="periodic"
     ),
     "scattered": pp.Skin(
         PAD,
         pp.ScatteredArray(
-            positions=np.random.default_rng(1).uniform(-4e-3, 4e-3, (40, 2)), depth=1e-3, channels=NAMES, noise=10.0
+            positions=np.random.default_rng(1).uniform(-4e-3, 4e-3, (40, 2)), depth=1e-3, channels=NAMES, noise=1000.0
         ),
     ),
 }

@@ -6,16 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import process, run
+from command_line import process, run, smaller_demo
 from palpate.recordings import read_recording, read_touch, write_recording
 from palpate.recordings.recording import Recording
 from skin_files import SHEAR, skin_text
 
-SKIN = skin_text(10, 11, channels=SHEAR, pitch="1.4 mm", noise="5 Pa")
+SKIN = skin_text(10, 11, channels=SHEAR, pitch="1.4 mm", noise="100 Pa")
 LINE_SKIN = (
     SKIN.replace('kind = "area"', 'kind = "line"')
     .replace("shape = [10, 11]", "count = 20")
     .replace('["stress_xz", "stress_yz", "stress_zz"]', '["stress_zz"]')
+    .replace('"100 Pa"', '"5 Pa"')
 )
 
 
@@ -25,7 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("cli")
     (path / "skin.toml").write_text(SKIN)
     (path / "line.toml").write_text(LINE_SKIN)
-    for skin, force in (("skin", "0.2 N"), ("line", "20 N/m")):
+    for skin, force, frames in (("skin", "0.2 N", "3"), ("line", "20 N/m", "1")):
         out = run(
             "simulate",
             "--skin",
@@ -39,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "--friction",
             "0.3",
             "--frames",
-            "3",
+            frames,
             cwd=path,
         )
         assert out.returncode == 0, out.stderr
@@ -67,11 +68,7 @@ def test_help_teaches(tmp_path: Path) -> None:
 
 
 def test_a_process_of_its_own(folder: Path, tmp_path: Path) -> None:
-    """What the other tests call inside their own process, started as a user starts it: help, a result, an error."""
-    out = process("--help", cwd=tmp_path)
-    assert out.returncode == 0
-    here = run("--help", cwd=tmp_path).stdout
-    assert out.stdout.partition("COMMAND")[2] == here.partition("COMMAND")[2] != ""
+    """What the other tests call inside their own process, started as a user starts it: a result, an error."""
     arguments = ("reconstruct", str(folder / "line.nc"), "--skin", str(folder / "line.toml"))
     done, failed = (process(*arguments, "--out", name, cwd=tmp_path) for name in ("t.nc", "t.xyz"))
     assert done.returncode == 0, done.stderr
@@ -253,7 +250,10 @@ def test_creep(tmp_path: Path) -> None:
     np.testing.assert_allclose(data["time"].values, np.arange(20) / 5)
 
 
-def test_demo(tmp_path: Path) -> None:
+@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.long)], ids=["8 x 8", "as it is"])
+def test_demo(whole: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not whole:
+        smaller_demo(monkeypatch)
     out = run("demo", cwd=tmp_path)
     assert out.returncode == 0, out.stderr
     for word in ("net force", "peak pressure", "slip margin"):
@@ -278,6 +278,7 @@ def test_demo(tmp_path: Path) -> None:
     assert again.returncode == 0
 
 
+@pytest.mark.long
 def test_paper(tmp_path: Path) -> None:
     out = run("paper", "--out", "report", cwd=tmp_path)
     assert out.returncode == 0, out.stderr
@@ -382,7 +383,7 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
         edited("shape = [10, 11]", "shape = [10, 11]\ncount = 4"),
         "line 9: count does not belong",
     ),
-    "noise in the wrong unit": ([*R, "bad.toml"], edited('"5 Pa"', '"5 mm"'), "line 12: noise"),
+    "noise in the wrong unit": ([*R, "bad.toml"], edited('"100 Pa"', '"5 mm"'), "line 12: noise"),
     "layer without thickness": (
         [*R, "bad.toml"],
         layered('thickness = "2 mm"\n', ""),

@@ -174,13 +174,13 @@ def test_layers_against_mesh_free_solutions(oracle: Any, case: str) -> None:
     traction = contact.averages(grid.edges)
     if load.endswith("q"):
         traction = traction[::-1]
-    x = data[f"{group}__x"][::2]
+    x = data[f"{group}__x"][::4]
     for kind in ("z", "z_u"):
         fields = ["u_x", "u_z"] if kind == "z_u" else ["S_zz", "S_xx", "S_xz", "eps_zz", "eps_xx"]
         for i, z in enumerate(data[f"{group}__{kind}"]):
             array = pp.ScatteredArray(positions=x, depth=float(z), channels=[channel_of(f) for f in fields])
             for field, row in zip(fields, pp.Skin(pad, array, surface=grid).sense(traction)):
-                true = data[f"{case}__{field}"][:, ::2]
+                true = data[f"{case}__{field}"][:, ::4]
                 largest = max(np.linalg.norm(r) for r in true)
                 if np.linalg.norm(true[i]) > 1e-3 * largest:
                     assert relative(row, true[i]) < 1e-3, (field, z)
@@ -191,7 +191,7 @@ def test_base_taxels() -> None:
     skin = pp.Skin(
         pad,
         pp.AreaArray(
-            shape=(20, 20), pitch=1e-3, depth="base", channels=["stress_xz", "stress_yz", "stress_zz"], noise=20.0
+            shape=(14, 14), pitch=1e-3, depth="base", channels=["stress_xz", "stress_yz", "stress_zz"], noise=50.0
         ),
     )
     assert skin.planes[0].depth == 2e-3

@@ -308,6 +308,7 @@ def test_sessions_end(skin: pp.Skin) -> None:
     assert threading.active_count() <= before
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium on this machine")
 def test_in_a_browser(tmp_path: Path) -> None:
     """The page in headless Chromium paints what the demonstration sends."""
@@ -344,7 +345,7 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
-@pytest.mark.parametrize("kind", ["udp", "tcp", "ws"])
+@pytest.mark.parametrize("kind", ["udp", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("tcp", "ws"))])
 def test_a_sensor_on_the_network_through_the_command(skin: pp.Skin, tmp_path: Path, kind: str) -> None:
     """palpate live: frames in by the network, recorded from the start, shown in Foxglove, ended by Ctrl-C."""
     import signal

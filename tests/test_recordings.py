@@ -57,12 +57,15 @@ def test_netcdf_opens_in_xarray(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def touches() -> list[pp.Touch]:
     """Two frames on an area and on a line."""
+    rng = np.random.default_rng(0)
+    contacts = pp.solutions.hertz_point(radius=1.5e-3, force=0.1), pp.solutions.hertz_line(half_width=2e-3, force=30.0)
     pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.4)
     arrays = (
-        pp.AreaArray(shape=(5, 6), pitch=1e-3, depth=1e-3, channels=["stress_zz"]),
-        pp.LineArray(count=9, pitch=1e-3, depth=1e-3, channels=["stress_zz"]),
+        pp.AreaArray(shape=(5, 6), pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=500.0),
+        pp.LineArray(count=9, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=500.0),
     )
-    return [pp.Skin(pad, array).reconstruct(np.ones((2, 1, *array.shape))) for array in arrays]
+    skins = [pp.Skin(pad, array) for array in arrays]
+    return [s.reconstruct(s.sense(np.stack([s.sample(c)] * 2), rng=rng)) for s, c in zip(skins, contacts)]
 
 
 @pytest.mark.parametrize("ending", [".nc", ".npz", ".csv"])

@@ -39,7 +39,7 @@ SKIN = pp.Skin(PAD, ARRAY)
 FILES = (".mcap", ".nc", ".zarr")
 
 
-def stream(count: int = 40) -> pp.Recording:
+def stream(count: int = 24) -> pp.Recording:
     """A ball that presses and lifts, in single precision, with uneven times that are whole nanoseconds."""
     rng = np.random.default_rng(0)
     one = np.asarray(SKIN.sense(SKIN.sample(solutions.hertz_point(radius=2e-3, force=1.0).sliding(0.3))))

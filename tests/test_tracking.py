@@ -160,8 +160,8 @@ def test_noise_is_learned_from_the_baseline(skin: pp.Skin) -> None:
 def test_drift_is_followed_only_without_contact() -> None:
     """Thermal drift of ten times the noise in a minute goes into the zero; a contact held as long does not."""
     rng = np.random.default_rng(1)
-    skin = pp.Skin(PAD, pp.AreaArray(shape=(9, 10), pitch=1.4e-3, depth=1.5e-3, channels=THREE))
-    pattern = rng.standard_normal((3, 9, 10))
+    skin = pp.Skin(PAD, pp.AreaArray(shape=(9, 10), pitch=1.4e-3, depth=1.5e-3, channels=["stress_zz"]))
+    pattern = rng.standard_normal((1, 9, 10))
     tracker = skin.track(baseline=20, rate=10.0, rezero=2.0)
     pressed = skin.sense(BALL)
     for i in range(600):
@@ -309,12 +309,12 @@ def test_memory_is_bounded_and_reset_forgets(skin: pp.Skin, story: Any) -> None:
 
     frames, readings = story
     tracker = skin.track(friction=MU, baseline=15, rate=50.0)
-    first = [np.asarray(tracker.step(r, f.time).values) for f, r in zip(frames[:120], readings)]
+    first = [np.asarray(tracker.step(r, f.time).values) for f, r in zip(frames[:60], readings)]
     tracemalloc.start()
     sizes = []
     for _ in range(3):
         tracker.reset()
-        again = [np.asarray(tracker.step(r, f.time).values) for f, r in zip(frames[:120], readings)]
+        again = [np.asarray(tracker.step(r, f.time).values) for f, r in zip(frames[:60], readings)]
         sizes.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     np.testing.assert_array_equal(again[-1], first[-1])
