@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate.bench.accuracy import spread_over
 from palpate.bench.unseen import KINDS, Sample, unseen
+from palpate.elastic.pad import Floats
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.methods import Automatic, AutomaticEstimator, cone_of
 from palpate.inverse.contact.parts import Parts, Thresholds
@@ -189,22 +190,27 @@ def ablation(
     kinds: Sequence[str] = tuple(KINDS),
     seed: int = 2024,
     only: Sequence[str] | None = None,
+    seconds: float | None = None,
     jobs: int = 1,
     report: Callable[[int], None] | None = None,
 ) -> list[tuple[str, bool, dict[str, Outcome]]]:
     """Kind, whether nothing touches, and the outcome of every variant ("whole" first), of each frame.
 
     ``kinds``: of which `palpate.bench.unseen.KINDS`, in turn; ``numbers``: how many of the frames halved and doubled numbers are tried on; ``only``: the variants wanted (names of `variants`;
-    default: all).
+    default: all); ``seconds``: no frame is begun after so long (by the wall clock), so that the first of ``frames`` are returned.
     """
     tasks = [
         (seed, i, kinds[i % len(kinds)], i < numbers, None if only is None else tuple(only)) for i in range(frames)
     ]
-    found = []
-    for i, one in enumerate(spread_over(_one_frame, tasks, jobs)):
-        found.append(one)
-        if report is not None:
-            report(i + 1)
+    found: list[tuple[str, bool, dict[str, Outcome]]] = []
+    started = time.monotonic()
+    while len(found) < frames and (seconds is None or not found or time.monotonic() - started < seconds):
+        # in turns where the time is limited, so that it is looked at between them
+        turn = tasks[len(found) :] if seconds is None else tasks[len(found) : len(found) + jobs]
+        for one in spread_over(_one_frame, turn, jobs):
+            found.append(one)
+            if report is not None:
+                report(len(found))
     return found
 
 
@@ -213,7 +219,7 @@ class Row:
     """A variant against the whole method.
 
     ``mean`` is the geometric mean of the errors' ratios, ``low`` and ``high`` its 95 % interval (bootstrap over frames), ``kinds`` the
-    same mean of each kind, ``worst`` the largest ratio, ``largest`` the largest error, ``changed`` the part of frames with another
+    same mean of each kind with its relative standard error (NaN of a single frame) and the number of frames, ``worst`` the largest ratio, ``largest`` the largest error, ``changed`` the part of frames with another
     answer, ``missed`` and ``alarms`` the contacts not found and the empty frames taken for contact, ``coverage`` and ``plain`` those of
     `Outcome`, ``time`` the processor time over that of the whole method.
     """
@@ -223,7 +229,7 @@ class Row:
     mean: float
     low: float
     high: float
-    kinds: dict[str, float]
+    kinds: dict[str, tuple[float, float, int]]
     worst: float
     largest: float
     changed: float
@@ -257,7 +263,7 @@ def summary(found: Sequence[tuple[str, bool, dict[str, Outcome]]], seed: int = 0
                 float(np.exp(logs.mean())),
                 float(low),
                 float(high),
-                {k: float(np.exp(logs[kinds == k].mean())) for k in KINDS if (kinds == k).any()},
+                {k: _mean(logs[kinds == k]) for k in KINDS if (kinds == k).any()},
                 float(np.exp(logs.max())),
                 max(o.error for o in outcomes),
                 float(np.mean(logs != 0.0)),
@@ -271,12 +277,19 @@ def summary(found: Sequence[tuple[str, bool, dict[str, Outcome]]], seed: int = 0
     return rows
 
 
+def _mean(logs: Floats) -> tuple[float, float, int]:
+    """Geometric mean, its relative standard error, and of how many."""
+    count = len(logs)
+    return float(np.exp(logs.mean())), float(logs.std(ddof=1) / math.sqrt(count)) if count > 1 else math.nan, count
+
+
 def as_markdown(rows: Sequence[Row], *, command: str, empty: int) -> str:
     """The table as a page's section; ``empty``: how many empty frames there were."""
     whole = rows[0]
+    counts = ", ".join(f"{count} of {kind}" for kind, (_, _, count) in whole.kinds.items())
     lines = [
-        f"Made by `{command}`: {whole.frames} contacts and {empty} empty frames that tuned nothing (`palpate.bench.unseen`). Error over that of the "
-        f"whole method (geometric mean over frames, 95 % interval, and for {', '.join(whole.kinds)}), largest ratio, largest error, part of "
+        f"Made by `{command}`: {whole.frames} contacts ({counts}) and {empty} empty frames that tuned nothing (`palpate.bench.unseen`). Error over that of the "
+        f"whole method (geometric mean over frames, 95 % interval; and of each kind with its standard error), largest ratio, largest error, part of "
         "frames with another answer, number of contacts, contacts missed, false alarms, part of true normal forces inside the 95 % interval, processor time "
         "over that of the whole method.",
         "",
@@ -284,7 +297,7 @@ def as_markdown(rows: Sequence[Row], *, command: str, empty: int) -> str:
         f"|---|---|{'---|' * len(whole.kinds)}---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
-        each = " | ".join(f"{v:.3f}" for v in r.kinds.values())
+        each = " | ".join(_with_error(*r.kinds[k]) if k in r.kinds else "" for k in whole.kinds)
         lines.append(
             f"| {r.name} | {r.mean:.3f} ({r.low:.3f} to {r.high:.3f}) | {each} | {r.worst:.2f} | {r.largest:.2f} | {100 * r.changed:.0f} % | "
             f"{r.frames} | {r.missed} | {r.alarms} | {r.coverage:.3f} | {r.time:.2f} |"
@@ -294,3 +307,7 @@ def as_markdown(rows: Sequence[Row], *, command: str, empty: int) -> str:
         f"{whole.frames} | {whole.missed} | {whole.alarms} | {whole.plain:.3f} | 1 |"
     )
     return "\n".join(lines) + "\n"
+
+
+def _with_error(mean: float, error: float, count: int) -> str:
+    return f"{mean:.3f} (one frame)" if count == 1 else f"{mean:.3f} ± {mean * error:.3f}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -96,6 +97,9 @@ def bench_ablation(
         str, typer.Option(help="Kinds of contact, in turn, separated by commas: line, area, area with shear.")
     ] = "line,line,area,area with shear",
     seed: Annotated[int, typer.Option(help="Seed of the frames.")] = 2024,
+    minutes: Annotated[
+        float | None, typer.Option(help="Begin no frame after so many minutes; the table says how many there were.")
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Ten lines, no numbers: less than a minute.")] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     out: Annotated[Path | None, typer.Option(help="Markdown file for the table.")] = None,
@@ -112,13 +116,23 @@ def bench_ablation(
         raise InvalidInput(f"kinds must be among {', '.join(bench.KINDS)}; got {', '.join(unknown)}.")
     if numbers > frames:
         raise InvalidInput(f"--numbers must not exceed --frames ({frames}); got {numbers}.")
+    if minutes is not None and not (math.isfinite(minutes) and minutes > 0):
+        raise InvalidInput(f"--minutes must be a positive number; got {minutes:g}.")
     if out is not None:
         check_output(out, force=force)
+    seconds = None if minutes is None else 60.0 * minutes
     with Bar("frames", frames) as step:
         found = bench.ablation(
-            frames, numbers=numbers, kinds=names, seed=seed, jobs=jobs, report=lambda i: step(f"{i}")
+            frames,
+            numbers=numbers,
+            kinds=names,
+            seed=seed,
+            seconds=seconds,
+            jobs=jobs,
+            report=lambda i: step(f"{i}"),
         )
     rows = bench.summary(found)
+    frames, numbers = len(found), min(numbers, len(found))  # what the table is made of
     if not rows:
         raise InvalidInput(f"nothing touches in any of the {frames} frames of seed {seed}; give more with --frames.")
     typer.echo(
