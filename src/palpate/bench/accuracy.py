@@ -140,8 +140,8 @@ def run(
 def _told(method: str | Method, layout: Layout) -> Method:
     """The method, with the layout's friction where it takes one."""
     if isinstance(method, Method):
-        untold = getattr(method, "friction", 0) is None  # 0: it takes none
-        return replace(method, friction=layout.friction) if untold else method  # type: ignore[call-arg]
+        unset = getattr(method, "friction", 0) is None  # 0: it takes none
+        return replace(method, friction=layout.friction) if unset else method  # type: ignore[call-arg]
     name = Automatic.name if method == DEFAULT else method
     return method_named(name, {"friction": layout.friction} if "friction" in methods()[name].options() else {})
 

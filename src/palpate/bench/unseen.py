@@ -164,8 +164,8 @@ def _contact(rng: np.random.Generator, shape: tuple[int, ...], depth: float, mu:
         if how == "twist":
             out[0], out[1] = -limit * away[1] / np.maximum(r, 1.0), limit * away[0] / np.maximum(r, 1.0)
         else:
-            grown = limit if how == "slide" else limit * np.clip(r, 0.1, 1.0)
-            out[0], out[1] = math.cos(direction) * grown, math.sin(direction) * grown
+            sheared = limit if how == "slide" else limit * np.clip(r, 0.1, 1.0)
+            out[0], out[1] = math.cos(direction) * sheared, math.sin(direction) * sheared
         return out
 
     return cells

@@ -77,9 +77,9 @@ def observability(
         s = np.concatenate([s, np.zeros((len(k), len(columns) - s.shape[-1]))], axis=-1)
         worst = s if worst is None else np.where((s[:, -1:] < worst[:, -1:]), s, worst)
     found = np.asarray(worst)
-    seen = found[:, -1] > BLIND * found[:, 0]
+    observable = found[:, -1] > BLIND * found[:, 0]
     condition = np.full(len(k), np.inf)
-    condition[seen] = found[seen, 0] / found[seen, -1]
+    condition[observable] = found[observable, 0] / found[observable, -1]
     return Observability(lengths, found, condition, tuple(components))
 
 

@@ -463,13 +463,13 @@ def _line(text: str, keys: tuple[str | int, ...]) -> int:
     top = re.compile(rf"^\s*{re.escape(section)}\s*=")
     header = re.compile(rf"^\s*\[{{1,2}}\s*{re.escape(section)}\s*\]{{1,2}}")
     any_header = re.compile(r"^\s*\[[\[\w]")
-    seen, start = -1, 1
+    count, start = -1, 1
     for number, line in enumerate(lines, 1):
         if top.match(line) and key is None:
             return number
         if header.match(line):
-            seen += 1
-            if seen == index:
+            count += 1
+            if count == index:
                 start = number
                 break
     else:
