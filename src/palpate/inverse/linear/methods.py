@@ -60,7 +60,7 @@ class Tikhonov(Method):
         """The spectrum under the difference prior."""
         self.check(problem)
         priors = [DifferencePrior(problem.surface, self.order)] * len(problem.components)
-        return Regularised(problem.decomposition(priors), tikhonov, self.chosen)
+        return Regularised(problem.decomposition(priors), tikhonov, self.chosen, nuisance=problem.nuisance)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +90,7 @@ class Hilgers(Method):
         self.check(problem)
         length = self.length or min(p.depth for p in problem.planes) or problem.surface.spacings[-1]
         priors = [hilgers_prior(problem.surface, float(length))] * len(problem.components)
-        return Regularised(problem.decomposition(priors), tikhonov, self.chosen)
+        return Regularised(problem.decomposition(priors), tikhonov, self.chosen, nuisance=problem.nuisance)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +117,7 @@ class Truncated(Method):
         """The spectrum under white traction."""
         self.check(problem)
         priors = [DifferencePrior(problem.surface, 0)] * len(problem.components)
-        return Regularised(problem.decomposition(priors), truncate, self.chosen)
+        return Regularised(problem.decomposition(priors), truncate, self.chosen, nuisance=problem.nuisance)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,4 +157,4 @@ class Wiener(Method):
             each = [density] * len(problem.components)
         priors = [SpectralPrior(problem.surface, d) for d in each]
         self.check(problem)
-        return Regularised(problem.decomposition(priors), tikhonov, 1.0, absolute=True)
+        return Regularised(problem.decomposition(priors), tikhonov, 1.0, absolute=True, nuisance=problem.nuisance)

@@ -124,8 +124,8 @@ class Uncertainty:
     """Of each frame (*batch): the parameter, and how large noise and traction are taken to be.
 
     Either ``noise`` sigma^2 and ``amplitude`` alpha are given (*batch), or what tells them: ``power`` |c|^2 per datum (*batch, n), and the least
-    noise variance ``floor`` (*batch), None where the noise is known. ``patterns`` (*batch, pattern, component sought, *surface) is G L,
-    with L L^T the covariance of the patterns' sizes.
+    noise variance ``floor`` (*batch), None where the noise is known. ``patterns`` (*batch, direction, n) are B L, with L L^T
+    the covariance of the sizes of patterns that are no contact.
     """
 
     parameter: Floats
@@ -376,10 +376,17 @@ class _Source:
         """x, then y of every cell."""
         return np.stack(np.meshgrid(*self.spread.grid.axes, indexing="ij")[::-1])
 
-    @property
+    @cached_property
     def _patterns(self) -> Floats | None:
-        patterns = self.known.patterns
-        return None if patterns is None else patterns.reshape(self._count, *patterns.shape[len(self._batch) :])
+        """What the estimate makes of the patterns (frame, direction, component sought, *surface)."""
+        if self.known.patterns is None:
+            return None
+        rows = self.known.patterns.reshape(self._count, -1, self.known.patterns.shape[-1])
+        values = self.spread.spectrum.eigenvalues
+        phi = self.filter(values[None, :], np.reshape(self.known.parameter, (-1, 1)))
+        gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
+        maps = [np.asarray(self.spread.spectrum.solve(part * g)) for part, g in zip(rows, gain)]
+        return np.stack(maps)[:, :, list(self.spread.columns)]
 
     @cached_property
     def _sizes(self) -> tuple[Floats, Floats]:

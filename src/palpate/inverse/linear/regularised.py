@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,10 +13,12 @@ import numpy.typing as npt
 
 from palpate._arrays import from_numpy, namespace, to_numpy
 from palpate.elastic.pad import Floats
+from palpate.errors import Unsupported
 from palpate.inverse.estimate import Estimate
 from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import check_spectrum, check_waves
 from palpate.inverse.linear.parameter import MODEL_ERROR, Filter, check_parameter, choose
+from palpate.inverse.linear.patterns import Patterns
 from palpate.inverse.linear.posterior import LinearErrors, Spread, Uncertainty
 from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.spectrum import DataSpectrum, Spectrum, noise_scales
@@ -68,17 +71,35 @@ def decompose(operator: Operator, priors: Sequence[Prior], columns: Sequence[int
 class Regularised:
     """A regularised inversion: a decomposition, a filter phi(s^2, lambda), and lambda or the rule that chooses it for each frame.
 
-    ``absolute`` says that prior and noise are known as they are, not up to a factor.
+    ``absolute`` says that prior and noise are known as they are, not up to a factor; ``nuisance`` what readings hold besides contact
+    (`palpate.inverse.problem.Problem`).
     """
 
     def __init__(
-        self, decomposition: Decomposition, filter_factors: Filter, parameter: float | str, *, absolute: bool = False
+        self,
+        decomposition: Decomposition,
+        filter_factors: Filter,
+        parameter: float | str,
+        *,
+        absolute: bool = False,
+        nuisance: tuple[str, ...] | None = (),
     ) -> None:
         check_parameter(parameter)
         self.decomposition, self.filter, self.parameter = decomposition, filter_factors, parameter
         self.operator, self.spectrum = decomposition.operator, decomposition.spectrum
         self.scales, self.noise_known = decomposition.scales, decomposition.noise_known
         self.grid, self.absolute = self.operator.surface, absolute
+        self.patterns: Patterns | None = None
+        if self.operator.boundary == "free" and nuisance != ():
+            known = float(parameter) if absolute else None
+            self.patterns = Patterns(self.operator, self.spectrum, self.scales, nuisance, known)
+        elif nuisance and not (
+            nuisance == ("offset",) and isinstance(self.spectrum, FourierSpectrum) and not self.spectrum.mean_seen.any()
+        ):
+            raise Unsupported(
+                f'nuisance={list(nuisance)} needs boundary="free" (a periodic surface has no edges that a ramp or a rotation could '
+                "have); leave nuisance out."
+            )
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
         """Traction from one readings array per plane."""
@@ -86,10 +107,17 @@ class Regularised:
         coefficients = self.spectrum.project(readings)
         batch = coefficients.shape[:-1]
         values, counts = self.spectrum.eigenvalues, self.spectrum.multiplicity
+        floor = self._floor(readings, math.prod(batch))
+        said: list[str] = []
+        removed = None
+        if self.patterns is not None:
+            flat = to_numpy(coefficients).reshape(-1, len(values))
+            removed = self.patterns.removed(flat, None if self.noise_known else floor)
+        if self.patterns is not None and removed is not None:
+            said += self.patterns.words(removed, batch)
+            coefficients = from_numpy(removed.coefficients.reshape(coefficients.shape), coefficients)
         power = np.abs(to_numpy(coefficients).astype(np.complex128)) ** 2
         power = np.real(power).reshape(-1, len(values))
-        floor = self._floor(readings, len(power))
-        said: list[str] = []
         if isinstance(self.parameter, str):
             choice = choose(
                 self.parameter, self.filter, values, counts, power, noise_known=self.noise_known, floor=floor
@@ -120,11 +148,14 @@ class Regularised:
         real = xp.real(coefficients) if xp.isdtype(coefficients.dtype, "complex floating") else coefficients
         traction = self.spectrum.solve(coefficients * from_numpy(gain, real))
         scale = np.sqrt(variance).reshape(batch)
+        spread = None
+        if removed is not None and (removed.present > 0).any():
+            spread = removed.directions.reshape(*batch, *removed.directions.shape[1:])
         if self.absolute:
-            known = Uncertainty(chosen.reshape(batch), np.ones(batch), np.ones(batch))
+            known = Uncertainty(chosen.reshape(batch), np.ones(batch), np.ones(batch), patterns=spread)
         else:
             least = None if self.noise_known else floor.reshape(batch)
-            known = Uncertainty(chosen.reshape(batch), power=power.reshape(*batch, -1), floor=least)
+            known = Uncertainty(chosen.reshape(batch), power=power.reshape(*batch, -1), floor=least, patterns=spread)
         return Estimate(
             traction,
             chosen.reshape(batch),

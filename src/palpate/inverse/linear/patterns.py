@@ -1,0 +1,216 @@
+"""Patterns that are no contact (`palpate.sensing.nuisance`) in linear methods: weighed by evidence, taken out, and part of the error bars.
+
+In the basis of the spectrum, readings are c = s v + B a + noise with v of variance sigma^2/lambda and a of unknown sizes. Several models are
+weighed: no pattern, and sets of patterns (offsets; offsets and rotation; offsets and ramps), each with sizes of variance g^2 sigma^2 for
+several g, the patterns being scaled to a root mean square of one. With D = 1 + s^2/lambda and M = B^T D^{-1} B = E diag(m) E^T,
+
+    cov(a) = sigma^2 (g^{-2} + M)^{-1},   mean(a) = (g^{-2} + M)^{-1} B^T D^{-1} c,
+    -2 log evidence = (c^T D^{-1} c - b^T (g^{-2} + M)^{-1} b)/sigma^2 + sum log D + sum log(1 + g^2 m) + n log sigma^2,
+
+b = B^T D^{-1} c. Patterns are there or not there, as is more probable; their sizes are means over g. M depends on lambda alone, so its eigenvectors are prepared once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.linear.parameter import TINY, candidates
+from palpate.inverse.linear.spectrum import Spectrum
+from palpate.inverse.linear.whitening import Readings
+from palpate.sensing.nuisance import Nuisance, nuisances
+from palpate.sensing.operator import Operator
+
+__all__ = ["Patterns", "Removed"]
+
+#: Root mean square of a pattern in the readings, over the noise, that is thought possible (all equally).
+SIZES = (0.3, 3.0, 30.0, 300.0, 3000.0)
+#: Every how many candidates of the parameter are tried: four to a decade.
+COARSE = 3
+#: Sets with more patterns than this part of the readings are not weighed.
+SHARE = 0.125
+#: Log odds against patterns beforehand: sensors are zeroed, and contact that no Gaussian prior expects looks a little like one. Not where
+#: readings have no zero of their own (`Patterns.adrift`): there patterns are taken for granted, and of any size.
+AGAINST = 3.0
+#: Models less probable than this add nothing to the error bars.
+IMPROBABLE = 1e-3
+#: Probability from which on a pattern is said to be there, and up to which it is not spoken of.
+LIKELY, UNLIKELY = 0.9, 0.05
+#: Directions of the estimate's error that patterns add, at the most: the largest.
+DIRECTIONS = 6
+
+
+@dataclass(frozen=True)
+class Removed:
+    """Of each frame: coefficients without the patterns (frame, n), what is uncertain of them (frame, direction, n), sizes and their standard
+    deviations (frame, pattern), and the probability that each pattern is there (frame, pattern).
+    """
+
+    coefficients: Any
+    directions: Floats
+    sizes: Floats
+    deviations: Floats
+    present: Floats
+
+
+@dataclass(frozen=True)
+class _Set:
+    """Patterns weighed together: which, and of each candidate (candidate, ...) the eigenvectors of M and its eigenvalues."""
+
+    members: tuple[int, ...]
+    vectors: Floats
+    values: Floats
+
+
+class Patterns:
+    """The patterns of an operator in the basis of a spectrum; None of them where nothing but contact is to be thought of.
+
+    ``kinds`` are those that are taken for granted; None: the readings decide, but for an image of a half-space, which always drifts.
+    """
+
+    def __init__(
+        self,
+        operator: Operator,
+        spectrum: Spectrum,
+        scales: Sequence[Floats],
+        kinds: tuple[str, ...] | None,
+        parameter: float | None = None,
+    ) -> None:
+        self.spectrum = spectrum
+        channels = {c for a in operator.planes_of for c in a.channels}
+        #: An image of a half-space has no zero of its own: its displacements are relative to points infinitely far away. (What measures
+        #: displacement_z too is fixed to the pad.)
+        self.adrift = operator.pad.thickness is None and channels <= {"displacement_x", "displacement_y"}
+        self.certain = kinds is not None or self.adrift
+        wanted = ("offset", "ramp", "rotation") if kinds is None else kinds
+        self.all: list[Nuisance] = list(nuisances(operator.planes_of, wanted))
+        readings = Readings(operator, scales)
+        rows = [[p[None] for p in readings.planes(n.rows)] for n in self.all]
+        self.rows = np.concatenate([np.asarray(spectrum.project(r)) for r in rows]) if rows else np.zeros((0, 0))
+        size = np.sqrt((self.rows**2).mean(axis=1)) if rows else np.zeros(0)
+        self.units = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
+        self.rows = self.rows * self.units[:, None]
+        self.grid = candidates(spectrum.eigenvalues)[::COARSE] if parameter is None else np.array([parameter])
+        self.sets = [self._prepared(members) for members in self._sets(kinds)]
+
+    def _sets(self, kinds: tuple[str, ...] | None) -> list[tuple[int, ...]]:
+        most = SHARE * len(self.spectrum.eigenvalues)
+        named = [kinds] if kinds is not None else [("offset",), ("offset", "rotation"), ("offset", "ramp")]
+        found = [tuple(i for i, n in enumerate(self.all) if n.kind in each and self.units[i] > 0) for each in named]
+        return [s for s in dict.fromkeys(found) if s and (self.certain or len(s) <= most)]
+
+    def _prepared(self, members: tuple[int, ...]) -> _Set:
+        rows = self.rows[list(members)]
+        weights = 1.0 / (1.0 + self.spectrum.eigenvalues[None, :] / self.grid[:, None])
+        middle = np.einsum("in,gn,jn->gij", rows, weights, rows, optimize=True)
+        values, vectors = np.linalg.eigh(middle)
+        return _Set(members, vectors, np.maximum(values, 0.0))
+
+    def removed(self, coefficients: Any, floor: Floats | None) -> Removed | None:
+        """What is left of ``coefficients`` (frame, n); None where there is nothing to weigh. ``floor``: as in `amplitude`."""
+        if not self.sets:
+            return None
+        c = np.asarray(coefficients, dtype=np.float64)
+        n, values = c.shape[1], self.spectrum.eigenvalues
+        weights = 1.0 / (1.0 + values[None, :] / self.grid[:, None])
+        explained = c**2 @ weights.T  # (frame, candidate)
+        logdet = -np.log(np.maximum(weights, TINY)).sum(axis=1)
+        inner = np.stack([c @ (weights * row).T for row in self.rows], axis=-1)  # (frame, candidate, pattern)
+
+        def score(left: Floats, more: Floats) -> tuple[Floats, Floats]:
+            """-2 log evidence and noise variance."""
+            if floor is None:
+                return left + logdet + more, np.ones_like(left)
+            variance = np.maximum(np.maximum(left / n, floor[:, None]), TINY)
+            return n * np.log(variance) + left / variance + logdet + more, variance
+
+        models: list[tuple[_Set | None, float]] = [(None, 0.0)] if not self.certain else []
+        scores = [score(explained, np.zeros(len(self.grid)))] if not self.certain else []
+        along = {}
+        for each in self.sets:
+            along[each.members] = np.einsum("gji,fgj->fgi", each.vectors, inner[..., list(each.members)])
+            for g in SIZES[-1:] if self.adrift else SIZES:
+                gain = 1.0 / (g**-2 + each.values)  # (candidate, direction)
+                taken = (along[each.members] ** 2 * gain).sum(axis=-1)
+                scores.append(score(explained - taken, np.log1p(g**2 * each.values).sum(axis=-1)))
+                models.append((each, g))
+        # evidence of each model over all parameters
+        table = np.stack([-0.5 * s for s, _ in scores], axis=1)  # (frame, model, candidate)
+        against = np.log(len(SIZES) * len(self.sets)) + AGAINST
+        prior = np.array([0.0 if m is None else -against for m, _ in models])
+        top = table.max(axis=(1, 2), keepdims=True)
+        total = np.log(np.exp(table - top).mean(axis=2)) + top[..., 0] + prior
+        chance = np.exp(total - total.max(axis=1, keepdims=True))
+        chance /= chance.sum(axis=1, keepdims=True)
+        if not self.certain:  # there or not there: a small chance of something large would widen every interval
+            there = chance[:, 0] < 0.5
+            chance[there, 0] = 0.0
+            chance[~there, 1:] = 0.0
+            chance /= chance.sum(axis=1, keepdims=True)
+        best = table.argmax(axis=2)  # (frame, model)
+        return self._mixed(c, models, chance, best, along, [v for _, v in scores])
+
+    def _mixed(
+        self,
+        c: Floats,
+        models: list[tuple[_Set | None, float]],
+        chance: Floats,
+        best: Any,
+        along: dict[tuple[int, ...], Floats],
+        variances: list[Floats],
+    ) -> Removed:
+        """Mean and spread of the patterns' sizes over the models of each frame."""
+        count, q = len(c), len(self.all)
+        mean, second, present = np.zeros((count, q)), np.zeros((count, q, q)), np.zeros((count, q))
+        for i, (model, g) in enumerate(models):
+            if model is None:
+                continue
+            members = list(model.members)
+            for f in np.flatnonzero(chance[:, i] > IMPROBABLE):
+                at, p = best[f, i], chance[f, i]
+                gain = 1.0 / (g**-2 + model.values[at])
+                vectors = model.vectors[at]
+                size = vectors @ (gain * along[model.members][f, at])
+                spread = variances[i][f, at] * (vectors * gain) @ vectors.T
+                mean[f, members] += p * size
+                second[f][np.ix_(members, members)] += p * (spread + np.outer(size, size))
+                present[f, members] += p
+        spread = second - mean[:, :, None] * mean[:, None, :]
+        eigenvalues, vectors = np.linalg.eigh(spread)
+        kept = slice(-min(DIRECTIONS, q), None)
+        root = vectors[:, :, kept] * np.sqrt(np.maximum(eigenvalues[:, None, kept], 0.0))
+        deviation = np.sqrt(np.maximum(np.diagonal(spread, axis1=1, axis2=2), 0.0))
+        return Removed(
+            c - mean @ self.rows,
+            np.swapaxes(root, 1, 2) @ self.rows,
+            mean * self.units,
+            deviation * self.units,
+            present,
+        )
+
+    def words(self, found: Removed, batch: tuple[int, ...]) -> list[str]:
+        """What was found and what could not be told from traction, one sentence each."""
+        said = []
+        for i, pattern in enumerate(self.all):
+            size, deviation = found.sizes[:, i], found.deviations[:, i]
+            there = (found.present[:, i] > LIKELY) & (np.abs(size) > 2.0 * deviation)
+            if there.any() and not batch:
+                said.append(f"{pattern.label}: {size[0]:.3g} +- {deviation[0]:.2g} {pattern.unit}, taken out")
+            elif there.any():
+                low, high = size[there].min(), size[there].max()
+                said.append(
+                    f"{pattern.label} in {int(there.sum())} of {len(there)} frames: {low:.3g} to {high:.3g} {pattern.unit}, taken out"
+                )
+            open_ = ~there & (found.present[:, i] > UNLIKELY)
+            if self.adrift and pattern.kind == "offset" and open_.any():
+                some = f" in {int(open_.sum())} of {len(open_)} frames" if batch else ""
+                most = 2.0 * float(deviation[open_].max())
+                said.append(
+                    f"{pattern.label} (of up to {most:.2g} {pattern.unit}) and a net force cannot be told apart{some}: the intervals allow for "
+                    "both. Where the image cannot drift, say Skin(..., nuisance=[])"
+                )
+        return said
