@@ -60,6 +60,7 @@ NEEDS = {
     "test_sinks.py": (*COMMANDS, *BAGS, "websockets", "zarr"),
     "test_stopped.py": COMMANDS,
     "test_stopped_stream.py": (*COMMANDS, "mcap", "zarr"),
+    "test_trust.py": COMMANDS,
 }
 LEFT_OUT = {
     name: missing

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from conftest import NEEDS as NEEDED
 from palpate._extras import EXTRAS
 
 #: Run where none of the optional libraries can be imported.
@@ -72,3 +75,19 @@ def test_the_command_line_without_its_libraries_says_so() -> None:
     out = bare("from palpate.cli import main; main()")
     assert out.returncode == 1
     assert out.stderr == 'error: the command line needs more packages: pip install "palpate[cli]"\n'
+
+
+TESTS = sorted(Path(__file__).parent.glob("test_*.py"))
+
+
+@pytest.mark.parametrize("file", TESTS, ids=lambda p: p.name)
+def test_what_a_file_of_tests_needs_is_known(file: Path) -> None:
+    """Without the extras a file is left out (`NEEDS` in conftest) or skips itself, and is no error of the run."""
+    if file.name in NEEDED:
+        return
+    text = file.read_text(encoding="utf-8")
+    nodes = [n for n in ast.parse(text).body if isinstance(n, ast.Import | ast.ImportFrom)]
+    names = {a.name for n in nodes if isinstance(n, ast.Import) for a in n.names}
+    names |= {n.module for n in nodes if isinstance(n, ast.ImportFrom) and n.module}
+    optional = {"clarabel", "httpx", *EXTRAS} & {name.split(".")[0] for name in names}
+    assert not {name for name in optional if f'importorskip("{name}' not in text}
