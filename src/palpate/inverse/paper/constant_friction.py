@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from palpate.inverse.problem import Problem
 from palpate.sensing.arrays import Array, LineArray
 from palpate.sensing.kernels import aperture_rule, influence
 from palpate.solutions.line import strip
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 __all__ = ["ConstantFriction", "ConstantFrictionEstimator"]
 
@@ -143,15 +146,18 @@ class ConstantFrictionEstimator:
         )
 
     def _frame(self, reading: Floats) -> Estimate:
+        from scipy.interpolate import CubicSpline
         from scipy.optimize import minimize
 
         x, pitch = self.array.grid.x, self.array.pitch
         power = float((reading**2).mean()) or 1.0
+        between = CubicSpline(x, reading, extrapolate=False)
 
         def shear_force(center: float, half_width: float, total: float) -> tuple[float, float]:
             """Net shear and the odd part of the reading that it leaves (mean square, relative)."""
-            odd = _odd_part(x, reading, center)
-            unit = _odd_part(x, self._shear_reading(half_width, center), center)
+            odd = _odd_part(between, reading, center)
+            response = self._shear_reading(half_width, center)
+            unit = _odd_part(CubicSpline(x, response, extrapolate=False), response, center)
             if self._weighs:
                 force = self.friction * total
             else:
@@ -196,9 +202,8 @@ class ConstantFrictionEstimator:
         return Estimate(traction, first.parameter, first.noise_scale, first.residual)
 
 
-def _odd_part(x: Floats, values: Floats, center: float) -> Floats:
-    """Odd part about ``center``. The mirror image reads 0 beyond the array, so that a middle near its end explains nothing."""
-    from scipy.interpolate import CubicSpline
-
-    mirrored = CubicSpline(x, values, extrapolate=False)(2 * center - x)
+def _odd_part(between: CubicSpline, values: Floats, center: float) -> Floats:
+    """Odd part about ``center`` of values and the spline through them. The mirror image reads 0 beyond the array, so that a middle near its
+    end explains nothing."""
+    mirrored = between(2 * center - between.x)
     return np.asarray(0.5 * (values - np.nan_to_num(mirrored)))
