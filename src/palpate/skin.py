@@ -66,6 +66,11 @@ class Skin:
         linear change across the array), "rotation" (of an image). "auto" (default): offsets and rotation, where a frame speaks for them;
         () for none.
 
+    Raises
+    ------
+    InvalidInput
+        No pad, no array, lines among areas, or a depth below a rigid base.
+
     Notes
     -----
     A skin does not change once made. What is expensive is prepared on first use and kept, for each method and each kind,
@@ -281,6 +286,11 @@ class Skin:
     def masked(self, working: npt.ArrayLike | Sequence[npt.ArrayLike]) -> Skin:
         """The same skin without the taxels where ``working`` is False; of several planes, one mask for each.
 
+        Raises
+        ------
+        InvalidInput
+            Not one mask for each plane, one of another shape, or one that leaves no taxel.
+
         Examples
         --------
         >>> import palpate as pp
@@ -309,6 +319,11 @@ class Skin:
 
     def sample(self, contact: LineContact | AreaContact) -> Floats:
         """Mean traction (component, *surface) [Pa] of a closed-form contact in each surface cell.
+
+        Raises
+        ------
+        InvalidInput
+            A line's contact on an area, or the other way round.
 
         Examples
         --------
@@ -341,6 +356,13 @@ class Skin:
         array (*batch, channel, *array)
             In the unit of each channel. Planes of one shape are joined along the channel axis; planes of different shapes
             come as a list. Missing taxels read NaN.
+
+        Raises
+        ------
+        InvalidInput
+            A traction of another shape or not finite; times that are missing where the pad creeps; ``rng`` for an array without noise.
+        Unsupported
+            Times where the pad does not creep.
 
         Examples
         --------

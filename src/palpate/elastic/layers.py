@@ -74,6 +74,11 @@ class BondedLayers:
     base : HalfSpace, optional
         What the last layer is bonded to; by default a rigid base.
 
+    Raises
+    ------
+    InvalidInput
+        No layers, or a base that is neither None nor a `HalfSpace`; a depth below the rigid base where one is asked for.
+
     Notes
     -----
     Surface compliance (displacement per traction, a 2 x 2 matrix in plane and a number out of plane) is carried up from the

@@ -131,6 +131,11 @@ def transfer(
     array (..., channel, 3), complex
         Columns for (q_x, q_y, p) [m/Pa, Pa/Pa or 1/Pa].
 
+    Raises
+    ------
+    InvalidInput
+        A channel that does not exist, and a depth below a rigid base.
+
     Examples
     --------
     >>> import palpate as pp

@@ -38,6 +38,13 @@ class Viscoelastic:
     prony : sequence of (float, float)
         Pairs (g_i, tau_i): the part of the modulus that relaxes, 0 < g_i with sum < 1, and its time constant [s].
 
+    Raises
+    ------
+    InvalidInput
+        An elastic part that is no pad or creeps itself, a series that is not of pairs of positive numbers, or parts g that sum to 1 or more.
+    Unsupported
+        Layers on a half-space: time and space do not separate there.
+
     Examples
     --------
     >>> import palpate as pp
@@ -114,6 +121,11 @@ class CreepFilter:
 
     Between frames the *measured* reading is taken as linear in time, so `remove` is exact for steps at frames and for ramps, and
     `add` is its exact inverse. Before the first frame the pad is at rest; the first frame is a step. Steps in time may be uneven.
+
+    Raises
+    ------
+    InvalidInput
+        From ``add`` and ``remove``: a time that does not follow the one before.
 
     Examples
     --------

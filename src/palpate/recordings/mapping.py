@@ -50,6 +50,12 @@ class TopicMapping:
     definitions : str
         Folder of message definitions (package/msg/Name.msg), for bags that carry none.
 
+    Raises
+    ------
+    InvalidInput
+        Channels that are not known, other than one field or scale for each channel, markers that are no displacements; and, from ``readings``
+        and ``time``, messages that do not hold what is described.
+
     Examples
     --------
     >>> from types import SimpleNamespace

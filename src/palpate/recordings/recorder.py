@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from palpate.errors import InvalidInput
 from palpate.touch import Touch
 
 if TYPE_CHECKING:
@@ -74,6 +75,12 @@ def recorder(
     meta : mapping of str to str
         Anything worth keeping.
 
+    Raises
+    ------
+    InvalidInput
+        A name that exists, a format that cannot take a stream, or a channel that is not known; while it records, a reading of another shape or
+        a disk that is full (what was written before stays readable).
+
     Examples
     --------
     >>> import tempfile
@@ -86,6 +93,11 @@ def recorder(
     >>> recording.readings.shape, recording.time.tolist()[-1]
     ((5, 1, 3), 0.04)
     """
+    from palpate.elastic.channels import find_channel
     from palpate.recordings.formats import find_format
 
+    if isinstance(channels, str) or not channels:
+        raise InvalidInput(f"channels must be a list of names, one for each channel of the readings; got {channels!r}.")
+    for channel in channels:
+        find_channel(channel)  # before anything is written: a stream of an unknown channel could never be read
     return find_format(path).recorder(Path(path), channels, positions=positions, meta=meta)

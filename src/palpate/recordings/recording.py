@@ -33,6 +33,11 @@ class Recording:
     meta : mapping of str to str
         Anything worth keeping.
 
+    Raises
+    ------
+    InvalidInput
+        Labelled readings, a shape that does not fit channels, times or positions, infinite values, times that do not increase.
+
     Examples
     --------
     >>> import numpy as np
@@ -122,6 +127,19 @@ class Recording:
         The grid is made of the square cells that fit the bounding box of the positions, from its lower left corner, with a
         point in the middle of each; outside the convex hull of the positions the reading of the nearest taxel is taken. The
         new recording says where its first point lies in ``meta`` ("x0", "y0", "pitch", in metres).
+
+        Raises
+        ------
+        InvalidInput
+            Positions that are not scattered on an area, or a pitch that is not positive, wider than the positions, or so fine that it makes millions of points.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> beads = [(x * 1e-3, y * 1e-3) for y in range(3) for x in range(4)]  # (x, y)
+        >>> scattered = pp.Recording(readings=[[[0.0] * 12]], channels=["displacement_x"], positions=beads)
+        >>> scattered.gridded(1e-3).readings.shape  # (frame, channel, y, x)
+        (1, 1, 2, 3)
         """
         from scipy.interpolate import CloughTocher2DInterpolator, NearestNDInterpolator
 
@@ -132,7 +150,13 @@ class Recording:
         good = ~self.missing
         points = self.positions[good]
         low, high = points.min(axis=0), points.max(axis=0)
-        counts = np.maximum(2, np.floor((high - low) / pitch + 1e-9).astype(int))
+        fitting = np.floor((high - low) / pitch + 1e-9).astype(int)
+        if fitting.min() < 1:
+            width, height = high - low
+            raise InvalidInput(
+                f"no cell of a pitch of {pitch:g} m fits the positions, which cover {width:g} x {height:g} m; take a finer one."
+            )
+        counts = np.maximum(2, fitting)
         if counts.prod() > 4_000_000:
             raise InvalidInput(
                 f"a pitch of {pitch:g} m makes a grid of {counts[1]} x {counts[0]} points; take a wider one."

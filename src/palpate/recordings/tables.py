@@ -41,6 +41,11 @@ def read_table(
     follow : bool
         Move each position by its own displacement (the vectors then belong to where the markers went).
 
+    Raises
+    ------
+    InvalidInput
+        No such file, an empty one, columns that are not there or are there twice, lines of another length, cells that are no numbers.
+
     Examples
     --------
     >>> import tempfile

@@ -332,6 +332,13 @@ class Operator:
     surface : grid
     boundary : "free" or "periodic"
 
+    Raises
+    ------
+    InvalidInput
+        A line's surface for an area's array, or the other way round.
+    Unsupported
+        A periodic surface that is not the array's own grid; scattered positions whose map is too large.
+
     Notes
     -----
     Missing taxels (``mask``) read 0 and are not used. In line contact the displacement of a half-plane is defined up to

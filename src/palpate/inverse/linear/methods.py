@@ -40,6 +40,11 @@ class Tikhonov(Method):
         How lambda is chosen for each frame where it is not given: "evidence" (default), "gcv", "lcurve" or "discrepancy" (needs the
         array's noise).
 
+    Raises
+    ------
+    InvalidInput
+        An order other than 0, 1 or 2, a parameter that is not positive, a rule that does not exist, or both of these.
+
     Examples
     --------
     >>> import palpate as pp
@@ -68,6 +73,11 @@ class Hilgers(Method):
     """Regularisation in a Sobolev space (J. W. Hilgers, SIAM J. Numer. Anal. 13, 1976, 172-184).
 
     ``length`` [m] is the correlation length (default: the depth, or the cell at depth 0); ``parameter`` and ``rule`` as for `Tikhonov`.
+
+    Raises
+    ------
+    InvalidInput
+        A length or parameter that is not positive, a rule that does not exist, or parameter and rule.
 
     Examples
     --------
@@ -98,6 +108,13 @@ class Truncated(Method):
     """Truncated singular value decomposition: singular values with s^2 above ``parameter`` are kept
     (P. C. Hansen, BIT 27, 1987, 534-553).
 
+    Raises
+    ------
+    InvalidInput
+        A parameter that is not positive, a rule that does not exist, or both.
+    Unsupported
+        The rule "evidence".
+
     Examples
     --------
     >>> import palpate as pp
@@ -126,6 +143,11 @@ class Wiener(Method):
 
     ``spectrum`` is a function of |k| [rad/m], or a mapping from component to function: power spectral density in Pa^2 m (line) or
     Pa^2 m^2 (area).
+
+    Raises
+    ------
+    InvalidInput
+        A spectrum that is no function, nor functions by component.
 
     Examples
     --------
