@@ -173,7 +173,7 @@ def plot_trust(lines: Sequence[Any]) -> Figure:
     ax.barh(rows, warned, left=silent, color="0.8", label="with a word")
     ax.axvline(1.0, color="0.3", linewidth=0.8, linestyle="--")
     ax.set_yticks(rows, [line.row for line in lines])
-    ax.invert_yaxis()
+    ax.set_ylim(len(lines) - 0.4, -0.6)
     ax.set_xlim(0, 100)
     ax.set_xlabel("frames whose force is off by more than 30 % of the load, or far outside its 95 % interval [%]")
     ax.legend(frameon=False, loc="lower right")
