@@ -267,10 +267,10 @@ def test_lines_count() -> None:
     frame = a_frame()
     right, wrong = judged(frame, touch_of(frame)), judged(frame, touch_of(frame, 1.5))
     warned = judged(frame, touch_of(frame, 1.5, status=np.int8(Status.NOT_CONVERGED)))
-    needless = judged(frame, touch_of(frame, 1.0, status=np.int8(Status.NOT_CONVERGED)))
-    line = trust.lines([right, right, wrong, warned, needless])[0]
+    though_right = judged(frame, touch_of(frame, 1.0, status=np.int8(Status.NOT_CONVERGED)))
+    line = trust.lines([right, right, wrong, warned, though_right])[0]
     assert (line.frames, line.wrong, line.wrong_silent, line.far, line.far_silent) == (5, 2, 1, 2, 1)
-    assert (line.betrays, line.warned, line.words, line.needless) == (1, 1, 2, 1)
+    assert (line.betrays, line.warned, line.words, line.though_right) == (1, 1, 2, 1)
     assert line.coverage["force"] == pytest.approx(0.6)
     assert line.half == pytest.approx(0.01)
     text = trust.markdown([line], command="palpate bench trust")

@@ -53,7 +53,7 @@ class Line:
         Frames that are wrong without a word, by the force's error or its interval.
     warned : int
         Frames that are as wrong and say so.
-    words, needless : int
+    words, though_right : int
         Frames that say a word; those whose force is neither wrong nor far outside.
     coverage : dict
         Part of the true values inside the 95 % interval, each frame counting once; NaN where no frame has an interval.
@@ -78,7 +78,7 @@ class Line:
     betrays: int
     warned: int
     words: int
-    needless: int
+    though_right: int
     coverage: dict[str, float]
     without: int
     refused: int
@@ -118,7 +118,7 @@ def lines(found: Sequence[Verdict]) -> list[Line]:
                 betrays=sum(v.betrays for v in some),
                 warned=sum((v.wrong or v.far) and not v.silent for v in some),
                 words=sum(not v.silent for v in some),
-                needless=sum(not v.silent and not v.wrong and not v.far for v in answered),
+                though_right=sum(not v.silent and not v.wrong and not v.far for v in answered),
                 coverage={q: _mean(v.inside[q] for v in some) for q in ("force", "peak", "cells")},
                 without=sum(not np.isfinite(v.inside["force"]) for v in answered),
                 refused=sum(not v.answered and not v.broken and not v.late for v in some),
@@ -141,7 +141,7 @@ HEADER = (
     "peak far outside / without a word",
     "wrong without a word",
     "coverage at 95 %: force, peak, cells",
-    "says a word / needlessly",
+    "says a word / though right",
     "field error",
     "time p50, p99 [s]",
 )
@@ -164,7 +164,7 @@ def cells(line: Line) -> tuple[str, ...]:
         f"{line.peak_far} / {line.peak_far_silent}",
         f"{100 * line.betrays / line.frames:.1f} %",
         covered + (f" ({line.without} without)" if line.without else ""),
-        f"{line.words} / {line.needless}",
+        f"{line.words} / {line.though_right}",
         share(line.field_error),
         f"{line.half:.2f}, {line.most:.2f}",
     )
