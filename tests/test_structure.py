@@ -78,6 +78,11 @@ def test_rooms(path: Path) -> None:
         assert other == own or ROOMS.index(other) < ROOMS.index(own), f"{own} imports {module}"
 
 
+def test_a_file_of_700_lines_is_two_rooms() -> None:
+    long = {str(p.relative_to(SOURCE)): len(p.read_text().splitlines()) for p in SOURCE.rglob("*.py")}
+    assert not {name: count for name, count in long.items() if count >= 700}
+
+
 def top_level(body: list[ast.stmt]) -> set[str]:
     """Names that statements of a module define, without those that they import."""
     found: set[str] = set()

@@ -1,7 +1,7 @@
 """skin.toml: a pad and its arrays, with units in the values; errors name the line.
 
 [pad]
-kind = "half_space"
+kind = "half_space"              # "bonded_layers", or a kind that another package brings (entry point palpate.pads)
 youngs_modulus = "200 kPa"
 poissons_ratio = 0.48
 
@@ -28,9 +28,11 @@ unit = "25 Pa"                   # what 1 in a message means; or one per channel
 
 from __future__ import annotations
 
+import inspect
 import re
 import tomllib
 from collections.abc import Mapping
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -40,7 +42,7 @@ from palpate._extras import missing
 from palpate.elastic.channels import channel_unit, check_channels
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.layers import BondedLayers, Layer
-from palpate.elastic.pad import Pad
+from palpate.elastic.pad import Pad, check_pad
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
 from palpate.recordings.mapping import TopicMapping
@@ -51,11 +53,17 @@ from palpate.sensing.operator import Boundary
 from palpate.units import KIND_OF_SI, UNITS, parse_quantity
 
 try:
-    from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+    from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 except ImportError as error:
     raise missing("skin files", error) from error
 
-__all__ = ["read_skin", "read_stream", "skin_from_text"]
+__all__ = ["PADS", "read_skin", "read_stream", "skin_from_text"]
+
+#: Entry points of this group are makers of pads that other packages bring, by the ``kind`` that a skin.toml names. They are called with the
+#: keys of [pad] as they stand there (`palpate.units.parse_quantity` reads quantities), without ``kind``, and ``prony``, which serves all pads.
+PADS = "palpate.pads"
+#: Kinds of pad that palpate itself makes.
+BUILT_IN = ("half_space", "bonded_layers")
 
 
 def _length(value: Any) -> float:
@@ -107,6 +115,23 @@ class _BondedLayers(_Strict):
     base: _Base | None = None
 
 
+class _Other(BaseModel):
+    """A pad of another package: what its maker takes, as it stands in the file."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    kind: str
+    prony: list[tuple[float, Time]] | None = None
+
+
+def _other_pads() -> dict[str, EntryPoint]:
+    return {e.name: e for e in entry_points(group=PADS)}
+
+
+def _pad_kind(table: Any) -> Any:
+    kind = table.get("kind") if isinstance(table, dict) else getattr(table, "kind", None)
+    return "other" if isinstance(kind, str) and kind not in BUILT_IN and kind in _other_pads() else kind
+
+
 class _Plane(_Strict):
     kind: Literal["line", "area", "scattered"]
     channels: list[str]
@@ -141,7 +166,12 @@ class _Stream(_Strict):
 
 
 class _Skin(_Strict):
-    pad: _HalfSpace | _BondedLayers = Field(discriminator="kind")
+    pad: Annotated[
+        Annotated[_HalfSpace, Tag("half_space")]
+        | Annotated[_BondedLayers, Tag("bonded_layers")]
+        | Annotated[_Other, Tag("other")],
+        Discriminator(_pad_kind),
+    ]
     plane: list[_Plane] = Field(min_length=1)
     surface: _Surface | None = None
     boundary: Literal["free", "periodic"] = "free"
@@ -302,8 +332,10 @@ def skin_from_text(
             where = ("pad", "base")
             base = None if skin.pad.base is None else HalfSpace(**skin.pad.base.model_dump())
             pad: Pad = BondedLayers(layers, base)
-        else:
+        elif isinstance(skin.pad, _HalfSpace):
             pad = HalfSpace(youngs_modulus=skin.pad.youngs_modulus, poissons_ratio=skin.pad.poissons_ratio)
+        else:
+            pad = _made(_other_pads()[skin.pad.kind].load(), skin.pad)
         where = ("pad",)
         if skin.pad.prony is not None:
             pad = Viscoelastic(pad, skin.pad.prony)
@@ -319,6 +351,18 @@ def skin_from_text(
         named = (*where, {"channel": "channels"}.get(key[1], key[1])) if key else where
         raise InvalidInput(f"{name}, line {_line(text, named)}: {error}") from error
     return pad, planes, surface, skin.boundary
+
+
+def _made(maker: Any, table: _Other) -> Pad:
+    """A pad of another package."""
+    given = dict(table.model_extra or {})
+    try:
+        inspect.signature(maker).bind(**given)
+    except TypeError as error:
+        raise InvalidInput(f'kind = "{table.kind}" does not take these keys: {error}.') from error
+    pad: Pad = maker(**given)
+    check_pad(pad)
+    return pad
 
 
 def _need(value: Any, key: str, kind: str) -> Any:
@@ -426,7 +470,7 @@ def _surface(surface: _Surface | None, dimensions: int) -> Grid | None:
 def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
     location = tuple(p for p in error["loc"])
     # pydantic also names the branch of a union that it tried
-    branches = ("float", "str", "half_space", "bonded_layers")
+    branches = ("float", "str", "other", *BUILT_IN)
     keys = tuple(p for p in location if not (isinstance(p, str) and ("[" in p or p in branches)))
     while keys and isinstance(keys[-1], int):  # an entry of a list: name the list
         keys = keys[:-1]
@@ -441,7 +485,8 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
     if kind == "extra_forbidden":
         return f"{name}, line {line}: {key} is not a key here; check its spelling."
     if kind.startswith("union_tag"):
-        return f'{name}, line {_line(text, (*keys, "kind"))}: kind must be "half_space" or "bonded_layers".'
+        accepted = " or ".join(f'"{k}"' for k in (*BUILT_IN, *_other_pads()))
+        return f"{name}, line {_line(text, (*keys, 'kind'))}: kind must be {accepted}."
     message = (
         re.sub(r"^(length|pressure|time)\b", key, message)
         .replace("length = ", f"{key} = ")
