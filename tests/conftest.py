@@ -4,9 +4,10 @@ import atexit
 import importlib.util
 import os
 import shutil
+import signal
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,16 @@ if sys.dont_write_bytecode and not _compiled:
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = _folder
     sys.dont_write_bytecode = False
 
+# A run in the background (nohup, a script's &) inherits that Ctrl-C is ignored, and so would what it starts: tests send it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
+
+from palpate._extras import EXTRAS  # noqa: E402
+from palpate.errors import Unsupported  # noqa: E402
 
 # slow or loaded machines must not fail a property, and a run must be repeatable
 settings.register_profile("palpate", deadline=None, derandomize=True)
@@ -47,6 +55,7 @@ NEEDS = {
     "test_cli.py": COMMANDS,
     "test_damaged.py": FILES,
     "test_docs.py": COMMANDS,
+    "test_examples.py": (*COMMANDS, *BAGS),
     "test_formats_plug_in.py": (*COMMANDS, "mcap", "zarr"),
     "test_labelled.py": FILES,
     "test_mcap.py": (*COMMANDS, *BAGS),
@@ -68,6 +77,35 @@ LEFT_OUT = {
     if (missing := [one for one in libraries if importlib.util.find_spec(one) is None])
 }
 collect_ignore = list(LEFT_OUT)
+
+
+#: Optional libraries that are not here; where all are, the tests are run as they stand.
+MISSING = [name for name in EXTRAS if importlib.util.find_spec(name) is None]
+
+
+def skipped_without(error: Exception) -> None:
+    """Skip a test that failed for want of a library that is not installed, in the words of the error."""
+    wanting = (error.name or "").split(".")[0] if isinstance(error, ImportError) else ""
+    if any(name == wanting or f"need the package {name}:" in str(error) for name in MISSING):
+        pytest.skip(str(error))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
+    try:
+        yield
+    except (ImportError, Unsupported) as error:
+        skipped_without(error)
+        raise
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    try:
+        yield
+    except (ImportError, Unsupported) as error:
+        skipped_without(error)
+        raise
 
 
 def pytest_report_header() -> list[str]:

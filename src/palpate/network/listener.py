@@ -185,6 +185,7 @@ class FrameListener:
             # not left to be cancelled: Python 3.11 writes a traceback for each
             if self._talks:
                 await asyncio.wait(self._talks, timeout=2)
+            await asyncio.sleep(0)  # what was aborted is closed one turn of the loop later
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Frames of one connection, until it leaves or sends what does not begin as a frame: then nothing tells where one begins."""
@@ -207,6 +208,7 @@ class FrameListener:
             with contextlib.suppress(OSError, TimeoutError):
                 async with asyncio.timeout(self._limits.hold):
                     await writer.wait_closed()
+            writer.transport.abort()  # a peer that does not read
 
     async def _listen(self, sender: str, reader: asyncio.StreamReader) -> str | None:
         """Why the connection is closed; None where it ended by itself."""
