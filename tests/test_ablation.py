@@ -46,7 +46,7 @@ def test_parts_that_are_left_out_are_missed() -> None:
     sample = a_line()
     whole = error(sample)
     assert whole < 0.15
-    assert error(sample, Parts(outliers=False)) > 1.5 * whole
+    assert error(sample, Parts(outliers=False, screening=False)) > 1.5 * whole
     assert error(sample, Parts(wide_weights=False, narrow_weights=False)) > 1.1 * whole
     assert error(sample, thresholds=Thresholds(contact=1e9)) == 1.0
     pulls = sample.layout.skin.reconstruct(

@@ -345,13 +345,27 @@ def test_sliding_on_a_line() -> None:
 
 
 def test_pulling_is_said_not_hidden() -> None:
-    """Cells pull a substrate up: contact that only pushes cannot explain it, and the linear method is used."""
+    """What pulls as a whole is found as a push of the other sign, with its error bars, and said."""
     skin = skin_of(noise=30.0)
     up = -skin.sample(BALL)
     touch = skin.reconstruct(skin.sense(up, rng=np.random.default_rng(0)))
+    assert touch.method == "adaptive"
+    assert not touch.pushing
+    assert any("pull as a whole" in n for n in touch.notes)
+    np.testing.assert_allclose(touch.force[2], -1.0, atol=0.03)
+    low, high = touch.interval(0.95, "force")
+    assert low[2] < -1.0 < high[2] < 0.0
+
+
+def test_push_and_pull_together_go_to_the_linear_method() -> None:
+    """A ball that sticks: pressure in the middle, adhesion round it."""
+    skin = skin_of(noise=30.0)
+    ring = solutions.hertz_point(radius=4.5e-3, force=1.2)
+    both = skin.sample(solutions.hertz_point(radius=2.5e-3, force=1.0)) - skin.sample(ring)
+    touch = skin.reconstruct(skin.sense(both, rng=np.random.default_rng(0)))
     assert touch.method == "tikhonov"
-    assert any("only pushes" in n for n in touch.notes)
-    np.testing.assert_allclose(touch.force[2], -1.0, atol=0.1)
+    assert not touch.pushing
+    np.testing.assert_allclose(touch.force[2], -0.2, atol=0.1)
 
 
 def test_periodic_and_shear_only_stay_linear() -> None:

@@ -141,6 +141,11 @@ def full(frames: int = 4) -> pp.Touch:
         found_by=np.array(["adaptive", "constrained"] * (frames // 2)),
         status=np.arange(frames, dtype=np.int8) % 2,
         pushing=np.arange(frames) != 1,
+        fit=some(),
+        nuisance=some(2) - 0.5,
+        nuisance_std=some(2),
+        nuisance_names=(("offset of stress_zz", "Pa"), ("rotation about z", "rad")),
+        at_limit=some(36) > 0.9,
         reading_names={i: f"stress_zz at taxel ({i},)" for i in range(36)},
     )
 

@@ -494,6 +494,11 @@ class Skin:
             found_by=estimate.method if len(found_by) > 1 else None,
             status=estimate.status(),
             pushing=estimate.pushed,
+            fit=estimate.fit,
+            nuisance=estimate.nuisance,
+            nuisance_std=estimate.nuisance_std,
+            nuisance_names=estimate.nuisance_names,
+            at_limit=estimate.at_limit,
             reading_names={row: self._layout.reading_name(row) for row in estimate.left_out()},
         )
 

@@ -63,7 +63,11 @@ class Estimate:
     (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
     analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame), ``resolution`` [m] and
     ``sliding`` (probability that the contact slides as a whole; NaN where nothing touches). ``method`` (*batch) is the short name of what
-    decided each frame, where it was not the same for all. ``said`` is what the method says of the batch in words.
+    decided each frame, where it was not the same for all. ``said`` is what the method says of the batch in words. ``sign`` (*batch)
+    is 1 where traction was found as a push, -1 as a pull, 0 where it does both. ``fit`` (*batch) is the misfit probability
+    (`palpate.inverse.fit`), ``nuisance`` and
+    ``nuisance_std`` (*batch, term) the sizes of what readings hold besides contact, ``nuisance_names`` the label and unit of each, ``at_limit``
+    (*batch, reading) the readings at an end of their range.
     """
 
     traction: Any
@@ -82,6 +86,12 @@ class Estimate:
     noise_std: Floats | None = None
     method: npt.NDArray[np.str_] | None = None
     said: tuple[str, ...] = ()
+    sign: npt.NDArray[np.int_] | None = None
+    fit: Floats | None = None
+    nuisance: Floats | None = None
+    nuisance_std: Floats | None = None
+    nuisance_names: tuple[tuple[str, str], ...] = ()
+    at_limit: npt.NDArray[np.bool_] | None = None
 
     def status(self) -> npt.NDArray[np.int8] | None:
         """What became of each frame (*batch), as codes of `palpate.Status`; None where nothing tells the batch."""
@@ -95,7 +105,9 @@ class Estimate:
             code[~self.contact] = Status.NO_CONTACT
         if self.pushed is not None:
             # a frame that another method took over is solved
-            code[~self.pushed & (self.method is None or self.method == "adaptive")] = Status.NOT_PUSHING
+            other = np.zeros(np.shape(code), dtype=bool) if self.method is None else self.method != "adaptive"
+            pulls = np.zeros(np.shape(code), dtype=bool) if self.sign is None else self.sign < 0
+            code[~self.pushed & ~other & ~pulls] = Status.NOT_PUSHING
         return code
 
     def left_out(self) -> list[int]:

@@ -48,6 +48,7 @@ _OWN = (
         "found_by",
     ),
     "reading_names",
+    "nuisance_names",
 )
 #: Fields that are text by frame; kept as attributes, because Zarr 3 has no settled form of text.
 _TEXT = ("found_by",)
@@ -186,6 +187,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
             "notes": "\n".join(touch.notes),
             "assumptions": json.dumps(touch.assumptions),
             "reading_names": json.dumps({str(row): name for row, name in touch.reading_names.items()}),
+            "nuisance_names": json.dumps(touch.nuisance_names),
             "sought": ",".join(touch.components),
             "unobservable_force": ",".join(touch.unobservable_force),
             "surface": json.dumps(_described(touch.surface)),
@@ -223,6 +225,9 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
     time = dataset["time"] if "time" in dataset.variables else None
     if time is not None and time.attrs.get("units") == "frame":
         time = None
+    fields_of: dict[str, Any] = {
+        key: dataset[key].values for key in _declared(Touch, without=("values", "time", "errors")) if key in dataset
+    }
     return Touch(
         values=values,
         surface=grid,
@@ -236,9 +241,8 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         errors=errors,
         found_by=np.array(_loaded(attrs["found_by"], name)) if "found_by" in attrs else None,
         case=_case(attrs["case"], name) if "case" in attrs else None,
-        **{
-            key: dataset[key].values for key in _declared(Touch, without=("values", "time", "errors")) if key in dataset
-        },
+        nuisance_names=tuple((str(a), str(b)) for a, b in _loaded(attrs.get("nuisance_names", "[]"), name)),
+        **fields_of,
     )
 
 

@@ -77,7 +77,7 @@ def nuisances(planes: Sequence[Array], kinds: Sequence[str]) -> list[Nuisance]:
     for number, array in enumerate(planes):
         where = f" in plane {number}" if len(planes) > 1 else ""
         points = array.points[array.valid.ravel()]
-        middle = points - points.mean(axis=0)
+        middle = (points - points.mean(axis=0))[:, ::-1]  # x, then y
         n = len(points)
 
         def column(parts: dict[int, Floats], start: int = start, n: int = n) -> Floats:

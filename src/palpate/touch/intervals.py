@@ -15,6 +15,7 @@ from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.estimate import Errors
+from palpate.touch.words import pulling
 from palpate.uncertainty import Calibration, Constants, constants
 
 if TYPE_CHECKING:
@@ -99,6 +100,12 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
         if (friction is not None) != (of == "slip_margin"):
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
         value, deviation, outside, floor = uncalibrated(touch, known, of, friction)
+        # a pull is a push of the other sign, and so are its error bars
+        pulls = pulling(touch)
+        mirrored = pulls.any() and of not in ("slip_margin", "center_of_pressure")
+        turned = np.reshape(pulls, (*pulls.shape, *(1,) * (np.ndim(value) - pulls.ndim)))
+        if mirrored:
+            value = np.where(turned, -value, value)
         low, high = table[of].bounds(level, value, deviation, outside, floor)
         if of == "force" and "shear_force" in table:
             # pressure only adds up, so that its sum is biased where that of shear is not
@@ -110,6 +117,8 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
             empty = ~touch.touching.reshape((*touch.touching.shape, *(1,) * (low.ndim - touch.touching.ndim)))
             plain = Calibration().bounds(level, value, deviation, outside, floor)
             low, high = np.where(empty, plain[0], low), np.where(empty, plain[1], high)
+        if mirrored:
+            low, high = np.where(turned, -high, low), np.where(turned, -low, high)
         return low, high
 
     low, high = _each_method(touch, bounds)

@@ -77,6 +77,17 @@ class Touch(Numbers):
         What became of each frame, as a code of `palpate.Status`.
     pushing : array (*batch) of bool or None
         False where contact that only pushes does not explain the frame.
+    fit : array (*batch) or None
+        Misfit probability: how often noise alone would leave as much, and as ordered, as this frame leaves where pad, array and units are
+        as described. Below 0.01 the model does not explain the readings; NaN where too few readings are left to tell
+        (`palpate.inverse.fit`).
+    nuisance, nuisance_std : array (*batch, term) or None
+        What the readings hold besides contact (offsets, rotation of an image), in the unit of each, and its standard deviation; 0 where a
+        frame does not speak for it.
+    nuisance_names : tuple of (str, str)
+        Label and unit of each nuisance.
+    at_limit : array (*batch, reading) of bool or None
+        Readings at an end of their range: the true one is at least that.
     reading_names : mapping of int to str
         Channel and taxel of the readings that are left out in some frame.
     case : Case or None
@@ -121,6 +132,11 @@ class Touch(Numbers):
     found_by: npt.NDArray[np.str_] | None = field(default=None, metadata=per_frame(missing=""))
     status: npt.NDArray[np.int8] | None = field(default=None, metadata=per_frame(missing=int(Status.SOLVED)))
     pushing: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))
+    fit: Floats | None = field(default=None, metadata=per_frame())
+    nuisance: Floats | None = field(default=None, metadata=per_frame("nuisance"))
+    nuisance_std: Floats | None = field(default=None, metadata=per_frame("nuisance"))
+    nuisance_names: tuple[tuple[str, str], ...] = ()
+    at_limit: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame("reading", missing=False))
     reading_names: Mapping[int, str] = field(default_factory=dict)
     case: Case | None = None
 

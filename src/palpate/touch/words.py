@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate._arrays import to_numpy
 from palpate.status import Status
@@ -12,7 +14,10 @@ from palpate.status import Status
 if TYPE_CHECKING:
     from palpate.touch.result import Touch
 
-__all__ = ["outcome", "summary"]
+__all__ = ["POOR_FIT", "outcome", "pulling", "summary"]
+
+#: Below this misfit probability a frame says that the model does not explain it: one good frame in a hundred does.
+POOR_FIT = 0.01
 
 #: Part of the normal force that lies outside the outermost taxels from which on a summary says so.
 OUTSIDE = 0.05
@@ -34,11 +39,14 @@ def outcome(touch: Touch) -> list[str]:
                 continue
             remedy = f"; {status.remedy}" if status.remedy and not touch.batch else ""
             said.append(f"{status.label}{some(here)}: {status.meaning}{remedy}")
+    pulls = pulling(touch)
+    if pulls.any():
+        said.append(f"the readings pull as a whole{some(pulls)}: adhesion, or a wrong sign of the readings?")
     if touch.pushing is not None and not touch.pushing.all():
         linear = (touch.methods != "adaptive") & (touch.methods != "constrained") & ~touch.pushing
         for here, what in (
             (linear, "; the linear method was used"),
-            (~touch.pushing & ~linear, '; method="tikhonov" assumes nothing of the kind'),
+            (~touch.pushing & ~linear & ~pulls, '; method="tikhonov" assumes nothing of the kind'),
         ):
             if here.any():
                 said.append(
@@ -50,6 +58,55 @@ def outcome(touch: Touch) -> list[str]:
         names = ", ".join(touch.reading_names.get(int(r), f"reading {r}") for r in rows[:4])
         more = f" and {len(rows) - 4} more" if len(rows) > 4 else ""
         said.append(f"left out as unexplained by any contact (dead, stuck or saturated?): {names}{more}")
+    if touch.at_limit is not None and touch.at_limit.any():
+        most = int(touch.at_limit.reshape(-1, touch.at_limit.shape[-1]).sum(axis=1).max())
+        here = touch.at_limit.any(axis=-1)
+        said.append(
+            f"up to {most} readings at the end of their range{some(here)}: they count as at least that"
+            if touch.batch
+            else f"{most} readings at the end of their range: they count as at least that"
+        )
+    said.extend(_nuisances(touch, some))
+    if touch.fit is not None:
+        poor = np.asarray(touch.fit) < POOR_FIT
+        if poor.any():
+            how = f" (fit {float(np.asarray(touch.fit)):.1g})" if not touch.batch else ""
+            said.append(
+                f"the model does not explain the readings{some(poor)}{how}: pad, depth, units, axes and signs of the channels may be wrong, or "
+                "taxels broken; the error bars do not know of this"
+            )
+    return said
+
+
+def pulling(touch: Touch) -> npt.NDArray[np.bool_]:
+    """Frames (*batch) that were found to pull as a whole."""
+    if touch.pushing is None:
+        return np.zeros(touch.batch, dtype=bool)
+    d = touch.surface.dimensions
+    total = np.take(to_numpy(touch.values), -1, axis=-1 - d).sum(axis=tuple(range(-d, 0)))
+    known = (touch.methods == "adaptive") | (touch.methods == "constrained")
+    return np.asarray(~touch.pushing & known & (total < 0))
+
+
+def _nuisances(touch: Touch, some: Callable[..., str]) -> list[str]:
+    """What readings hold besides contact, in their units."""
+    if touch.nuisance is None or touch.nuisance_std is None:
+        return []
+    said = []
+    for i, (label, unit) in enumerate(touch.nuisance_names):
+        size, std = touch.nuisance[..., i], touch.nuisance_std[..., i]
+        found = size != 0
+        if found.any():
+            if touch.batch:
+                said.append(f"{label}{some(found)}: up to {np.abs(size).max():.3g} {unit}")
+            else:
+                said.append(f"{label}: {float(size):.3g} {unit} (+- {float(std):.2g})")
+        hidden = ~found & (std > 0)
+        if hidden.any():
+            said.append(
+                f"the whole edge of the array is loaded{some(hidden)}: the {label} cannot be told from contact; up to "
+                f"{float(np.max(np.where(hidden, std, 0.0))):.2g} {unit} of it is in the error bars"
+            )
     return said
 
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,21 +19,27 @@ import numpy.typing as npt
 import scipy.sparse
 
 from palpate._arrays import from_numpy
+from palpate.elastic.channels import find_channel
 from palpate.elastic.half_space import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
+from palpate.inverse.contact.frame import Frame, Run
+from palpate.inverse.contact.hypotheses import Hypothesis, Rough, hypothesis_of, without_outliers
 from palpate.inverse.contact.model import ContactModel, Level, Normal, grown, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
-from palpate.inverse.contact.posterior import Posterior
+from palpate.inverse.contact.posterior import Posterior, posterior_factor, shared_errors, taken_by
+from palpate.inverse.contact.screening import Ceilings, ceilings, screened
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
-from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence
+from palpate.inverse.fit import MODEL_DETAIL, misfit_probability, neighbours
+from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence, log_evidence
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.regularised import Decomposition
 from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.problem import Problem
+from palpate.sensing.nuisance import nuisances
 
 __all__ = ["ConstrainedEstimator"]
 
@@ -58,25 +65,12 @@ SETTLED = 0.1
 TURNS, TURNS_OF_ALL = 4, 2
 #: Rounds of leaving readings out: each finds what larger ones hid; two more where a channel is broken. Of adding missing cells.
 ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN, ROUNDS_OF_CELLS = 4, 2, 12
+#: Offsets are found again with the contact, so often.
+ROUNDS_OF_OFFSETS = 2
 #: All of these together; each comes to rest by itself.
 MOST_ATTEMPTS = 10
-
-
-@dataclass(frozen=True)
-class _Frame:
-    """One frame's result."""
-
-    traction: Floats
-    errors: Errors
-    parameter: float
-    noise: Floats
-    residual: float
-    converged: bool
-    contact: bool
-    outliers: Flags
-    draws: Floats | None
-    pushed: bool = True
-    sliding: float = math.nan
+#: What readings may hold besides contact where the user does not say.
+DEFAULT_NUISANCES = ("offset", "rotation")
 
 
 class ConstrainedEstimator:
@@ -140,6 +134,34 @@ class ConstrainedEstimator:
         self.posterior = Posterior(operator, columns, cone, self.inside, self.outside, self.reach)
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
+        kinds = DEFAULT_NUISANCES if problem.nuisance is None else problem.nuisance
+        self.terms = nuisances(operator.planes_of, kinds) if self.parts.nuisances else []
+        self.ring = self._ring()
+        self.far = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
+        #: What contact may do (`hypotheses`): push (1), pull as a whole (-1), both (0; the linear method's then).
+        self.signs: tuple[int, ...] = (1,)
+
+    def _ring(self) -> Flags:
+        """The cells over the outermost taxels (cell,)."""
+        grid = self.operator.surface
+        inside = ~self.outside
+        edge = np.zeros(grid.shape, dtype=bool)
+        for axis in range(grid.dimensions):
+            lines = np.flatnonzero(inside.any(axis=tuple(a for a in range(grid.dimensions) if a != axis)))
+            for line in (lines[0], lines[-1]):
+                place: list[Any] = [slice(None)] * grid.dimensions
+                place[axis] = line
+                edge[tuple(place)] = True
+        return np.asarray((edge & inside).ravel())
+
+    def ring_load(self, pressure: Floats) -> float:
+        """The part of the cells over the outermost taxels that are loaded."""
+        top = float(pressure.max(initial=0.0))
+        return float((pressure.ravel()[self.ring] > FAINT * top).mean()) if top > 0 else 0.0
+
+    def least_noise(self, data: Floats) -> float:
+        """The least noise that is assumed, in units of the whitening."""
+        return MODEL_ERROR * float(np.abs(data / self.readings.std).max(initial=0.0))
 
     @property
     def tells_sliding(self) -> bool:
@@ -252,6 +274,12 @@ class ConstrainedEstimator:
             resolution=np.array([self.resolution(f.parameter) for f in frames]).reshape(batch),
             sliding=numbers("sliding") if self.tells_sliding else None,
             noise_std=noise * np.concatenate(self.scales),
+            fit=numbers("fit"),
+            sign=numbers("sign", int),
+            nuisance=np.stack([f.nuisance for f in frames]).reshape((*batch, -1)) if self.terms else None,
+            nuisance_std=np.stack([f.nuisance_std for f in frames]).reshape((*batch, -1)) if self.terms else None,
+            nuisance_names=tuple((t.label, t.unit) for t in self.terms),
+            at_limit=np.stack([f.at_limit for f in frames]).reshape((*batch, -1)) if self.parts.screening else None,
         )
 
     def _cut(self, field: Floats) -> Floats:
@@ -261,25 +289,101 @@ class ConstrainedEstimator:
 
     # -- one frame -----------------------------------------------------------------------------------------------------
 
-    def frame(self, readings: Sequence[Floats], rng: np.random.Generator | None = None) -> _Frame:
+    def frame(self, readings: Sequence[Floats], rng: np.random.Generator | None = None) -> Frame:
         """Contact in one frame of readings, (channel, *array) per plane."""
+        data = self.readings.flat(self.operator.observed(readings))
+        alive = self.noise.alive(data)
+        ends = ceilings(data, self.noise.index) if self.parts.screening else None
+        seen = alive.copy()
+        filled = data
+        if self.parts.screening:
+            limits = ends.upper | ends.lower if ends is not None else np.zeros(len(data), dtype=bool)
+            found = screened(self.orders[1], self.readings, data, alive & ~limits, self._shifts, self.thresholds)
+            seen &= ~found.broken
+            filled = np.where(seen, data, found.explained)
+        quiet = self._quiet(filled, seen)
+        h = quiet or hypothesis_of(self, filled, seen, self.terms, signs=self.signs)
+        if self.parts.outliers and quiet is None:
+            h, counted = without_outliers(self, h, filled, seen)
+            if (seen & ~counted).any():
+                seen = counted
+                filled = np.where(seen, filled, h.sign * h.rough.explained + self._shifts @ h.sizes)
+        return self._framed(self._run(h, filled, alive, seen, ends), data, ends, rng)
+
+    def _quiet(self, data: Floats, observed: Flags) -> Hypothesis | None:
+        """The hypothesis of a frame that noise explains, alone or with offsets; None where there is more."""
+        rows, limit = self.readings.planes(data), self.thresholds.contact
+        uneven = self.noise.uneven(data, observed, None) if self.parts.uneven_evidence else 0.0
+        none = np.zeros(len(self.terms))
+        flat = np.zeros((len(self.columns), math.prod(self.operator.surface.shape)))
+        rough = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
+        linear = self.orders[1]
+        plain = self.evidence(linear, rows, None)
+        if not plain.gain > limit + uneven:
+            return Hypothesis(1, rough, none, none > 0)
+        if not self.terms:
+            return None
+        patterns = np.stack([np.asarray(linear.spectrum.project(self.readings.planes(c))) for c in self._shifts.T])
+        found = linear_evidence(linear, rows, self.parameter, None, patterns)
+        if found.gain > limit + uneven:
+            return None
+        noise = 1.0 if self.noise_known else None
+        reach = [np.abs(data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in self._shifts.T]
+        prior = float(np.log(np.maximum(np.array(reach) * self.thresholds.largest_nuisance, 1e-300)).sum())
+        alone = log_evidence(found.objective, found.logdet, found.freedom, noise) - found.gain - prior
+        if alone < log_evidence(plain.objective, plain.logdet, plain.freedom, noise):
+            return None
+        # noise alone, about an offset
+        unit = np.sqrt((patterns**2).sum(axis=1))
+        sizes = np.linalg.lstsq(patterns.T, np.asarray(linear.spectrum.project(rows)), rcond=None)[0]
+        present = np.abs(sizes) * unit > self.thresholds.nuisance * found.scale
+        return Hypothesis(1, rough, np.where(present, sizes, 0.0), present)
+
+    @cached_property
+    def _shifts(self) -> Floats:
+        """The nuisances over the readings (reading, term)."""
+        n = len(self.readings.std)
+        return np.stack([t.rows for t in self.terms], axis=1) if self.terms else np.zeros((n, 0))
+
+    def _run(self, h: Hypothesis, raw: Floats, alive: Flags, seen: Flags, ends: Ceilings | None) -> Run:
+        """One hypothesis, solved."""
         known: float | None = None  # noise scale, where the contact tells it better than the linear model
         levels: Floats | None = None  # the same of every channel
-        rows = self.operator.observed(readings)
-        data = self.readings.flat(rows)
-        alive = self.noise.alive(data)
-        observed, learned = alive.copy(), 0
+        data = (h.sign or 1) * (raw - self._shifts @ h.sizes)
+        rows = self.readings.planes(data)
+        observed, learned = seen.copy(), 0
+        least = np.zeros_like(data)
+        limited = np.zeros(len(data), dtype=bool)
+        if ends is not None:
+            limited = (ends.upper | ends.lower) & alive
+            observed &= ~limited
+            least = ends.step / (math.sqrt(12.0) * self.readings.std)
+        high = None if ends is None else (ends.upper if h.sign >= 0 else ends.lower)
         parts, limits = self.parts, self.thresholds
+        rounding = float(least.max(initial=0.0))
+        if self.noise_known and rounding > 0.3:
+            known = math.hypot(1.0, rounding)
+        if h.sign and (self._exceeded(h, data, seen) if self.noise_known else h.present.any()):
+            known = h.rough.left
+        members: list[ContactModel] = []
+        refined = 0
         for attempt in range(MOST_ATTEMPTS):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
             gain, parameter, scale, linear = evidence[1][:4]
             uneven = self.noise.uneven(data, observed, known) if parts.uneven_evidence else 0.0
-            if not (gain > limits.contact + uneven and scale > 0):
-                return self._nothing(parameter, scale, data, ~observed)
-            floor = MODEL_ERROR * float(np.abs(data / self.readings.std).max())
+            floor = max(self.least_noise(data), rounding)
             noise = self.readings.std * np.maximum(scale if levels is None else levels[self.noise.index], floor)
+            if not (gain > limits.contact + uneven and scale > 0):
+                return Run(h, [], data, noise, observed, parameter, scale, levels, True, math.inf)
             first, explained = self.fit(linear, data / noise, noise, observed, parameter / scale**2)
-            wrong = self.noise.outliers(data, explained, noise)
+            if high is not None and attempt < ROUNDS_OF_OUTLIERS:
+                # a reading at its ceiling counts where the contact would have it read less
+                short = limited & ~observed & np.where(high, explained < data, explained > data)
+                if short.any():
+                    observed |= short
+                    rows = self.readings.planes(np.where(observed, data, explained))
+                    continue
+            wrong = self.noise.outliers(data, explained, noise) & ~limited
             few = (wrong | ~observed)[alive].mean() <= limits.most_outliers
             found = few and parts.outliers and (wrong & observed).any()
             if (attempt < ROUNDS_OF_OUTLIERS and found) or (attempt < ROUNDS_OF_BROKEN and not alive.all()):
@@ -291,17 +395,23 @@ class ConstrainedEstimator:
             if not first[-1].any():
                 break
             members = self.models(first, data / noise, noise, observed, evidence)
-            if self.noise_known:
-                break
+            if h.present.any() and refined < ROUNDS_OF_OFFSETS:
+                change = self._change(h, members[0], data, noise, observed)
+                refined += 1
+                if change.any():
+                    h = replace(h, sizes=h.sizes + (h.sign or 1) * change)
+                    data = data - self._shifts @ change
+                    rows = self.readings.planes(np.where(observed, data, explained))
+                    continue
             own = None
-            if parts.channel_noise:
+            if parts.channel_noise and not self.noise_known:
                 own = self.noise.levels(members[0], data / noise, noise, observed, unequal=levels is None)
             if own is not None:
                 if levels is not None and (learned == TURNS or np.abs(np.log(own / levels)).max() < SETTLED):
                     break
                 levels, learned = own, learned + 1
                 continue
-            if not parts.noise_again:
+            if not parts.noise_again or self.noise_known:
                 break
             # what pressure that only pushes cannot follow is noise, even where a linear model could
             left = self.noise.left(members[0], first, data / noise, observed, self.seen(parameter))
@@ -315,13 +425,106 @@ class ConstrainedEstimator:
         signal = self.readings.white((data / noise)[observed], observed)
         left = float(np.sqrt(np.mean((signal - self.readings.white((explained / noise)[observed], observed)) ** 2)))
         limit = max(limits.unexplained, limits.unexplained_signal * float(np.sqrt(np.mean(signal**2))))
-        pushed = left <= limit
         if not first[-1].any():
-            return replace(self._nothing(parameter, scale, data, ~observed), pushed=pushed)
-        each = np.full(self.noise.count, scale) if levels is None else levels
-        result = self._combined(members, data / noise, observed, parameter, each, rng)
-        # the models may explain on a finer grid what cells of the surface cannot
-        return replace(result, pushed=pushed or result.residual <= limit)
+            members = []
+        return Run(h, members, data, noise, observed, parameter, scale, levels, left <= limit, limit)
+
+    def _change(self, h: Hypothesis, model: ContactModel, data: Floats, noise: Floats, observed: Flags) -> Floats:
+        """How the sizes of the nuisances that are there change when contact and they are solved together, on the face of the contact."""
+        out = np.zeros(len(self.terms))
+        columns = (self._shifts[:, h.present] / noise[:, None])[observed]
+        rows = self.readings.white(columns, observed)
+        misfit = self.readings.white((data / noise)[observed], observed)
+        misfit = misfit - model.data.matrix @ model.solution.traction.ravel()
+        z = posterior_factor(model.solution, rows.T @ model.data.matrix)
+        step = np.linalg.lstsq(rows.T @ rows - z.T @ z, rows.T @ misfit, rcond=1e-6)[0]
+        deviation = 1.0 / np.sqrt(np.maximum((rows**2).sum(axis=0), 1e-300))
+        out[h.present] = np.where(np.abs(step) > 0.5 * deviation, step, 0.0)
+        return out
+
+    def _exceeded(self, h: Hypothesis, data: Floats, seen: Flags) -> bool:
+        """Whether what contact leaves is far more than the noise that was given: it is then taken for noise, and the fit says so."""
+        t = self.thresholds
+        size = math.sqrt(float(np.mean(self.readings.white((data / self.readings.std)[seen], seen) ** 2)))
+        misfit = h.rough.left * math.sqrt(h.rough.free / max(float(seen.sum()), 1.0))
+        return misfit > max(t.unexplained, t.exceeded * size)
+
+    def _framed(self, run: Run, data: Floats, ends: Ceilings | None, rng: np.random.Generator | None) -> Frame:
+        """One frame of the hypothesis that it was solved with."""
+        h = run.hypothesis
+        deviation = self._nuisance_errors(run)
+        at_limit = np.zeros(len(data), dtype=bool) if ends is None else ends.upper | ends.lower
+        left_out = ~run.observed & ~at_limit
+        each = np.full(self.noise.count, run.scale) if run.levels is None else run.levels
+        if not run.members:
+            rest = np.where(run.observed, run.data / np.where(run.noise > 0, run.noise, 1.0), 0.0)
+            nothing = self._nothing(run.parameter, run.scale, run.data, left_out)
+            fit = self._fit(run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
+            result = replace(nothing, pushed=run.pushed and h.sign == 1, fit=fit)
+        else:
+            for m in run.members:
+                self._share(m, run, deviation, at_limit)
+            result = self._combined(run.members, run, each, rng)
+            # the models may explain on a finer grid what cells of the surface cannot
+            pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
+            turned = result.draws if result.draws is None or h.sign >= 0 else -result.draws
+            result = replace(
+                result,
+                traction=-result.traction if h.sign < 0 else result.traction,
+                draws=turned,
+                outliers=left_out,
+                pushed=pushed,
+            )
+        return replace(result, sign=h.sign, nuisance=h.sizes, nuisance_std=deviation, at_limit=at_limit)
+
+    def _nuisance_errors(self, run: Run) -> Floats:
+        """Standard deviations of the nuisances; where one could not be told from contact, of what may hide."""
+        h = run.hypothesis
+        if not self.terms or not (run.noise > 0).all():  # nothing at all was read
+            return np.zeros(len(self.terms))
+        columns = self._shifts / run.noise[:, None]
+        unit = np.sqrt((self.readings.white(columns[run.observed], run.observed) ** 2).sum(axis=0))
+        deviation = np.where(h.present, 1.0 / np.maximum(unit, 1e-300), 0.0)
+        if run.members and h.rough.ring > self.thresholds.ring:
+            reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in self._shifts.T])
+            offsets = np.array([t.kind == "offset" for t in self.terms])
+            deviation = np.maximum(deviation, np.where(offsets, self.thresholds.hidden_offset * reach, 0.0))
+        return np.asarray(deviation)
+
+    def _share(self, model: ContactModel, run: Run, deviation: Floats, at_limit: Flags) -> None:
+        """What a model's errors owe to the nuisances: unknowns that all cells share."""
+        there = deviation > 0
+        noise, observed = run.noise, run.observed
+        columns = self._shifts[:, there] / noise[:, None]
+        prior = np.where(run.hypothesis.present, math.inf, deviation)[there]
+        if (at_limit & observed).any():
+            # readings that count although they may be larger: all of them by a common part
+            excess = np.where(at_limit & observed, run.data / noise, 0.0)[:, None]
+            columns, prior = np.concatenate([columns, excess], axis=1), np.append(prior, self.thresholds.excess)
+        if not columns.shape[1]:
+            return
+        rows = self.readings.white(columns[observed], observed)
+        for one in (model, model.contact):
+            if one is not None:
+                one.shared = shared_errors(one, rows, prior)
+
+    def _fit(self, run: Run, residual: Floats, taken: float, largest: float) -> float:
+        """Misfit probability of what is left, in units of the noise."""
+        noise = run.noise
+        given = self.readings.std * (1.0 if self.noise_known else 0.0)
+        stretch = float(np.median(noise / given)) if self.noise_known else 1.0
+        return misfit_probability(
+            residual * stretch,
+            run.observed,
+            self._pairs,
+            taken=taken,
+            known=self.noise_known,
+            detail=MODEL_DETAIL * largest * stretch,
+        )
+
+    @cached_property
+    def _pairs(self) -> tuple[Index, Index]:
+        return neighbours(self.operator.planes_of)
 
     def evidence(self, linear: Decomposition, rows: Sequence[Floats], known: float | None) -> LinearEvidence:
         """What a linear model makes of a frame; ``known`` fixes the noise scale where it is not the arrays' own."""
@@ -335,7 +538,7 @@ class ConstrainedEstimator:
         """Mean traction (component, *grid) of contact models by their weights, and the errors of every quantity."""
         return self.posterior.summed_up(members)
 
-    def _nothing(self, parameter: float, scale: float, data: Floats, outliers: Flags) -> _Frame:
+    def _nothing(self, parameter: float, scale: float, data: Floats, outliers: Flags) -> Frame:
         """No contact."""
         grid, names = self.operator.surface, self.operator.surface.components
         shape = (len(names), *grid.shape)
@@ -344,7 +547,7 @@ class ConstrainedEstimator:
         errors = self.undetected(scale if self.noise_known else rms)
         empty = np.zeros((self.draws, *shape)) if self.draws else None
         noise = np.full(self.noise.count, scale)
-        return _Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)
+        return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)
 
     def fit(self, linear: Floats, y: Floats, noise: Floats, observed: Flags, weight: float) -> tuple[Floats, Floats]:
         """The constrained solution on the surface grid (component, cell), and the readings that it explains.
@@ -430,25 +633,25 @@ class ConstrainedEstimator:
         return Normal(level, cells, matrix, linear.reshape(-1, len(cells)))
 
     def _combined(
-        self,
-        members: Sequence[ContactModel],
-        y: Floats,
-        observed: Flags,
-        parameter: float,
-        noise: Floats,
-        rng: np.random.Generator | None,
-    ) -> _Frame:
+        self, members: Sequence[ContactModel], run: Run, noise: Floats, rng: np.random.Generator | None
+    ) -> Frame:
         traction, errors = self.posterior.summed_up(members)
         weights = np.array([m.weight for m in members])
-        found = sum(w * (m.data.matrix @ m.solution.traction.ravel()) for w, m in zip(weights, members))
-        misfit = found - self.readings.white(y[observed], observed)
+        y, observed = run.data / run.noise, run.observed
+        mine = run.members
+        share = sum(m.weight for m in mine)
+        found = sum(m.weight / share * (m.data.matrix @ m.solution.traction.ravel()) for m in mine)
+        misfit = self.readings.white(y[observed], observed) - found
+        taken = sum(m.weight / share * taken_by(m) for m in mine)
+        residual = np.zeros(len(y))
+        residual[observed] = misfit
         sampled = None
         if self.draws:
             sampled = self.posterior.draws(members, weights, self.draws, rng or np.random.default_rng(0))
-        return _Frame(
+        return Frame(
             traction,
             errors,
-            parameter,
+            run.parameter,
             noise,
             float(np.sqrt(np.mean(misfit**2))),
             all(m.solution.converged for m in members),
@@ -456,4 +659,5 @@ class ConstrainedEstimator:
             ~observed,
             sampled,
             sliding=sum(m.weight for m in members if m.ray is not None),
+            fit=self._fit(run, residual, taken, float(np.abs(y[observed]).max(initial=0.0))),
         )

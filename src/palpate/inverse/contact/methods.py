@@ -148,15 +148,20 @@ class AutomaticEstimator:
     def __init__(self, pushing: AdaptiveEstimator, pulling: Callable[[], Regularised] | None) -> None:
         self.pushing, self.grid = pushing, pushing.grid
         self._pulling = pulling
+        if pushing.parts.pulls:
+            pushing.signs = (1, -1) if pulling is None else (1, -1, 0)
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
         """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
         found = self.pushing.solve(readings, rng)
         batch = batch_of(readings, self.pushing.operator)
         method = np.full(batch, Adaptive.name)
-        if self._pulling is None or found.pushed is None or found.pushed.all():
+        if self._pulling is None or found.pushed is None or found.sign is None:
             return replace(found, method=method)
-        pulls = ~found.pushed
+        # a pull as a whole is a push of the other sign, and solved as such
+        pulls = ~found.pushed & (found.sign >= 0)
+        if not pulls.any():
+            return replace(found, method=method)
         if pulls.all():
             return replace(self._pulling().solve(readings), pushed=found.pushed, method=np.full(batch, Tikhonov.name))
         where = np.flatnonzero(pulls)

@@ -87,7 +87,7 @@ class ContactModel:
     ``contact``, where given, is the same on the cells that are in contact beyond doubt: the errors are its. Cells where noise presses
     now and then, beyond the array above all, are as free as any other on the face of the constraints, and would count in full. ``ray``
     is the traction over the pressure where that is one for all cells, and ``changes`` (change, component) is how it may change; ``hessian`` is
-    then that of the pressure.
+    then that of the pressure. ``shared`` (free, unknown) is what the errors owe to unknowns that act on many readings at once.
     """
 
     data: Normal
@@ -97,6 +97,7 @@ class ContactModel:
     contact: ContactModel | None = None
     ray: Floats | None = None
     changes: Floats | None = None
+    shared: Floats | None = None
 
     @property
     def level(self) -> Level:

@@ -53,6 +53,10 @@ class Parts:
         Readings that no contact explains are left out.
     pulls : bool
         A frame that pushing does not explain is given to the linear method (where friction is not known).
+    screening : bool
+        Broken readings are left out before contact is sought, and readings at a ceiling count as "at least".
+    nuisances : bool
+        Offsets of the readings are sought.
     narrowed, skipped, rough : bool
         What saves time: with friction, cells that will be trimmed are left out before; improbable models have no local weights; local
         weights are learned from solutions that are not exact.
@@ -77,6 +81,8 @@ class Parts:
     uneven_evidence: bool = True
     outliers: bool = True
     pulls: bool = True
+    screening: bool = True
+    nuisances: bool = True
     narrowed: bool = True
     skipped: bool = True
     rough: bool = True
@@ -99,12 +105,41 @@ class Thresholds:
     #: plain sense of the word.
     most: float = 0.5
 
+    # -- what a frame is taken to be (`palpate.inverse.contact.hypotheses`)
+
+    #: Other signs and offsets are tried where contact that pushes leaves this part of the readings ...
+    doubt: float = 0.15
+    #: ... or where the outermost cells over the array are loaded on more than this part of its edge.
+    ring: float = 0.7
+    #: A nuisance is there if its size is this many standard deviations (once in 16,000 frames without it).
+    nuisance: float = 4.0
+    #: Rounds in which nuisances and contact are found in turn: they come to rest in three.
+    nuisance_rounds: int = 5
+    #: Gain that a nuisance, and that another sign than pushing, must bring to be believed.
+    per_nuisance: float = 3.0
+    other_sign: float = 3.0
+    #: A nuisance is never larger than this part of the largest reading that it touches (a convention: sensors are zeroed).
+    largest_nuisance: float = 0.4
+    #: One smaller than this part of it is not told from what the model cannot follow (twice `fit.MODEL_DETAIL`).
+    smallest_nuisance: float = 4e-3
+    #: Where the whole edge of the array is loaded, an offset of this part of the largest reading may hide (a convention).
+    hidden_offset: float = 0.1
+    #: Hypotheses whose gains differ by less than this are both followed.
+    undecided: float = 10.0
+
     # -- which readings count, and their noise
 
     #: A reading is left out if it is this many robust standard deviations (2e-9 of Gaussian noise) ...
     outlier: float = 6.0
     #: ... and this part of the largest reading from what the contact explains: cells of the surface alone leave a per cent.
     gross: float = 0.05
+    #: A reading is broken before any contact is sought if leaving it out gains this much evidence beyond the choice among all readings: odds
+    #: of 3000 to one, as one frame in so many with a reading left out in vain is rare enough.
+    broken: float = 8.0
+    #: Noise that was given counts as exceeded where contact leaves this part of the readings (and `unexplained` times the noise).
+    exceeded: float = 0.03
+    #: Readings at the end of their range may be larger by this part (standard deviation): 2 deviations double them.
+    excess: float = 0.5
     #: Readings that no contact explains are left out up to this part of all: beyond it the contact is what is wrong (a
     #: convention).
     most_outliers: float = 0.2

@@ -22,7 +22,7 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import Grid, block_means
 from palpate.sensing.operator import Operator
 
-__all__ = ["Posterior", "posterior_factor"]
+__all__ = ["Posterior", "posterior_factor", "shared_errors", "taken_by"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -44,6 +44,34 @@ def posterior_factor(solution: Solution, rows: Any) -> Floats:
     dense = rows.toarray() if scipy.sparse.issparse(rows) else rows
     right = solution.face.columns(np.asarray(dense)).T
     return np.asarray(scipy.linalg.solve_triangular(solution.factor, right, lower=True, check_finite=False))
+
+
+def taken_by(model: ContactModel) -> float:
+    """How many degrees of freedom of the readings a model takes up."""
+    return float((posterior_factor(model.solution, model.data.matrix) ** 2).sum())
+
+
+def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats:
+    """K (free, unknown): what a model owes to unknowns that act on many readings at once, so that K K' adds to its covariance.
+
+    ``columns`` (reading, unknown) is what each does to the readings, whitened; ``prior`` (unknown,) its standard deviation, which may be
+    infinite. With Z = L^-1 W'A' B on the face, the unknowns' own posterior is S = (1/prior^2 + B'B - Z'Z)^-1, and K = Z S^{1/2}.
+    """
+    z = posterior_factor(model.solution, columns.T @ model.data.matrix)
+    precision = columns.T @ columns - z.T @ z + np.diag(np.where(np.isfinite(prior), prior, np.inf) ** -2.0)
+    values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
+    # what the readings do not tell at all stays as wide as the readings themselves allow
+    floor = 1e-6 * max(float(np.trace(columns.T @ columns)), 1e-300)
+    return np.asarray(z @ (vectors / np.sqrt(np.maximum(values, floor))))
+
+
+def variance_of(model: ContactModel, rows: Any) -> Floats:
+    """Posterior variance of rows' x, what is shared with other unknowns included."""
+    factor = posterior_factor(model.solution, rows)
+    out = (factor**2).sum(axis=0)
+    if model.shared is not None:
+        out = out + ((model.shared.T @ factor) ** 2).sum(axis=0)
+    return np.asarray(out)
 
 
 def widened(variance: Floats, cells: int = 1) -> Floats:
@@ -111,7 +139,7 @@ def quantities(
         mean[i, surface_cells] = share @ model.solution.traction[i]
         rows = np.zeros((len(surface_cells), c * n))
         rows[:, i * n : (i + 1) * n] = share.toarray()
-        variance[i, surface_cells] = (posterior_factor(model.solution, rows) ** 2).sum(axis=0)
+        variance[i, surface_cells] = variance_of(model, rows)
     kept = inside[tuple(p // level.ratio for p in places)].astype(np.float64)
     cell = level.grid.cell * kept
     axes = [axis[p] for axis, p in zip(level.grid.axes, places)][::-1]  # x, then y
@@ -119,7 +147,7 @@ def quantities(
     def linear(weights: Floats) -> Quantity:
         """Of sums of traction (quantity, component, cell)."""
         rows = weights.reshape(len(weights), -1)
-        return rows @ model.solution.traction.ravel(), (posterior_factor(model.solution, rows) ** 2).sum(axis=0)
+        return rows @ model.solution.traction.ravel(), variance_of(model, rows)
 
     force_rows = np.zeros((c, c, n))
     force_rows[np.arange(c), np.arange(c)] = cell

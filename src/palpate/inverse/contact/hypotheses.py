@@ -1,0 +1,307 @@
+"""What a frame is taken to be before it is solved: contact that pushes, that pulls, or both; with offsets of the readings or without.
+
+Each hypothesis is solved roughly (one even penalty, cells of the surface) with the largest noise that explains itself, and is worth
+
+    gain = free log(total/left),
+
+where ``total`` is the root mean square of the readings, ``left`` that of what it leaves, and ``free`` how many readings remain when those
+that the traction uses up are taken away: an account that bends to every reading leaves nothing and is worth nothing. Contact
+leaves most of a surface empty, which is what tells an offset, which nothing on the surface is empty under, from contact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats
+from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.contact.screening import FIRST_NOISE, ROUNDS, SETTLED, linear_noise
+from palpate.sensing.arrays import ScatteredArray
+from palpate.sensing.nuisance import Nuisance
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.constrained import ConstrainedEstimator
+
+__all__ = ["Hypothesis", "Rough", "hypothesis_of", "rough", "without_outliers"]
+
+Flags = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Rough:
+    """A rough solution: its gain, the noise that it leaves, degrees of freedom left, traction (component, cell), loaded part of the ring."""
+
+    gain: float
+    left: float
+    free: float
+    traction: Floats
+    explained: Floats
+    ring: float
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What a frame is taken to be.
+
+    ``sign`` is 1 where contact pushes, -1 where it pulls, 0 where it does both; ``sizes`` are those of the nuisances (0: absent), ``present``
+    says which are.
+    """
+
+    sign: int
+    rough: Rough
+    sizes: Floats
+    present: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+
+def rough(estimator: ConstrainedEstimator, data: Floats, observed: Flags, total: float, used: int = 0) -> Rough:
+    """A rough solution of readings that push: the largest noise that explains itself; ``used`` degrees of freedom have gone to
+    nuisances.
+    """
+    readings, certain = estimator.readings, estimator.noise_known
+    floor = estimator.least_noise(data)
+    known = 1.0 if certain else FIRST_NOISE * total
+    filled = data.copy()
+    linear = estimator.orders[1]
+    cells = estimator.operator.surface.shape
+    first: Floats = np.zeros((len(estimator.columns), math.prod(cells)))
+    explained = np.zeros_like(data)
+    left, free = total, float(observed.sum() - used)
+    for turn in range(ROUNDS):
+        found = estimator.evidence(linear, readings.planes(filled), known)
+        noise = readings.std * known
+        first, explained = estimator.fit(
+            found.traction, data / noise, noise, observed, found.parameter / found.scale**2
+        )
+        misfit = readings.white(((data - explained) / readings.std)[observed], observed)
+        share = min(float(np.count_nonzero(first[-1])) / estimator.taxels, 1.0)
+        free = max(float(observed.sum()) - used - share * estimator.seen(found.parameter), 1.0)
+        left = math.sqrt(float((misfit**2).sum()) / free)
+        # what is left out is filled with what the contact explains
+        filled = np.where(observed, data, explained)
+        if left > known / SETTLED and (left < known * SETTLED or not certain):
+            break
+        if (certain and left <= known) or left <= floor:
+            break
+        known = max(left, floor, 1.0 if certain else 0.0)
+        if certain and turn >= 2:
+            break
+    gain = free * math.log(total / max(left, floor, 1e-300)) if total > 0 else 0.0
+    return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]))
+
+
+def _quiet_level(values: Floats, points: Floats, scattered: bool) -> float:
+    """Level of a channel where least happens: of the outermost taxels, on a line the end that reads less."""
+    if points.shape[1] == 1:
+        order = np.argsort(points[:, 0])
+        k = max(1, min(2, len(values) // 6))
+        ends = [float(values[order[:k]].mean()), float(values[order[-k:]].mean())]
+        return min(ends, key=abs)
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.15 if scattered else 1e-6
+    edge = np.any((points - low < margin * (high - low)) | (high - points < margin * (high - low)), axis=1)
+    return float(np.median(values[edge]))
+
+
+def quiet_levels(estimator: ConstrainedEstimator, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
+    """First sizes of offsets, from the outermost taxels; 0 for other nuisances."""
+    sizes = np.zeros(len(terms))
+    start = 0
+    planes = estimator.operator.planes_of
+    place = []
+    for array in planes:
+        n = int(array.valid.sum())
+        for _ in array.channels:
+            place.append((start, n, array))
+            start += n
+    for i, term in enumerate(terms):
+        if term.kind != "offset":
+            continue
+        first = int(np.argmax(term.rows != 0))
+        begin, n, array = next(p for p in place if p[0] <= first < p[0] + p[1])
+        here = observed[begin : begin + n]
+        if here.any():
+            points = array.points[array.valid.ravel()][here]
+            sizes[i] = _quiet_level(data[begin : begin + n][here], points, isinstance(array, ScatteredArray))
+    return sizes
+
+
+def with_nuisance(
+    estimator: ConstrainedEstimator,
+    data: Floats,
+    observed: Flags,
+    total: float,
+    terms: Sequence[Nuisance],
+    sign: int,
+    start: Floats,
+) -> tuple[Rough, Floats, Floats]:
+    """The rough solution with the nuisances that are there, their sizes, and their standard deviations given the contact.
+
+    Sizes and contact are found in turn: the sizes from what the contact leaves, by least squares.
+    """
+    t = estimator.thresholds
+    readings = estimator.readings
+    columns = np.stack([term.rows for term in terms], axis=1)
+    unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
+    sizes, present = start.copy(), np.ones(len(terms), dtype=bool)
+    best: Rough | None = None
+    deviation = np.zeros(len(terms))
+    for _ in range(t.nuisance_rounds):
+        clean = sign * (data - columns @ sizes)
+        found = rough(estimator, clean, observed, total, int(present.sum()))
+        deviation = np.maximum(found.left, estimator.least_noise(data)) / np.maximum(unit, 1e-300)
+        if best is not None and found.gain < best.gain:
+            break
+        best, kept = found, sizes.copy()
+        left = sign * (clean - found.explained) / readings.std
+        allowed = readings.allowing(columns[:, present])
+        change = np.zeros(len(terms))
+        change[present] = allowed.sizes_of(left, observed)
+        sizes = sizes + change
+        present = np.abs(sizes) > t.nuisance * deviation
+        sizes = np.where(present, sizes, 0.0)
+        if not present.any() or (np.abs(change) < 0.3 * deviation).all():
+            break
+    if best is None:
+        raise RuntimeError("no round of nuisances was made")
+    present = np.abs(kept) > t.nuisance * deviation
+    return best, np.where(present, kept, 0.0), deviation
+
+
+def hypothesis_of(
+    estimator: ConstrainedEstimator,
+    data: Floats,
+    observed: Flags,
+    terms: Sequence[Nuisance],
+    *,
+    signs: Sequence[int],
+) -> Hypothesis:
+    """What a frame is taken to be.
+
+    ``terms`` are the nuisances that may be there; ``signs``: what contact may do (`Hypothesis.sign`).
+    """
+    t = estimator.thresholds
+    readings = estimator.readings
+    white = readings.white((data / readings.std)[observed], observed)
+    total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
+    none = np.zeros(len(terms))
+    if not total > 0.0:
+        flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
+        return Hypothesis(1, Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0), none, none > 0)
+    plain = Hypothesis(1, rough(estimator, data, observed, total), none, none > 0)
+    tried = [plain]
+    # displacement is felt far away: what pulls in the middle looks much like what pushes all round
+    if -1 in signs and (estimator.far or _worth(plain, t.doubt, total)):
+        tried.append(Hypothesis(-1, rough(estimator, -data, observed, total), none, none > 0))
+    if terms:
+        levels = quiet_levels(estimator, data, observed, terms)
+        columns = np.stack([term.rows for term in terms], axis=1)
+        best = max(tried, key=lambda h: h.rough.gain)
+        left = (data - best.sign * best.rough.explained) / readings.std
+        rest = readings.allowing(columns).sizes_of(left, observed)
+        unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
+        noise = max(best.rough.left, estimator.least_noise(data))
+        # something is left over, or the edge of the array is loaded all round
+        doubt = (np.abs(rest) * unit > t.nuisance * noise).any() or best.rough.ring > t.ring
+        doubt |= _worth(best, t.doubt, total)
+        if doubt:
+            for sign in {h.sign for h in tried}:
+                found, sizes, _ = with_nuisance(estimator, data, observed, total, terms, sign, levels)
+                # one as large as the readings themselves is no offset, and a very small one is what the model cannot follow
+                part = np.abs(sizes) / np.maximum(_reach(columns, data), 1e-300)
+                if (part > t.smallest_nuisance).any() and (part <= t.largest_nuisance).all():
+                    tried.append(Hypothesis(sign, found, sizes, sizes != 0))
+    if 0 in signs:
+        free = _both(estimator, data, observed, total, none)
+        if free is not None:
+            tried.append(free)
+    return _best(tried, t)
+
+
+def without_outliers(
+    estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, observed: Flags
+) -> tuple[Hypothesis, Flags]:
+    """A hypothesis without the readings that its contact does not explain, left out one at a time, the worst first."""
+    t = estimator.thresholds
+    readings, n = estimator.readings, len(data)
+    if h.sign == 0 or not h.rough.traction[-1].any():
+        return h, observed
+    columns = np.stack([term.rows for term in estimator.terms], axis=1) if estimator.terms else np.zeros((n, 0))
+    clean = h.sign * (data - columns @ h.sizes)
+    counted = observed.copy()
+    white = readings.white((clean / readings.std)[counted], counted)
+    total = math.sqrt(float(np.mean(white**2)))
+    best = h.rough
+    for _ in range(max(int(t.most_outliers * observed.sum()), 1)):
+        residual = np.where(counted, np.abs(clean - best.explained) / readings.std, 0.0)
+        worst = int(np.argmax(residual))
+        largest = float(np.abs(best.explained / readings.std).max(initial=0.0))
+        # one reading among n raises what is left to its own size over sqrt(n)
+        if not residual[worst] > max(0.5 * t.outlier * best.left, t.gross * largest):
+            break
+        fewer = counted.copy()
+        fewer[worst] = False
+        found = rough(estimator, np.where(fewer, clean, best.explained), fewer, total, int(h.present.sum()))
+        floor = max(found.left, estimator.least_noise(data))
+        if not (
+            found.free * math.log(max(best.left, floor) / floor) > t.broken + math.log(n)
+            and abs(clean[worst] - found.explained[worst]) / readings.std[worst] > t.outlier * floor
+        ):
+            break
+        counted, best = fewer, found
+    return replace(h, rough=best), counted
+
+
+def _reach(columns: Floats, data: Floats) -> Floats:
+    """The size at which each nuisance makes readings as large as the largest that it touches."""
+    return np.array(
+        [np.abs(data[c != 0]).max(initial=0.0) / max(float(np.abs(c).max(initial=0.0)), 1e-300) for c in columns.T]
+    )
+
+
+def _worth(h: Hypothesis, doubt: float, total: float) -> bool:
+    """Whether others are worth trying: this one leaves much of the readings."""
+    return h.rough.left > doubt * total
+
+
+def _both(
+    estimator: ConstrainedEstimator, data: Floats, observed: Flags, total: float, none: Floats
+) -> Hypothesis | None:
+    """Traction of either sign, by the linear model."""
+    readings, n = estimator.readings, len(data)
+    spectrum = estimator.orders[1].spectrum
+    missing = np.flatnonzero(~observed)
+    if len(missing) > n // 2:
+        return None
+    patterns = None
+    if len(missing):
+        patterns = np.stack(
+            [
+                np.asarray(spectrum.project(readings.planes(np.where(np.arange(n) == i, readings.std, 0.0))))
+                for i in missing
+            ]
+        )
+    found, left, free = linear_noise(estimator.orders[1], readings.planes(data), total, patterns)
+    floor = estimator.least_noise(data)
+    gain = free * math.log(total / max(left, floor, 1e-300))
+    flat = found.traction.reshape(len(found.traction), -1)
+    return Hypothesis(0, Rough(gain, left, free, flat, np.zeros_like(data), 1.0), none, none > 0)
+
+
+def _best(tried: Sequence[Hypothesis], t: Thresholds) -> Hypothesis:
+    """The best; one that needs more must gain more, and be surer than whether anything touches at all."""
+
+    def worth(h: Hypothesis) -> float:
+        return h.rough.gain - t.per_nuisance * int(h.present.sum()) - t.other_sign * (h.sign < 1)
+
+    plain = [h for h in tried if h.sign != 0 and not h.present.any()]
+    simple = max(plain, key=worth)
+    best = max(tried, key=worth)
+    # that the whole edge of the array is loaded is what an offset looks like, and a contact larger than the array
+    margin = t.undecided if simple.rough.ring > t.ring else t.contact
+    return best if best is simple or worth(best) - worth(simple) > margin else simple

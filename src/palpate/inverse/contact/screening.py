@@ -1,0 +1,273 @@
+"""What is said of a frame before any contact is sought: readings at a ceiling, rounding, broken taxels.
+
+A pad blurs: what one taxel reads its neighbours nearly tell. A reading that they do not tell, whatever the contact, is broken: it is found by
+leaving it out of a linear model of all readings (the mean-shift model of outliers; R. D. Cook, S. Weisberg, Residuals and Influence
+in Regression, 1982, section 2.2.2), one at a time, the worst first. This comes before contact is sought, because one railed converter
+looks like noise that hides everything.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats
+from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence, log_evidence
+from palpate.inverse.linear.regularised import Decomposition
+from palpate.inverse.linear.whitening import Readings
+
+__all__ = ["Ceilings", "Screened", "ceilings", "linear_noise", "screened"]
+
+Flags = npt.NDArray[np.bool_]
+
+#: The noise is sought from this part of all readings downwards, each time by what the model before leaves, until it changes by less than
+#: `SETTLED`: the largest noise that explains itself. (Marginal likelihood alone may find none at all on a few taxels.)
+FIRST_NOISE, SETTLED, ROUNDS = 0.3, 1.2, 10
+#: Readings at one value that is the largest (or smallest) of their channel, so many at least, lie at a ceiling; where all readings are
+#: rounded to a step, neighbours of a peak often share its value, and it takes more.
+FEWEST_AT_CEILING, FEWEST_ROUNDED = 2, 4
+#: Readings count as rounded where the largest is this many steps at most (12 bits).
+MOST_STEPS = 4096
+#: Candidates that are looked at closely in each round.
+CANDIDATES = 4
+#: Fewer readings than this are not screened.
+FEWEST_READINGS = 6
+#: A reading is not broken where a load right over its taxel leaves less than this many times the noise that leaving it out does, and
+#: explains this part of what that does.
+NEARLY, LOCAL = 1.5, 0.7
+#: Taxels less deep than this part of the pitch feel next to nothing of what their neighbours do.
+SHALLOW = 0.6
+
+
+@dataclass(frozen=True)
+class Ceilings:
+    """Readings at the end of their range, and the step that readings are rounded to (reading,), 0 where they are not.
+
+    ``upper`` and ``lower``: the true reading is at least, or at most, what is read.
+    """
+
+    upper: Flags
+    lower: Flags
+    step: Floats
+
+    @property
+    def any(self) -> bool:
+        """Whether some reading lies at an end."""
+        return bool(self.upper.any() or self.lower.any())
+
+
+def ceilings(data: Floats, index: npt.NDArray[np.intp]) -> Ceilings:
+    """Of readings, ``index`` being the channel of each.
+
+    A frame shows its ceiling where several readings of a channel are exactly its largest; a single one cannot be told from a peak.
+    """
+    upper, lower = np.zeros(len(data), dtype=bool), np.zeros(len(data), dtype=bool)
+    step = np.zeros(len(data))
+    ends = np.searchsorted(index, np.arange(int(index[-1]) + 2))
+    for a, b in itertools.pairwise(ends):
+        values = data[a:b]
+        size = float(np.abs(values).max(initial=0.0))
+        if size == 0.0 or np.ptp(values) == 0.0:
+            continue
+        levels = np.unique(values)
+        apart = np.diff(levels)
+        smallest = float(apart[apart > 1e-9 * size].min(initial=math.inf))
+        rounded = False
+        if size / smallest <= MOST_STEPS and b - a >= 8:
+            steps = (levels - levels[0]) / smallest
+            rounded = bool(np.abs(steps - np.round(steps)).max() < 1e-6 * max(1.0, float(steps.max())))
+        if rounded:
+            step[a:b] = smallest
+        fewest = FEWEST_ROUNDED if rounded else FEWEST_AT_CEILING
+        for flags, end in ((upper, levels[-1]), (lower, levels[0])):
+            there = np.abs(values - end) <= 1e-12 * size
+            # an end on the other side of zero, or of next to nothing, is where nothing presses
+            far = end > 0.05 * size if flags is upper else end < -0.05 * size
+            if far and there.sum() >= fewest:
+                flags[a:b] = there
+    return Ceilings(upper, lower, step)
+
+
+@dataclass(frozen=True)
+class Screened:
+    """Readings that no contact explains, and what the linear model says in their place."""
+
+    broken: Flags
+    explained: Floats
+
+
+def linear_noise(
+    linear: Decomposition, rows: Sequence[Floats], total: float, patterns: Floats | None = None
+) -> tuple[LinearEvidence, float, float]:
+    """The linear model whose noise explains itself, that noise, and the degrees of freedom left; noise in units of the whitening."""
+    values = linear.spectrum.eigenvalues
+    known = 1.0 if linear.noise_known else FIRST_NOISE * total
+    for _ in range(ROUNDS):
+        found = linear_evidence(linear, rows, None, known, patterns)
+        w = found.parameter / (found.parameter + values)
+        free = max(float(w.sum()) - (0 if patterns is None else len(patterns)), 1.0)
+        left = math.sqrt(max(_misfit(linear, rows, found, patterns), 0.0) / free)
+        if left > known / SETTLED and (left < known * SETTLED or not linear.noise_known):
+            break
+        if linear.noise_known and left <= known:
+            break
+        known = max(left, 1e-6 * total, 1.0 if linear.noise_known else 0.0)
+    return found, left, free
+
+
+def _misfit(linear: Decomposition, rows: Sequence[Floats], found: LinearEvidence, patterns: Floats | None) -> float:
+    """Squared misfit in units of the whitening."""
+    c = np.asarray(linear.spectrum.project(rows))
+    if patterns is not None:
+        c = c - found.sizes @ patterns
+    w = found.parameter / (found.parameter + linear.spectrum.eigenvalues)
+    return float(((w * c) ** 2).sum())
+
+
+def screened(
+    linear: Decomposition,
+    readings: Readings,
+    data: Floats,
+    observed: Flags,
+    shifts: Floats,
+    thresholds: Thresholds,
+) -> Screened:
+    """Broken readings of a frame; ``shifts`` (reading, pattern) are offsets that it may have besides, so that they break nothing."""
+    return _Screening(linear, readings, data, shifts).run(observed, thresholds)
+
+
+class _Screening:
+    """One frame's search for broken readings.
+
+    Its noise is learned even where it was given, because what breaks the readings hides in it.
+    """
+
+    def __init__(self, linear: Decomposition, readings: Readings, data: Floats, shifts: Floats) -> None:
+        self.linear, self.readings, self.shifts = replace(linear, noise_known=False), readings, shifts
+        self.known, self.least = linear.noise_known, 1.0 if linear.noise_known else 0.0
+        self.scaled = data / readings.std
+        self.rows = readings.planes(data)
+        self.coefficients = np.asarray(linear.spectrum.project(self.rows))
+
+    def pattern(self, values: Floats) -> Floats:
+        """A pattern over the readings, in the basis of the spectrum."""
+        return np.asarray(self.linear.spectrum.project(self.readings.planes(values)))
+
+    def single(self, place: int) -> Floats:
+        """The pattern of one reading alone."""
+        values = np.zeros(len(self.scaled))
+        values[place] = self.readings.std[place]
+        return self.pattern(values)
+
+    def model(self, held: Sequence[Floats], total: float) -> tuple[LinearEvidence, float, float]:
+        """The linear model with the patterns that are held, the noise that it leaves, and the freedom left."""
+        patterns = np.stack(held) if held else None
+        found, left, free = linear_noise(self.linear, self.rows, total, patterns)
+        return found, max(left, self.least), free
+
+    def _evidence(self, held: Sequence[Floats]) -> float:
+        """Log evidence of the linear model with the noise that was given."""
+        found = linear_evidence(self.linear, self.rows, None, 1.0, np.stack(held) if held else None)
+        return log_evidence(found.objective, found.logdet, found.freedom, 1.0)
+
+    def run(self, observed: Flags, thresholds: Thresholds) -> Screened:
+        n, scaled = len(self.scaled), self.scaled
+        broken = np.zeros(n, dtype=bool)
+        held = [self.pattern(column) for column in self.shifts.T]
+        held += [self.single(int(i)) for i in np.flatnonzero(~observed)]
+        counted = int(observed.sum())
+        total = math.sqrt(float(np.mean(scaled[observed] ** 2))) if counted else 0.0
+        if not total > 0.0 or len(held) > n // 2 or counted < FEWEST_READINGS:
+            return Screened(broken, np.zeros(n))
+        found, left, _ = self.model(held, total)
+        explained = _explained(self.linear, self.readings, found, self.shifts)
+        for _ in range(max(int(thresholds.most_outliers * n), 1)):
+            there = observed & ~broken
+            residual = np.where(there, np.abs(scaled - explained / self.readings.std), 0.0)
+            places = list(np.argsort(residual)[::-1][:CANDIDATES])
+            places.append(int(np.argmax(np.where(there, np.abs(scaled), 0.0))))
+            chosen, size = self._worst(places, held, found.parameter)
+            if chosen < 0:
+                break
+            column = self.single(chosen)
+            after, rest, free = self.model([*held, column], total)
+            # all readings' size with it and without: what is ten times the others is broken on the smallest array
+            without = math.sqrt(float(np.mean(scaled[there & (np.arange(n) != chosen)] ** 2)))
+            with_it = math.sqrt(float(np.mean(scaled[there] ** 2)))
+            gain = max(free * math.log(left / rest), counted * math.log(with_it / max(without, 1e-300)))
+            if self.known:
+                gain = max(
+                    gain, self._evidence([*held, column]) - self._evidence(held) - math.log(3.0 * np.abs(scaled).max())
+                )
+            far = size > thresholds.outlier * rest
+            if not (far and gain > thresholds.broken + math.log(n)) or self._local(chosen, held, total, left, rest):
+                break
+            broken[chosen] = True
+            held.append(column)
+            found, left = after, rest
+            explained = _explained(self.linear, self.readings, found, self.shifts)
+        return Screened(broken, explained)
+
+    def _worst(self, places: Sequence[int], held: Sequence[Floats], parameter: float) -> tuple[int, float]:
+        """The reading among ``places`` that the others tell least, and how far it is from what they tell in units of the whitening."""
+        weight = parameter / (parameter + self.linear.spectrum.eigenvalues)
+        c = self.coefficients
+        if held:
+            b = np.stack(held)
+            middle = np.linalg.pinv((b * weight) @ b.T)
+            wc = weight * (c - b.T @ (middle @ (b @ (weight * c))))
+        else:
+            wc = weight * c
+        chosen, best, far = -1, 0.0, 0.0
+        for i in places:
+            e = self.single(int(i))
+            we = weight * e
+            size = float(e @ we)
+            if held:
+                side = b @ we
+                size -= float(side @ middle @ side)
+            if size > 1e-9:
+                reduction = float(e @ wc) ** 2 / size
+                if reduction > best:
+                    chosen, best, far = int(i), reduction, math.sqrt(reduction / size)
+        return chosen, far
+
+    def _local(self, place: int, held: Sequence[Floats], total: float, left: float, rest: float) -> bool:
+        """Whether a load right over a taxel says what its reading says: the taxel lies too near the surface for others to feel it."""
+        operator, start = self.linear.operator, 0
+        for array in operator.planes_of:
+            n = int(array.valid.sum())
+            if place < start + n * len(array.channels):
+                point = array.points[array.valid.ravel()][(place - start) % n]
+                break
+            start += n * len(array.channels)
+        pitch = float(np.ptp(array.points, axis=0).max()) / max(max(array.shape) - 1, 1)
+        # a taxel right under the surface feels little else than what lies over it and the next ones
+        widths = (0.5 * min(operator.surface.spacings), 0.5 * pitch, pitch) if array.depth < SHALLOW * pitch else (0.0,)
+        away = [np.abs(x - point[a]) for a, x in enumerate(operator.surface.axes)]
+        away = [x - x.min() for x in away]
+        load = np.zeros(
+            (len(widths) * len(self.linear.columns), len(operator.surface.components), *operator.surface.shape)
+        )
+        for w, width in enumerate(widths):
+            inside = np.ix_(*[x <= width * (1.0 + 1e-9) + 1e-12 for x in away])
+            for row, column in enumerate(self.linear.columns):
+                load[(w * len(self.linear.columns) + row, column)][inside] = 1.0
+        columns = [self.pattern(self.readings.flat([p[i] for p in operator.forward(load)])) for i in range(len(load))]
+        useful = [c / size for c in columns if (size := float(np.linalg.norm(c))) > 0]
+        loaded = self.model([*held, *useful], total)[1]
+        return loaded < NEARLY * rest and left**2 - loaded**2 > LOCAL * (left**2 - rest**2)
+
+
+def _explained(linear: Decomposition, readings: Readings, found: LinearEvidence, shifts: Floats) -> Floats:
+    """What the linear model, offsets included, says of every reading."""
+    operator = linear.operator
+    full = np.zeros((len(operator.surface.components), *operator.surface.shape))
+    full[list(linear.columns)] = found.traction
+    return readings.flat(operator.forward(full)) + shifts @ found.sizes[: shifts.shape[1]]

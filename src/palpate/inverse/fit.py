@@ -1,0 +1,90 @@
+"""Does the model explain the readings? A misfit probability from the size and the whiteness of what is left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.half_space import Floats
+from palpate.sensing.arrays import Array, ScatteredArray
+
+__all__ = ["MODEL_DETAIL", "misfit_probability", "neighbours"]
+
+Pairs = tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
+
+#: Cells of a finite size and a penalty leave this part of the largest reading, alike from taxel to taxel, on a contact that is all as the
+#: model says (the largest seen on lines and areas without noise; tests/test_fit.py): less than it is no misfit.
+MODEL_DETAIL = 2e-3
+#: Fewer pairs of neighbours, or degrees of freedom, tell nothing.
+FEWEST = 6
+
+
+def neighbours(planes: Sequence[Array]) -> Pairs:
+    """Pairs of readings of one channel at neighbouring taxels, as rows of the operator."""
+    import scipy.spatial
+
+    first: list[npt.NDArray[np.intp]] = []
+    second: list[npt.NDArray[np.intp]] = []
+    start = 0
+    for array in planes:
+        points = array.points[array.valid.ravel()]
+        n = len(points)
+        if n > 1:
+            tree = scipy.spatial.cKDTree(points)
+            near = float(np.median(tree.query(points, k=2)[0][:, 1]))
+            # the next taxels along the axes and across; of scattered ones, those about as near
+            reach = (1.6 if isinstance(array, ScatteredArray) else 1.5) * near
+            pairs = tree.query_pairs(reach, output_type="ndarray")
+            for channel in range(len(array.channels)):
+                first.append(pairs[:, 0] + start + channel * n)
+                second.append(pairs[:, 1] + start + channel * n)
+        start += n * len(array.channels)
+    if not first:
+        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
+    return np.concatenate(first), np.concatenate(second)
+
+
+def misfit_probability(
+    residual: Floats, observed: npt.NDArray[np.bool_], pairs: Pairs, *, taken: float, known: bool, detail: float = 0.0
+) -> float:
+    """Probability of as much misfit as is left, or more, where the model is right; NaN where too few readings are left to tell.
+
+    Parameters
+    ----------
+    residual : array (reading,)
+        What is left, in units of the noise (0 where nothing was observed).
+    observed : array (reading,) of bool
+    pairs : two arrays (pair,)
+        Readings that are neighbours (`neighbours`).
+    taken : float
+        Degrees of freedom that the contact took.
+    known : bool
+        Whether the noise was given: its size is then tested too, by chi^2.
+    detail : float
+        What the model itself cannot follow, in units of the noise.
+
+    Notes
+    -----
+    Whiteness is tested by the products of neighbours, whose signs are as often plus as minus where what is left is noise:
+    z = sum r_i r_j / sqrt(sum r_i^2 r_j^2) is then standard normal for any size and tails of the noise (a sign-flip form of Moran's I; P.
+    A. P. Moran, Biometrika 37, 1950, 17-23). What contact takes up makes it smaller, never larger.
+    """
+    import scipy.special
+
+    tests = []
+    free = float(observed.sum()) - taken
+    i, j = pairs
+    both = observed[i] & observed[j]
+    i, j = i[both], j[both]
+    if len(i) >= FEWEST and free >= FEWEST:
+        size = residual**2 + detail**2
+        spread = math.sqrt(float((size[i] * size[j]).sum()))
+        z = float((residual[i] * residual[j]).sum()) / max(spread, 1e-300)
+        tests.append(0.5 * math.erfc(z / math.sqrt(2.0)))
+    if known and free >= 1.0:
+        left = float((residual[observed] ** 2).sum()) / (1.0 + detail**2)
+        tests.append(float(scipy.special.gammaincc(0.5 * free, 0.5 * left)))
+    return min(1.0, len(tests) * min(tests)) if tests else math.nan
