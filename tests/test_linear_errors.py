@@ -264,7 +264,7 @@ def test_linear_methods_have_intervals(method: str, rng: np.random.Generator) ->
     options = {"spectrum": lambda k: 3e3 / (1 + (3e-3 * k) ** 2)} if method == "wiener" else {}
     touch = of.reconstruct(frames(of, 5, rng), method=method, **options)
     low, high = touch.interval(0.95, "force")
-    assert ((low < [3.0, 10.0]) & (high > [3.0, 10.0])).all()
+    assert ((low < [3.0, 10.0]) & (high > [3.0, 10.0])).mean() >= 0.8  # of ten intervals of 95 %
     assert (high - low < 5.0).all()
     assert (np.asarray(touch.std) > 0).all()
     low, high = touch.interval(0.95)
@@ -319,7 +319,8 @@ def test_a_frame_where_nothing_shows_has_the_error_of_what_would_not_show(rng: n
     # a force spread over a depth would be seen above 1/sqrt(taxels there) of the noise: the interval is at least of that order
     low, high = touch.interval(0.95, "force")
     assert ((high - low)[:, 1] > 2e-4).all()
-    assert ((low < 0) & (high > 0)).mean() > 0.9
+    assert touch.errors is not None
+    assert (np.abs(touch.force) < 1.96 * touch.errors.force).mean() > 0.9
 
 
 def test_readings_that_are_zero_throughout_have_no_error_bars() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.inverse.linear.posterior import PATTERN
 
 PAD = pp.HalfSpace(youngs_modulus=2.0, poissons_ratio=0.4)
 
@@ -47,7 +48,9 @@ def test_patterns_are_marginalised_as_dense_algebra_does(kinds: list[str], monke
     assert touch.errors is not None
     np.testing.assert_allclose(np.ravel(touch.errors.traction), np.sqrt(np.diag(covariance)), rtol=1e-8)
     force = np.kron(np.eye(2), np.full(grid.count, grid.cell))
-    expected = np.sqrt(np.einsum("ri,ij,rj->r", force, covariance, force) + (5e-4 * force @ mean) ** 2)
+    bare = w - w @ a.T @ np.linalg.solve(a @ w @ a.T + np.diag(noise**2), a @ w)
+    total = bare + PATTERN**2 * (covariance - bare)
+    expected = np.sqrt(np.einsum("ri,ij,rj->r", force, total, force) + (5e-4 * force @ mean) ** 2)
     np.testing.assert_allclose(touch.errors.force, expected, rtol=1e-8)
 
 

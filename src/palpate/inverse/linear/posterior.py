@@ -36,15 +36,35 @@ from palpate.inverse.linear.parameter import Filter, amplitude
 from palpate.inverse.linear.spectrum import Spectrum
 from palpate.sensing.grids import Grid
 
-__all__ = ["LinearErrors", "Spread", "Uncertainty"]
+__all__ = ["UNEXPLAINED", "LinearErrors", "Spread", "Uncertainty", "unexplained"]
 
 #: No pad and no grid is known better than this part of the net force: the least error of it that is assumed. A convention, which
 #: matters only where noise is less than that.
 MODEL_FORCE = 5e-4
+#: What patterns add to net force and moment counts so many times: calibration takes these to be a quarter to a half of what the model says, since
+#: contact that lies within the array leaves its surroundings empty, and a shift of the image knows nothing of that.
+PATTERN = 4.0
 #: Cells of the centre of pressure: pressure above this part of its peak (`palpate.touch.numbers`).
 CONTACT = 0.1
+#: Part of the readings' degrees of freedom that must be left to noise for it to be told: with fewer, it is known to a factor of two or worse
+#: on any array of ten readings or more. The error bars then take for noise all that it could be: what is found in the FINEST part.
+UNEXPLAINED, FINEST = 0.1, 0.2
 #: Frames that are worked out at a time.
 CHUNK = 32
+
+
+def unexplained(filter_factors: Filter, spectrum: Spectrum, parameter: Floats) -> Floats:
+    """Part of the readings' degrees of freedom that a parameter (frame,) leaves to noise."""
+    counts = spectrum.multiplicity
+    return np.asarray((1.0 - filter_factors(spectrum.eigenvalues[None, :], parameter[:, None])) @ counts / counts.sum())
+
+
+def finest(spectrum: Spectrum, power: Floats) -> Floats:
+    """Mean power (frame,) of the coefficients that traction reaches least: no noise that is the same at every wavelength is larger."""
+    order = np.argsort(spectrum.eigenvalues, kind="stable")
+    counts = spectrum.multiplicity[order]
+    least = np.cumsum(counts) <= max(FINEST * counts.sum(), counts[0])
+    return np.asarray((power[:, order] * counts * least).sum(axis=1) / np.maximum((counts * least).sum(), 1.0))
 
 
 class Spread:
@@ -286,7 +306,7 @@ class _Source:
             if self._patterns is not None:
                 here = self._patterns[part]
                 inner = here.reshape(*here.shape[:2], -1) @ rows.reshape(len(rows), -1).T
-                variance = variance + (inner**2).sum(axis=1)
+                variance = variance + ((PATTERN * inner) ** 2).sum(axis=1)
             parts.append(variance)
         return np.concatenate(parts)
 
@@ -401,6 +421,8 @@ class _Source:
         floor = None if known.floor is None else np.reshape(known.floor, -1)
         size, noise = amplitude(spectrum.eigenvalues, spectrum.multiplicity, power, floor)
         if floor is not None:
+            blind = unexplained(self.filter, spectrum, np.reshape(known.parameter, -1)) < UNEXPLAINED
+            noise = np.where(blind, np.maximum(noise, finest(spectrum, power)), noise)
             nothing = power @ spectrum.multiplicity == 0
             size, noise = np.where(nothing, np.nan, size), np.where(nothing, np.nan, noise)
         return size, noise

@@ -19,16 +19,12 @@ from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import check_spectrum, check_waves
 from palpate.inverse.linear.parameter import MODEL_ERROR, Filter, check_parameter, choose
 from palpate.inverse.linear.patterns import Patterns
-from palpate.inverse.linear.posterior import LinearErrors, Spread, Uncertainty
+from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, Spread, Uncertainty, unexplained
 from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.spectrum import DataSpectrum, Spectrum, noise_scales
 from palpate.sensing.operator import Operator
 
 __all__ = ["Decomposition", "Regularised", "decompose"]
-
-#: Part of the readings' degrees of freedom that must be left to noise for it to be told: with fewer, it is known to a factor of two or worse
-#: on any array of ten readings or more.
-UNEXPLAINED = 0.1
 
 
 @dataclass(frozen=True)
@@ -137,11 +133,11 @@ class Regularised:
                 variance = np.maximum((power * counts * (1.0 - phi) ** 2).sum(axis=1) / free, floor)
         phi = self.filter(values[None, :], chosen[:, None])
         if isinstance(self.parameter, str) and not self.noise_known:
-            blind = (1.0 - phi) @ counts < UNEXPLAINED * counts.sum()
+            blind = unexplained(self.filter, self.spectrum, chosen) < UNEXPLAINED
             if blind.any():
                 said.append(
                     f"noise cannot be told from traction{_some(blind, batch)}, which explains the readings at every wavelength: what is fine "
-                    "in the map may be noise. Give the array its noise (noise=...)"
+                    "in the map may be noise. Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap"
                 )
         gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0).reshape(*batch, -1)
         residual = np.sqrt((power * counts * (1.0 - phi) ** 2).sum(axis=1) / counts.sum())
