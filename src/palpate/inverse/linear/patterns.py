@@ -1,13 +1,16 @@
-"""Patterns that are no contact (`palpate.sensing.nuisance`) in linear methods: weighed by evidence, taken out, and part of the error bars.
+"""Patterns that are no contact (`palpate.sensing.nuisance`) in linear methods: taken out, and part of the error bars.
 
-In the basis of the spectrum, readings are c = s v + B a + noise with v of variance sigma^2/lambda and a of unknown sizes. Several models are
-weighed: no pattern, and sets of patterns (offsets; offsets and rotation; offsets and ramps), each with sizes of variance g^2 sigma^2 for
-several g, the patterns being scaled to a root mean square of one. With D = 1 + s^2/lambda and M = B^T D^{-1} B = E diag(m) E^T,
+In the basis of the spectrum, readings are c = s v + B a + noise with v of variance sigma^2/lambda and a of variance g^2 sigma^2, the patterns
+being scaled to a root mean square of one, for several g. With D = 1 + s^2/lambda and M = B^T D^{-1} B = E diag(m) E^T,
 
     cov(a) = sigma^2 (g^{-2} + M)^{-1},   mean(a) = (g^{-2} + M)^{-1} B^T D^{-1} c,
     -2 log evidence = (c^T D^{-1} c - b^T (g^{-2} + M)^{-1} b)/sigma^2 + sum log D + sum log(1 + g^2 m) + n log sigma^2,
 
-b = B^T D^{-1} c. Patterns are there or not there, as is more probable; their sizes are means over g. M depends on lambda alone, so its eigenvectors are prepared once.
+b = B^T D^{-1} c; what is said of a is the mean over g by evidence. M depends on lambda alone, so its eigenvectors are prepared once.
+
+Which patterns are there is not for a linear method to find out: its prior expects pressure all over as much as in one place, so that evidence
+makes an offset of a third of the net force of a ball (tried). They are those that the user names, and shifts of an image of a
+half-space, whose zero nothing fixes.
 """
 
 from __future__ import annotations
@@ -31,15 +34,10 @@ __all__ = ["Patterns", "Removed"]
 SIZES = (0.3, 3.0, 30.0, 300.0, 3000.0)
 #: Every how many candidates of the parameter are tried: four to a decade.
 COARSE = 3
-#: Sets with more patterns than this part of the readings are not weighed.
-SHARE = 0.125
-#: Log odds against patterns beforehand: sensors are zeroed, and contact that no Gaussian prior expects looks a little like one. Not where
-#: readings have no zero of their own (`Patterns.adrift`): there patterns are taken for granted, and of any size.
-AGAINST = 3.0
 #: Models less probable than this add nothing to the error bars.
 IMPROBABLE = 1e-3
-#: Probability from which on a pattern is said to be there, and up to which it is not spoken of.
-LIKELY, UNLIKELY = 0.9, 0.05
+#: Patterns are said to be there from so many of their standard deviations on.
+SURE = 2.0
 #: Directions of the estimate's error that patterns add, at the most: the largest.
 DIRECTIONS = 6
 
@@ -47,14 +45,13 @@ DIRECTIONS = 6
 @dataclass(frozen=True)
 class Removed:
     """Of each frame: coefficients without the patterns (frame, n), what is uncertain of them (frame, direction, n), sizes and their standard
-    deviations (frame, pattern), and the probability that each pattern is there (frame, pattern).
+    deviations (frame, pattern).
     """
 
     coefficients: Any
     directions: Floats
     sizes: Floats
     deviations: Floats
-    present: Floats
 
 
 @dataclass(frozen=True)
@@ -67,9 +64,9 @@ class _Set:
 
 
 class Patterns:
-    """The patterns of an operator in the basis of a spectrum; None of them where nothing but contact is to be thought of.
+    """The patterns of an operator in the basis of a spectrum.
 
-    ``kinds`` are those that are taken for granted; None: the readings decide, but for an image of a half-space, which always drifts.
+    ``kinds`` are those that are there; None: none, but for an image of a half-space, which always drifts.
     """
 
     def __init__(
@@ -85,8 +82,7 @@ class Patterns:
         #: An image of a half-space has no zero of its own: its displacements are relative to points infinitely far away. (What measures
         #: displacement_z too is fixed to the pad.)
         self.adrift = operator.pad.thickness is None and channels <= {"displacement_x", "displacement_y"}
-        self.certain = kinds is not None or self.adrift
-        wanted = ("offset", "ramp", "rotation") if kinds is None else kinds
+        wanted = kinds if kinds is not None else ("offset",) if self.adrift else ()
         self.all: list[Nuisance] = list(nuisances(operator.planes_of, wanted))
         readings = Readings(operator, scales)
         rows = [[p[None] for p in readings.planes(n.rows)] for n in self.all]
@@ -98,10 +94,9 @@ class Patterns:
         self.sets = [self._prepared(members) for members in self._sets(kinds)]
 
     def _sets(self, kinds: tuple[str, ...] | None) -> list[tuple[int, ...]]:
-        most = SHARE * len(self.spectrum.eigenvalues)
-        named = [kinds] if kinds is not None else [("offset",), ("offset", "rotation"), ("offset", "ramp")]
-        found = [tuple(i for i, n in enumerate(self.all) if n.kind in each and self.units[i] > 0) for each in named]
-        return [s for s in dict.fromkeys(found) if s and (self.certain or len(s) <= most)]
+        named = kinds if kinds is not None else ("offset",) if self.adrift else ()
+        found = tuple(i for i, n in enumerate(self.all) if n.kind in named and self.units[i] > 0)
+        return [found] if found else []
 
     def _prepared(self, members: tuple[int, ...]) -> _Set:
         rows = self.rows[list(members)]
@@ -128,8 +123,8 @@ class Patterns:
             variance = np.maximum(np.maximum(left / n, floor[:, None]), TINY)
             return n * np.log(variance) + left / variance + logdet + more, variance
 
-        models: list[tuple[_Set | None, float]] = [(None, 0.0)] if not self.certain else []
-        scores = [score(explained, np.zeros(len(self.grid)))] if not self.certain else []
+        models: list[tuple[_Set, float]] = []
+        scores = []
         along = {}
         for each in self.sets:
             along[each.members] = np.einsum("gji,fgj->fgi", each.vectors, inner[..., list(each.members)])
@@ -140,24 +135,17 @@ class Patterns:
                 models.append((each, g))
         # evidence of each model over all parameters
         table = np.stack([-0.5 * s for s, _ in scores], axis=1)  # (frame, model, candidate)
-        against = np.log(len(SIZES) * len(self.sets)) + AGAINST
-        prior = np.array([0.0 if m is None else -against for m, _ in models])
         top = table.max(axis=(1, 2), keepdims=True)
-        total = np.log(np.exp(table - top).mean(axis=2)) + top[..., 0] + prior
+        total = np.log(np.exp(table - top).mean(axis=2)) + top[..., 0]
         chance = np.exp(total - total.max(axis=1, keepdims=True))
         chance /= chance.sum(axis=1, keepdims=True)
-        if not self.certain:  # there or not there: a small chance of something large would widen every interval
-            there = chance[:, 0] < 0.5
-            chance[there, 0] = 0.0
-            chance[~there, 1:] = 0.0
-            chance /= chance.sum(axis=1, keepdims=True)
         best = table.argmax(axis=2)  # (frame, model)
         return self._mixed(c, models, chance, best, along, [v for _, v in scores])
 
     def _mixed(
         self,
         c: Floats,
-        models: list[tuple[_Set | None, float]],
+        models: list[tuple[_Set, float]],
         chance: Floats,
         best: Any,
         along: dict[tuple[int, ...], Floats],
@@ -165,10 +153,8 @@ class Patterns:
     ) -> Removed:
         """Mean and spread of the patterns' sizes over the models of each frame."""
         count, q = len(c), len(self.all)
-        mean, second, present = np.zeros((count, q)), np.zeros((count, q, q)), np.zeros((count, q))
+        mean, second = np.zeros((count, q)), np.zeros((count, q, q))
         for i, (model, g) in enumerate(models):
-            if model is None:
-                continue
             members = list(model.members)
             for f in np.flatnonzero(chance[:, i] > IMPROBABLE):
                 at, p = best[f, i], chance[f, i]
@@ -178,7 +164,6 @@ class Patterns:
                 spread = variances[i][f, at] * (vectors * gain) @ vectors.T
                 mean[f, members] += p * size
                 second[f][np.ix_(members, members)] += p * (spread + np.outer(size, size))
-                present[f, members] += p
         spread = second - mean[:, :, None] * mean[:, None, :]
         eigenvalues, vectors = np.linalg.eigh(spread)
         kept = slice(-min(DIRECTIONS, q), None)
@@ -189,7 +174,6 @@ class Patterns:
             np.swapaxes(root, 1, 2) @ self.rows,
             mean * self.units,
             deviation * self.units,
-            present,
         )
 
     def words(self, found: Removed, batch: tuple[int, ...]) -> list[str]:
@@ -197,7 +181,7 @@ class Patterns:
         said = []
         for i, pattern in enumerate(self.all):
             size, deviation = found.sizes[:, i], found.deviations[:, i]
-            there = (found.present[:, i] > LIKELY) & (np.abs(size) > 2.0 * deviation)
+            there = np.abs(size) > SURE * deviation
             if there.any() and not batch:
                 said.append(f"{pattern.label}: {size[0]:.3g} +- {deviation[0]:.2g} {pattern.unit}, taken out")
             elif there.any():
@@ -205,7 +189,7 @@ class Patterns:
                 said.append(
                     f"{pattern.label} in {int(there.sum())} of {len(there)} frames: {low:.3g} to {high:.3g} {pattern.unit}, taken out"
                 )
-            open_ = ~there & (found.present[:, i] > UNLIKELY)
+            open_ = ~there
             if self.adrift and pattern.kind == "offset" and open_.any():
                 some = f" in {int(open_.sum())} of {len(open_)} frames" if batch else ""
                 most = 2.0 * float(deviation[open_].max())

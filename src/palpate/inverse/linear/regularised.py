@@ -145,7 +145,7 @@ class Regularised:
         traction = self.spectrum.solve(coefficients * from_numpy(gain, real))
         scale = np.sqrt(variance).reshape(batch)
         spread = None
-        if removed is not None and (removed.present > 0).any():
+        if removed is not None:
             spread = removed.directions.reshape(*batch, *removed.directions.shape[1:])
         if self.absolute:
             known = Uncertainty(chosen.reshape(batch), np.ones(batch), np.ones(batch), patterns=spread)
