@@ -273,6 +273,7 @@ def test_lines_count() -> None:
     assert (line.betrays, line.warned, line.words, line.though_right) == (1, 1, 2, 1)
     assert line.coverage["force"] == pytest.approx(0.6)
     assert line.half == pytest.approx(0.01)
+    assert trust.by_sensor([right, wrong]) == [("line of stress_zz", 1, 2)]
     text = trust.markdown([line], command="palpate bench trust")
     assert "| clean | 5 | 2 / 1 |" in text
 

@@ -266,6 +266,9 @@ def bench_trust(
         raise typer.Exit(130)
     total = sum(line.frames for line in done)
     typer.echo(f"wrong without a word: {sum(line.betrays for line in done)} of {total} frames")
+    for kind, silent, count in trust.by_sensor(found):
+        if silent:
+            typer.echo(f"  {kind}: {silent} of {count}")
     if out is not None:
         given = "" if rows is None else f" --rows '{','.join(names)}'"
         given += f" --first {first}" if first else ""

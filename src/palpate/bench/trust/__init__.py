@@ -2,7 +2,7 @@
 
 from palpate.bench.trust.judge import Verdict, judge, verdict
 from palpate.bench.trust.rows import ROWS, Frame, make_frame
-from palpate.bench.trust.table import HEADER, Line, cases, cells, lines, markdown, sentence, trust
+from palpate.bench.trust.table import HEADER, Line, by_sensor, cases, cells, lines, markdown, sentence, trust
 
 __all__ = [
     "HEADER",
@@ -10,6 +10,7 @@ __all__ = [
     "Frame",
     "Line",
     "Verdict",
+    "by_sensor",
     "cases",
     "cells",
     "judge",

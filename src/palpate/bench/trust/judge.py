@@ -81,6 +81,8 @@ class Verdict:
         Net force, its 95 % interval, and the truth.
     fit : float
         Misfit probability, NaN where the library has none.
+    sensor : str
+        Kind and channels of its sensor.
     frame : str
         The frame in words.
     """
@@ -102,6 +104,7 @@ class Verdict:
     high: tuple[float, ...]
     true: tuple[float, ...]
     fit: float
+    sensor: str
     frame: str
 
     @property
@@ -208,6 +211,7 @@ def _unanswered(
         high=none,
         true=true,
         fit=np.nan,
+        sensor=_kind(frame),
         frame=str(frame),
     )
 
@@ -277,8 +281,13 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
         high=tuple(float(v) for v in high),
         true=tuple(float(v) for v in true),
         fit=fit,
+        sensor=_kind(frame),
         frame=str(frame),
     )
+
+
+def _kind(frame: Frame) -> str:
+    return f"{frame.sensor.kind} of {'+'.join(frame.sensor.channels)}"
 
 
 def _beyond(value: float, low: float, high: float) -> float:

@@ -12,7 +12,7 @@ from palpate.bench.trust.judge import Verdict, judge
 from palpate.bench.trust.rows import ROWS, make_frame
 from palpate.bench.trust.sensors import named
 
-__all__ = ["HEADER", "Line", "cases", "cells", "lines", "markdown", "sentence", "trust"]
+__all__ = ["HEADER", "Line", "by_sensor", "cases", "cells", "lines", "markdown", "sentence", "trust"]
 
 
 def trust(
@@ -170,6 +170,16 @@ def cells(line: Line) -> tuple[str, ...]:
     )
 
 
+def by_sensor(found: Sequence[Verdict]) -> list[tuple[str, int, int]]:
+    """(kind and channels, frames wrong without a word, frames), the worst first."""
+    kinds = dict.fromkeys(v.sensor for v in found)
+    counts = [
+        (kind, sum(v.betrays for v in found if v.sensor == kind), sum(v.sensor == kind for v in found))
+        for kind in kinds
+    ]
+    return sorted(counts, key=lambda c: -c[1] / c[2])
+
+
 def sentence(v: Verdict) -> str:
     """What became of one frame, and what it was."""
     if not v.answered:
@@ -204,6 +214,7 @@ def cases(found: Sequence[Verdict]) -> tuple[tuple[str, ...], list[tuple[str | f
     titles = (
         "row",
         "index",
+        "sensor",
         "wrong without a word",
         "force error",
         "field error",
@@ -230,6 +241,7 @@ def cases(found: Sequence[Verdict]) -> tuple[tuple[str, ...], list[tuple[str | f
         (
             v.row,
             v.index,
+            v.sensor,
             int(v.betrays),
             round(v.force_error, 4),
             round(v.field_error, 4),
