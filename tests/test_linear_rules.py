@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.linear.parameter import choose, tikhonov
+from palpate.inverse.linear.parameter import choose, tikhonov, truncate
 from palpate.recordings import Recording, read_table
 
 CHANNELS = ["displacement_x", "displacement_y"]
@@ -86,3 +86,15 @@ def test_the_floor_is_part_of_the_evidence(rng: np.random.Generator) -> None:
     assert held.noise_variance[0] == 1e-3
     assert held.parameter[0] == pytest.approx(given.parameter[0], rel=1e-6)
     assert free.parameter[0] < 0.1 * held.parameter[0]
+
+
+def test_a_cut_off_never_parts_a_pair_that_symmetry_makes_equal(rng: np.random.Generator) -> None:
+    """A square array: shear along x and along y have the same singular values but for rounding."""
+    pairs = np.repeat(10.0 ** np.linspace(0, -8, 60), 2)
+    power = (1e3 * pairs + 1.0) * rng.standard_normal((20, 120)) ** 2
+    for rule in ("gcv", "lcurve"):
+        for _ in range(3):
+            values = pairs * (1 + 1e-13 * rng.standard_normal(120))
+            cut = choose(rule, truncate, values, np.ones(120), power, noise_known=False).parameter
+            kept = (values[None, :] > cut[:, None]).sum(axis=1)
+            assert (kept % 2 == 0).all()

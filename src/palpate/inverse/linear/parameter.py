@@ -41,6 +41,8 @@ Filter = Callable[[Floats, Floats], Floats]
 DECADES, PER_DECADE = 16, 12
 #: Cut-offs lie between eigenvalues above this part of the largest, a few roundings of it: what is below is not told from zero.
 SMALLEST = 1e-15
+#: Eigenvalues that differ by less than this part are one: a few thousand readings know them to some 1e-12.
+PAIR = 1e-9
 #: Most cut-offs that are tried: where there are more readings, neighbours keep counts that differ by a six-hundredth.
 CUT_OFFS = 600
 #: Parameters that leave fewer degrees of freedom than this part of the readings are out: the sum is known to 1e-16 of the count, so that
@@ -238,7 +240,9 @@ def _levels(eigenvalues: Floats) -> Floats:
     """Thresholds of truncation that are tried."""
     levels = np.unique(eigenvalues[eigenvalues > SMALLEST * eigenvalues.max()])
     # half-way between neighbours, so that rounding cannot move a value across; at least one is kept
-    grid: Floats = np.concatenate([[0.5 * levels[0]], np.sqrt(levels[:-1] * levels[1:])])
+    # and never between the two of a pair that symmetry makes equal but for rounding: which one is kept would be chance
+    apart = levels[1:] > (1.0 + PAIR) * levels[:-1]
+    grid: Floats = np.concatenate([[0.5 * levels[0]], np.sqrt(levels[:-1] * levels[1:])[apart]])
     if len(grid) > CUT_OFFS:
         grid = grid[np.unique(np.linspace(0, len(grid) - 1, CUT_OFFS).astype(int))]
     return grid
