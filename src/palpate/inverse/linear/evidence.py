@@ -19,6 +19,9 @@ from palpate.inverse.linear.regularised import Decomposition
 
 __all__ = ["LinearEvidence", "linear_evidence", "log_evidence"]
 
+#: Combinations of patterns that are seen less than this part of the best one are not told apart: rounding of a normal matrix.
+LEAST_SEEN = 1e-10
+
 
 class LinearEvidence(NamedTuple):
     """Log marginal likelihood over that of noise alone, parameter, noise scale, traction (component, *surface) sought.
@@ -122,17 +125,19 @@ def _with_patterns(
 def _restricted(weights: Floats, c: Floats, patterns: Floats) -> tuple[Floats, Floats]:
     """(objective, log determinant) for rows of ``weights`` = 1/C, with the patterns marginalised."""
     weighted = weights[:, None, :] * patterns[None]
-    middle = weighted @ patterns.T
-    right = weighted @ c
-    sizes = np.linalg.solve(middle, right[..., None])[..., 0]
-    objective = weights @ c**2 - (right * sizes).sum(axis=1)
+    values, vectors = np.linalg.eigh(weighted @ patterns.T)
+    # patterns that the weights no longer tell apart, or see at all, count as one, or as none
+    seen = values > LEAST_SEEN * np.maximum(values.max(axis=-1, keepdims=True), 1e-300)
+    right = ((weighted @ c)[:, None, :] @ vectors)[:, 0, :]
+    safe = np.where(seen, values, 1.0)
+    objective = weights @ c**2 - np.where(seen, right**2 / safe, 0.0).sum(axis=1)
     with np.errstate(divide="ignore"):
-        logdet = -np.log(weights).sum(axis=1) + np.linalg.slogdet(middle)[1]
+        logdet = -np.log(weights).sum(axis=1) + np.log(safe).sum(axis=1)
     return objective, logdet
 
 
 def _without(values: Floats, c: Floats, patterns: Floats, parameter: float) -> tuple[Floats, Floats]:
     """The coefficients without the patterns, and their sizes, by generalised least squares."""
     weighted = patterns * (parameter / (parameter + values))
-    sizes = np.linalg.solve(weighted @ patterns.T, weighted @ c)
+    sizes = np.linalg.lstsq(weighted @ patterns.T, weighted @ c, rcond=LEAST_SEEN)[0]
     return c - sizes @ patterns, sizes
