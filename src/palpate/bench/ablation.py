@@ -291,7 +291,7 @@ def as_markdown(rows: Sequence[Row], *, command: str, empty: int) -> str:
     whole = rows[0]
     counts = ", ".join(f"{count} of {kind}" for kind, (_, _, count) in whole.kinds.items())
     lines = [
-        f"Made by `{command}`: {whole.frames} contacts ({counts}) and {empty} empty frames that tuned nothing (`palpate.bench.unseen`). Error over that of the "
+        f"Made by `{command}`: {whole.frames} contacts ({counts}) and {empty} empty frame{'' if empty == 1 else 's'} that tuned nothing (`palpate.bench.unseen`). Error over that of the "
         f"whole method (geometric mean over frames, 95 % interval; and of each kind with its standard error), largest ratio, largest error, part of "
         "frames with another answer, number of contacts, contacts missed, false alarms, part of true normal forces inside the 95 % interval, processor time "
         "over that of the whole method.",
