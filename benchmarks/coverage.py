@@ -1,6 +1,6 @@
 """Do the intervals hold the truth as often as they say, in every case that has constants of its own? On contacts that fixed none of them.
 
-    python benchmarks/coverage.py [--frames 60] [--contact line] [--seed 999]
+    python benchmarks/coverage.py [--frames 60] [--contact line] [--seed 999] [--method tikhonov]
 
 For each case: the share of true values inside the intervals of 50 and 95 %, and beside them the shares with the constants of stress taxels
 on a half-space, which a case without its own uses.
@@ -32,8 +32,10 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--contact", choices=("line", "area", "area with shear"), default="line")
     parser.add_argument("--seed", type=int, default=999)
+    parser.add_argument("--method", default="adaptive")
     arguments = parser.parse_args()
-    said = f"--frames {arguments.frames} --contact '{arguments.contact}' --seed {arguments.seed}"
+    method = arguments.method
+    said = f"--frames {arguments.frames} --contact '{arguments.contact}' --seed {arguments.seed} --method {method}"
     print(f"Made by `python benchmarks/coverage.py {said}`.\n")
     print("| case | quantity | 50 % | 95 % | 50 %, 95 % without constants of its own |\n|---|---|---|---|---|")
     for sensing in SENSING:
@@ -43,10 +45,10 @@ def main() -> int:
             for i in range(arguments.frames):
                 rng = np.random.default_rng((arguments.seed, i))
                 layout, traction, noise = bench.population(rng, contact=arguments.contact, sensing=sensing, body=body)
-                record = bench.run(layout, "random", traction, noise, rng, ("adaptive",), yardstick=False)[0]
+                record = bench.run(layout, "random", traction, noise, rng, (method,), yardstick=False)[0]
                 for quantity, z in record.z.items():
                     found.setdefault(quantity, []).append(z)
-            own, plain = constants("adaptive", case), constants("adaptive", Case(arguments.contact))
+            own, plain = constants(method, case), constants(method, Case(arguments.contact))
             for quantity, z in found.items():
                 half, most = shares(own.quantities[quantity], z)
                 other = shares(plain.quantities[quantity], z)
