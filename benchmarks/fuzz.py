@@ -451,9 +451,9 @@ def _work() -> None:
                 goods[source] = reader.read(Path(source))
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         outcome, why = judge(reader, Path(path), [goods[s] for s in sources])
-        grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
-        if grown > GREED:
-            outcome, why = "memory", f"{grown / 2**20:.0f} MB; {outcome} {why}"
+        dilated = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+        if dilated > GREED:
+            outcome, why = "memory", f"{dilated / 2**20:.0f} MB; {outcome} {why}"
         print("\x1e" + json.dumps([outcome, why]), flush=True)
 
 

@@ -599,7 +599,7 @@ def section_robust() -> None:
     contacts = {"line": bench.LAYOUTS["line"].contacts, "area": bench.LAYOUTS["area"].contacts}
     rng = np.random.default_rng(0)
     for name, array in (("line", line), ("area", area)):
-        grown = []
+        dilated = []
         whole = bench.Layout(name, pad, array, {})
         dead = [bench.Layout(name, pad, array.masked(rng.random(array.shape) > 0.1), {}) for _ in range(10)]
         for contact, traction in contacts[name].items():
@@ -612,9 +612,11 @@ def section_robust() -> None:
                     touch = layout.skin.reconstruct(readings + noise, components=["z"])
                     found.append(relative(touch.values[-1], truth[-1]))
                 errors.append(float(np.mean(found)))
-            grown.append(errors[1] / errors[0])
-            print(f"  {name:<5} {contact:<18} {errors[0]:.3f} whole, {errors[1]:.3f} with 10 % dead: x {grown[-1]:.2f}")
-        print(f"  {name:<5} geometric mean x {np.exp(np.mean(np.log(grown))):.3f}")
+            dilated.append(errors[1] / errors[0])
+            print(
+                f"  {name:<5} {contact:<18} {errors[0]:.3f} whole, {errors[1]:.3f} with 10 % dead: x {dilated[-1]:.2f}"
+            )
+        print(f"  {name:<5} geometric mean x {np.exp(np.mean(np.log(dilated))):.3f}")
     for kind, width in itertools.product(("cylinder", "strip", "punch", "wedge"), (3.5, 5.0, 7.0, 10.0)):
         errors = []
         for center in (0.0, 30.0):
@@ -728,7 +730,7 @@ def _random_edges() -> None:
     from palpate import bench
 
     pad = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)
-    grown = []
+    dilated = []
     for i in range(150):
         rng = np.random.default_rng((555, i))
         noise = float(np.exp(rng.uniform(np.log(5e-4), np.log(7e-2))))
@@ -748,9 +750,9 @@ def _random_edges() -> None:
                 touch = layout.skin.reconstruct(noisy, components=["z"])
                 found.append(relative(touch.values[-1][inside], truth[-1][inside]))
             errors.append(float(np.mean(found)))
-        grown.append(errors[1] / errors[0])
-    middle = float(np.exp(np.mean(np.log(grown))))
-    share = 100 * np.mean(np.array(grown) <= 1.3)
+        dilated.append(errors[1] / errors[0])
+    middle = float(np.exp(np.mean(np.log(dilated))))
+    share = 100 * np.mean(np.array(dilated) <= 1.3)
     print(
         f"  150 random contacts across the edge: x {middle:.2f} (geometric mean), {share:.0f} % of them at most x 1.3"
     )

@@ -10,10 +10,10 @@ import numpy as np
 
 from palpate.elastic.closed_form import cell_influence_area
 from palpate.elastic.closed_form_line import cell_influence_line
-from palpate.elastic.pad import Complexes, Floats, Pad, isotropic_compliance
+from palpate.elastic.pad import Complexes, Floats, isotropic_compliance
 from palpate.errors import InvalidInput
 
-__all__ = ["Floats", "HalfSpace", "Pad", "check_material", "decaying_states", "from_radial"]
+__all__ = ["HalfSpace", "check_material", "decaying_states", "from_radial"]
 
 
 def check_material(youngs_modulus: float, poissons_ratio: float) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.sensing.arrays import Array, ScatteredArray
 
 __all__ = ["MODEL_DETAIL", "misfit_probability", "neighbours"]

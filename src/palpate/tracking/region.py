@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.model import grown
+from palpate.inverse.contact.model import dilated
 from palpate.tracking.health import Flags
 
 __all__ = ["Index", "NormalEquations", "Region", "Single"]
@@ -132,7 +132,7 @@ class NormalEquations:
         single = (inverse * (1.0 - SHRINK)).astype(np.float32)
         inside = np.zeros(grid.shape, dtype=bool)
         inside.ravel()[cells] = True
-        border = inside & grown(~inside, 1)
+        border = inside & dilated(~inside, 1)
         return Region(cells, border.ravel()[cells], single, rho, parameter, unused)
 
     def _gram(self, cells: Index, unused: Flags) -> Floats:

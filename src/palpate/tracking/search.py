@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, MARGIN, ConstrainedEstimator
-from palpate.inverse.contact.model import grown
+from palpate.inverse.contact.model import dilated
 from palpate.tracking.health import Flags
 from palpate.tracking.region import Index, Region, Single
 
@@ -44,7 +44,7 @@ class Search:
         """Cells of the first region of a contact, from every cell's score in standard deviations."""
         depth = math.ceil(self._depth / min(self._grid.spacings)) + 1
         likely = (score > max(LOST, LIKELY * float(score.max()))).reshape(self._grid.shape)
-        return np.flatnonzero(grown(likely, depth))
+        return np.flatnonzero(dilated(likely, depth))
 
     def next(self, region: Region, pressure: Single) -> Index | None:
         """Cells of the region to move to, which keeps the contact inside with a margin; None: it stays."""
@@ -55,12 +55,12 @@ class Search:
         self._pressed = self._pressed + 1 if (active & region.border).any() else 0
         surely = bool((pressure[region.border] > SURELY_PRESSED * FAINT * peak).any())
         if not (surely or self._pressed >= PRESSED or self._missing.any()):
-            kept = int(grown(wanted.reshape(self._grid.shape), MARGIN + 1).sum())
+            kept = int(dilated(wanted.reshape(self._grid.shape), MARGIN + 1).sum())
             if len(region.cells) <= TOO_LARGE * max(kept, FEWEST):
                 return None
         wanted |= self._missing
         self._missing[:] = False
-        cells = np.flatnonzero(grown(wanted.reshape(self._grid.shape), MARGIN))
+        cells = np.flatnonzero(dilated(wanted.reshape(self._grid.shape), MARGIN))
         return None if not len(cells) or np.array_equal(cells, region.cells) else cells
 
     def moved(self) -> None:
@@ -70,4 +70,4 @@ class Search:
     def missing(self, cells: Flags) -> None:
         """Cells outside the region where pressure is missing: they and their neighbours are wanted."""
         if cells.any():
-            self._missing |= grown(cells.reshape(self._grid.shape), 1).ravel()
+            self._missing |= dilated(cells.reshape(self._grid.shape), 1).ravel()

@@ -34,7 +34,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.bench.trust.presses import cell_means
 from palpate.bench.trust.rows import Frame
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import PalpateError, Unsupported
 from palpate.status import Status
 from palpate.touch import Touch

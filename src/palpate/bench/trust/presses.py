@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.bench.trust.sensors import Sensor
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.sensing.grids import Grid
 
 __all__ = ["Load", "cell_means", "plain_ball", "random_load"]

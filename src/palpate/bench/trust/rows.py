@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.bench.trust.presses import Load, plain_ball, random_load
 from palpate.bench.trust.sensors import Sensor, random_sensor
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.skin import Skin
 

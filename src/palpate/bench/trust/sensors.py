@@ -13,8 +13,7 @@ import numpy as np
 import palpate
 from palpate.elastic import BondedLayers, HalfSpace, Layer
 from palpate.elastic.channels import find_channel
-from palpate.elastic.half_space import Floats
-from palpate.elastic.pad import Pad
+from palpate.elastic.pad import Floats, Pad
 from palpate.sensing import AreaArray, AreaGrid, LineArray, LineGrid
 from palpate.sensing.grids import Grid
 from palpate.skin import Skin

@@ -30,11 +30,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import TOLERANCE, Cone, cholesky
 from palpate.inverse.contact.constrained import LARGEST_UNKNOWNS, ConstrainedEstimator
 from palpate.inverse.contact.differences import Sparse
-from palpate.inverse.contact.model import ContactModel, Level, Normal, grown, scattered
+from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, scattered
 from palpate.inverse.contact.posterior import posterior_factor
 from palpate.inverse.contact.sliding import expanded, ways_of_sliding
 from palpate.inverse.linear.evidence import LinearEvidence
@@ -62,14 +62,14 @@ class AdaptiveEstimator(ConstrainedEstimator):
     reach = 1
 
     @property
-    def tells_sliding(self) -> bool:
+    def finds_sliding(self) -> bool:
         """Where friction is given."""
         return self.cone.coupled
 
-    def _ratio(self, places: float, seen: float, unknowns: int) -> int:
-        """How much finer than the surface the problem is worth solving, where the data tell ``seen`` of ``places`` unknowns."""
+    def _ratio(self, places: float, freedom: float, unknowns: int) -> int:
+        """How much finer than the surface the problem is worth solving, where the data tell ``freedom`` of ``places`` unknowns."""
         d = self.operator.surface.dimensions
-        spacing = (places / max(seen, 1.0)) ** (1.0 / d)
+        spacing = (places / max(freedom, 1.0)) ** (1.0 / d)
         if not self.parts.finer_grid:
             return 1
         t = self.thresholds
@@ -78,7 +78,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         wanted = [r for limit, r in table if r == 1 or unknowns * r**d <= t.unknowns]
         return min(next(r for limit, r in table if spacing <= limit), max([*wanted, 1]))
 
-    def _seen_along(self, data: Normal, weight: float) -> float:
+    def _freedom_along(self, data: Normal, weight: float) -> float:
         """How many degrees of freedom of the pressure the data tell, by the even penalty of that weight."""
         import scipy.linalg
 
@@ -100,7 +100,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         of the weight goes to models that end it on the surface.
         """
         size = np.abs(first[-1]).reshape(self.operator.surface.shape)
-        region = grown(size > self.quiet(y) * size.max(), 1)
+        region = dilated(size > self.quiet(y) * size.max(), 1)
         regions = [region]
         beyond = first[-1].reshape(size.shape)[~self.inside]
         if self.parts.ends_on_surface and (beyond > 0).any() and (region & self.inside).any():
@@ -127,7 +127,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         if self.cone.coupled and self.parts.narrowed:
             # what the models would trim in any case makes them slow
             pressure = first[-1].reshape(grid.shape)
-            region = region & grown(pressure > self._trim(y) * np.where(region, pressure, 0.0).max(), 1)
+            region = region & dilated(pressure > self._trim(y) * np.where(region, pressure, 0.0).max(), 1)
         count = int(region.sum())
 
         def refined(ratio: int) -> tuple[Normal, Floats]:
@@ -136,7 +136,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             return self.normal(self.level(ratio), cells, y, noise, observed), start
 
         parameter, scale = evidence[1].parameter, evidence[1].scale
-        ratio = self._ratio(self.taxels * c, self.seen(parameter), count * c)
+        ratio = self._ratio(self.taxels * c, self.effective_freedom(parameter), count * c)
         data, start = refined(ratio)
         slides: list[tuple[Floats, Floats, float]] = []
         if self.cone.coupled and self.parts.sliding:
@@ -153,8 +153,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
             m.weight *= rest
         if slides:
             # pressure alone has fewer unknowns than the data tell: a finer grid pays sooner
-            seen = alone._seen_along(coarse.along(slides[0][0]), parameter / scale**2)
-            finer = self._ratio(count, seen, count)
+            freedom = alone._freedom_along(coarse.along(slides[0][0]), parameter / scale**2)
+            finer = self._ratio(count, freedom, count)
             if self.parts.finer_sliding and finer > ratio and count * c * finer**grid.dimensions <= LARGEST_UNKNOWNS:
                 data, start = refined(finer)
         for ray, changes, chance in slides:
@@ -236,7 +236,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             keep = (loud[member.cells] > quiet * loud.max()) | (pressure > self.quiet(y) * pressure.max())
             if self.parts.shear_in_contact and not self.cone.coupled and c > 1:
                 # no shear outside contact
-                keep &= grown(member.pressure > 0, 1).ravel()[member.cells]
+                keep &= dilated(member.pressure > 0, 1).ravel()[member.cells]
             position = np.flatnonzero(keep)
             least = self.thresholds.floor * tau.max(axis=tuple(range(1, tau.ndim)), keepdims=True)
             precisions = [level.differences.local(t) for t in np.maximum(tau, least)]

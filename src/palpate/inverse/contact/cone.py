@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 
 __all__ = ["TOLERANCE", "Cone", "Face", "Ray", "Solution", "cholesky", "minimise"]
 

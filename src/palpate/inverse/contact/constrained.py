@@ -20,13 +20,13 @@ import scipy.sparse
 
 from palpate._arrays import from_numpy
 from palpate.elastic.channels import find_channel
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.frame import Frame, Run
 from palpate.inverse.contact.hypotheses import Hypothesis, Rough, hypothesis_of, without_outliers
-from palpate.inverse.contact.model import ContactModel, Level, Normal, grown, level_operator
+from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior, posterior_factor, shared_errors, taken_by
@@ -164,7 +164,7 @@ class ConstrainedEstimator:
         return MODEL_ERROR * float(np.abs(data / self.readings.std).max(initial=0.0))
 
     @property
-    def tells_sliding(self) -> bool:
+    def finds_sliding(self) -> bool:
         """Whether models of a contact that slides are among those weighed."""
         return False
 
@@ -197,7 +197,7 @@ class ConstrainedEstimator:
 
         level = self.level(1)
         parameter, scale = evidence[1].parameter, evidence[1].scale
-        region = grown((first[-1] > FAINT * first[-1].max()).reshape(level.grid.shape), MARGIN)
+        region = dilated((first[-1] > FAINT * first[-1].max()).reshape(level.grid.shape), MARGIN)
         cells = np.flatnonzero(region)
         data = self.normal(level, cells, y, noise, observed)
         patches = scipy.ndimage.label(region, np.ones((3,) * region.ndim))[0].ravel()[cells]
@@ -225,7 +225,7 @@ class ConstrainedEstimator:
         model.weight = 1.0
         return [model]
 
-    def seen(self, parameter: float) -> float:
+    def effective_freedom(self, parameter: float) -> float:
         """How many degrees of freedom of the traction the data tell, rather than the penalty."""
         spectrum = self.orders[1].spectrum
         return float(spectrum.multiplicity @ (spectrum.eigenvalues / (spectrum.eigenvalues + parameter)))
@@ -235,7 +235,9 @@ class ConstrainedEstimator:
         arrays = self.operator.planes_of
         points = np.concatenate([a.points for a in arrays])
         spans = np.ptp(points, axis=0) + np.asarray(self.operator.surface.spacings)
-        return float((np.prod(spans) * len(self.columns) / max(self.seen(parameter), 1.0)) ** (1.0 / len(spans)))
+        return float(
+            (np.prod(spans) * len(self.columns) / max(self.effective_freedom(parameter), 1.0)) ** (1.0 / len(spans))
+        )
 
     # -- batches -------------------------------------------------------------------------------------------------------
 
@@ -272,7 +274,7 @@ class ConstrainedEstimator:
             sampled,
             pushed=numbers("pushed", bool),
             resolution=np.array([self.resolution(f.parameter) for f in frames]).reshape(batch),
-            sliding=numbers("sliding") if self.tells_sliding else None,
+            sliding=numbers("sliding") if self.finds_sliding else None,
             noise_std=noise * np.concatenate(self.scales),
             fit=numbers("fit"),
             sign=numbers("sign", int),
@@ -294,21 +296,21 @@ class ConstrainedEstimator:
         data = self.readings.flat(self.operator.observed(readings))
         alive = self.noise.alive(data)
         ends = ceilings(data, self.noise.index) if self.parts.screening else None
-        seen = alive.copy()
+        usable = alive.copy()
         filled = data
         if self.parts.screening:
             limits = ends.upper | ends.lower if ends is not None else np.zeros(len(data), dtype=bool)
             found = screened(self.orders[1], self.readings, data, alive & ~limits, self._shifts, self.thresholds)
-            seen &= ~found.broken
-            filled = np.where(seen, data, found.explained)
-        quiet = self._quiet(filled, seen)
-        h = quiet or hypothesis_of(self, filled, seen, self.terms, signs=self.signs)
+            usable &= ~found.broken
+            filled = np.where(usable, data, found.explained)
+        quiet = self._quiet(filled, usable)
+        h = quiet or hypothesis_of(self, filled, usable, self.terms, signs=self.signs)
         if self.parts.outliers and quiet is None:
-            h, counted = without_outliers(self, h, filled, seen)
-            if (seen & ~counted).any():
-                seen = counted
-                filled = np.where(seen, filled, h.sign * h.rough.explained + self._shifts @ h.sizes)
-        return self._framed(self._run(h, filled, alive, seen, ends), data, ends, rng)
+            h, counted = without_outliers(self, h, filled, usable)
+            if (usable & ~counted).any():
+                usable = counted
+                filled = np.where(usable, filled, h.sign * h.rough.explained + self._shifts @ h.sizes)
+        return self._framed(self._run(h, filled, alive, usable, ends), data, ends, rng)
 
     def _quiet(self, data: Floats, observed: Flags) -> Hypothesis | None:
         """The hypothesis of a frame that noise explains, alone or with offsets; None where there is more."""
@@ -345,13 +347,13 @@ class ConstrainedEstimator:
         n = len(self.readings.std)
         return np.stack([t.rows for t in self.terms], axis=1) if self.terms else np.zeros((n, 0))
 
-    def _run(self, h: Hypothesis, raw: Floats, alive: Flags, seen: Flags, ends: Ceilings | None) -> Run:
+    def _run(self, h: Hypothesis, raw: Floats, alive: Flags, usable: Flags, ends: Ceilings | None) -> Run:
         """One hypothesis, solved."""
         known: float | None = None  # noise scale, where the contact tells it better than the linear model
         levels: Floats | None = None  # the same of every channel
         data = (h.sign or 1) * (raw - self._shifts @ h.sizes)
         rows = self.readings.planes(data)
-        observed, learned = seen.copy(), 0
+        observed, learned = usable.copy(), 0
         least = np.zeros_like(data)
         limited = np.zeros(len(data), dtype=bool)
         if ends is not None:
@@ -363,7 +365,7 @@ class ConstrainedEstimator:
         rounding = float(least.max(initial=0.0))
         if self.noise_known and rounding > 0.3:
             known = math.hypot(1.0, rounding)
-        if h.sign and (self._exceeded(h, data, seen) if self.noise_known else h.present.any()):
+        if h.sign and (self._exceeded(h, data, usable) if self.noise_known else h.present.any()):
             known = h.rough.left
         members: list[ContactModel] = []
         refined = 0
@@ -414,7 +416,7 @@ class ConstrainedEstimator:
             if not parts.noise_again or self.noise_known:
                 break
             # what pressure that only pushes cannot follow is noise, even where a linear model could
-            left = self.noise.left(members[0], first, data / noise, observed, self.seen(parameter))
+            left = self.noise.left(members[0], first, data / noise, observed, self.effective_freedom(parameter))
             left *= noise[0] / self.readings.std[0]
             if learned == TURNS_OF_ALL or max(left, floor) < limits.quieter * max(scale, floor):
                 break
@@ -442,11 +444,11 @@ class ConstrainedEstimator:
         out[h.present] = np.where(np.abs(step) > 0.5 * deviation, step, 0.0)
         return out
 
-    def _exceeded(self, h: Hypothesis, data: Floats, seen: Flags) -> bool:
+    def _exceeded(self, h: Hypothesis, data: Floats, usable: Flags) -> bool:
         """Whether what contact leaves is far more than the noise that was given: it is then taken for noise, and the fit says so."""
         t = self.thresholds
-        size = math.sqrt(float(np.mean(self.readings.white((data / self.readings.std)[seen], seen) ** 2)))
-        misfit = h.rough.left * math.sqrt(h.rough.free / max(float(seen.sum()), 1.0))
+        size = math.sqrt(float(np.mean(self.readings.white((data / self.readings.std)[usable], usable) ** 2)))
+        misfit = h.rough.left * math.sqrt(h.rough.free / max(float(usable.sum()), 1.0))
         return misfit > max(t.unexplained, t.exceeded * size)
 
     def _framed(self, run: Run, data: Floats, ends: Ceilings | None, rng: np.random.Generator | None) -> Frame:
@@ -558,7 +560,7 @@ class ConstrainedEstimator:
         grid = level.grid
         precisions = self.precisions(level, 1, weight)
         pressure = linear[-1]
-        region = grown(pressure >= max(LIKELY * float(pressure.max()), 1e-300), 1).ravel()
+        region = dilated(pressure >= max(LIKELY * float(pressure.max()), 1e-300), 1).ravel()
         region[int(np.argmax(pressure))] = True
         start = linear.reshape(len(linear), -1)
         slope = self.misfit_gradient(y, noise, observed)

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.sensing.grids import Grid
 
 __all__ = ["Differences", "Sparse"]

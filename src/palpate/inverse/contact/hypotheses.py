@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.contact.screening import FIRST_NOISE, ROUNDS, SETTLED, linear_noise
 from palpate.sensing.arrays import ScatteredArray
@@ -80,7 +80,7 @@ def rough(estimator: ConstrainedEstimator, data: Floats, observed: Flags, total:
         )
         misfit = readings.white(((data - explained) / readings.std)[observed], observed)
         share = min(float(np.count_nonzero(first[-1])) / estimator.taxels, 1.0)
-        free = max(float(observed.sum()) - used - share * estimator.seen(found.parameter), 1.0)
+        free = max(float(observed.sum()) - used - share * estimator.effective_freedom(found.parameter), 1.0)
         left = math.sqrt(float((misfit**2).sum()) / free)
         # what is left out is filled with what the contact explains
         filled = np.where(observed, data, explained)

@@ -203,7 +203,7 @@ def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> E
         )
     outliers = filled(found.outliers, None)
     if outliers is not None:
-        outliers[pulls] = False  # the linear method hears every reading
+        outliers[pulls] = False  # the linear method uses every reading
     return replace(
         found,
         traction=traction,

@@ -9,14 +9,14 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import Solution
 from palpate.inverse.contact.differences import Differences
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import refined
 from palpate.sensing.operator import Operator
 
-__all__ = ["ContactModel", "Level", "Normal", "grown", "level_operator", "scattered"]
+__all__ = ["ContactModel", "Level", "Normal", "dilated", "level_operator", "scattered"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -119,7 +119,7 @@ def scattered(values: Floats, cells: Index, shape: tuple[int, ...]) -> Floats:
     return out.reshape(shape)
 
 
-def grown(region: Flags, cells: int) -> Flags:
+def dilated(region: Flags, cells: int) -> Flags:
     import scipy.ndimage
 
     structure = np.ones((3,) * region.ndim, dtype=bool)

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.contact.model import ContactModel
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.contact.posterior import posterior_factor
@@ -85,10 +85,10 @@ class ChannelNoise:
         out[alive] *= np.sqrt(power / free)
         return np.asarray(out)
 
-    def left(self, member: ContactModel, first: Floats, y: Floats, observed: Flags, seen: float) -> float:
-        """Root mean square of the whitened misfit, for the freedom that the contact took: the modes seen, over its area."""
+    def left(self, member: ContactModel, first: Floats, y: Floats, observed: Flags, freedom: float) -> float:
+        """Root mean square of the whitened misfit, for the freedom that the contact took: the modes that the data decide, over its area."""
         share = float(np.count_nonzero(first[-1])) / self.taxels
-        free = max(float(observed.sum()) - min(share, 1.0) * seen, 1.0)
+        free = max(float(observed.sum()) - min(share, 1.0) * freedom, 1.0)
         misfit = member.data.matrix @ member.solution.traction.ravel() - self.readings.white(y[observed], observed)
         return float(np.sqrt((misfit**2).sum() / free))
 

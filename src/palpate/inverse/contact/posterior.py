@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import Cone, Solution, cholesky, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel, scattered

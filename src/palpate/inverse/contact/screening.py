@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence, log_evidence
 from palpate.inverse.linear.regularised import Decomposition

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.special
 
-from palpate.elastic.half_space import Floats
+from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import Cone, Ray, cholesky, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel, Normal
