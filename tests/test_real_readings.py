@@ -5,6 +5,8 @@ Data are made on cells four times finer than those of the reconstruction.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -205,3 +207,84 @@ def test_nuisances_are_what_they_are_called() -> None:
     assert turned[0, 0] == pytest.approx(0.5e-3)  # -y, the first row lies below
     assert turned[1, :, 0] == pytest.approx(-1e-3)
     assert found[-1].unit == "rad"
+
+
+@pytest.mark.parametrize(
+    ("channel", "name", "wide"),
+    [
+        ("strain_zz", "youngs_modulus", True),
+        ("displacement_z", "youngs_modulus", True),
+        ("stress_zz", "youngs_modulus", False),  # stress under a given load does not depend on it
+        ("strain_zz", "depth", True),
+        ("stress_zz", "gain", True),
+    ],
+)
+def test_what_is_not_known_exactly_is_in_the_error_bars(channel: str, name: str, wide: bool) -> None:
+    array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=[channel])
+    contact = pp.solutions.hertz_line(half_width=3e-3, force=10.0)
+    clean = pp.Skin(PAD, array).sense(contact)
+    array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=[channel], noise=0.002 * float(np.abs(clean).max()))
+    widths = []
+    for uncertainty in (None, pp.Uncertainty(**{name: 0.1})):
+        low, high = pp.Skin(PAD, array, uncertainty=uncertainty).reconstruct(clean).interval(0.95, "force")
+        widths.append(float(high[1] - low[1]))
+    assert (widths[1] > 1.5 * widths[0]) == wide
+    if name == "youngs_modulus" and wide:
+        assert (
+            3.5 < widths[1] < 9.0
+        )  # 10 % of 10 N/m: 3.9 between two deviations on each side, up to twice that by the constants
+
+
+def test_a_modulus_off_by_a_fifth_is_within_the_interval_where_it_was_named() -> None:
+    array = pp.AreaArray(
+        shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["displacement_x", "displacement_y", "displacement_z"]
+    )
+    true = pp.Skin(pp.HalfSpace(youngs_modulus=1.2 * 2e5, poissons_ratio=0.48), array)
+    readings = true.sense(pp.solutions.hertz_point(radius=3e-3, force=1.0))
+    skin = pp.Skin(PAD, array, uncertainty=pp.Uncertainty(youngs_modulus=0.2))
+    low, high = skin.reconstruct(readings).interval(0.95, "force")
+    assert low[2] < 1.0 < high[2]
+    plain = pp.Skin(PAD, array).reconstruct(readings).interval(0.95, "force")
+    assert plain[1][2] < 1.0
+
+
+def test_uncertainties_that_make_no_sense_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(pp.InvalidInput, match="relative"):
+        pp.Uncertainty(depth=12.0)
+    with pytest.raises(pp.Unsupported, match="thickness"):
+        pp.Skin(PAD, line()[0].planes, uncertainty=pp.Uncertainty(thickness=0.1))
+    text = """
+[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa +- 10 %"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "line"
+count = 21
+pitch = "1 mm"
+depth = "2 mm +- 0.1 mm"
+channels = ["stress_zz"]
+"""
+    path = tmp_path / "skin.toml"
+    path.write_text(text)
+    skin = pp.Skin.from_file(path)
+    assert skin.pad.youngs_modulus == 2e5
+    assert (skin.uncertainty.youngs_modulus, skin.uncertainty.depth) == pytest.approx((0.1, 0.05))
+    path.write_text(text + '\n[uncertainty]\ndepth = "3 %"\n')
+    with pytest.raises(pp.InvalidInput, match="two places"):
+        pp.Skin.from_file(path)
+    path.write_text(text.replace("10 %", "ten"))
+    with pytest.raises(pp.InvalidInput):
+        pp.Skin.from_file(path)
+
+
+def test_no_constant_makes_smaller_what_is_stated() -> None:
+    from palpate.inverse.contact.parts import STATED
+    from palpate.uncertainty import Case, constants
+
+    for contact in ("line", "area", "area with shear"):
+        for sensing in ("stress", "strain", "displacement"):
+            for body in ("half-space", "layers"):
+                found = constants("adaptive", Case(contact, sensing, body)).quantities
+                assert min(found[name].scale for name in ("traction", "force", "peak_pressure")) >= STATED

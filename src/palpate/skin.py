@@ -31,6 +31,7 @@ from palpate.sensing.nuisance import check_nuisance
 from palpate.sensing.operator import Boundary, Operator
 from palpate.sensing.readings import Layout, checked_traction, creeping, frame_times, joined_planes, with_creep
 from palpate.sensing.surface import default_surface
+from palpate.sensing.uncertainty import Uncertainty
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
 from palpate.tracking import Tracker, check_settings
@@ -96,6 +97,7 @@ class Skin:
         surface: Grid | None = None,
         boundary: Boundary = "free",
         nuisance: Sequence[str] | str = "auto",
+        uncertainty: Uncertainty | None = None,
     ) -> None:
         check_pad(pad)
         planes = (array,) if isinstance(array, LineArray | AreaArray | ScatteredArray) else tuple(array)
@@ -128,7 +130,9 @@ class Skin:
             surface.components,
             fixed=self._given,
             nuisance=check_nuisance(nuisance),
+            uncertainty=uncertainty,
         )
+        self._problem.uncertainty.check(self._elastic)
         self._methods = Kept(entries=PREPARED)
         self._default: tuple[str, ...] | None = None
 
@@ -166,10 +170,10 @@ class Skin:
         >>> skin.pad.youngs_modulus, skin.planes[0].shape
         (200000.0, (21,))
         """
-        from palpate.recordings.skinfile import read_skin
+        from palpate.recordings.skinfile import read_skin, read_uncertainty
 
         pad, planes, surface, boundary = read_skin(path, recording)
-        return cls(pad, planes, surface=surface, boundary=boundary)
+        return cls(pad, planes, surface=surface, boundary=boundary, uncertainty=read_uncertainty(path))
 
     @property
     def pad(self) -> Pad:
@@ -224,6 +228,20 @@ class Skin:
         ('free', 'periodic')
         """
         return self._boundary
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """How well pad and sensors are known.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> array = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
+        >>> pp.Skin(pad, array, uncertainty=pp.Uncertainty(depth=0.1)).uncertainty.depth
+        0.1
+        """
+        return self._problem.uncertainty
 
     @property
     def operator(self) -> Operator:
@@ -311,6 +329,7 @@ class Skin:
             surface=self._surface,
             boundary=self._boundary,
             nuisance="auto" if kinds is None else kinds,
+            uncertainty=self._problem.uncertainty,
         )
         out._given = out._problem.fixed = self._given
         return out

@@ -7,13 +7,16 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any, TypeVar, cast
 
-from palpate.elastic.pad import Pad
+import numpy as np
+
+from palpate.elastic.pad import Floats, Pad
 from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.regularised import Decomposition, decompose
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid
 from palpate.sensing.operator import Boundary, Operator
 from palpate.sensing.surface import WIDE, default_surface
+from palpate.sensing.uncertainty import STEP, Uncertainty, scale_free, stretched
 
 __all__ = ["Kept", "Problem"]
 
@@ -74,6 +77,8 @@ class Problem:
         Whether the user gave the surface: contact is then sought nowhere else.
     nuisance : tuple of str or None
         What readings hold besides contact and noise (`palpate.sensing.nuisance`); None: the readings decide.
+    uncertainty : Uncertainty
+        How well pad and sensors are known.
     """
 
     def __init__(
@@ -86,10 +91,12 @@ class Problem:
         *,
         fixed: bool = False,
         nuisance: tuple[str, ...] | None = None,
+        uncertainty: Uncertainty | None = None,
         kept: Kept | None = None,
     ) -> None:
         self.pad, self.planes, self.surface, self.boundary = pad, tuple(planes), surface, boundary
         self.components, self.fixed, self.nuisance = tuple(components), fixed, nuisance
+        self.uncertainty = uncertainty or Uncertainty()
         self.kept = Kept() if kept is None else kept
 
     def seeking(self, components: Sequence[str]) -> Problem:
@@ -102,6 +109,7 @@ class Problem:
             components,
             fixed=self.fixed,
             nuisance=self.nuisance,
+            uncertainty=self.uncertainty,
             kept=self.kept,
         )
 
@@ -124,6 +132,41 @@ class Problem:
             "wide operator",
             lambda: Operator(self.pad, self.planes, default_surface(self.planes, depths=WIDE), self.boundary),
         )
+
+    def doubtful(self, traction: Floats, *, wide: bool = False) -> tuple[Floats, Floats]:
+        """What is not known of modulus, thickness and depth does to the readings of ``traction`` (component, *surface).
+
+        Returns columns (reading, unknown), in the unit of the channels for a change of 1 (100 %), and their standard deviations.
+        """
+        u, operator = self.uncertainty, self.wide if wide else self.operator
+
+        def readings(of: Operator) -> Floats:
+            parts = [
+                r.reshape(len(a.channels), -1)[:, a.valid.ravel()].ravel()
+                for a, r in zip(self.planes, of.forward(traction))
+            ]
+            return np.concatenate(parts)
+
+        plain = readings(operator)
+        columns, size = [], []
+        if u.youngs_modulus:
+            columns.append(-plain * scale_free(self.planes))
+            size.append(u.youngs_modulus)
+        for name in ("depth", "thickness"):
+            value = getattr(u, name)
+            if not value:
+                continue
+
+            def moved(name: str = name) -> Operator:
+                pad, planes = stretched(self.pad, self.planes, **{name: 1.0 + STEP})
+                return Operator(pad, planes, operator.surface, self.boundary)
+
+            other = self.kept.get(("moved", name, wide and not self.fixed), moved)
+            columns.append((readings(other) - plain) / STEP)
+            size.append(value)
+        if not columns:
+            return np.zeros((len(plain), 0)), np.zeros(0)
+        return np.stack(columns, axis=1), np.array(size)
 
     def decomposition(self, priors: Sequence[Prior], *, wide: bool = False) -> Decomposition:
         """The spectrum under these priors, one per component sought; made once for all methods, parameters and rules."""

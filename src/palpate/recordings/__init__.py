@@ -12,7 +12,7 @@ from palpate.recordings.tables import read_table
 from palpate.recordings.touchfile import read_touch, write_touch
 
 if TYPE_CHECKING:
-    from palpate.recordings.skinfile import read_skin, read_stream
+    from palpate.recordings.skinfile import read_skin, read_stream, read_uncertainty
 
 __all__ = [
     "Format",
@@ -25,6 +25,7 @@ __all__ = [
     "read_stream",
     "read_table",
     "read_touch",
+    "read_uncertainty",
     "recorder",
     "write_recording",
     "write_touch",
@@ -33,7 +34,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Skin files need pydantic, recordings do not: loaded when first asked for."""
-    if name in ("read_skin", "read_stream"):
+    if name in ("read_skin", "read_stream", "read_uncertainty"):
         from palpate.recordings import skinfile
 
         return getattr(skinfile, name)

@@ -50,6 +50,7 @@ from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Boundary
+from palpate.sensing.uncertainty import Uncertainty
 from palpate.units import KIND_OF_SI, UNITS, parse_quantity
 
 try:
@@ -165,6 +166,24 @@ class _Stream(_Strict):
     definitions: str = ""
 
 
+def _percent(value: Any) -> float:
+    """ "10 %" -> 0.1."""
+    match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", value) if isinstance(value, str) else None
+    if match is None:
+        raise InvalidInput(f'an uncertainty must be a part such as "10 %"; got {value!r}.')
+    return float(match[1]) / 100.0
+
+
+Part = Annotated[float, BeforeValidator(_percent)]
+
+
+class _Uncertainty(_Strict):
+    youngs_modulus: Part = 0.0
+    thickness: Part = 0.0
+    depth: Part = 0.0
+    gain: Part = 0.0
+
+
 class _Skin(_Strict):
     pad: Annotated[
         Annotated[_HalfSpace, Tag("half_space")]
@@ -176,6 +195,7 @@ class _Skin(_Strict):
     surface: _Surface | None = None
     boundary: Literal["free", "periodic"] = "free"
     stream: _Stream | None = None
+    uncertainty: _Uncertainty = _Uncertainty()
 
 
 def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad, list[Array], Grid | None, Boundary]:
@@ -215,6 +235,82 @@ def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad
     """
     found = Path(path)
     return skin_from_text(_text(found), str(found), found.parent, recording)
+
+
+def read_uncertainty(path: str | Path) -> Uncertainty:
+    """How well modulus, thickness, depth and gains are known, where the skin.toml says it: "200 kPa +- 10 %", or a section [uncertainty].
+
+    Raises
+    ------
+    InvalidInput
+        As for `read_skin`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from palpate.recordings import read_uncertainty
+    >>> text = '''
+    ... [pad]
+    ... kind = "half_space"
+    ... youngs_modulus = "200 kPa +- 20 kPa"
+    ... poissons_ratio = 0.48
+    ...
+    ... [[plane]]
+    ... kind = "line"
+    ... count = 21
+    ... pitch = "1 mm"
+    ... depth = "2 mm +- 5 %"
+    ... channels = ["strain_zz"]
+    ...
+    ... [uncertainty]
+    ... gain = "3 %"
+    ... '''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(f"{folder}/skin.toml").write_text(text)
+    ...     print(read_uncertainty(f"{folder}/skin.toml"))
+    Uncertainty(youngs_modulus=0.1, thickness=0.0, depth=0.05, gain=0.03)
+    """
+    found = Path(path)
+    skin = _validated(_text(found), str(found))
+    return Uncertainty(**skin.uncertainty.model_dump())
+
+
+def _known_to(data: Any, name: str) -> dict[str, Any]:
+    """The file without its "+-", each put as a part into the section [uncertainty]; several of one kind: the largest."""
+    found: dict[str, float] = {}
+
+    def cleaned(part: Any) -> Any:
+        if isinstance(part, dict):
+            return {key: plain(key, value) for key, value in part.items()}
+        return [cleaned(v) for v in part] if isinstance(part, list) else part
+
+    def plain(key: str, value: Any) -> Any:
+        if key not in ("youngs_modulus", "thickness", "depth") or not isinstance(value, str):
+            return cleaned(value)
+        parts = re.split(r"\+-|\+/-|\u00b1", value)
+        if len(parts) == 1:
+            return value
+        kind = "pressure" if key == "youngs_modulus" else "length"
+        if len(parts) > 2 or parts[0].strip() == "base":
+            raise InvalidInput(
+                f'{name}: {key} = {value!r}: write a quantity and one uncertainty, such as "2 mm +- 5 %".'
+            )
+        size = abs(parse_quantity(parts[0].strip(), kind, key))
+        if "%" in parts[1]:
+            share = _percent(parts[1])
+        else:
+            share = parse_quantity(parts[1].strip(), kind, key) / size if size else 0.0
+        found[key] = max(found.get(key, 0.0), share)
+        return parts[0].strip()
+
+    out = cleaned(data)
+    if not found:
+        return dict(out)
+    said = out.get("uncertainty", {})
+    if not isinstance(said, dict) or set(said) & set(found):
+        raise InvalidInput(f"{name}: {', '.join(found)} has an uncertainty in two places; say it once.")
+    return {**out, "uncertainty": {**{k: f"{100.0 * v:.12g} %" for k, v in found.items()}, **said}}
 
 
 def read_stream(path: str | Path) -> TopicMapping | None:
@@ -312,7 +408,7 @@ def _validated(text: str, name: str) -> _Skin:
     except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and brackets in brackets
         raise InvalidInput(f"{name}: not valid TOML: {str(error)[:200].rstrip('.')}.") from error
     try:
-        return _Skin.model_validate(data)
+        return _Skin.model_validate(_known_to(data, name))
     except ValidationError as error:
         raise InvalidInput(_explain(error.errors()[0], text, name)) from error
 

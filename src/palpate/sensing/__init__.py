@@ -4,6 +4,7 @@ from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Operator
 from palpate.sensing.surface import default_surface
+from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = [
     "AreaArray",
@@ -14,5 +15,6 @@ __all__ = [
     "LineGrid",
     "Operator",
     "ScatteredArray",
+    "Uncertainty",
     "default_surface",
 ]

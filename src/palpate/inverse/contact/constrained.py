@@ -26,9 +26,9 @@ from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.frame import Frame, Run
 from palpate.inverse.contact.hypotheses import Hypothesis, Rough, hypothesis_of, without_outliers
-from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, level_operator
+from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, level_operator, scattered
 from palpate.inverse.contact.noise import ChannelNoise
-from palpate.inverse.contact.parts import Parts, Thresholds
+from palpate.inverse.contact.parts import STATED, Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior, posterior_factor, shared_errors, taken_by
 from palpate.inverse.contact.screening import Ceilings, ceilings, screened
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
@@ -39,6 +39,7 @@ from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.regularised import Decomposition
 from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.problem import Problem
+from palpate.sensing.grids import block_means
 from palpate.sensing.nuisance import nuisances
 
 __all__ = ["ConstrainedEstimator"]
@@ -368,6 +369,7 @@ class ConstrainedEstimator:
         if h.sign and (self._exceeded(h, data, usable) if self.noise_known else h.present.any()):
             known = h.rough.left
         members: list[ContactModel] = []
+        nothing = np.zeros((len(data), 0)), np.zeros(0)
         refined = 0
         for attempt in range(MOST_ATTEMPTS):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
@@ -376,7 +378,7 @@ class ConstrainedEstimator:
             floor = max(self.least_noise(data), rounding)
             noise = self.readings.std * np.maximum(scale if levels is None else levels[self.noise.index], floor)
             if not (gain > limits.contact + uneven and scale > 0):
-                return Run(h, [], data, noise, observed, parameter, scale, levels, True, math.inf)
+                return Run(h, [], data, noise, observed, parameter, scale, levels, True, math.inf, nothing)
             first, explained = self.fit(linear, data / noise, noise, observed, parameter / scale**2)
             if high is not None and attempt < ROUNDS_OF_OUTLIERS:
                 # a reading at its ceiling counts where the contact would have it read less
@@ -429,7 +431,7 @@ class ConstrainedEstimator:
         limit = max(limits.unexplained, limits.unexplained_signal * float(np.sqrt(np.mean(signal**2))))
         if not first[-1].any():
             members = []
-        return Run(h, members, data, noise, observed, parameter, scale, levels, left <= limit, limit)
+        return Run(h, members, data, noise, observed, parameter, scale, levels, left <= limit, limit, nothing)
 
     def _change(self, h: Hypothesis, model: ContactModel, data: Floats, noise: Floats, observed: Flags) -> Floats:
         """How the sizes of the nuisances that are there change when contact and they are solved together, on the face of the contact."""
@@ -464,6 +466,7 @@ class ConstrainedEstimator:
             fit = self._fit(run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
             result = replace(nothing, pushed=run.pushed and h.sign == 1, fit=fit)
         else:
+            run.doubtful = self._doubtful(run)
             for m in run.members:
                 self._share(m, run, deviation, at_limit)
             result = self._combined(run.members, run, each, rng)
@@ -493,8 +496,21 @@ class ConstrainedEstimator:
             deviation = np.maximum(deviation, np.where(offsets, self.thresholds.hidden_offset * reach, 0.0))
         return np.asarray(deviation)
 
+    def _doubtful(self, run: Run) -> tuple[Floats, Floats]:
+        """What is not known exactly of the pad does to the readings (reading, unknown), in units of the noise; standard deviations."""
+        if not self.problem.uncertainty.any or not run.members:
+            return np.zeros((len(run.data), 0)), np.zeros(0)
+        grid = self.operator.surface
+        full = np.zeros((len(grid.components), *grid.shape))
+        for m in run.members:
+            for row, column in enumerate(self.columns):
+                fine = scattered(m.solution.traction[row], m.cells, m.level.grid.shape)
+                full[column] += m.weight * block_means(fine, m.level.ratio, grid.dimensions)
+        columns, size = self.problem.doubtful(full, wide=self.wide)
+        return columns / run.noise[:, None], size
+
     def _share(self, model: ContactModel, run: Run, deviation: Floats, at_limit: Flags) -> None:
-        """What a model's errors owe to the nuisances: unknowns that all cells share."""
+        """What a model's errors owe to what acts on many readings at once: nuisances, ends of range, a pad not known exactly."""
         there = deviation > 0
         noise, observed = run.noise, run.observed
         columns = self._shifts[:, there] / noise[:, None]
@@ -503,25 +519,41 @@ class ConstrainedEstimator:
             # readings that count although they may be larger: all of them by a common part
             excess = np.where(at_limit & observed, run.data / noise, 0.0)[:, None]
             columns, prior = np.concatenate([columns, excess], axis=1), np.append(prior, self.thresholds.excess)
-        if not columns.shape[1]:
+        columns = np.concatenate([columns, run.doubtful[0]], axis=1)
+        # what was named or assumed is no error of the method, which its constants make smaller
+        prior = np.concatenate([prior, run.doubtful[1]]) / STATED
+        gain = self.problem.uncertainty.gain / STATED
+        if not columns.shape[1] and not gain:
             return
         rows = self.readings.white(columns[observed], observed)
         for one in (model, model.contact):
-            if one is not None:
-                one.shared = shared_errors(one, rows, prior)
+            if one is None:
+                continue
+            parts = [shared_errors(one, rows, prior)] if columns.shape[1] else []
+            if gain:
+                each = gain * np.abs(run.data / noise)[observed]
+                parts.append(posterior_factor(one.solution, each[:, None] * one.data.matrix))
+            one.shared = np.concatenate(parts, axis=1)
 
     def _fit(self, run: Run, residual: Floats, taken: float, largest: float) -> float:
         """Misfit probability of what is left, in units of the noise."""
         noise = run.noise
         given = self.readings.std * (1.0 if self.noise_known else 0.0)
         stretch = float(np.median(noise / given)) if self.noise_known else 1.0
+        columns, observed = run.doubtful[0], run.observed
+        if columns.shape[1]:
+            # what a pad that is not known exactly would leave is no misfit
+            rows = self.readings.white(columns[observed], observed)
+            left = residual[observed]
+            residual = residual.copy()
+            residual[observed] = left - rows @ np.linalg.lstsq(rows, left, rcond=1e-8)[0]
         return misfit_probability(
             residual * stretch,
             run.observed,
             self._pairs,
-            taken=taken,
+            taken=taken + columns.shape[1],
             known=self.noise_known,
-            detail=MODEL_DETAIL * largest * stretch,
+            detail=math.hypot(MODEL_DETAIL, self.problem.uncertainty.gain) * largest * stretch,
         )
 
     @cached_property

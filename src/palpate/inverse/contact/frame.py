@@ -54,3 +54,4 @@ class Run:
     levels: Floats | None
     pushed: bool
     limit: float
+    doubtful: tuple[Floats, Floats]

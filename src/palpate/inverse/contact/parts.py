@@ -8,7 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Parts", "Thresholds"]
+__all__ = ["STATED", "Parts", "Thresholds"]
+
+
+#: The constants of the error bars of force and traction multiply the model's standard deviations by this at least (tests/test_real_readings.py):
+#: what is stated by the user or assumed is divided by it, so that no constant makes it smaller.
+STATED = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -54,15 +54,22 @@ def taken_by(model: ContactModel) -> float:
 def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats:
     """K (free, unknown): what a model owes to unknowns that act on many readings at once, so that K K' adds to its covariance.
 
-    ``columns`` (reading, unknown) is what each does to the readings, whitened; ``prior`` (unknown,) its standard deviation, which may be
-    infinite. With Z = L^-1 W'A' B on the face, the unknowns' own posterior is S = (1/prior^2 + B'B - Z'Z)^-1, and K = Z S^{1/2}.
+    ``columns`` (reading, unknown) is what each does to the readings, whitened; ``prior`` (unknown,) its standard deviation. With
+    Z = L^-1 W'A' B on the face, an unknown change c of the readings changes the traction by -L^-T Z c. Where the deviation is infinite
+    the readings themselves must tell: S = (B'B - Z'Z)^-1. Where it is finite it is taken as it is: what the penalty alone says of it (how
+    large the traction may be was learned from these very readings) is no knowledge.
     """
     z = posterior_factor(model.solution, columns.T @ model.data.matrix)
-    precision = columns.T @ columns - z.T @ z + np.diag(np.where(np.isfinite(prior), prior, np.inf) ** -2.0)
-    values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
-    # what the readings do not tell at all stays as wide as the readings themselves allow
-    floor = 1e-6 * max(float(np.trace(columns.T @ columns)), 1e-300)
-    return np.asarray(z @ (vectors / np.sqrt(np.maximum(values, floor))))
+    told = np.isinf(prior)
+    out = z * np.where(told, 0.0, prior)
+    if told.any():
+        b, found = columns[:, told], z[:, told]
+        precision = b.T @ b - found.T @ found
+        values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
+        # what the readings do not tell at all stays as wide as the readings themselves allow
+        floor = 1e-6 * max(float(np.trace(b.T @ b)), 1e-300)
+        out[:, told] = found @ (vectors / np.sqrt(np.maximum(values, floor)))
+    return np.asarray(out)
 
 
 def variance_of(model: ContactModel, rows: Any) -> Floats:

@@ -1,0 +1,108 @@
+"""How well a pad and its sensors are known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from palpate.elastic.channels import find_channel
+from palpate.elastic.layers import BondedLayers
+from palpate.elastic.pad import Floats, Pad
+from palpate.errors import InvalidInput, Unsupported
+from palpate.sensing.arrays import Array
+
+__all__ = ["STEP", "Uncertainty", "scale_free", "stretched"]
+
+#: Relative change from which the effect of depth and thickness is worked out: a one-sided difference, wrong by a few per cent of the effect.
+STEP = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Uncertainty:
+    """Relative standard deviations of what a skin is described by: 0.1 is ten per cent.
+
+    They enter every interval of the methods "automatic", "adaptive" and "constrained" through what each would change in the readings
+    (the delta method: readings are linear in it for small changes).
+
+    Parameters
+    ----------
+    youngs_modulus : float
+        Of the whole pad, all layers together. Every force from strain or displacement is proportional to it; stress does not depend on it.
+    thickness : float
+        Of bonded layers, all together.
+    depth : float
+        Of the sensing elements, all together.
+    gain : float
+        Of each reading by itself.
+
+    Raises
+    ------
+    InvalidInput
+        A number that is negative, not finite, or 1 or more.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["strain_zz"], noise=1e-4)
+    >>> known = pp.Skin(pad, array)
+    >>> vague = pp.Skin(pad, array, uncertainty=pp.Uncertainty(youngs_modulus=0.1))
+    >>> readings = known.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+    >>> for skin in (known, vague):
+    ...     low, high = skin.reconstruct(readings).interval(0.95, "force")
+    ...     print(bool(high[1] - low[1] > 2.0))  # N/m
+    False
+    True
+    """
+
+    youngs_modulus: float = 0.0
+    thickness: float = 0.0
+    depth: float = 0.0
+    gain: float = 0.0
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+            if not good or not 0.0 <= value < 1.0:
+                raise InvalidInput(
+                    f"uncertainty: {f.name} must be a relative standard deviation from 0 to less than 1 (0.1 for ten per cent); got {value!r}."
+                )
+
+    @property
+    def any(self) -> bool:
+        """Whether something is not known exactly."""
+        return any(getattr(self, f.name) > 0 for f in fields(self))
+
+    def check(self, pad: Pad) -> None:
+        """Raise `Unsupported` where it speaks of what the pad does not have."""
+        if self.thickness and not isinstance(pad, BondedLayers):
+            raise Unsupported(
+                f"uncertainty: thickness belongs to BondedLayers; this pad is a {type(pad).__name__}. Leave it out."
+            )
+
+
+def stretched(
+    pad: Pad, planes: tuple[Array, ...], *, depth: float = 1.0, thickness: float = 1.0
+) -> tuple[Pad, tuple[Array, ...]]:
+    """Pad and planes with depths and thicknesses multiplied; planes at a rigid base stay there."""
+    total = pad.thickness
+    if thickness != 1.0 and isinstance(pad, BondedLayers):
+        pad = BondedLayers([replace(layer, thickness=layer.thickness * thickness) for layer in pad.layers], pad.base)
+    moved = []
+    for plane in planes:
+        at_base = total is not None and abs(plane.depth - total) < 1e-9 * total
+        moved.append(replace(plane, depth=total * thickness if at_base and total is not None else plane.depth * depth))
+    return pad, tuple(moved)
+
+
+def scale_free(planes: tuple[Array, ...]) -> Floats:
+    """1 for readings (row of the operator) that follow the modulus under a given traction (strain, displacement), 0 for stress."""
+    parts = []
+    for array in planes:
+        flags = [float(find_channel(c).kind.creeps) for c in array.channels]
+        parts.append(np.repeat(flags, int(array.valid.sum())))
+    return np.concatenate(parts)
