@@ -82,6 +82,12 @@ def test_the_readings_are_those_of_the_closed_form() -> None:
     assert np.abs(readings - exact).max() < 0.01 * np.abs(exact).max()
 
 
+def test_what_is_stated_reaches_the_skin() -> None:
+    for row, name, value in (("modulus named", "youngs_modulus", 0.2), ("gains named", "gain", 0.075)):
+        frame = trust.make_frame(row, 1)
+        assert getattr(frame.skin.uncertainty, name) == value
+
+
 def test_violations_are_what_they_say() -> None:
     for index in range(2):
         clipped = trust.make_frame("clipped", index)
@@ -191,13 +197,8 @@ def test_words_are_what_this_frame_says() -> None:
 
 def test_a_misfit_is_a_word() -> None:
     frame = a_frame()
-
-    class Fitted(pp.Touch):
-        fit = 0.002
-
-    wrong = touch_of(frame, 2.0)
-    fitted = Fitted(wrong.values, wrong.surface, wrong.components, wrong.method, errors=wrong.errors)
-    assert judged(frame, fitted).words == ("fit 0.002",)
+    fitted = touch_of(frame, 2.0, fit=np.asarray(0.002))
+    assert "fit 0.002" in judged(frame, fitted).words
     assert judged(frame, fitted).fit == 0.002
 
 

@@ -35,8 +35,8 @@ class Frame:
     index : int
     sensor, told : Sensor
         What the readings were made with, and what the library is told.
-    known_to : mapping
-        Relative standard deviations that it is told besides.
+    uncertainty : mapping
+        Relative standard deviations that it is told besides, as `palpate.Uncertainty` takes them.
     friction : float or None
         Coefficient of friction that it is told.
     noise : tuple of float or None
@@ -56,7 +56,7 @@ class Frame:
     index: int
     sensor: Sensor
     told: Sensor
-    known_to: Mapping[str, float]
+    uncertainty: Mapping[str, float]
     friction: float | None
     noise: tuple[float, ...] | None
     readings: Floats
@@ -68,7 +68,7 @@ class Frame:
     @cached_property
     def skin(self) -> Skin:
         """What a user would make."""
-        return self.told.skin(self.noise, known_to=self.known_to)
+        return self.told.skin(self.noise, uncertainty=self.uncertainty)
 
     @property
     def empty(self) -> bool:
@@ -320,7 +320,7 @@ class Row:
         What happens to readings.
     told : callable (Sensor, rng) -> Sensor or None
         What the library is told in place of the truth.
-    known_to : mapping
+    uncertainty : mapping
         Relative standard deviations that the description states.
     noise : (float, float)
         Range of the noise, in parts of the largest reading.
@@ -334,7 +334,7 @@ class Row:
     load: str = "press"
     change: Change | None = None
     told: Told | None = None
-    known_to: Mapping[str, float] = field(default_factory=dict)
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
     noise: tuple[float, float] = USUAL
     misstated: bool = False
 
@@ -376,7 +376,9 @@ _TABLE: Sequence[Row] = (
     Row("stuck", "one reading stuck at a random level", change=_stuck),
     Row("dead", "the taxel under the contact reads zero", change=_dead),
     Row("gains", "gains of taxels spread by 5 to 10 %", change=_gains),
-    Row("gains named", "gains spread by 7.5 %, and the array says so", change=_stated_gains, known_to={"gain": GAIN}),
+    Row(
+        "gains named", "gains spread by 7.5 %, and the array says so", change=_stated_gains, uncertainty={"gain": GAIN}
+    ),
     Row(
         "modulus",
         "the pad 20 to 25 % stiffer or softer than said",
@@ -388,7 +390,7 @@ _TABLE: Sequence[Row] = (
         "the modulus said to be known to 20 %, and it is",
         suits=_modulus_matters,
         told=_modulus(_stated(MODULUS)),
-        known_to={"modulus": MODULUS},
+        uncertainty={"youngs_modulus": MODULUS},
     ),
     Row(
         "thickness",
@@ -401,7 +403,7 @@ _TABLE: Sequence[Row] = (
         "the thickness said to be known to 20 %, and it is",
         suits=_thick_in_doubt,
         told=_thickness(_stated(THICKNESS)),
-        known_to={"thickness": THICKNESS},
+        uncertainty={"thickness": THICKNESS},
     ),
     Row(
         "depth",
@@ -414,7 +416,7 @@ _TABLE: Sequence[Row] = (
         "the depth said to be known to 30 %, and it is",
         suits=_buried,
         told=_depth(_stated(DEPTH)),
-        known_to={"depth": DEPTH},
+        uncertainty={"depth": DEPTH},
     ),
     Row("transposed", "rows and columns swapped", suits=_square, change=_transposed),
     Row("wrong sign", "all readings, or those of a channel, negated", change=_negated),
@@ -500,7 +502,7 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
         index=index,
         sensor=sensor,
         told=told,
-        known_to=this.known_to,
+        uncertainty=this.uncertainty,
         friction=friction,
         noise=tuple(float(v) for v in says) if given else None,
         readings=draft.readings + draft.noise,

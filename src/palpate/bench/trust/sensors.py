@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,15 +9,14 @@ from typing import Any
 
 import numpy as np
 
-import palpate
 from palpate.elastic import BondedLayers, HalfSpace, Layer
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats, Pad
-from palpate.sensing import AreaArray, AreaGrid, LineArray, LineGrid
+from palpate.sensing import AreaArray, AreaGrid, LineArray, LineGrid, Uncertainty
 from palpate.sensing.grids import Grid
 from palpate.skin import Skin
 
-__all__ = ["Sensor", "named", "random_sensor"]
+__all__ = ["Sensor", "random_sensor"]
 
 _STRESS = ("stress_xz", "stress_yz", "stress_zz")
 _STRAIN = ("strain_xz", "strain_yz", "strain_zz")
@@ -103,46 +101,40 @@ class Sensor:
         return "".join(a for a in "xy" if any(find_channel(c).odd == a for c in self.channels))
 
     def skin(
-        self, noise: Any = None, *, surface: Grid | None = None, known_to: Mapping[str, float] | None = None
+        self, noise: Any = None, *, surface: Grid | None = None, uncertainty: Mapping[str, float] | None = None
     ) -> Skin:
-        """The skin of this description; ``known_to``: relative standard deviations of modulus, thickness, depth, gain that it states.
-
-        What the library cannot be told yet is left out.
-        """
-        std = known_to or {}
-        taxels = {
-            **_stated(AreaArray, "depth", self.depth, std.get("depth")),
-            **_stated(AreaArray, "gain", None, std.get("gain")),
-        }
+        """The skin of this description; ``uncertainty``: what it states of itself, as `palpate.Uncertainty` takes it."""
         array: LineArray | AreaArray
         if len(self.shape) == 1:
             array = LineArray(
                 count=self.shape[0],
                 pitch=self.pitch,
+                depth=self.depth,
                 channels=self.channels,
                 aperture=self.aperture,
                 noise=noise,
-                **taxels,
             )
         else:
-            shape = (self.shape[0], self.shape[1])
             array = AreaArray(
-                shape=shape, pitch=self.pitch, channels=self.channels, aperture=self.aperture, noise=noise, **taxels
+                shape=(self.shape[0], self.shape[1]),
+                pitch=self.pitch,
+                depth=self.depth,
+                channels=self.channels,
+                aperture=self.aperture,
+                noise=noise,
             )
-        return Skin(self._pad(std), array, surface=surface)
+        stated = Uncertainty(**uncertainty) if uncertainty else None
+        return Skin(self._pad(), array, surface=surface, uncertainty=stated)
 
-    def _pad(self, std: Mapping[str, float]) -> Pad:
+    def _pad(self) -> Pad:
         if not self.layers:
-            modulus = _stated(HalfSpace, "youngs_modulus", self.modulus, std.get("modulus"))
-            return HalfSpace(poissons_ratio=self.ratio, **modulus)
-        layers = []
-        for thickness, part in self.layers:
-            told = {
-                **_stated(Layer, "thickness", thickness, std.get("thickness")),
-                **_stated(Layer, "youngs_modulus", part * self.modulus, std.get("modulus")),
-            }
-            layers.append(Layer(poissons_ratio=self.ratio, **told))
-        return BondedLayers(layers)
+            return HalfSpace(youngs_modulus=self.modulus, poissons_ratio=self.ratio)
+        return BondedLayers(
+            [
+                Layer(thickness=t, youngs_modulus=part * self.modulus, poissons_ratio=self.ratio)
+                for t, part in self.layers
+            ]
+        )
 
     def fine_grid(self, low: Floats, high: Floats, finer: int) -> Grid:
         """Cells of a ``finer``-th of the pitch over the box from ``low`` to ``high`` (x, or x and y) [m].
@@ -163,37 +155,6 @@ class Sensor:
             f"{self.kind} of {size}, {'+'.join(self.channels)}, depth {self.depth / self.pitch:.2g} pitches, {body}, "
             f"E {self.modulus:.3g} Pa, pitch {1e3 * self.pitch:.3g} mm"
         )
-
-
-def _stated(maker: Callable[..., Any], name: str, value: Any, std: float | None) -> dict[str, Any]:
-    """Arguments that say ``value``, with its relative standard deviation where the library takes one.
-
-    Two spellings are tried: ``name=Uncertain(value, std)`` and ``name_std=std``. A gain (value None) is 1 on the average.
-    """
-    plain = {} if value is None else {name: value}
-    if not std:
-        return plain
-    takes = inspect.signature(maker).parameters
-    size = std * (1.0 if value is None else float(value))
-    if f"{name}_std" in takes:
-        return {**plain, f"{name}_std": size}
-    uncertain = getattr(palpate, "Uncertain", None)
-    if uncertain is not None and name in takes:
-        return {name: uncertain(1.0 if value is None else value, size)}
-    return plain
-
-
-def named(quantity: str) -> bool:
-    """Whether the library can be told how well ``quantity`` (modulus, thickness, depth, gain) is known."""
-    maker, name = {
-        "modulus": (HalfSpace, "youngs_modulus"),
-        "thickness": (Layer, "thickness"),
-        "depth": (AreaArray, "depth"),
-        "gain": (AreaArray, "gain"),
-    }[quantity]
-    value = None if quantity == "gain" else 1.0
-    plain = {} if value is None else {name: value}
-    return _stated(maker, name, value, 0.1) != plain
 
 
 def _one_of(rng: np.random.Generator, table: Mapping[Any, float]) -> Any:

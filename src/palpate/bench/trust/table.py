@@ -10,7 +10,6 @@ import numpy as np
 from palpate.bench.accuracy import spread_over
 from palpate.bench.trust.judge import Verdict, judge
 from palpate.bench.trust.rows import ROWS, make_frame
-from palpate.bench.trust.sensors import named
 
 __all__ = ["HEADER", "Line", "by_sensor", "cases", "cells", "lines", "markdown", "sentence", "trust"]
 
@@ -201,11 +200,7 @@ def markdown(found: Sequence[Line], *, command: str) -> str:
     text += ["| " + " | ".join(HEADER) + " |", "|" + "---|" * len(HEADER)]
     text += ["| " + " | ".join(cells(line)) + " |" for line in found]
     text += ["", "| row | what is wrong |", "|---|---|"]
-    for line in found:
-        row = ROWS[line.row]
-        untold = [q for q in row.known_to if not named(q)]
-        said = row.says + (" (there is no way to say so yet: run without)" if untold else "")
-        text.append(f"| {row.name} | {said} |")
+    text += [f"| {line.row} | {ROWS[line.row].says} |" for line in found]
     return "\n".join(text) + "\n"
 
 
