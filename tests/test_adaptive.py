@@ -454,7 +454,7 @@ def test_intervals_respect_the_constraints() -> None:
     with pytest.raises(pp.InvalidInput, match="friction"):
         touch.interval(0.5, "slip_margin")
     with pytest.raises(pp.Unsupported, match="no error bars"):
-        _ = skin.reconstruct(readings, method="tikhonov").std
+        _ = skin.reconstruct(readings, method="nnls").std
 
 
 def test_draws_lie_in_the_cone_and_spread_like_the_closed_form() -> None:

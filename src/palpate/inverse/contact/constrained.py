@@ -296,7 +296,7 @@ class ConstrainedEstimator:
         """Contact in one frame of readings, (channel, *array) per plane."""
         data = self.readings.flat(self.operator.observed(readings))
         alive = self.noise.alive(data)
-        ends = ceilings(data, self.noise.index) if self.parts.screening else None
+        ends = ceilings(data, self.noise.index, self.pairs) if self.parts.screening else None
         usable = alive.copy()
         filled = data
         if self.parts.screening:
@@ -550,14 +550,15 @@ class ConstrainedEstimator:
         return misfit_probability(
             residual * stretch,
             run.observed,
-            self._pairs,
+            self.pairs,
             taken=taken + columns.shape[1],
             known=self.noise_known,
             detail=math.hypot(MODEL_DETAIL, self.problem.uncertainty.gain) * largest * stretch,
         )
 
     @cached_property
-    def _pairs(self) -> tuple[Index, Index]:
+    def pairs(self) -> tuple[Index, Index]:
+        """Readings that are neighbours."""
         return neighbours(self.operator.planes_of)
 
     def evidence(self, linear: Decomposition, rows: Sequence[Floats], known: float | None) -> LinearEvidence:

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.contact.screening import FIRST_NOISE, ROUNDS, SETTLED, linear_noise
+from palpate.inverse.fit import misfit_probability
 from palpate.sensing.arrays import ScatteredArray
 from palpate.sensing.nuisance import Nuisance
 
@@ -220,7 +221,24 @@ def hypothesis_of(
         free = _both(estimator, data, observed, total, none)
         if free is not None:
             tried.append(free)
-    return _best(tried, t)
+    best = _best(tried, t)
+    if 0 in signs and best.sign != 0 and free is not None and _structured(estimator, best, data, observed, total):
+        return free
+    return best
+
+
+def _structured(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, observed: Flags, total: float) -> bool:
+    """Whether a hypothesis leaves much, and no noise: what neighbours share. Contact of one sign is then not what this is."""
+    t = estimator.thresholds
+    columns = np.stack([term.rows for term in estimator.terms], axis=1) if estimator.terms else None
+    clean = data if columns is None else data - columns @ h.sizes
+    residual = np.where(observed, h.sign * clean - h.rough.explained, 0.0) / estimator.readings.std
+    size = math.sqrt(float(np.mean(residual[observed] ** 2)))
+    if not size > t.structured * total or (estimator.noise_known and size < t.unexplained):
+        return False
+    taken = float(observed.sum()) - h.rough.free
+    chance = misfit_probability(residual / size, observed, estimator.pairs, taken=taken, known=False)
+    return chance < t.structured_chance
 
 
 def without_outliers(

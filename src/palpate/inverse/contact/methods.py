@@ -219,4 +219,7 @@ def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> E
         draws=filled(found.draws, None),
         resolution=filled(found.resolution, None),
         sliding=filled(found.sliding, None),
+        fit=filled(found.fit, None),
+        nuisance=filled(found.nuisance, None),
+        nuisance_std=filled(found.nuisance_std, None),
     )

@@ -127,6 +127,10 @@ class Thresholds:
     largest_nuisance: float = 0.4
     #: One smaller than this part of it is not told from what the model cannot follow (twice `fit.MODEL_DETAIL`).
     smallest_nuisance: float = 4e-3
+    #: Contact that pushes and pulls at once is what a frame is taken to be where one sign leaves this part of the readings, in an order that
+    #: noise has as seldom as this.
+    structured: float = 0.1
+    structured_chance: float = 1e-4
     #: Where the whole edge of the array is loaded, an offset of this part of the largest reading may hide (a convention).
     hidden_offset: float = 0.1
     #: Hypotheses whose gains differ by less than this are both followed.
@@ -143,8 +147,8 @@ class Thresholds:
     broken: float = 8.0
     #: Noise that was given counts as exceeded where contact leaves this part of the readings (and `unexplained` times the noise).
     exceeded: float = 0.03
-    #: Readings at the end of their range may be larger by this part (standard deviation): 2 deviations double them.
-    excess: float = 0.5
+    #: Readings at the end of their range may be larger by this part (standard deviation, divided by `STATED`): 2 deviations double them.
+    excess: float = 0.25
     #: Readings that no contact explains are left out up to this part of all: beyond it the contact is what is wrong (a
     #: convention).
     most_outliers: float = 0.2

@@ -62,10 +62,13 @@ class Ceilings:
         return bool(self.upper.any() or self.lower.any())
 
 
-def ceilings(data: Floats, index: npt.NDArray[np.intp]) -> Ceilings:
-    """Of readings, ``index`` being the channel of each.
+def ceilings(
+    data: Floats, index: npt.NDArray[np.intp], pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
+) -> Ceilings:
+    """Of readings, ``index`` being the channel of each and ``pairs`` those that are neighbours.
 
-    A frame shows its ceiling where several readings of a channel are exactly its largest; a single one cannot be told from a peak.
+    A frame shows its ceiling where several neighbours of a channel read exactly its largest reading; a single one cannot be told from a
+    peak.
     """
     upper, lower = np.zeros(len(data), dtype=bool), np.zeros(len(data), dtype=bool)
     step = np.zeros(len(data))
@@ -91,6 +94,11 @@ def ceilings(data: Floats, index: npt.NDArray[np.intp]) -> Ceilings:
             far = end > 0.05 * size if flags is upper else end < -0.05 * size
             if far and there.sum() >= fewest:
                 flags[a:b] = there
+    for flags in (upper, lower):
+        beside = np.zeros(len(data), dtype=bool)
+        both = flags[pairs[0]] & flags[pairs[1]]
+        beside[pairs[0][both]] = beside[pairs[1][both]] = True
+        flags &= beside
     return Ceilings(upper, lower, step)
 
 
