@@ -1,12 +1,8 @@
 from __future__ import annotations
 
-import atexit
 import importlib.util
 import os
-import shutil
 import signal
-import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,17 +10,6 @@ from typing import Any
 # before NumPy is imported, and for the processes that tests start: workers side by side do not fight for the cores
 for _library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-
-# Packages installed uncompiled, with nothing to be written beside them (PYTHONDONTWRITEBYTECODE): every process that a test starts would
-# compile SciPy and the rest again, for seconds. They share a folder of this run instead.
-_numpy = importlib.util.find_spec("numpy")
-_compiled = _numpy is None or _numpy.origin is None or Path(importlib.util.cache_from_source(_numpy.origin)).exists()
-if sys.dont_write_bytecode and not _compiled:
-    _folder = tempfile.mkdtemp(prefix="palpate-tests-")
-    atexit.register(shutil.rmtree, _folder, ignore_errors=True)
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = _folder
-    sys.dont_write_bytecode = False
 
 # A run in the background (nohup, a script's &) inherits that Ctrl-C is ignored, and so would what it starts: tests send it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -276,25 +276,24 @@ def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, sal
 def write_recording(recording: Recording, path: str | Path) -> None:
     """Write a recording; the format follows the file name.
 
-        NetCDF, NPZ and Zarr keep every bit, CSV writes 17 digits, MCAP single precision and nanoseconds. All carry a checksum.
+    NetCDF, NPZ and Zarr keep every bit, CSV writes 17 digits, MCAP single precision and nanoseconds. All carry a checksum.
 
-        Raises
-        ------
-        InvalidInput
-            An ending that is not known, or a store that exists.
+    Raises
+    ------
+    InvalidInput
+        An ending that is not known, or a store that exists.
 
-        Examples
-        --------
-        >>> import tempfile
-        >>> from dataclasses import replace
-    from pathlib import Path
-        >>> from palpate.recordings import Recording, write_recording
-        >>> press = Recording(readings=[[[0.0, 1.0, 0.0]]], channels=["stress_zz"], time=[0.0])
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     write_recording(press, f"{folder}/press.csv")
-        ...     text = Path(f"{folder}/press.csv").read_text()
-        >>> "stress_zz" in text
-        True
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from palpate.recordings import Recording, write_recording
+    >>> press = Recording(readings=[[[0.0, 1.0, 0.0]]], channels=["stress_zz"], time=[0.0])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_recording(press, f"{folder}/press.csv")
+    ...     text = Path(f"{folder}/press.csv").read_text()
+    >>> "stress_zz" in text
+    True
     """
     into_place(path, lambda known, name: known.write(recording, name), task="write")
 

@@ -74,11 +74,24 @@ class Uncertainty:
 
     @property
     def any(self) -> bool:
-        """Whether something is not known exactly."""
+        """Whether something is not known exactly.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pp.Uncertainty().any, pp.Uncertainty(gain=0.03).any
+        (False, True)
+        """
         return any(getattr(self, f.name) > 0 for f in fields(self))
 
     def check(self, pad: Pad) -> None:
-        """Raise `Unsupported` where it speaks of what the pad does not have."""
+        """Raise `Unsupported` where it speaks of what the pad does not have.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pp.Uncertainty(depth=0.1).check(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5))  # nothing is missing
+        """
         if self.thickness and not isinstance(pad, BondedLayers):
             raise Unsupported(
                 f"uncertainty: thickness belongs to BondedLayers; this pad is a {type(pad).__name__}. Leave it out."

@@ -367,7 +367,7 @@ class ConstrainedEstimator:
         if self.noise_known and rounding > 0.3:
             known = math.hypot(1.0, rounding)
         if h.sign and (self._exceeded(h, data, usable) if self.noise_known else h.present.any()):
-            known = h.rough.left
+            known = max(h.rough.left, self.least_noise(data))
         members: list[ContactModel] = []
         nothing = np.zeros((len(data), 0)), np.zeros(0)
         refined = 0

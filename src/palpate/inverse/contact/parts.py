@@ -125,8 +125,8 @@ class Thresholds:
     other_sign: float = 3.0
     #: A nuisance is never larger than this part of the largest reading that it touches (a convention: sensors are zeroed).
     largest_nuisance: float = 0.4
-    #: One smaller than this part of it is not told from what the model cannot follow (twice `fit.MODEL_DETAIL`).
-    smallest_nuisance: float = 4e-3
+    #: One smaller than this part of it is not told from what the model cannot follow (five times `fit.MODEL_DETAIL`).
+    smallest_nuisance: float = 0.01
     #: Contact that pushes and pulls at once is what a frame is taken to be where one sign leaves this part of the readings, in an order that
     #: noise has as seldom as this.
     structured: float = 0.1
