@@ -30,7 +30,7 @@ from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, 
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import STATED, Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior, posterior_factor, shared_errors, taken_by
-from palpate.inverse.contact.screening import Ceilings, ceilings, screened
+from palpate.inverse.contact.screening import Ceilings, ceilings, outermost, screened
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.fit import MODEL_DETAIL, misfit_probability, neighbours
 from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence, log_evidence
@@ -138,6 +138,7 @@ class ConstrainedEstimator:
         kinds = DEFAULT_NUISANCES if problem.nuisance is None else problem.nuisance
         self.terms = nuisances(operator.planes_of, kinds) if self.parts.nuisances else []
         self.ring = self._ring()
+        self.outermost = outermost(self.orders[1])
         self.far = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
         #: What contact may do (`hypotheses`): push (1), pull as a whole (-1), both (0; the linear method's then).
         self.signs: tuple[int, ...] = (1,)

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.parts import Thresholds
-from palpate.inverse.contact.screening import FIRST_NOISE, ROUNDS, SETTLED, linear_noise
+from palpate.inverse.contact.screening import FIRST_NOISE, ROUNDS, SETTLED, TOO_MUCH, linear_noise
 from palpate.inverse.fit import misfit_probability
 from palpate.sensing.arrays import ScatteredArray
 from palpate.sensing.nuisance import Nuisance
@@ -256,7 +256,10 @@ def without_outliers(
     total = math.sqrt(float(np.mean(white**2)))
     best = h.rough
     for _ in range(max(int(t.most_outliers * observed.sum()), 1)):
-        residual = np.where(counted, np.abs(clean - best.explained) / readings.std, 0.0)
+        size = np.abs(clean) / readings.std
+        others = np.where(counted & ~estimator.outermost, size, 0.0).max(initial=0.0)
+        may = counted & (~estimator.outermost | (size > TOO_MUCH * others))
+        residual = np.where(may, np.abs(clean - best.explained) / readings.std, 0.0)
         worst = int(np.argmax(residual))
         largest = float(np.abs(best.explained / readings.std).max(initial=0.0))
         # one reading among n raises what is left to its own size over sqrt(n)

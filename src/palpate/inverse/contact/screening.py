@@ -22,7 +22,7 @@ from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence, log
 from palpate.inverse.linear.regularised import Decomposition
 from palpate.inverse.linear.whitening import Readings
 
-__all__ = ["Ceilings", "Screened", "ceilings", "linear_noise", "screened"]
+__all__ = ["TOO_MUCH", "Ceilings", "Screened", "ceilings", "linear_noise", "outermost", "screened"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -41,6 +41,8 @@ FEWEST_READINGS = 6
 #: A reading is not broken where a load right over its taxel leaves less than this many times the noise that leaving it out does, and
 #: explains this part of what that does.
 NEARLY, LOCAL = 1.5, 0.7
+#: The outermost taxels, by pitches from the edge, are broken only if they read this many times the largest of the others.
+OUTERMOST, TOO_MUCH = 1.0, 8.0
 #: Taxels less deep than this part of the pitch feel next to nothing of what their neighbours do.
 SHALLOW = 0.6
 
@@ -150,6 +152,23 @@ def screened(
     return _Screening(linear, readings, data, shifts).run(observed, thresholds)
 
 
+def outermost(linear: Decomposition) -> Flags:
+    """Readings of taxels within `OUTERMOST` pitches of the array's edge."""
+    parts = []
+    for array in linear.operator.planes_of:
+        points = array.points[array.valid.ravel()]
+        low, high = array.points.min(axis=0), array.points.max(axis=0)
+        near = np.zeros(len(points), dtype=bool)
+        for axis, n in enumerate(
+            array.shape if len(array.shape) == points.shape[1] else (len(points),) * points.shape[1]
+        ):
+            pitch = (high[axis] - low[axis]) / max(n - 1, 1)
+            reach = OUTERMOST * pitch * (1.0 + 1e-9)
+            near |= (points[:, axis] - low[axis] <= reach) | (high[axis] - points[:, axis] <= reach)
+        parts.append(np.tile(near, len(array.channels)))
+    return np.concatenate(parts)
+
+
 class _Screening:
     """One frame's search for broken readings.
 
@@ -162,6 +181,7 @@ class _Screening:
         self.scaled = data / readings.std
         self.rows = readings.planes(data)
         self.coefficients = np.asarray(linear.spectrum.project(self.rows))
+        self.outermost = outermost(linear)
 
     def pattern(self, values: Floats) -> Floats:
         """A pattern over the readings, in the basis of the spectrum."""
@@ -197,6 +217,9 @@ class _Screening:
         explained = _explained(self.linear, self.readings, found, self.shifts)
         for _ in range(max(int(thresholds.most_outliers * n), 1)):
             there = observed & ~broken
+            # what presses beyond the array's edge is felt by the outermost taxels alone: they count as broken only if they read far too much
+            others = np.where(there & ~self.outermost, np.abs(scaled), 0.0).max(initial=0.0)
+            there &= ~self.outermost | (np.abs(scaled) > TOO_MUCH * others)
             residual = np.where(there, np.abs(scaled - explained / self.readings.std), 0.0)
             places = list(np.argsort(residual)[::-1][:CANDIDATES])
             places.append(int(np.argmax(np.where(there, np.abs(scaled), 0.0))))
@@ -206,8 +229,9 @@ class _Screening:
             column = self.single(chosen)
             after, rest, free = self.model([*held, column], total)
             # all readings' size with it and without: what is ten times the others is broken on the smallest array
-            without = math.sqrt(float(np.mean(scaled[there & (np.arange(n) != chosen)] ** 2)))
-            with_it = math.sqrt(float(np.mean(scaled[there] ** 2)))
+            counts = observed & ~broken
+            without = math.sqrt(float(np.mean(scaled[counts & (np.arange(n) != chosen)] ** 2)))
+            with_it = math.sqrt(float(np.mean(scaled[counts] ** 2)))
             gain = max(free * math.log(left / rest), counted * math.log(with_it / max(without, 1e-300)))
             if self.known:
                 gain = max(
