@@ -27,7 +27,7 @@ import warnings
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -425,12 +425,15 @@ def judge(reader: Reader, path: Path, goods: list[Any]) -> tuple[str, str]:
             frames = frames.tb_next
         where = f"{Path(frames.tb_frame.f_code.co_filename).name}:{frames.tb_lineno}" if frames else ""
         return "traceback", f"{type(error).__name__} at {where}: {error}"[:300]
+    word = getattr(found, "meta", {}).get("salvaged", "") if reader.salvage else ""
+    if word:  # what it says of what was lost is no part of what was recorded
+        found = replace(found, meta={k: v for k, v in found.meta.items() if k != "salvaged"})
     if any(same(found, good) for good in goods):
         return "same", ""
     if reader.salvage and any(beginning(found, good) for good in goods):
         return "first frames", ""
-    if said:
-        return "warned", str(said[0].message)
+    if said or word:
+        return "warned", word or str(said[0].message)
     changed = [k for k, v in _parts(found).items() if not _equal(v, _parts(goods[0]).get(k))]
     return "CHANGED", ", ".join(changed)
 
