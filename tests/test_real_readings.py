@@ -101,6 +101,10 @@ def test_a_pull_is_a_pull(channels: tuple[str, ...], given: bool) -> None:
     assert float(pull.force[1]) == pytest.approx(-10.0, abs=0.15)
     for mine, other in zip(pull.interval(0.95, "force"), push.interval(0.95, "force")[::-1]):
         np.testing.assert_allclose(mine, -other, atol=1e-9)
+    assert float(pull.peak_pressure) == pytest.approx(-float(push.peak_pressure))
+    low, high = pull.interval(0.95, "peak_pressure")
+    assert low < float(pull.peak_pressure) < high < 0.0
+    assert float(pull.contact_area()) == float(push.contact_area()) > 0
     assert push.pushing
     assert not pull.pushing
     assert any("pull" in n for n in pull.notes)

@@ -121,7 +121,7 @@ class Numbers:
 
     @property
     def peak_pressure(self) -> Any:
-        """Largest pressure (*batch) [Pa].
+        """Largest pressure (*batch) [Pa]; of a frame that pulls as a whole its largest pull, negative.
 
         Examples
         --------
@@ -133,7 +133,19 @@ class Numbers:
         1000.0
         """
         self._require("z")
-        return self._largest(self._component("z"))
+        p = self._component("z")
+        largest, pulls = self._largest(p), self._pulls()
+        return namespace(p).where(pulls, -self._largest(-p), largest) if pulls is not None else largest
+
+    def _pulls(self) -> Any:
+        """Frames (*batch) that pull as a whole, as an array of the caller's kind; None where none does."""
+        from palpate.touch.words import pulling
+
+        found = pulling(self)  # type: ignore[arg-type]  # every Numbers is a Touch
+        if not found.any():
+            return None
+        xp = namespace(self.values)
+        return xp.astype(from_numpy(found.astype(np.float64), self.values), xp.bool)
 
     def _largest(self, x: Any) -> Any:
         return namespace(x).max(x, axis=tuple(range(-self.surface.dimensions, 0)))
@@ -155,6 +167,10 @@ class Numbers:
             raise InvalidInput(f"threshold must lie between 0 and 1; got {threshold!r}.")
         p = self._component("z")
         peak = self.peak_pressure[(..., *(None,) * self.surface.dimensions)]
+        if self._pulls() is not None:
+            xp = namespace(p)
+            sign = xp.where(peak < 0, -xp.ones_like(peak), xp.ones_like(peak))
+            return (sign * p > threshold * sign * peak) & (peak != 0)
         return (p > threshold * peak) & (peak > 0)
 
     def contact_area(self, *, threshold: float = 0.1) -> Any:
