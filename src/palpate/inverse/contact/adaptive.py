@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -93,8 +93,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         noise: Floats,
         observed: Flags,
         evidence: Mapping[int, LinearEvidence],
-    ) -> list[ContactModel]:
-        """The models of a frame, with their weights.
+    ) -> Iterator[ContactModel]:
+        """The models of a frame, with their weights, each made when it is asked for.
 
         Where a contact that crosses the array's edge ends is not in the data (the objectives differ by a nat or less): some
         of the weight goes to models that end it on the surface.
@@ -106,12 +106,10 @@ class AdaptiveEstimator(ConstrainedEstimator):
         if self.parts.ends_on_surface and (beyond > 0).any() and (region & self.inside).any():
             regions.append(region & self.inside)
         shares = [1.0] if len(regions) == 1 else [1.0 - self.thresholds.ends, self.thresholds.ends]
-        members = []
         for r, share in zip(regions, shares):
             for member in self._ensemble(r, first, y, noise, observed, evidence):
                 member.weight *= share
-                members.append(member)
-        return members
+                yield member
 
     def _ensemble(
         self,
@@ -121,7 +119,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         noise: Floats,
         observed: Flags,
         evidence: Mapping[int, LinearEvidence],
-    ) -> list[ContactModel]:
+    ) -> Iterator[ContactModel]:
         """The models of a frame with contact in a region, with their weights."""
         grid, c = self.operator.surface, len(self.columns)
         if self.cone.coupled and self.parts.narrowed:
@@ -146,11 +144,11 @@ class AdaptiveEstimator(ConstrainedEstimator):
         rest = max(1.0 - sum(chance for _, _, chance in slides), 0.0)
         # what is as good as excluded is not worth its local weights
         whole = rest >= self.thresholds.slides or not self.parts.skipped
-        members = self._members(data, start, y, evidence if whole else {1: evidence[1]}, local=whole)
+        for m in self._members(data, start, y, evidence if whole else {1: evidence[1]}, local=whole):
+            m.weight *= rest
+            yield m
         alone = copy.copy(self)
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
-        for m in members:
-            m.weight *= rest
         if slides:
             # pressure alone has fewer unknowns than the data tell: a finer grid pays sooner
             freedom = alone._freedom_along(coarse.along(slides[0][0]), parameter / scale**2)
@@ -161,8 +159,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             for one in alone._members(data.along(ray), start[-1:], y, evidence):
                 member = expanded(one, data, ray, changes)
                 member.weight = one.weight * chance
-                members.append(member)
-        return members
+                yield member
 
     def _members(
         self,
@@ -172,36 +169,38 @@ class AdaptiveEstimator(ConstrainedEstimator):
         evidence: Mapping[int, LinearEvidence],
         *,
         local: bool = True,
-    ) -> list[ContactModel]:
+    ) -> Iterator[ContactModel]:
         """The models on the cells of ``data``, with their weights; without ``local``, those of an even penalty alone."""
         level = data.level
-        members = []
         best = max(e.gain for e in evidence.values())
         odds = {order: math.exp(max(e.gain - best, -50.0)) for order, e in evidence.items()}
-        for order, found in evidence.items():
-            parameter, scale = found.parameter, found.scale
-            if order > 1 and odds[order] < self.thresholds.improbable:
+        chosen = [order for order in evidence if order == 1 or odds[order] >= self.thresholds.improbable]
+        total = sum(odds[order] for order in chosen)
+        reaches = self._reaches(level) if local else []
+        even = 1.0
+        if reaches:
+            # an even penalty gets its share, and half where the second derivative is what the frame speaks for
+            smooth = sum(odds[order] for order in chosen[1:]) / total
+            even = (1.0 - smooth) * self.thresholds.even + smooth / 2.0 if self.parts.even_model else 0.0
+        first: ContactModel | None = None
+        for order in chosen:
+            weight = odds[order] * even / total
+            if order > 1 and reaches and not weight > LEAST_WEIGHT:
                 continue
-            precisions = self.precisions(level, order, parameter / scale**2)
+            found = evidence[order]
+            precisions = self.precisions(level, order, found.parameter / found.scale**2)
             member = self._trimmed(self.model(data, precisions, start), precisions, y)
-            member.weight = odds[order]
-            members.append(member)
-        total = sum(m.weight for m in members)
-        reaches = self._reaches(level)
-        if not local or not reaches:
-            for m in members:
-                m.weight /= total
-            return members
-        # an even penalty gets its share, and half where the second derivative is what the frame speaks for
-        smooth = sum(m.weight for m in members[1:]) / total
-        even = (1.0 - smooth) * self.thresholds.even + smooth / 2.0 if self.parts.even_model else 0.0
-        for m in members:
-            m.weight *= even / total
+            member.weight = weight
+            first = first or member
+            if not reaches or weight > LEAST_WEIGHT:
+                yield member
+        share = (1.0 - even) / max(len(reaches), 1)
+        if first is None or not share > LEAST_WEIGHT:
+            return
         for width, variance in reaches:
-            member = self._relearned(members[0], width, variance, y)
-            member.weight = (1.0 - even) / len(reaches)
-            members.append(member)
-        return [m for m in members if m.weight > LEAST_WEIGHT]
+            member = self._relearned(first, width, variance, y)
+            member.weight = share
+            yield member
 
     def _trimmed(self, member: ContactModel, precision: Sparse | Sequence[Sparse], y: Floats) -> ContactModel:
         """Without the cells whose pressure is not told from none: all of it pushes, so that noise there would add up."""

@@ -9,7 +9,7 @@ what `palpate.inverse.contact.adaptive` starts from and what `palpate.tracking` 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -189,7 +189,7 @@ class ConstrainedEstimator:
         noise: Floats,
         observed: Flags,
         evidence: Mapping[int, LinearEvidence],
-    ) -> list[ContactModel]:
+    ) -> Iterator[ContactModel]:
         """The models of a frame, with their weights: here one, the constrained solution on the contact and a margin.
 
         What is farther from it is noise, of which pressure that only pushes would keep half; so are patches that explain no more
@@ -225,7 +225,7 @@ class ConstrainedEstimator:
             keep_face=True,
         )
         model.weight = 1.0
-        return [model]
+        yield model
 
     def effective_freedom(self, parameter: float) -> float:
         """How many degrees of freedom of the traction the data tell, rather than the penalty."""
@@ -369,7 +369,6 @@ class ConstrainedEstimator:
             known = math.hypot(1.0, rounding)
         if h.sign and (self._exceeded(h, data, usable) if self.noise_known else h.present.any()):
             known = max(h.rough.left, self.least_noise(data))
-        members: list[ContactModel] = []
         nothing = np.zeros((len(data), 0)), np.zeros(0)
         refined = 0
         for attempt in range(MOST_ATTEMPTS):
@@ -399,9 +398,11 @@ class ConstrainedEstimator:
                 continue
             if not first[-1].any():
                 break
-            members = self.models(first, data / noise, noise, observed, evidence)
+            # noise and offsets are learned from the first model alone; the others are made when they have come to rest
+            models = self.models(first, data / noise, noise, observed, evidence)
+            leading = next(models)
             if h.present.any() and refined < ROUNDS_OF_OFFSETS:
-                change = self._change(h, members[0], data, noise, observed)
+                change = self._change(h, leading, data, noise, observed)
                 refined += 1
                 if change.any():
                     h = replace(h, sizes=h.sizes + (h.sign or 1) * change)
@@ -410,7 +411,7 @@ class ConstrainedEstimator:
                     continue
             own = None
             if parts.channel_noise and not self.noise_known:
-                own = self.noise.levels(members[0], data / noise, noise, observed, unequal=levels is None)
+                own = self.noise.levels(leading, data / noise, noise, observed, unequal=levels is None)
             if own is not None:
                 if levels is not None and (learned == TURNS or np.abs(np.log(own / levels)).max() < SETTLED):
                     break
@@ -419,7 +420,7 @@ class ConstrainedEstimator:
             if not parts.noise_again or self.noise_known:
                 break
             # what pressure that only pushes cannot follow is noise, even where a linear model could
-            left = self.noise.left(members[0], first, data / noise, observed, self.effective_freedom(parameter))
+            left = self.noise.left(leading, first, data / noise, observed, self.effective_freedom(parameter))
             left *= noise[0] / self.readings.std[0]
             if learned == TURNS_OF_ALL or max(left, floor) < limits.quieter * max(scale, floor):
                 break
@@ -430,8 +431,7 @@ class ConstrainedEstimator:
         signal = self.readings.white((data / noise)[observed], observed)
         left = float(np.sqrt(np.mean((signal - self.readings.white((explained / noise)[observed], observed)) ** 2)))
         limit = max(limits.unexplained, limits.unexplained_signal * float(np.sqrt(np.mean(signal**2))))
-        if not first[-1].any():
-            members = []
+        members = [leading, *models] if first[-1].any() else []
         return Run(h, members, data, noise, observed, parameter, scale, levels, left <= limit, limit, nothing)
 
     def _change(self, h: Hypothesis, model: ContactModel, data: Floats, noise: Floats, observed: Flags) -> Floats:
