@@ -29,7 +29,7 @@ from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.kernels import aperture_rule, influence
 
-__all__ = ["Boundary", "Operator", "periodic_transfer", "sampled_kernel"]
+__all__ = ["Boundary", "Convolution", "Operator", "commensurate", "periodic_transfer", "sampled_kernel"]
 
 Boundary = Literal["free", "periodic"]
 
@@ -37,9 +37,13 @@ Boundary = Literal["free", "periodic"]
 LARGEST_DENSE = 3_000_000_000
 
 
+#: Places of the components that a traction holds; None: all of them.
+Among = Sequence[int] | None
+
+
 class _Plane(Protocol):
-    def forward(self, traction: Any) -> Any: ...
-    def adjoint(self, readings: Any) -> Any: ...
+    def forward(self, traction: Any, among: Among = None) -> Any: ...
+    def adjoint(self, readings: Any, among: Among = None) -> Any: ...
     def dense(self) -> Floats: ...
     def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats: ...
 
@@ -58,24 +62,24 @@ class _Cached:
         return self._copies[key]
 
 
-def _multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: int, d: int, *, adjoint: bool) -> Any:
-    """Apply (rows, columns, *k) to (..., columns, *k), or its conjugate transpose to (..., rows, *k)."""
+def _multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
+    """Apply ``columns`` of (rows, all columns, *k) to (..., columns, *k), or their conjugate transpose to (..., rows, *k)."""
     tail = (slice(None),) * d
-    if adjoint:
-        matrix = xp.conj(matrix)
-    outer, inner = (columns, rows) if adjoint else (rows, columns)
+    if adjoint:  # conj(K) y = conj(K conj(y)): fewer entries than those of K
+        spectrum = xp.conj(spectrum)
     out = []
-    for i in range(outer):
+    for i in columns if adjoint else range(rows):
         total = None
-        for j in range(inner):
+        for place, j in enumerate(range(rows) if adjoint else columns):
             entry = matrix[j, i, ...] if adjoint else matrix[i, j, ...]
-            term = entry * spectrum[(..., j, *tail)]
+            term = entry * spectrum[(..., place, *tail)]
             total = term if total is None else total + term
         out.append(total)
-    return xp.stack(out, axis=-1 - d)
+    stacked = xp.stack(out, axis=-1 - d)
+    return xp.conj(stacked) if adjoint else stacked
 
 
-def _commensurate(array: Array, grid: Grid) -> tuple[tuple[int, ...], tuple[float, ...]] | None:
+def commensurate(array: Array, grid: Grid) -> tuple[tuple[int, ...], tuple[float, ...]] | None:
     """Cells per pitch and first taxel minus first cell centre per axis, where the layout allows an FFT."""
     if isinstance(array, ScatteredArray):
         return None
@@ -96,13 +100,13 @@ def _rules(array: Array, grid: Grid, shifts: Sequence[float] | None) -> list[tup
     ]
 
 
-class _Convolution:
+class Convolution:
     """Zero-padded FFT convolution with the influence of one cell."""
 
     def __init__(self, pad: Pad, array: Array, grid: Grid, *, concentrated: bool = False) -> None:
         from scipy.fft import next_fast_len
 
-        layout = _commensurate(array, grid)
+        layout = commensurate(array, grid)
         if layout is None:
             raise Unsupported("the array is not commensurate with the surface grid.")
         self.ratios, shifts = layout
@@ -134,21 +138,23 @@ class _Convolution:
         padded = np.roll(padded, [-(n - 1) for n in self.cells], axis=tuple(range(2, 2 + len(lags))))
         self.spectrum = _Cached(rfftn(padded, self.size))
 
-    def forward(self, traction: Any) -> Any:
+    def forward(self, traction: Any, among: Among = None) -> Any:
         xp, d = namespace(traction), len(self.size)
+        columns = range(self.count) if among is None else among
         product = _multiply(
-            xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, self.count, d, adjoint=False
+            xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, columns, d, adjoint=False
         )
         full = irfftn(product, self.size)
         return full[(..., *(slice(0, (m - 1) * r + 1, r) for m, r in zip(self.taxels, self.ratios)))]
 
-    def adjoint(self, readings: Any) -> Any:
+    def adjoint(self, readings: Any, among: Among = None) -> Any:
         xp, d = namespace(readings), len(self.size)
+        columns = range(self.count) if among is None else among
         upsampled = readings
         for axis, ratio in enumerate(self.ratios):
             upsampled = _upsampled(xp, upsampled, axis - d, ratio)
         product = _multiply(
-            xp, self.spectrum.like(readings), rfftn(upsampled, self.size), self.rows, self.count, d, adjoint=True
+            xp, self.spectrum.like(readings), rfftn(upsampled, self.size), self.rows, columns, d, adjoint=True
         )
         return irfftn(product, self.size)[(..., *(slice(0, n) for n in self.cells))]
 
@@ -217,18 +223,28 @@ class _Dense:
         self.matrix = _Cached(matrix.reshape(rows * len(points), -1))
         self.rows, self.count = rows, columns
 
-    def forward(self, traction: Any) -> Any:
+    def forward(self, traction: Any, among: Among = None) -> Any:
         xp, d = namespace(traction), len(self.cells)
         batch = traction.shape[: -1 - d]
+        if among is not None:
+            tail = (slice(None),) * d
+            zero = xp.zeros_like(traction[(..., 0, *tail)])
+            places = {column: place for place, column in enumerate(among)}
+            parts = [traction[(..., places[i], *tail)] if i in places else zero for i in range(self.count)]
+            traction = xp.stack(parts, axis=-1 - d)
         flat = xp.reshape(traction, (*batch, -1))
         out = xp.matmul(flat, xp.permute_dims(self.matrix.like(traction), (1, 0)))
         return xp.reshape(out, (*batch, self.rows, *self.taxels))
 
-    def adjoint(self, readings: Any) -> Any:
+    def adjoint(self, readings: Any, among: Among = None) -> Any:
         xp = namespace(readings)
         batch = readings.shape[: -1 - len(self.taxels)]
         flat = xp.reshape(readings, (*batch, -1))
-        return xp.reshape(xp.matmul(flat, self.matrix.like(readings)), (*batch, self.count, *self.cells))
+        out = xp.reshape(xp.matmul(flat, self.matrix.like(readings)), (*batch, self.count, *self.cells))
+        if among is None:
+            return out
+        tail = (slice(None),) * len(self.cells)
+        return xp.stack([out[(..., i, *tail)] for i in among], axis=-1 - len(self.cells))
 
     def dense(self) -> Floats:
         """(channel, *taxels, component, *cells)."""
@@ -293,17 +309,19 @@ class _Periodic:
         self.transfer = periodic_transfer(pad, grid, array)
         self.spectrum = _Cached(self.transfer)
 
-    def forward(self, traction: Any) -> Any:
+    def forward(self, traction: Any, among: Among = None) -> Any:
         xp, d = namespace(traction), len(self.size)
+        columns = range(self.count) if among is None else among
         product = _multiply(
-            xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, self.count, d, adjoint=False
+            xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, columns, d, adjoint=False
         )
         return irfftn(product, self.size)
 
-    def adjoint(self, readings: Any) -> Any:
+    def adjoint(self, readings: Any, among: Among = None) -> Any:
         xp, d = namespace(readings), len(self.size)
+        columns = range(self.count) if among is None else among
         product = _multiply(
-            xp, self.spectrum.like(readings), rfftn(readings, self.size), self.rows, self.count, d, adjoint=True
+            xp, self.spectrum.like(readings), rfftn(readings, self.size), self.rows, columns, d, adjoint=True
         )
         return irfftn(product, self.size)
 
@@ -389,21 +407,21 @@ class Operator:
         for array in self.planes_of:
             if self.boundary == "periodic":
                 made.append(_Periodic(self.pad, array, self.surface))
-            elif _commensurate(array, self.surface) is None:
+            elif commensurate(array, self.surface) is None:
                 made.append(_Dense(self.pad, array, self.surface))
             else:
-                made.append(_Convolution(self.pad, array, self.surface))
+                made.append(Convolution(self.pad, array, self.surface))
         return made
 
-    def forward(self, traction: Any) -> list[Any]:
-        """Readings of each plane for traction (..., component, *surface)."""
-        return [self._project(i, plane.forward(traction)) for i, plane in enumerate(self.planes)]
+    def forward(self, traction: Any, among: Among = None) -> list[Any]:
+        """Readings of each plane for traction (..., component, *surface); ``among`` are the components that it holds, by default all."""
+        return [self._project(i, plane.forward(traction, among)) for i, plane in enumerate(self.planes)]
 
-    def adjoint(self, readings: Sequence[Any]) -> Any:
+    def adjoint(self, readings: Sequence[Any], among: Among = None) -> Any:
         """Transpose of `forward`: traction-shaped from one readings array per plane."""
         total = None
         for i, (plane, part) in enumerate(zip(self.planes, readings)):
-            term = plane.adjoint(self._project(i, part))
+            term = plane.adjoint(self._project(i, part), among)
             total = term if total is None else total + term
         return total
 
@@ -475,7 +493,7 @@ def sampled_kernel(pad: Pad, array: Array) -> Operator:
         )
     operator = Operator.__new__(Operator)
     operator.pad, operator.planes_of, operator.surface, operator.boundary = pad, (array,), array.grid, "free"
-    operator.planes = [_Convolution(pad, array, array.grid, concentrated=True)]
+    operator.planes = [Convolution(pad, array, array.grid, concentrated=True)]
     operator._weights = [_Cached(array.valid.astype(np.float64)) if array.mask is not None else None]
     operator._floating = [_floating_channels(pad, array, "free")]
     return operator

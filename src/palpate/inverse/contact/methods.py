@@ -15,8 +15,8 @@ from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.cone import Cone
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors, Estimate, batch_of
+from palpate.inverse.linear.matrix_free.path import Linear
 from palpate.inverse.linear.methods import Tikhonov
-from palpate.inverse.linear.regularised import Regularised
 from palpate.inverse.method import Method, Needs, Prepared, count, number
 from palpate.inverse.problem import Problem
 
@@ -145,7 +145,7 @@ class Automatic(Method):
 class AutomaticEstimator:
     """The adaptive method, and another one for the frames that it does not explain."""
 
-    def __init__(self, pushing: AdaptiveEstimator, pulling: Callable[[], Regularised] | None) -> None:
+    def __init__(self, pushing: AdaptiveEstimator, pulling: Callable[[], Linear] | None) -> None:
         self.pushing, self.grid = pushing, pushing.grid
         self._pulling = pulling
         if pushing.parts.pulls:
@@ -180,12 +180,14 @@ def _rows(readings: Any, batch: tuple[int, ...], where: npt.NDArray[np.intp]) ->
 def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> Estimate:
     """``found`` with the frames where ``pulls`` from ``other``, whose arrays hold those frames alone; what it has no word for is NaN."""
 
-    def filled(mine: Any, theirs: Any) -> Any:
+    def filled(mine: Any, theirs: Any, otherwise: Any = None) -> Any:
         if mine is None:
             return None
         values = np.array(to_numpy(mine))
         if theirs is not None:
             values[pulls] = to_numpy(theirs)
+        elif otherwise is not None:
+            values[pulls] = otherwise
         elif values.dtype.kind == "f":
             values[pulls] = np.nan
         return values
@@ -214,7 +216,7 @@ def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> E
         residual=filled(found.residual, other.residual),
         errors=errors,
         outliers=outliers,
-        converged=None if found.converged is None else found.converged | pulls,
+        converged=None if found.converged is None else filled(found.converged | pulls, other.converged, True),
         contact=None if found.contact is None else found.contact | pulls,
         draws=filled(found.draws, None),
         resolution=filled(found.resolution, None),

@@ -10,6 +10,7 @@ import numpy as np
 from palpate._memory import SHARE, SMALL, available, gigabytes, require
 from palpate.elastic.pad import Pad
 from palpate.errors import Unsupported
+from palpate.inverse.linear.matrix_free.memory import ORDINAL, servable, system_memory
 from palpate.inverse.linear.spectrum import LARGEST_BLOCK, LARGEST_MODES, LARGEST_SVD, MODES_AT_A_TIME, in_blocks
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import Grid
@@ -71,7 +72,10 @@ def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int
         need += f" ({gigabytes(free)} are free)"
     if size > LARGEST_BLOCK:
         need += f" and an eigenproblem of {size} readings (limit {LARGEST_BLOCK})"
-    raise Unsupported(f"{need}. {_remedy(pad, planes, sought, free)}")
+    remedy = _remedy(pad, planes, sought, free)
+    if servable(planes, surface) and (free is None or system_memory(pad, planes, surface, sought) <= SHARE * free):
+        remedy = f'method="tikhonov" serves it. Otherwise: {remedy[0].lower()}{remedy[1:]}'
+    raise Unsupported(f"{need}. {remedy}")
 
 
 def check_waves(planes: Sequence[Array], surface: Grid) -> None:
@@ -119,20 +123,19 @@ def _remedy(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) ->
         return "Give fewer positions."
     words = []
     if all(a.mask is None and not a.noise_correlation and a.grid == first.grid for a in planes):  # type: ignore[union-attr]
-        words.append('Skin(..., boundary="periodic") serves it (boundary = "periodic" in skin.toml, without a surface)')
+        words.append(
+            'Skin(..., boundary="periodic") with method="tikhonov" does (boundary = "periodic" in skin.toml, without a surface)'
+        )
     for step in range(2, THINNEST + 1):
         thinner = [_thinned(a, step) for a in planes]
         if _served(pad, thinner, sought, free):
             slices = ", ".join([f"::{step}"] * first.dimensions)
             words.append(
-                f"every {step}{_ORDINAL.get(step, 'th')} taxel does (readings[..., {slices}], a pitch {step} times as large)"
+                f"every {step}{ORDINAL.get(step, 'th')} taxel does (readings[..., {slices}], a pitch {step} times as large)"
             )
             break
     text = " or ".join(words) or "give fewer taxels"
     return f"{text[0].upper()}{text[1:]}."
-
-
-_ORDINAL = {2: "nd", 3: "rd"}
 
 
 def _thinned(array: Array, step: int) -> Array:

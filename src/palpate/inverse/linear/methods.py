@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.inverse.linear.matrix_free.path import Linear, linear_method
 from palpate.inverse.linear.parameter import tikhonov, truncate
 from palpate.inverse.linear.priors import DifferencePrior, SpectralPrior, hilgers_prior
-from palpate.inverse.linear.regularised import Regularised
 from palpate.inverse.method import Method, Needs, choice, function, number, rule
 from palpate.inverse.problem import Problem
 
@@ -61,11 +61,11 @@ class Tikhonov(Method):
     parameter: float | None = number(help=_PARAMETER)
     rule: str | None = rule(_RULES, help=_RULE)
 
-    def prepare(self, problem: Problem) -> Regularised:
+    def prepare(self, problem: Problem) -> Linear:
         """The spectrum under the difference prior."""
         self.check(problem)
         priors = [DifferencePrior(problem.surface, self.order)] * len(problem.components)
-        return Regularised(problem.decomposition(priors), tikhonov, self.chosen, nuisance=problem.nuisance)
+        return linear_method(problem, priors, tikhonov, self.chosen)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,12 +95,12 @@ class Hilgers(Method):
     parameter: float | None = number(help=_PARAMETER)
     rule: str | None = rule(_RULES, help=_RULE)
 
-    def prepare(self, problem: Problem) -> Regularised:
+    def prepare(self, problem: Problem) -> Linear:
         """The spectrum under the Sobolev kernel."""
         self.check(problem)
         length = self.length or min(p.depth for p in problem.planes) or problem.surface.spacings[-1]
         priors = [hilgers_prior(problem.surface, float(length))] * len(problem.components)
-        return Regularised(problem.decomposition(priors), tikhonov, self.chosen, nuisance=problem.nuisance)
+        return linear_method(problem, priors, tikhonov, self.chosen)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,11 +130,11 @@ class Truncated(Method):
     parameter: float | None = number(help=_PARAMETER)
     rule: str | None = rule(_CUT_OFF_RULES, help=_RULE)
 
-    def prepare(self, problem: Problem) -> Regularised:
+    def prepare(self, problem: Problem) -> Linear:
         """The spectrum under white traction."""
         self.check(problem)
         priors = [DifferencePrior(problem.surface, 0)] * len(problem.components)
-        return Regularised(problem.decomposition(priors), truncate, self.chosen, nuisance=problem.nuisance)
+        return linear_method(problem, priors, truncate, self.chosen)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +167,7 @@ class Wiener(Method):
         accepts="a function of wavenumber [rad/m], or a mapping from component to function",
     )
 
-    def prepare(self, problem: Problem) -> Regularised:
+    def prepare(self, problem: Problem) -> Linear:
         """The spectrum under the given density."""
         density = self.spectrum
         if isinstance(density, Mapping):
@@ -179,4 +179,4 @@ class Wiener(Method):
             each = [density] * len(problem.components)
         priors = [SpectralPrior(problem.surface, d) for d in each]
         self.check(problem)
-        return Regularised(problem.decomposition(priors), tikhonov, 1.0, absolute=True, nuisance=problem.nuisance)
+        return linear_method(problem, priors, tikhonov, 1.0, absolute=True)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from functools import cached_property
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,13 +21,19 @@ __all__ = [
     "MODEL_ERROR",
     "RULES",
     "Choice",
+    "Curves",
     "Filter",
+    "SpectrumCurves",
     "amplitude",
     "by_discrepancy",
     "candidates",
     "check_parameter",
+    "check_rule",
     "choose",
     "choose_parameter",
+    "mean_sizes",
+    "minus_evidence",
+    "pick",
     "refined",
     "tikhonov",
     "truncate",
@@ -148,47 +155,16 @@ def choose(
     Choice
         The noise variance is relative to the whitening (1 where it is known).
     """
-    check_parameter(rule)
-    if rule == "discrepancy" and not noise_known:
-        raise Unsupported(
-            'the discrepancy principle needs the noise: give the array noise=..., or use parameter="evidence" or "gcv".'
-        )
-    if rule == "evidence" and filter_factors is not tikhonov:
-        raise Unsupported('parameter="evidence" is not defined for truncation; use "gcv", "lcurve" or "discrepancy".')
-    top = float(eigenvalues.max())
+    check_rule(rule, filter_factors, noise_known=noise_known)
     least = np.zeros(len(power)) if floor is None else floor
     grid = _levels(eigenvalues) if filter_factors is truncate else candidates(eigenvalues)
     datum = multiplicity * power  # (frame, n)
-    count = float(multiplicity.sum())
-    phi = filter_factors(eigenvalues[None, :], grid[:, None])  # (candidate, n)
-    residual = datum @ ((1.0 - phi) ** 2).T  # (frame, candidate)
-
-    score: Floats
-    if rule == "gcv":
-        free = (1.0 - phi) @ multiplicity
-        free[free < FREE * count] = np.nan
-        score = count * residual / free**2
-    elif rule == "discrepancy":
-        score = np.abs(np.log(np.maximum(residual, TINY) / count))
-    elif rule == "lcurve":
-        safe = np.where(eigenvalues > 0, eigenvalues, 1.0)
-        penalty = datum @ np.where(eigenvalues > 0, phi**2 / safe, 0.0).T
-        curvature, turned = _bend(np.log(np.maximum(residual, TINY)), np.log(np.maximum(penalty, TINY)))
-        # beyond the spectrum's ends every lambda does the same, and rounding makes corners of its own
-        positive = eigenvalues[eigenvalues > CORNER * top]
-        inside = (grid >= positive.min()) & (grid <= top)
-        score = np.where(inside, -curvature, np.inf)
-    else:
-        score = _minus_evidence(grid, eigenvalues, multiplicity, datum, None if noise_known else least)[0]
-    score = np.where(np.isfinite(score), score, np.inf)
-    best = np.argmin(score, axis=1)
-    parameter = refined(grid, score, best) if filter_factors is tikhonov else grid[best].copy()
-    without, instead = np.zeros(len(parameter), dtype=bool), ""
-    if rule == "lcurve":
-        ends = np.flatnonzero(inside)[[0, -1]]
-        without = (turned[np.arange(len(best)), best] < TURN) | np.isin(best, ends)
-        instead = "gcv" if filter_factors is truncate else "evidence"
+    curves = SpectrumCurves(filter_factors, grid, eigenvalues, multiplicity, datum)
+    found = pick(rule, curves, None if noise_known else least)
+    parameter = found.parameter if filter_factors is tikhonov else grid[found.best].copy()
+    without, instead = found.without, ""
     if without.any():
+        instead = "gcv" if filter_factors is truncate else "evidence"
         other = choose(
             instead,
             filter_factors,
@@ -203,7 +179,7 @@ def choose(
         return Choice(parameter, np.ones(len(parameter)), without, instead)
     phi = filter_factors(eigenvalues[None, :], parameter[:, None])
     if rule == "evidence":
-        variance = (datum * (1.0 - phi)).sum(axis=1) / count
+        variance = (datum * (1.0 - phi)).sum(axis=1) / float(multiplicity.sum())
     else:
         variance = (datum * (1.0 - phi) ** 2).sum(axis=1) / np.maximum((1.0 - phi) @ multiplicity, 1.0)
     variance = np.maximum(variance, least)
@@ -212,17 +188,133 @@ def choose(
     return Choice(parameter, variance, without, instead)
 
 
+def check_rule(rule: str, filter_factors: Filter, *, noise_known: bool) -> None:
+    """Raise unless the rule exists and can serve."""
+    check_parameter(rule)
+    if rule == "discrepancy" and not noise_known:
+        raise Unsupported(
+            'the discrepancy principle needs the noise: give the array noise=..., or use parameter="evidence" or "gcv".'
+        )
+    if rule == "evidence" and filter_factors is not tikhonov:
+        raise Unsupported('parameter="evidence" is not defined for truncation; use "gcv", "lcurve" or "discrepancy".')
+
+
+class Curves(Protocol):
+    """What every rule is made of, at the parameters ``grid`` (candidate,) from strong to weak.
+
+    ``residual`` sum r^2, ``penalty`` of the traction and ``explained`` sum c^2 (1 - phi), all (frame, candidate); ``free`` sum (1 - phi) and ``logdet``
+    -sum log(1 - phi) (candidate,); ``inside`` the candidates among the eigenvalues; ``count`` the readings.
+    """
+
+    @property
+    def grid(self) -> Floats: ...
+    @property
+    def residual(self) -> Floats: ...
+    @property
+    def penalty(self) -> Floats: ...
+    @property
+    def explained(self) -> Floats: ...
+    @property
+    def free(self) -> Floats: ...
+    @property
+    def logdet(self) -> Floats: ...
+    @property
+    def inside(self) -> npt.NDArray[np.bool_]: ...
+    @property
+    def count(self) -> float: ...
+
+
+class SpectrumCurves:
+    """`Curves` of frames whose squared coefficients ``datum`` (frame, n) in a spectrum are known; each is made when it is asked for."""
+
+    def __init__(
+        self, filter_factors: Filter, grid: Floats, eigenvalues: Floats, multiplicity: Floats, datum: Floats
+    ) -> None:
+        self.grid, self.count = grid, float(multiplicity.sum())
+        self._values, self._multiplicity, self._datum = eigenvalues, multiplicity, datum
+        self._phi = filter_factors(eigenvalues[None, :], grid[:, None])  # (candidate, n)
+
+    @cached_property
+    def _left(self) -> Floats:
+        return 1.0 - self._phi
+
+    @cached_property
+    def residual(self) -> Floats:
+        return np.asarray(self._datum @ (self._left**2).T)
+
+    @cached_property
+    def penalty(self) -> Floats:
+        safe = np.where(self._values > 0, self._values, 1.0)
+        return np.asarray(self._datum @ np.where(self._values > 0, self._phi**2 / safe, 0.0).T)
+
+    @cached_property
+    def explained(self) -> Floats:
+        return np.asarray(self._datum @ self._left.T)
+
+    @cached_property
+    def free(self) -> Floats:
+        return np.asarray(self._left @ self._multiplicity)
+
+    @cached_property
+    def logdet(self) -> Floats:
+        return np.asarray(-np.log(np.maximum(self._left, TINY)) @ self._multiplicity)
+
+    @cached_property
+    def inside(self) -> npt.NDArray[np.bool_]:
+        # beyond the spectrum's ends every lambda does the same, and rounding makes corners of its own
+        top = float(self._values.max())
+        positive = self._values[self._values > CORNER * top]
+        return np.asarray((self.grid >= positive.min()) & (self.grid <= top))
+
+
+class Picked(NamedTuple):
+    """Of each frame (frame,): the parameter, the candidate next to it, and whether the rule has nothing to go by."""
+
+    parameter: Floats
+    best: npt.NDArray[np.intp]
+    without: npt.NDArray[np.bool_]
+
+
+def pick(rule: str, curves: Curves, floor: Floats | None) -> Picked:
+    """What the rule makes of the curves; ``floor`` as in `amplitude`."""
+    count, frames = curves.count, len(curves.residual)
+    score: Floats
+    if rule == "gcv":
+        free = np.where(curves.free < FREE * count, np.nan, curves.free)
+        score = count * curves.residual / free**2
+    elif rule == "discrepancy":
+        score = np.abs(np.log(np.maximum(curves.residual, TINY) / count))
+    elif rule == "lcurve":
+        curvature, turned = _bend(np.log(np.maximum(curves.residual, TINY)), np.log(np.maximum(curves.penalty, TINY)))
+        score = np.where(curves.inside, -curvature, np.inf)
+    else:
+        score = minus_evidence(curves, floor)[0]
+    score = np.where(np.isfinite(score), score, np.inf)
+    best = np.argmin(score, axis=1)
+    without = np.zeros(frames, dtype=bool)
+    if rule == "lcurve":
+        ends = np.flatnonzero(curves.inside)[[0, -1]]
+        without = (turned[np.arange(frames), best] < TURN) | np.isin(best, ends)
+    return Picked(refined(curves.grid, score, best), best, without)
+
+
 def amplitude(eigenvalues: Floats, multiplicity: Floats, power: Floats, floor: Floats | None) -> tuple[Floats, Floats]:
     """What the frames say of the size of traction and noise: mean prior amplitude alpha = sigma^2/lambda and noise variance sigma^2 (frame,).
 
     Means over lambda by its marginal likelihood, all decades of it being equally likely before: where nothing is seen, the amplitude
     that would not have shown. ``floor`` (frame,) is the least noise variance, or None where the noise is known.
     """
+    grid = candidates(eigenvalues)
+    return mean_sizes(SpectrumCurves(tikhonov, grid, eigenvalues, multiplicity, multiplicity * power), floor)
+
+
+def mean_sizes(curves: Curves, floor: Floats | None) -> tuple[Floats, Floats]:
+    """`amplitude` from the curves over all candidates."""
     from scipy.interpolate import CubicSpline
 
-    coarse = np.log(candidates(eigenvalues))[::-1]
+    coarse = np.log(curves.grid)[::-1]
     fine = np.linspace(coarse[0], coarse[-1], FINER * (len(coarse) - 1) + 1)
-    found = _minus_evidence(np.exp(coarse), eigenvalues, multiplicity, multiplicity * power, floor)
+    found = (values[:, ::-1] for values in minus_evidence(curves, floor))
     # both are smooth in log lambda, but the likelihood of many readings is narrower than a step
     score, variance = (CubicSpline(coarse, values, axis=1)(fine) for values in found)
     grid = np.exp(fine)
@@ -248,18 +340,13 @@ def _levels(eigenvalues: Floats) -> Floats:
     return grid
 
 
-def _minus_evidence(
-    grid: Floats, eigenvalues: Floats, multiplicity: Floats, datum: Floats, floor: Floats | None
-) -> tuple[Floats, Floats]:
+def minus_evidence(curves: Curves, floor: Floats | None) -> tuple[Floats, Floats]:
     """-2 log marginal likelihood and the noise variance (frame, candidate) for Tikhonov's filter; ``floor`` as in `amplitude`."""
-    left = 1.0 - tikhonov(eigenvalues[None, :], grid[:, None])
-    explained = datum @ left.T  # sum c^2/(1 + s^2/lambda)
-    logdet = -np.log(np.maximum(left, TINY)) @ multiplicity
+    explained, logdet = curves.explained, curves.logdet
     if floor is None:
         return explained + logdet, np.ones_like(explained)
-    count = float(multiplicity.sum())
-    variance = np.maximum(np.maximum(explained / count, floor[:, None]), TINY)
-    return count * np.log(variance) + explained / variance + logdet, variance
+    variance = np.maximum(np.maximum(explained / curves.count, floor[:, None]), TINY)
+    return curves.count * np.log(variance) + explained / variance + logdet, variance
 
 
 #: Misfit is brought this near to the noise (relative): the noise of 5000 readings is known no better (1/sqrt(2 n)).

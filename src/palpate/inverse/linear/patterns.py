@@ -15,7 +15,7 @@ half-space, whose zero nothing fixes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +28,7 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.nuisance import Nuisance, nuisances
 from palpate.sensing.operator import Operator
 
-__all__ = ["Patterns", "Removed"]
+__all__ = ["Patterns", "Removed", "Weighed"]
 
 #: Root mean square of a pattern in the readings, over the noise, that is thought possible (all equally).
 SIZES = (0.3, 3.0, 30.0, 300.0, 3000.0)
@@ -55,12 +55,18 @@ class Removed:
 
 
 @dataclass(frozen=True)
-class _Set:
+class Weighed:
     """Patterns weighed together: which, and of each candidate (candidate, ...) the eigenvectors of M and its eigenvalues."""
 
     members: tuple[int, ...]
     vectors: Floats
     values: Floats
+
+    @classmethod
+    def of(cls, members: tuple[int, ...], middle: Floats) -> Weighed:
+        """From M (candidate, pattern, pattern)."""
+        values, vectors = np.linalg.eigh(middle)
+        return cls(members, vectors, np.maximum(values, 0.0))
 
 
 class Patterns:
@@ -78,6 +84,18 @@ class Patterns:
         parameter: float | None = None,
     ) -> None:
         self.spectrum = spectrum
+        self._expanded(operator, spectrum.project, scales, kinds)
+        self.grid = candidates(spectrum.eigenvalues)[::COARSE] if parameter is None else np.array([parameter])
+        self.sets = [self._prepared(members) for members in self.members]
+
+    def _expanded(
+        self,
+        operator: Operator,
+        project: Callable[[list[Floats]], Any],
+        scales: Sequence[Floats],
+        kinds: tuple[str, ...] | None,
+    ) -> None:
+        """The patterns, their rows in a basis of the readings with a root mean square of one, and which are weighed together."""
         channels = {c for a in operator.planes_of for c in a.channels}
         #: An image of a half-space has no zero of its own: its displacements are relative to points infinitely far away. (What measures
         #: displacement_z too is fixed to the pad.)
@@ -86,35 +104,44 @@ class Patterns:
         self.all: list[Nuisance] = list(nuisances(operator.planes_of, wanted))
         readings = Readings(operator, scales)
         rows = [[p[None] for p in readings.planes(n.rows)] for n in self.all]
-        self.rows = np.concatenate([np.asarray(spectrum.project(r)) for r in rows]) if rows else np.zeros((0, 0))
-        size = np.sqrt((self.rows**2).mean(axis=1)) if rows else np.zeros(0)
+        self.rows = np.concatenate([np.asarray(project(r)) for r in rows]) if rows else np.zeros((0, 0))
+        size = np.sqrt((self.rows**2).sum(axis=1) / len(readings.std)) if rows else np.zeros(0)
         self.units = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
         self.rows = self.rows * self.units[:, None]
-        self.grid = candidates(spectrum.eigenvalues)[::COARSE] if parameter is None else np.array([parameter])
-        self.sets = [self._prepared(members) for members in self._sets(kinds)]
+        self.members = self._sets(kinds)
 
     def _sets(self, kinds: tuple[str, ...] | None) -> list[tuple[int, ...]]:
         named = kinds if kinds is not None else ("offset",) if self.adrift else ()
         found = tuple(i for i, n in enumerate(self.all) if n.kind in named and self.units[i] > 0)
         return [found] if found else []
 
-    def _prepared(self, members: tuple[int, ...]) -> _Set:
+    def _prepared(self, members: tuple[int, ...]) -> Weighed:
         rows = self.rows[list(members)]
         weights = 1.0 / (1.0 + self.spectrum.eigenvalues[None, :] / self.grid[:, None])
-        middle = np.einsum("in,gn,jn->gij", rows, weights, rows, optimize=True)
-        values, vectors = np.linalg.eigh(middle)
-        return _Set(members, vectors, np.maximum(values, 0.0))
+        return Weighed.of(members, np.einsum("in,gn,jn->gij", rows, weights, rows, optimize=True))
 
     def removed(self, coefficients: Any, floor: Floats | None) -> Removed | None:
         """What is left of ``coefficients`` (frame, n); None where there is nothing to weigh. ``floor``: as in `amplitude`."""
         if not self.sets:
             return None
         c = np.asarray(coefficients, dtype=np.float64)
-        n, values = c.shape[1], self.spectrum.eigenvalues
-        weights = 1.0 / (1.0 + values[None, :] / self.grid[:, None])
+        weights = 1.0 / (1.0 + self.spectrum.eigenvalues[None, :] / self.grid[:, None])
         explained = c**2 @ weights.T  # (frame, candidate)
         logdet = -np.log(np.maximum(weights, TINY)).sum(axis=1)
         inner = np.stack([c @ (weights * row).T for row in self.rows], axis=-1)  # (frame, candidate, pattern)
+        return self.weighed(c, float(c.shape[1]), floor, self.sets, explained, logdet, inner)
+
+    def weighed(
+        self,
+        c: Floats,
+        n: float,
+        floor: Floats | None,
+        sets: Sequence[Weighed],
+        explained: Floats,
+        logdet: Floats,
+        inner: Floats,
+    ) -> Removed:
+        """What is left of ``c``: c^T D^{-1} c (frame, candidate), log det D (candidate,) and B^T D^{-1} c (frame, candidate, pattern) decide."""
 
         def score(left: Floats, more: Floats) -> tuple[Floats, Floats]:
             """-2 log evidence and noise variance."""
@@ -123,10 +150,10 @@ class Patterns:
             variance = np.maximum(np.maximum(left / n, floor[:, None]), TINY)
             return n * np.log(variance) + left / variance + logdet + more, variance
 
-        models: list[tuple[_Set, float]] = []
+        models: list[tuple[Weighed, float]] = []
         scores = []
         along = {}
-        for each in self.sets:
+        for each in sets:
             along[each.members] = np.einsum("gji,fgj->fgi", each.vectors, inner[..., list(each.members)])
             for g in SIZES[-1:] if self.adrift else SIZES:
                 gain = 1.0 / (g**-2 + each.values)  # (candidate, direction)
@@ -135,7 +162,7 @@ class Patterns:
                 models.append((each, g))
         # evidence of each model over all parameters
         table = np.stack([-0.5 * s for s, _ in scores], axis=1)  # (frame, model, candidate)
-        top = table.max(axis=(1, 2), keepdims=True)
+        top = table.max(axis=2, keepdims=True)
         total = np.log(np.exp(table - top).mean(axis=2)) + top[..., 0]
         chance = np.exp(total - total.max(axis=1, keepdims=True))
         chance /= chance.sum(axis=1, keepdims=True)
@@ -145,7 +172,7 @@ class Patterns:
     def _mixed(
         self,
         c: Floats,
-        models: list[tuple[_Set, float]],
+        models: list[tuple[Weighed, float]],
         chance: Floats,
         best: Any,
         along: dict[tuple[int, ...], Floats],

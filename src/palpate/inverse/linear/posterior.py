@@ -36,7 +36,7 @@ from palpate.inverse.linear.parameter import Filter, amplitude
 from palpate.inverse.linear.spectrum import Spectrum
 from palpate.sensing.grids import Grid
 
-__all__ = ["UNEXPLAINED", "LinearErrors", "Spread", "Uncertainty", "unexplained"]
+__all__ = ["FINEST", "PATTERN", "UNEXPLAINED", "LinearErrors", "Source", "Spread", "Uncertainty", "unexplained"]
 
 #: No pad and no grid is known better than this part of the net force: the least error of it that is assumed. A convention, which
 #: matters only where noise is less than that.
@@ -72,6 +72,7 @@ class Spread:
 
     def __init__(self, spectrum: Spectrum, grid: Grid, columns: tuple[int, ...]) -> None:
         self.spectrum, self.grid, self.columns = spectrum, grid, columns
+        self.operator = spectrum.operator
 
     @property
     def nbytes(self) -> int:
@@ -81,7 +82,7 @@ class Spread:
     @cached_property
     def cells(self) -> tuple[Floats, Floats, Floats]:
         """See `Spectrum.cells`."""
-        operator = self.spectrum.operator
+        operator = self.operator
         if operator.boundary == "free":
             require(
                 spectrum_memory(operator.pad, operator.planes_of, self.grid, len(self.columns)),
@@ -120,9 +121,9 @@ class Spread:
     @cached_property
     def outside(self) -> Any:
         """Cells (*surface) outside the outermost taxels; a periodic surface has none."""
-        grid, planes = self.grid, self.spectrum.operator.planes_of
+        grid, planes = self.grid, self.operator.planes_of
         out = np.zeros(grid.shape, dtype=bool)
-        if self.spectrum.operator.boundary == "periodic":
+        if self.operator.boundary == "periodic":
             return out
         points = np.concatenate([a.points[np.ravel(a.valid)] for a in planes])
         for axis, (x, dx) in enumerate(zip(grid.axes, grid.spacings)):
@@ -145,7 +146,7 @@ class Uncertainty:
 
     Either ``noise`` sigma^2 and ``amplitude`` alpha are given (*batch), or what tells them: ``power`` |c|^2 per datum (*batch, n), and the least
     noise variance ``floor`` (*batch), None where the noise is known. ``patterns`` (*batch, direction, n) are B L, with L L^T
-    the covariance of the sizes of patterns that are no contact.
+    the covariance of the sizes of patterns that are no contact. Where there is no spectrum, ``rows`` (*batch, n) of the readings tell the sizes.
     """
 
     parameter: Floats
@@ -154,6 +155,7 @@ class Uncertainty:
     power: Floats | None = None
     floor: Floats | None = None
     patterns: Floats | None = None
+    rows: Floats | None = None
 
     def changed(self, change: Callable[[Any], Any]) -> Uncertainty:
         """With ``change`` applied to every array."""
@@ -165,15 +167,16 @@ class Uncertainty:
 class LinearErrors(Deferred, Errors):
     """`Errors` of linear estimates, each field worked out when it is first asked for."""
 
-    _made_of: _Source
+    _made_of: Source
 
     @classmethod
     def of(cls, spread: Spread, filter_factors: Filter, traction: Any, known: Uncertainty) -> LinearErrors:
         """Of a ``traction`` (*batch, component, *surface) and what is known of each frame."""
-        return cls._of(_Source(spread, filter_factors, traction, known))
+        return cls.made_of(Source(spread, filter_factors, traction, known))
 
     @classmethod
-    def _of(cls, source: _Source) -> LinearErrors:
+    def made_of(cls, source: Source) -> LinearErrors:
+        """Of a source of the fields."""
         out: LinearErrors = object.__new__(cls)
         object.__setattr__(out, "_made_of", source)
         return out
@@ -203,7 +206,7 @@ class LinearErrors(Deferred, Errors):
     def changed(self, change: Callable[[Any], Any]) -> LinearErrors:
         """The frames that ``change`` picks; what is there already is picked too."""
         source = self._made_of
-        out = self._of(replace(source, traction=change(source.traction), known=source.known.changed(change)))
+        out = self.made_of(replace(source, traction=change(source.traction), known=source.known.changed(change)))
         for name in _NAMES:
             if name in self.__dict__:
                 object.__setattr__(out, name, change(self.__dict__[name]))
@@ -214,7 +217,7 @@ _NAMES = tuple(f.name for f in fields(Errors))
 
 
 @dataclass(frozen=True)
-class _Source:
+class Source:
     """What the errors of some frames are made of, and how each is made."""
 
     spread: Spread
@@ -254,7 +257,7 @@ class _Source:
         grid, columns = self.spread.grid, list(self.spread.columns)
         rows = np.zeros((len(columns), len(columns), *grid.shape))
         rows[np.arange(len(columns)), np.arange(len(columns))] = grid.cell
-        variance = self._numbers(*self.spread.force, rows)
+        variance = self._summed("force", rows)
         total = self._all[:, columns].reshape(len(variance), len(columns), -1).sum(axis=-1) * grid.cell
         out = np.zeros((len(variance), len(grid.components)))
         out[:, columns] = np.sqrt(variance + (MODEL_FORCE * total) ** 2)
@@ -262,7 +265,7 @@ class _Source:
         return self._batched(out)
 
     def moment(self) -> Floats:
-        out = np.sqrt(self._numbers(*self.spread.moment, self.spread.moment_rows))
+        out = np.sqrt(self._summed("moment", self.spread.moment_rows))
         lost = {c for c, seen in zip(self.spread.columns, self.spread.mean_seen) if not seen}
         needs = [{1}] if self.spread.grid.dimensions == 1 else [{2}, {2}, {0, 1}]
         out[:, [i for i, n in enumerate(needs) if n & lost]] = math.nan
@@ -298,8 +301,9 @@ class _Source:
         rows[np.arange(self._count), 0, -1, top] = 1.0
         return self._batched(np.sqrt(self._own(rows.reshape(*rows.shape[:3], *shape))[:, 0]))
 
-    def _numbers(self, powers: Floats, rest: Floats, rows: Floats) -> Floats:
-        """Variance (frame, row) of sums that are the same in all frames."""
+    def _summed(self, name: str, rows: Floats) -> Floats:
+        """Variance (frame, row) of sums that are the same in all frames: ``rows`` w, kept by the spread under a name."""
+        powers, rest = self.spread.force if name == "force" else self.spread.moment
         parts = []
         for part, size, weights in self._weights(self.spread.spectrum.eigenvalues):
             variance = weights @ powers.T + size * rest

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from palpate._arrays import from_numpy, irfftn, namespace, rfftn
+from palpate._arrays import from_numpy, irfftn, is_numpy, namespace, rfftn
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.grids import Grid
@@ -19,6 +19,8 @@ __all__ = ["DifferencePrior", "Prior", "SpectralPrior", "hilgers_prior", "wavenu
 #: Wavenumber that stands for 0, as a part of the smallest other one: the mean then has 1e8 (first derivative) or 1e16 (second) times the
 #: variance of the longest wave, so that any reading that feels it decides it.
 MEAN = 1e-4
+#: Up to this many cells along an axis a sine transform by a matrix is faster than by FFT.
+MATRIX = 512
 
 
 class Prior(Protocol):
@@ -41,6 +43,14 @@ class Prior(Protocol):
 
     def variance(self) -> Floats:
         """The diagonal of W (*surface)."""
+        ...
+
+    def sample(self, rng: np.random.Generator, count: int) -> Floats:
+        """Random tractions (count, *surface) of covariance W."""
+        ...
+
+    def symbol(self, size: tuple[int, ...]) -> Floats:
+        """W far from the surface's edge, per wavevector of a real FFT of ``size`` cells."""
         ...
 
 
@@ -89,9 +99,30 @@ class DifferencePrior:
             return np.asarray(squares[0] @ self._variance)
         return np.asarray(squares[0] @ self._variance @ squares[1].T)
 
+    def sample(self, rng: np.random.Generator, count: int) -> Floats:
+        """Random tractions (count, *surface) of covariance W."""
+        white = rng.standard_normal((count, *self.grid.shape))
+        return np.asarray(self._transform(np, self._sines, np.sqrt(self._variance) * white))
+
+    def symbol(self, size: tuple[int, ...]) -> Floats:
+        """The penalty's own spectrum, that of differences; the edge, where t = 0, keeps the mean from being free."""
+        total: Floats = np.zeros(1)
+        for axis, (n, big, dx) in enumerate(zip(self.grid.shape, size, self.grid.spacings)):
+            part = np.fft.rfftfreq(big) if axis == self.grid.dimensions - 1 else np.fft.fftfreq(big)
+            shape = [1] * self.grid.dimensions
+            shape[axis] = -1
+            edge = (2 / dx * np.sin(np.pi / (2 * (n + 1)))) ** 2
+            total = total + ((2 / dx * np.sin(np.pi * part)) ** 2 + edge).reshape(shape)
+        return np.asarray(self._scale / (self.grid.cell * total**self.order))
+
     def _transform(self, xp: Any, sines: list[Any], x: Any) -> Any:
         if self.order == 0:
             return x  # W is a multiple of the identity in any basis
+        if is_numpy(x) and max(self.grid.shape) > MATRIX:
+            import scipy.fft
+
+            axes = tuple(range(-self.grid.dimensions, 0))
+            return scipy.fft.dstn(x, type=1, axes=axes, norm="ortho")
         if self.grid.dimensions == 1:
             return xp.matmul(x[..., None, :], sines[0])[..., 0, :]
         return xp.matmul(sines[0], xp.matmul(x, sines[1]))
@@ -136,6 +167,16 @@ class SpectralPrior:
     def variance(self) -> Floats:
         """The diagonal of W (*surface)."""
         return np.full(self.grid.shape, irfftn(self._table, self._size).ravel()[0])
+
+    def sample(self, rng: np.random.Generator, count: int) -> Floats:
+        """Random tractions (count, *surface) of covariance W."""
+        white = rng.standard_normal((count, *self._size))
+        out = irfftn(np.sqrt(self._table) * rfftn(white, self._size), self._size)
+        return np.asarray(out[(..., *(slice(0, n) for n in self.grid.shape))])
+
+    def symbol(self, size: tuple[int, ...]) -> Floats:
+        """S(k)/cell."""
+        return self._evaluate(wavenumbers(size, self.grid.spacings)) / self.grid.cell
 
     def root(self, x: Floats) -> Floats:
         """x C with C = (restriction to the surface) times a Fourier root on the wider grid, as real columns."""

@@ -441,6 +441,8 @@ def _svd(h: Floats) -> tuple[Floats, Floats]:
     if u.shape[1] < len(h):  # more readings than unknowns: the rest of the data space has eigenvalue 0
         u = np.linalg.qr(u, mode="complete")[0]
         s = np.concatenate([s, np.zeros(len(h) - len(s))])
+    # what is below rounding is a direction that nothing reaches, such as the mean of readings that have no zero
+    s = np.where(s > np.finfo(np.float64).eps * max(h.shape) * s[0], s, 0.0)
     return np.asarray(s**2), np.asarray(u)
 
 
@@ -453,9 +455,14 @@ def _eigh(gram: Floats) -> tuple[Floats, Floats]:
 
 
 def in_blocks(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
-    """Whether the problem is worth splitting, and pad, arrays and surface are mirror images of themselves about one centre."""
+    """Whether the problem is worth splitting and can be."""
     if sum(math.prod(a.shape) * len(a.channels) for a in planes) <= LARGEST_SVD:
         return False
+    return mirrored(pad, planes, surface)
+
+
+def mirrored(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
+    """Whether pad, arrays and surface are mirror images of themselves about one centre."""
     for array in planes:
         if isinstance(array, ScatteredArray) or array.mask is not None:
             return False

@@ -20,8 +20,8 @@ from palpate._arrays import from_numpy, to_numpy
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.estimate import Estimate
+from palpate.inverse.linear.matrix_free.path import Linear
 from palpate.inverse.linear.methods import Tikhonov
-from palpate.inverse.linear.regularised import Regularised
 from palpate.inverse.method import Method, choice, number, rule
 from palpate.inverse.paper.division import DivisionEstimator
 from palpate.inverse.paper.linear_system import LinearSystemEstimator
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ConstantFriction", "ConstantFrictionEstimator"]
 
-Inner = Regularised | DivisionEstimator | LinearSystemEstimator
+Inner = Linear | DivisionEstimator | LinearSystemEstimator
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +94,7 @@ class ConstantFrictionEstimator:
 
     Parameters
     ----------
-    inner : Regularised, DivisionEstimator or LinearSystemEstimator
+    inner : Regularised, MatrixFree, DivisionEstimator or LinearSystemEstimator
         The inversion for pressure alone.
     friction : float
         Coefficient mu; its sign is the direction of sliding.

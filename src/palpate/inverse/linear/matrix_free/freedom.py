@@ -1,0 +1,132 @@
+"""Effective degrees of freedom at any size: tr M (M + lambda)^{-1}, by a few random rows.
+
+M. F. Hutchinson, Commun. Stat. Simul. Comput. 19, 1990, 433-450: for rows z of independent signs, E z^T (M + lambda)^{-1} z is the trace. What
+the approximation in closed form says of the same rows is taken out, and its exact trace put in its place (a control variate), so that only
+the difference is left to chance. The log determinant is its integral: d log det(1 + M/lambda) = -tr M (M + lambda)^{-1} d log lambda.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.linear.lumps import lumps
+from palpate.inverse.linear.matrix_free.interpolation import between
+from palpate.inverse.linear.matrix_free.iteration import solve
+from palpate.inverse.linear.matrix_free.normal import Normal
+from palpate.inverse.linear.matrix_free.preconditioner import Balanced
+
+__all__ = ["Freedom"]
+
+#: Random rows are added until the degrees of freedom are known to this part or there are so many: at least four at a time, and of few
+#: readings more, as rows cost little then.
+KNOWN, ROWS, MOST_ROWS, READINGS = 5e-3, 4, 32, 20_000
+#: Parameters at which it is worked out, to a decade, and what lies between is interpolated.
+PER_DECADE = 4
+#: A quadratic form of a solution is known to the square of its residual.
+TOLERANCE, MOST = 1e-3, 100
+#: Least part of the readings that is left to either side.
+LEAST = 1e-12
+
+
+class Freedom:
+    """Degrees of freedom and log determinant of a system, for any parameter; what was worked out is kept."""
+
+    def __init__(self, normal: Normal, balanced: Balanced) -> None:
+        self.normal, self.balanced = normal, balanced
+        approximate = balanced.approximate
+        #: Eigenvalues of the approximation, near ones put together, and the weights that put coefficients there.
+        self.nodes, self.weights = lumps(approximate.eigenvalues)
+        self.counts = self.weights @ approximate.counts
+        #: Largest eigenvalue of M, from the longest waves.
+        self.top = float(balanced.largest)
+        self._rows: list[Floats] = []
+        self._powers: list[Floats] = []
+        self._found: dict[int, tuple[float, float, float]] = {}
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        rows = sum(r.nbytes + p.nbytes for r, p in zip(self._rows, self._powers))
+        return int(rows + self.weights.data.nbytes + self.weights.indices.nbytes)
+
+    def approximate(self, parameter: Floats) -> Floats:
+        """Degrees of freedom that the approximation has."""
+        return (self.nodes / (self.nodes + parameter[..., None])) @ self.counts
+
+    def of(self, parameter: Floats) -> Floats:
+        """Degrees of freedom at parameters (frame,)."""
+        for place in np.unique(
+            np.concatenate([np.floor(self._place(parameter)), np.floor(self._place(parameter)) + 1])
+        ):
+            self._at(int(place))
+        return self.curve(parameter)
+
+    def curve(self, parameter: Floats) -> Floats:
+        """The same from what is known so far: exact near parameters that `of` was asked for."""
+        n = float(self.normal.count)
+        part = np.clip(self.approximate(parameter) / n, LEAST, 1.0 - LEAST)
+        if not self._found:
+            return n * part
+        places = np.array(sorted(self._found))
+        known = np.array([self._found[p][:2] for p in places])
+        shift = between(self._place(parameter), places, known[:, 0], known[:, 1])
+        odds = part / (1.0 - part) * np.exp(shift)
+        return np.asarray(n * odds / (1.0 + odds))
+
+    def error(self, parameter: Floats) -> Floats:
+        """Standard error of `of`."""
+        places = sorted(self._found)
+        if not places:
+            return np.full(np.shape(parameter), math.nan)
+        return np.interp(self._place(parameter), places, [self._found[p][2] for p in places])
+
+    def _place(self, parameter: Floats) -> Floats:
+        return PER_DECADE * np.log10(self.top / parameter)
+
+    def _at(self, place: int) -> None:
+        """Work out the shift of the logarithm of the odds at a place, its slope along places and the standard error of the trace."""
+        if place in self._found:
+            return
+        n, lam = float(self.normal.count), self.top * 10.0 ** (-place / PER_DECADE)
+        ratio = lam / (self.nodes + lam)
+        found: Floats = np.zeros((0, 2))
+        error = math.inf
+        expected = np.array([ratio @ self.counts, ratio**2 @ self.counts])
+        step = max(ROWS, min(MOST_ROWS // 2, READINGS // self.normal.count))
+        while len(found) < MOST_ROWS:
+            rows, powers = self._probes(len(found), len(found) + step)
+            parameter = np.full(len(rows), lam)
+            solved = solve(
+                self.normal.apply, self.balanced.at(parameter), rows, parameter, tolerance=TOLERANCE, most=MOST
+            ).rows
+            # lambda tr (M + lambda)^-1 and lambda^2 tr (M + lambda)^-2
+            sums = np.stack([lam * (rows * solved).sum(axis=1), lam**2 * (solved**2).sum(axis=1)], axis=1)
+            guessed = np.stack([powers @ ratio, powers @ ratio**2], axis=1)
+            found = np.concatenate([found, sums - guessed + expected])
+            error = float(np.std(found[:, 0], ddof=1)) / math.sqrt(len(found))
+            if error < KNOWN * (n - found[:, 0].mean()):
+                break
+        free, square = found.mean(axis=0)
+        free = min(max(float(free), LEAST * n), (1 - LEAST) * n)
+        first, second = _odds(n, free, float(square)), _odds(n, float(expected[0]), float(expected[1]))
+        self._found[place] = (first[0] - second[0], first[1] - second[1], error)
+
+    def _probes(self, start: int, stop: int) -> tuple[Floats, Floats]:
+        while len(self._rows) < stop:
+            rng = np.random.default_rng(len(self._rows))
+            row = np.where(rng.random((1, self.normal.total)) < 0.5, -1.0, 1.0)
+            if self.normal.valid is not None:
+                row *= self.normal.valid
+            self._rows.append(row[0])
+            self._powers.append(self.weights @ self.balanced.approximate.powers(row)[0])
+        return np.stack(self._rows[start:stop]), np.stack(self._powers[start:stop])
+
+
+def _odds(n: float, free: float, square: float) -> tuple[float, float]:
+    """log(used/free) of n, and its slope along places (a place further, lambda is smaller by 10^(-1/PER_DECADE))."""
+    used = min(max(n - free, LEAST * n), (1 - LEAST) * n)
+    slope = -n * (free - square) / (used * (n - used))  # by log lambda
+    return math.log(used / (n - used)), -slope * math.log(10.0) / PER_DECADE

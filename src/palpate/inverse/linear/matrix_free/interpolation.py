@@ -1,0 +1,28 @@
+"""Curves between what is known of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+
+__all__ = ["between"]
+
+#: A slope goes on this far (in the unit of the places) beyond the outermost place.
+REACH = 1.5
+
+
+def between(x: Floats, places: Floats, values: Floats, slopes: Floats) -> Floats:
+    """Cubic Hermite between ``places`` in any order; beyond them the slope goes on for a while, and then the curve is level."""
+    places, kept = np.unique(places, return_index=True)
+    values, slopes = values[kept], slopes[kept]
+    low, high = x < places[0], x > places[-1]
+    out = np.full(np.shape(x), values[0])
+    out = np.where(low, values[0] - slopes[0] * np.minimum(places[0] - x, REACH), out)
+    out = np.where(high, values[-1] + slopes[-1] * np.minimum(x - places[-1], REACH), out)
+    if len(places) > 1:
+        from scipy.interpolate import CubicHermiteSpline
+
+        inner = ~(low | high)
+        out[inner] = CubicHermiteSpline(places, values, slopes)(x[inner])
+    return np.asarray(out)

@@ -1,0 +1,317 @@
+"""M = H W H^T as a convolution: its symbol on the lattices of regular arrays, and the two ways to end a lattice at the array's edge.
+
+Far from edges M multiplies every wave by a small matrix, one row and column per channel. `Padded` continues readings by zero (the inverse of a
+circulant matrix twice as long: R. Chan, M. Ng, SIAM Rev. 38, 1996, 427-482); it knows how channels of different parity go together. `Cosines`
+continues them by their mirror image (M. Ng, R. Chan, W.-C. Tang, SIAM J. Sci. Comput. 21, 1999, 851-866), better where a channel reaches
+as far as the array, but parities fall apart. Both have a spectrum in closed form, which serves as a first guess of every sum over the true one.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from palpate.elastic.channels import mirror_parity
+from palpate.elastic.pad import Floats
+from palpate.inverse.linear.matrix_free.normal import Normal
+from palpate.inverse.linear.matrix_free.transforms import Cosine, along
+from palpate.sensing.operator import Convolution
+
+__all__ = ["Approximation", "Cosines", "Padded"]
+
+#: Least eigenvalue over the largest that is told from zero.
+LEAST = 1e-16
+#: Solves with some rows: (rows, which frames they are of).
+Inverse = Callable[[Floats, Any], Floats]
+
+
+class Approximation(Protocol):
+    """An approximation of M that can be inverted, with a spectrum."""
+
+    #: Eigenvalues (n,), and how many readings each stands for.
+    eigenvalues: Floats
+    counts: Floats
+
+    def powers(self, rows: Floats) -> Floats:
+        """Squared coefficients (frame, n) of rows: their sum is the squared length of a row."""
+        ...
+
+    def at(self, parameter: Floats) -> Inverse:
+        """(M + lambda)^{-1} for the frames' parameters, symmetric and positive definite."""
+        ...
+
+    @property
+    def nbytes(self) -> int: ...
+
+
+@dataclass
+class _Lattice:
+    """Channels (plane, channel) that sit on one lattice, and of each wave the eigenvectors (*wave, channel, mode) and eigenvalues of their symbol."""
+
+    members: list[tuple[int, int]]
+    vectors: Any
+    values: Floats
+    size: tuple[int, ...]
+
+
+class _Common:
+    def __init__(self, normal: Normal) -> None:
+        self.normal = normal
+        self.lattices = [self._lattice(members) for members in _members(normal, self._split)]
+        self.eigenvalues = np.concatenate([g.values.ravel() for g in self.lattices])
+        self.counts = np.concatenate([self._counts(g).ravel() for g in self.lattices])
+
+    _split = False
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        return int(sum(g.values.nbytes + g.vectors.nbytes for g in self.lattices) + 2 * self.eigenvalues.nbytes)
+
+    def _symbol(self, members: list[tuple[int, int]], size: tuple[int, ...], *, real: bool) -> Any:
+        """(*wave of a real FFT of size, channel, channel), Hermitian."""
+        normal = self.normal
+        plane = _convolution(normal, members[0][0])
+        fine = tuple(n * r for n, r in zip(size, plane.ratios))
+        influences = [_influence(normal, p, c, fine) / normal.scale(p, c) for p, c in members]
+        priors = [prior.symbol(fine) for prior in normal.priors]
+        g = len(members)
+        out: Any = None
+        for i, j in itertools.product(range(g), repeat=2):
+            if j < i:
+                continue
+            total = sum(w * (a * np.conj(b)) for w, a, b in zip(priors, influences[i], influences[j]))
+            part = _sampled(total, fine, plane.ratios)
+            whiteness = normal.whiteness(members[i][0], part.shape, size)
+            if whiteness is not None:
+                part = part * whiteness
+            if out is None:
+                out = np.empty((*part.shape, g, g), dtype=np.float64 if real else np.complex128)
+            out[..., i, j] = part.real if real else part
+            out[..., j, i] = part.real if real else np.conj(part)
+        return out
+
+    def _decomposed(self, members: list[tuple[int, int]], symbol: Any, size: tuple[int, ...]) -> _Lattice:
+        if len(members) == 1:
+            values = symbol[..., 0].real
+            return _Lattice(members, np.ones_like(symbol), np.maximum(values, LEAST * values.max()), size)
+        values, vectors = np.linalg.eigh(symbol)
+        return _Lattice(members, vectors, np.maximum(values, LEAST * values.max()), size)
+
+    def _matrices(self, parameter: Floats) -> list[Any]:
+        """(frame, channel, channel, *wave) of the inverses, once for each parameter that differs."""
+        out = []
+        for g in self.lattices:
+            lam = parameter.reshape(-1, *(1,) * g.values.ndim)
+            if len(g.members) == 1:
+                out.append((1.0 / (g.values + lam))[..., 0][:, None, None])
+                continue
+            inverse = (g.vectors / (g.values + lam)[..., None, :]) @ np.conj(np.swapaxes(g.vectors, -1, -2))
+            out.append(np.ascontiguousarray(np.moveaxis(inverse, (-2, -1), (1, 2))))
+        return out
+
+    def _lattice(self, members: list[tuple[int, int]]) -> _Lattice:
+        raise NotImplementedError
+
+    def _counts(self, lattice: _Lattice) -> Floats:
+        raise NotImplementedError
+
+
+class Padded(_Common):
+    """Readings go on as zero."""
+
+    def _lattice(self, members: list[tuple[int, int]]) -> _Lattice:
+        from scipy.fft import next_fast_len
+
+        shape = self.normal.shapes[members[0][0]][1:]
+        size = tuple(2 * next_fast_len(n, real=True) for n in shape)
+        return self._decomposed(members, self._symbol(members, size, real=False), size)
+
+    def _counts(self, lattice: _Lattice) -> Floats:
+        half = _half(lattice)
+        working = np.array([self.normal.working(p) for p, _ in lattice.members], dtype=np.float64)
+        return np.asarray(
+            half[..., None]
+            * np.einsum("...ci,c->...i", np.abs(lattice.vectors) ** 2, working)
+            / math.prod(lattice.size)
+        )
+
+    def powers(self, rows: Floats) -> Floats:
+        """Squared coefficients (frame, n)."""
+        planes = self.normal.planes(rows)
+        out = []
+        for g in self.lattices:
+            spectrum = np.moveaxis(self._waves(planes, g), 1, -1)
+            modes = (np.conj(np.swapaxes(g.vectors, -1, -2)) @ spectrum[..., None])[..., 0]
+            power = np.abs(modes) ** 2 * (_half(g) / math.prod(g.size))[..., None]
+            out.append(power.reshape(len(rows), -1))
+        return np.concatenate(out, axis=1)
+
+    def at(self, parameter: Floats) -> Inverse:
+        """(M + lambda)^{-1}, cut to the array."""
+        single, given = np.unique(parameter, return_inverse=True)
+        matrices = self._matrices(single)
+
+        def inverse(rows: Floats, which: Any) -> Floats:
+            planes = self.normal.planes(rows)
+            out = [np.empty_like(p) for p in planes]
+            place = given[which]
+            for g, matrix in zip(self.lattices, matrices):
+                spectrum = self._waves(planes, g)
+                shape = planes[g.members[0][0]].shape[2:]
+                for i, (p, c) in enumerate(g.members):
+                    moved: Any = 0.0
+                    for j in range(len(g.members)):
+                        entry = matrix[:, i, j]
+                        moved = moved + (entry if len(single) == 1 else entry[place]) * spectrum[:, j]
+                    out[p][:, c] = _cropped(moved, g.size, shape)
+            return self.normal.joined(out)
+
+        return inverse
+
+    def _waves(self, planes: Sequence[Floats], g: _Lattice) -> Any:
+        from scipy.fft import rfftn
+
+        data = np.stack([planes[p][:, c] for p, c in g.members], axis=1)
+        return rfftn(data, s=g.size, axes=tuple(range(2, data.ndim)))
+
+
+class Cosines(_Common):
+    """Readings go on as their mirror image."""
+
+    _split = True
+
+    def _lattice(self, members: list[tuple[int, int]]) -> _Lattice:
+        shape = self.normal.shapes[members[0][0]][1:]
+        self._axes = getattr(self, "_axes", {})
+        self._axes[members[0]] = [Cosine(n) for n in shape]
+        size = tuple(2 * n for n in shape)
+        symbol = self._symbol(members, size, real=True)
+        if len(shape) == 2:  # the mean over both directions along y
+            symbol = 0.5 * (symbol + np.roll(symbol[::-1], 1, axis=0))
+        return self._decomposed(members, symbol[tuple(slice(0, n) for n in shape)], size)
+
+    def _counts(self, lattice: _Lattice) -> Floats:
+        out = []
+        for p, _ in lattice.members:
+            valid = self.normal.operator.planes_of[p].valid.astype(np.float64)
+            for axis, wave in enumerate(self._axes[lattice.members[0]]):
+                valid = np.moveaxis(np.tensordot(wave.table**2, valid, axes=(1, axis)), 0, axis)
+            out.append(valid)
+        return np.einsum("...ci,c...->...i", lattice.vectors**2, np.stack(out))
+
+    def powers(self, rows: Floats) -> Floats:
+        """Squared coefficients (frame, n)."""
+        planes = self.normal.planes(rows)
+        out = []
+        for g in self.lattices:
+            waves = np.moveaxis(self._waves(planes, g, inverse=False), 1, -1)
+            modes = (np.swapaxes(g.vectors, -1, -2) @ waves[..., None])[..., 0]
+            out.append((modes**2).reshape(len(rows), -1))
+        return np.concatenate(out, axis=1)
+
+    def at(self, parameter: Floats) -> Inverse:
+        """(M + lambda)^{-1}."""
+        single, given = np.unique(parameter, return_inverse=True)
+        matrices = self._matrices(single)
+
+        def inverse(rows: Floats, which: Any) -> Floats:
+            planes = self.normal.planes(rows)
+            out = [np.empty_like(p) for p in planes]
+            place = given[which]
+            for g, matrix in zip(self.lattices, matrices):
+                waves = self._waves(planes, g, inverse=False)
+                for i, (p, c) in enumerate(g.members):
+                    moved: Any = 0.0
+                    for j in range(len(g.members)):
+                        entry = matrix[:, i, j]
+                        moved = moved + (entry if len(single) == 1 else entry[place]) * waves[:, j]
+                    out[p][:, c] = along(moved, self._axes[g.members[0]], inverse=True)
+            return self.normal.joined(out)
+
+        return inverse
+
+    def _waves(self, planes: Sequence[Floats], g: _Lattice, *, inverse: bool) -> Floats:
+        data = np.stack([planes[p][:, c] for p, c in g.members], axis=1)
+        return along(data, self._axes[g.members[0]], inverse=inverse)
+
+
+def _members(normal: Normal, split: bool) -> list[list[tuple[int, int]]]:
+    """Channels that share a lattice; where ``split``, those of one mirror parity."""
+    planes = normal.operator.planes_of
+    axes = "x" if planes[0].dimensions == 1 else "yx"
+    found: dict[tuple[Any, ...], list[tuple[int, int]]] = {}
+    for p, array in enumerate(planes):
+        same = next(q for q, other in enumerate(planes) if _one_lattice(array, other))
+        for c, channel in enumerate(array.channels):
+            parity = tuple(mirror_parity(channel, a) for a in axes) if split else ()
+            found.setdefault((same, *parity), []).append((p, c))
+    return list(found.values())
+
+
+def _one_lattice(a: Any, b: Any) -> bool:
+    return (
+        a.shape == b.shape
+        and a.noise_correlation == b.noise_correlation
+        and all(np.allclose(x, y, rtol=0, atol=1e-9 * float(np.ptp(x))) for x, y in zip(a.grid.axes, b.grid.axes))
+    )
+
+
+def _influence(normal: Normal, plane: int, channel: int, size: tuple[int, ...]) -> Any:
+    """Transform (component sought, *wave) of the influence of a cell, cut to the lags that ``size`` holds."""
+    from scipy.fft import rfftn
+
+    of = _convolution(normal, plane)
+    kernel = of.kernel[channel][normal.columns]
+    for axis, (n, whole) in enumerate(zip(of.cells, size)):
+        lags = np.arange(kernel.shape[1 + axis]) - (n - 1)
+        kept = np.abs(lags) < whole // 2
+        shape = list(kernel.shape)
+        shape[1 + axis] = whole
+        out = np.zeros(shape)
+        index: list[Any] = [slice(None)] * kernel.ndim
+        index[1 + axis] = lags[kept] % whole
+        out[tuple(index)] = np.compress(kept, kernel, axis=1 + axis)
+        kernel = out
+    return rfftn(kernel, axes=tuple(range(1, kernel.ndim)))
+
+
+def _convolution(normal: Normal, plane: int) -> Convolution:
+    of = normal.operator.planes[plane]
+    if not isinstance(of, Convolution):
+        raise TypeError("a lattice needs a regular array")
+    return of
+
+
+def _sampled(half: Any, size: tuple[int, ...], ratios: Sequence[int]) -> Any:
+    """The half spectrum of every ratio-th sample, from the half spectrum of all (Hermitian in k): the sum over what is aliased."""
+    if all(r == 1 for r in ratios):
+        return half
+    from scipy.fft import irfftn, rfftn
+
+    axes = tuple(range(len(size)))
+    samples = irfftn(half, s=size, axes=axes)
+    return rfftn(samples[tuple(slice(None, None, r) for r in ratios)], axes=axes)
+
+
+def _half(lattice: _Lattice) -> Floats:
+    """How often each wave of the half spectrum counts (*wave)."""
+    out = np.full(lattice.values.shape[:-1], 2.0)
+    out[..., 0] = 1.0
+    if lattice.size[-1] % 2 == 0:
+        out[..., -1] = 1.0
+    return out
+
+
+def _cropped(half: Any, size: tuple[int, ...], shape: Sequence[int]) -> Floats:
+    """The inverse of a real FFT over the last axes, of which only the first entries are wanted."""
+    from scipy.fft import ifft, irfft
+
+    if len(size) == 2:
+        half = ifft(half, axis=-2)[..., : shape[0], :]
+    return irfft(half, n=size[-1], axis=-1)[..., : shape[-1]]

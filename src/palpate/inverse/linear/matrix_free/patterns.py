@@ -1,0 +1,118 @@
+"""Patterns that are no contact, at any size: as `palpate.inverse.linear.patterns`, by a few solutions more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.linear.matrix_free.rules import Corrected, Search
+from palpate.inverse.linear.matrix_free.system import System
+from palpate.inverse.linear.parameter import candidates
+from palpate.inverse.linear.patterns import COARSE, Patterns, Removed, Weighed
+from palpate.sensing.operator import Operator
+
+__all__ = ["SolvedPatterns"]
+
+#: Candidates on either side of the best one that are weighed with it.
+BESIDE = 1
+#: How often the best candidate may move on.
+MOVES = 12
+#: The patterns are solved for to this residual.
+TOLERANCE, MOST = 1e-7, 300
+#: A frame is solved anew where the best candidate is further than this from a solution of it (in log lambda).
+FAR = 0.7
+#: Size of a pattern, over the noise, with which candidates are compared: any size.
+LARGEST = 3000.0
+#: Candidates whose solutions are kept.
+KEPT = 12
+
+
+class SolvedPatterns(Patterns):
+    """The patterns of a system; what was solved for one frame serves the next."""
+
+    def __init__(
+        self,
+        system: System,
+        operator: Operator,
+        scales: Sequence[Floats],
+        kinds: tuple[str, ...] | None,
+        parameter: float | None = None,
+    ) -> None:
+        self.system = system
+        self._expanded(operator, system.normal.rows, scales, kinds)
+        whole = candidates(np.array([system.freedom.top]))
+        self.grid = whole[::COARSE] if parameter is None else np.array([parameter])
+        self._solved: dict[int, Floats] = {}
+
+    def removed(self, coefficients: Floats, floor: Floats | None) -> Removed | None:
+        """What is left of rows (frame, n); None where there is nothing to weigh."""
+        if not self.members:
+            return None
+        each = [
+            self._of_frame(row[None], None if floor is None else floor[i : i + 1]) for i, row in enumerate(coefficients)
+        ]
+        return Removed(
+            *(np.concatenate([getattr(part, name) for part in each]) for name in Removed.__dataclass_fields__)
+        )
+
+    def _of_frame(self, row: Floats, floor: Floats | None) -> Removed:
+        search = Search(self.system, "evidence", floor)
+        curves = Corrected.of(self.system, row)
+        place = 0
+        if len(self.grid) > 1 and (row**2).sum() > 0:
+            found = search.find(row)
+            curves = found.curves
+            place = int(np.argmin(np.abs(np.log(self.grid / found.parameter[0]))))
+        for _ in range(MOVES):
+            some = np.arange(max(place - BESIDE, 0), min(place + BESIDE + 1, len(self.grid)))
+            if curves.nearest(self.grid[[place]])[0] > FAR and (row**2).sum() > 0:
+                search.solve(curves, row, self.grid[[place]])
+            tables = self._tables(row, curves, some)
+            best = int(some[self._best(tables, floor)])
+            if best == place:
+                break
+            place = best
+        weighed, explained, logdet, inner = tables
+        return self.weighed(row, curves.count, floor, weighed, explained, logdet, inner)
+
+    def _tables(
+        self, row: Floats, curves: Corrected, some: np.ndarray[tuple[int], np.dtype[np.intp]]
+    ) -> tuple[list[Weighed], Floats, Floats, Floats]:
+        """Patterns weighed together, c^T D^{-1} c, log det D and B^T D^{-1} c at ``some`` candidates."""
+        solved = np.stack([self._at(int(place)) for place in some])  # D^{-1} B (candidate, pattern, n)
+        weighed = []
+        for members in self.members:
+            middle = np.einsum("gin,jn->gij", solved[:, list(members)], self.rows[list(members)])
+            weighed.append(Weighed.of(members, 0.5 * (middle + np.swapaxes(middle, 1, 2))))
+        log, at = np.log(curves.grid)[::-1], np.log(self.grid[some])
+        explained = np.exp(np.interp(at, log, np.log(np.maximum(curves.explained[0], 1e-300))[::-1]))[None]
+        logdet = np.interp(at, log, curves.logdet[::-1])
+        return weighed, explained, logdet, np.einsum("gin,fn->fgi", solved, row)
+
+    def _best(self, tables: tuple[list[Weighed], Floats, Floats, Floats], floor: Floats | None) -> int:
+        """The candidate that evidence prefers, patterns of any size being there."""
+        weighed, explained, logdet, inner = tables
+        score = logdet.copy()
+        left = explained[0].copy()
+        for each in weighed:
+            along = np.einsum("gji,gj->gi", each.vectors, inner[0][:, list(each.members)])
+            gain = 1.0 / (LARGEST**-2 + each.values)
+            left -= (along**2 * gain).sum(axis=-1)
+            score += np.log1p(LARGEST**2 * each.values).sum(axis=-1)
+        if floor is None:
+            return int(np.argmin(score + left))
+        n = float(self.system.normal.count)
+        variance = np.maximum(np.maximum(left / n, floor[0]), 1e-300)
+        return int(np.argmin(score + n * np.log(variance) + left / variance))
+
+    def _at(self, place: int) -> Floats:
+        """lambda (M + lambda)^{-1} of the patterns."""
+        if place not in self._solved:
+            if len(self._solved) >= KEPT:
+                self._solved.pop(next(iter(self._solved)))
+            lam = np.full(len(self.rows), self.grid[place])
+            found = self.system.solve(self.rows, lam, tolerance=TOLERANCE, most=MOST)
+            self._solved[place] = lam[:, None] * found.rows
+        return self._solved[place]

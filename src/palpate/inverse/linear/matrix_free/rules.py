@@ -1,0 +1,187 @@
+"""The parameter of each frame at any size: the rules of `palpate.inverse.linear.parameter` on curves that solutions correct.
+
+A rule needs, as functions of lambda, y^T u (what the misfit and penalty come to), |u|^2 (the residual is lambda u) and the degrees of freedom. The
+approximation of M has them in closed form for all lambda at once; a solution has them exactly at one, with the slope of the first. The
+curves are moved on to the solutions, the rule is asked, and where it points away from every solution another one is made.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.linear.matrix_free.interpolation import between
+from palpate.inverse.linear.matrix_free.system import System
+from palpate.inverse.linear.parameter import TINY, candidates, pick, tikhonov
+from palpate.inverse.linear.parameter import SpectrumCurves as Guess
+
+__all__ = ["Corrected", "Search"]
+
+#: A parameter is found when the rule points this near to a solution (in log lambda): a fiftieth moves no traction that noise does not move more.
+NEAR = 0.02
+#: Solutions on the way: e is known to the square of this residual, the residual's size to this.
+TOLERANCE, MOST = 1e-4, 150
+#: Most solutions on the way to a parameter.
+ROUNDS = 8
+#: Rules that go by the slope of the residual, which takes a solution more.
+SECOND = ("gcv", "lcurve")
+
+
+@dataclass
+class Corrected:
+    """Curves (`palpate.inverse.linear.parameter.Curves`) of some frames, moved on to what solutions say.
+
+    Of each frame, ``places`` log lambda of its solutions, and there ``shifts`` of log e and log r^2 from the guess, with their slopes.
+    """
+
+    guess: Guess
+    system: System
+    places: list[list[float]]
+    shifts: list[list[tuple[float, float, float, float]]]
+
+    @classmethod
+    def of(cls, system: System, rows: Floats) -> Corrected:
+        """Nothing solved yet."""
+        freedom = system.freedom
+        power = (freedom.weights @ freedom.balanced.approximate.powers(rows).T).T
+        grid = candidates(np.array([freedom.top]))
+        guess = Guess(tikhonov, grid, freedom.nodes, freedom.counts, np.maximum(power, 0.0))
+        return cls(guess, system, [[] for _ in rows], [[] for _ in rows])
+
+    def add(
+        self, frames: npt.NDArray[np.intp], parameter: Floats, rows: Floats, solutions: Floats, again: Floats | None
+    ) -> None:
+        """What ``solutions`` u (frame, n) of ``rows`` say at the ``parameter`` of each, and ``again`` (M + lambda)^{-1} u, where it is known."""
+        from scipy.interpolate import CubicSpline
+
+        e = parameter * (rows * solutions).sum(axis=1)
+        left = parameter**2 * (solutions**2).sum(axis=1)
+        cube = None if again is None else parameter**3 * (solutions * again).sum(axis=1)
+        log = np.log(self.grid)[::-1]
+        guess = [np.log(np.maximum(c, TINY))[:, ::-1] for c in (self.guess.explained, self.guess.residual)]
+        for i, frame in enumerate(frames):
+            if not 0 < left[i] <= e[i] * (1 + 1e-6):
+                continue
+            at = float(np.log(parameter[i]))
+            splines = [CubicSpline(log, g[frame]) for g in guess]
+            levels = [float(s(at)) for s in splines]
+            slopes = [float(s(at, 1)) for s in splines]
+            # e' = e - r^2, (r^2)' = 2 r^2 - 2 lambda^3 u (M + lambda)^-1 u
+            first = 1.0 - left[i] / e[i]
+            second = slopes[1] if cube is None else 2.0 - 2.0 * cube[i] / left[i]
+            self.places[frame].append(at)
+            self.shifts[frame].append(
+                (
+                    float(np.log(e[i])) - levels[0],
+                    float(np.log(left[i])) - levels[1],
+                    float(first) - slopes[0],
+                    float(second) - slopes[1],
+                )
+            )
+
+    def nearest(self, parameter: Floats) -> Floats:
+        """How far (in log lambda) each parameter is from a solution of its frame."""
+        return np.array(
+            [min((abs(np.log(p) - at) for at in places), default=np.inf) for p, places in zip(parameter, self.places)]
+        )
+
+    @property
+    def grid(self) -> Floats:
+        return self.guess.grid
+
+    @property
+    def count(self) -> float:
+        return float(self.system.normal.count)
+
+    @property
+    def inside(self) -> npt.NDArray[np.bool_]:
+        return self.guess.inside
+
+    @property
+    def explained(self) -> Floats:
+        return self._moved(0, self.guess.explained)
+
+    @property
+    def residual(self) -> Floats:
+        return np.minimum(self._moved(1, self.guess.residual), self.explained)
+
+    @property
+    def penalty(self) -> Floats:
+        return np.maximum(self.explained - self.residual, 0.0) / self.grid
+
+    @property
+    def free(self) -> Floats:
+        return self.count - self.system.freedom.curve(self.grid)
+
+    @property
+    def logdet(self) -> Floats:
+        extra = self.system.freedom.curve(self.grid) - self.system.freedom.approximate(self.grid)
+        step = np.log(self.grid[0] / self.grid[1])
+        return self.guess.logdet + np.concatenate([[0.0], np.cumsum(0.5 * (extra[1:] + extra[:-1]))]) * step
+
+    def _moved(self, which: int, curve: Floats) -> Floats:
+        log = np.log(self.grid)
+        out = np.array(curve)
+        for frame, (places, shifts) in enumerate(zip(self.places, self.shifts)):
+            if places:
+                known = np.array(shifts)
+                out[frame] *= np.exp(between(log, np.array(places), known[:, which], known[:, 2 + which]))
+        return out
+
+
+class Found(NamedTuple):
+    """Parameter (frame,), where the rule had nothing to go by or did not settle, the curves, and solutions near by (frame, n)."""
+
+    parameter: Floats
+    without: npt.NDArray[np.bool_]
+    unsettled: npt.NDArray[np.bool_]
+    curves: Corrected
+    solutions: Floats
+
+
+class Search:
+    """Finds the parameter of frames by a rule; see the module. ``floor`` (frame,) as in `palpate.inverse.linear.parameter.amplitude`."""
+
+    def __init__(self, system: System, rule: str, floor: Floats | None) -> None:
+        self.system, self.rule, self.floor = system, rule, floor
+
+    def find(self, rows: Floats) -> Found:
+        """The parameter of each row."""
+        curves = Corrected.of(self.system, rows)
+        solutions = np.zeros_like(rows)
+        found = pick(self.rule, curves, self.floor)
+        parameter = found.parameter
+        open_ = np.flatnonzero((rows**2).sum(axis=1) > 0)
+        for _ in range(ROUNDS):
+            if not open_.size:
+                break
+            solutions[open_] = self.solve(curves, rows, parameter, open_, solutions[open_])
+            found = pick(self.rule, curves, self.floor)
+            parameter[open_] = found.parameter[open_]
+            open_ = open_[curves.nearest(parameter)[open_] > NEAR]
+        unsettled = np.zeros(len(rows), dtype=bool)
+        unsettled[open_] = True
+        return Found(parameter, found.without, unsettled, curves, solutions)
+
+    def solve(
+        self,
+        curves: Corrected,
+        rows: Floats,
+        parameter: Floats,
+        some: npt.NDArray[np.intp] | None = None,
+        start: Floats | None = None,
+    ) -> Floats:
+        """Solve ``some`` frames (by default all) at ``parameter`` (frame,), and move the curves there."""
+        frames = np.arange(len(rows)) if some is None else some
+        there = parameter[frames]
+        self.system.freedom.of(there)
+        solved = self.system.solve(rows[frames], there, tolerance=TOLERANCE, most=MOST, start=start).rows
+        again = None
+        if self.rule in SECOND:
+            again = self.system.solve(solved, there, tolerance=TOLERANCE, most=MOST).rows
+        curves.add(frames, there, rows[frames], solved, again)
+        return solved

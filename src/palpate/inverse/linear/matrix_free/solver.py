@@ -1,0 +1,186 @@
+"""The linear methods with a Tikhonov filter, at any size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import from_numpy, is_numpy, to_numpy
+from palpate.elastic.pad import Floats
+from palpate.inverse.estimate import Estimate
+from palpate.inverse.linear.matrix_free.errors import SampledSource
+from palpate.inverse.linear.matrix_free.memory import TOGETHER
+from palpate.inverse.linear.matrix_free.patterns import SolvedPatterns
+from palpate.inverse.linear.matrix_free.rules import Search
+from palpate.inverse.linear.matrix_free.system import System
+from palpate.inverse.linear.parameter import MODEL_ERROR, check_parameter, check_rule, tikhonov
+from palpate.inverse.linear.patterns import Removed
+from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, Uncertainty
+
+__all__ = ["MatrixFree"]
+
+#: The iteration goes on to this residual, as a part of the readings, in double and in single precision.
+TOLERANCE = {8: 1e-8, 4: 1e-5}
+#: A frame counts as solved below this residual; above it, its status says that it did not converge.
+ENOUGH = 1e-4
+#: Most steps of the iteration.
+MOST = 600
+
+
+class MatrixFree:
+    """As `palpate.inverse.linear.regularised.Regularised` with Tikhonov's filter, on a `System`."""
+
+    def __init__(
+        self,
+        system: System,
+        parameter: float | str,
+        *,
+        absolute: bool = False,
+        nuisance: tuple[str, ...] | None = (),
+    ) -> None:
+        check_parameter(parameter)
+        if isinstance(parameter, str):
+            check_rule(parameter, tikhonov, noise_known=system.noise_known)
+        self.system, self.parameter, self.absolute = system, parameter, absolute
+        self.operator, self.grid = system.operator, system.operator.surface
+        self.scales, self.noise_known = system.scales, system.noise_known
+        self.patterns: SolvedPatterns | None = None
+        if nuisance != ():
+            known = float(parameter) if absolute else None
+            self.patterns = SolvedPatterns(system, self.operator, self.scales, nuisance, known)
+
+    def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
+        """Traction from one readings array per plane."""
+        like = readings[0]
+        batch = tuple(like.shape[: -len(self.system.normal.shapes[0])])
+        count = math.prod(batch)
+        flat = [to_numpy(r).reshape(count, *r.shape[len(batch) :]) for r in readings]
+        tolerance = TOLERANCE[flat[0].dtype.itemsize]
+        together = max(1, TOGETHER // self.system.normal.total)
+        parts = [self._frames([r[i : i + together] for r in flat], tolerance) for i in range(0, count, together)] or [
+            self._frames(flat, tolerance)
+        ]
+        joined: dict[str, Any] = {
+            name: None if parts[0][name] is None else np.concatenate([p[name] for p in parts]) for name in parts[0]
+        }
+        removed = joined.pop("directions")
+        traction = joined["traction"].reshape(*batch, *joined["traction"].shape[1:])
+        traction = traction.astype(flat[0].dtype) if is_numpy(like) else from_numpy(traction, like)
+        chosen, variance = joined["parameter"].reshape(batch), joined["variance"].reshape(batch)
+        scale = np.sqrt(variance)
+        ones = np.ones(batch) if self.absolute else None
+        known = Uncertainty(
+            chosen,
+            ones,
+            ones,
+            floor=None if self.noise_known else joined["floor"].reshape(batch),
+            patterns=None if removed is None else removed.reshape(*batch, *removed.shape[1:]),
+            rows=None if self.absolute else joined["rows"].reshape(*batch, -1),
+        )
+        errors = LinearErrors.made_of(SampledSource(self.system.spread, tikhonov, traction, known))
+        return Estimate(
+            traction,
+            chosen,
+            scale,
+            np.sqrt(joined["left"] / self.system.normal.count).reshape(batch),
+            errors=errors,
+            converged=(joined["misfit"] <= ENOUGH).reshape(batch),
+            noise_std=scale[..., None] * np.concatenate(self.scales),
+            said=self._said(joined, batch),
+        )
+
+    def _frames(self, readings: Sequence[Floats], tolerance: float) -> dict[str, Any]:
+        """Of some frames (frame, channel, *array) per plane: traction and what belongs to it, each with the frame first."""
+        system = self.system
+        rows = system.normal.rows(readings)
+        floor = None if self.noise_known else self._floor(readings)
+        removed = None if self.patterns is None else self.patterns.removed(rows, floor)
+        if removed is not None:
+            rows = removed.coefficients
+        without, unsettled = np.zeros((2, len(rows)), dtype=bool)
+        start = None
+        if isinstance(self.parameter, str):
+            found = Search(system, self.parameter, floor).find(rows)
+            parameter, without, unsettled, start = found.parameter, found.without, found.unsettled, found.solutions
+            if without.any():
+                other = Search(system, "evidence", None if floor is None else floor[without]).find(rows[without])
+                parameter[without], start[without] = other.parameter, other.solutions
+                unsettled[without] = other.unsettled
+        else:
+            parameter = np.full(len(rows), float(self.parameter))
+        solved = system.solve(rows, parameter, tolerance=tolerance, most=MOST, start=start)
+        left = parameter**2 * (solved.rows**2).sum(axis=1)
+        explained = parameter * (rows * solved.rows).sum(axis=1)
+        free = system.normal.count - system.freedom.of(parameter)
+        variance = np.ones(len(rows))
+        if floor is not None:
+            by_evidence = (self.parameter == "evidence") | without
+            variance = np.where(by_evidence, explained / system.normal.count, left / np.maximum(free, 1.0))
+            variance = np.maximum(variance, floor)
+        blind = np.zeros(len(rows), dtype=bool)
+        if floor is not None:
+            blind = free / system.normal.count < UNEXPLAINED
+        sought = system.normal.traction(solved.rows)
+        traction = np.zeros((len(rows), len(self.grid.components), *self.grid.shape))
+        traction[:, list(system.columns)] = sought
+        return {
+            "traction": traction,
+            "parameter": parameter,
+            "variance": variance,
+            "left": left,
+            "misfit": solved.residual,
+            "without": without,
+            "unsettled": unsettled,
+            "blind": blind,
+            "rows": rows,
+            "floor": floor,
+            "directions": None if removed is None else removed.directions,
+            "sizes": None if removed is None else removed.sizes,
+            "deviations": None if removed is None else removed.deviations,
+        }
+
+    def _floor(self, readings: Sequence[Floats]) -> Floats:
+        """Least noise variance of each frame (frame,), relative to the whitening."""
+        largest: Any = np.zeros(len(readings[0]))
+        for array, scale, values in zip(self.operator.planes_of, self.scales, readings):
+            rows = np.abs(values.reshape(len(values), len(scale), -1)[..., array.valid.ravel()])
+            largest = np.maximum(largest, (rows.max(axis=-1) / scale).max(axis=-1))
+        return np.asarray((MODEL_ERROR * largest) ** 2)
+
+    def _said(self, found: dict[str, Any], batch: tuple[int, ...]) -> tuple[str, ...]:
+        """What is to be said of the frames."""
+        said: list[str] = []
+        if self.patterns is not None and found["sizes"] is not None:
+            empty = np.zeros((len(found["sizes"]), 0))
+            said += self.patterns.words(Removed(empty, empty, found["sizes"], found["deviations"]), batch)
+        if found["without"].any():
+            said.append(
+                f'rule="{self.parameter}": the curve has no corner{_some(found["without"], batch)}, so "evidence" chose the parameter there'
+            )
+        if found["unsettled"].any():
+            said.append(
+                f'rule="{self.parameter}" did not settle on a parameter{_some(found["unsettled"], batch)}: the last one tried is used. Give '
+                "parameter=..., or the array its noise=..."
+            )
+        if isinstance(self.parameter, str) and found["blind"].any():
+            said.append(
+                f"noise cannot be told from traction{_some(found['blind'], batch)}, which explains the readings at every wavelength: what is "
+                "fine in the map may be noise. Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap"
+            )
+        short = found["misfit"] > ENOUGH
+        if short.any():
+            worst = float(found["misfit"].max())
+            said.append(
+                f"the iteration did not reach its tolerance{_some(short, batch)}: it left {worst:.1g} of the readings unsolved after {MOST} steps. "
+                "Give the array its noise=..., or a larger parameter"
+            )
+        return tuple(said)
+
+
+def _some(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
+    """ " in 3 of 70 frames", or nothing for a single frame."""
+    return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""

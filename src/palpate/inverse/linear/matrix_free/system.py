@@ -1,0 +1,69 @@
+"""A system prepared: what does not depend on parameter, rule or readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.linear.matrix_free.freedom import Freedom
+from palpate.inverse.linear.matrix_free.iteration import Solved, solve
+from palpate.inverse.linear.matrix_free.normal import Normal
+from palpate.inverse.linear.matrix_free.posterior import SampledSpread
+from palpate.inverse.linear.matrix_free.preconditioner import Balanced, approximation
+from palpate.inverse.linear.posterior import FINEST
+from palpate.inverse.linear.priors import Prior
+from palpate.inverse.linear.spectrum import noise_scales
+from palpate.sensing.operator import Operator
+
+__all__ = ["System"]
+
+
+class System:
+    """An operator under a prior, ready to be solved for any parameter.
+
+    ``scales`` are the standard deviations that the readings were divided by (channel, per plane), and ``noise_known`` says whether they
+    are the true noise.
+    """
+
+    def __init__(self, operator: Operator, priors: Sequence[Prior], columns: Sequence[int]) -> None:
+        self.operator, self.columns = operator, tuple(columns)
+        self.scales, self.noise_known = noise_scales(operator, columns)
+        self.normal = Normal(operator, priors, columns, self.scales)
+        self.balanced = Balanced(self.normal, approximation(self.normal))
+        self.freedom = Freedom(self.normal, self.balanced)
+
+    def solve(
+        self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, start: Floats | None = None
+    ) -> Solved:
+        """(M + lambda)^{-1} rows (frame, n)."""
+        return solve(
+            self.normal.apply,
+            self.balanced.at(parameter),
+            rows,
+            parameter,
+            tolerance=tolerance,
+            most=most,
+            start=start,
+        )
+
+    @cached_property
+    def spread(self) -> SampledSpread:
+        """How sure estimates with it are."""
+        return SampledSpread(self)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        held = self.balanced.nbytes + self.freedom.nbytes
+        return held + (self.spread.nbytes if "spread" in self.__dict__ else 0)
+
+    def finest(self, row: Floats) -> float:
+        """Mean power of the part of a row that traction reaches least: no noise that is the same at every wavelength is larger."""
+        approximate = self.balanced.approximate
+        order = np.argsort(approximate.eigenvalues, kind="stable")
+        counts = approximate.counts[order]
+        least = np.cumsum(counts) <= max(FINEST * counts.sum(), counts[0])
+        return float(approximate.powers(row[None])[0, order[least]].sum() / counts[least].sum())

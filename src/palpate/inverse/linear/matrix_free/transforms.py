@@ -1,0 +1,47 @@
+"""Cosine transforms, by a matrix where that is faster."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+
+__all__ = ["Cosine", "along"]
+
+#: Up to this many entries along an axis a transform by a matrix is faster than by FFT.
+MATRIX = 512
+
+
+class Cosine:
+    """The orthonormal DCT-II of one axis of ``n`` entries."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        self._table: Floats | None = self.table if n <= MATRIX else None
+
+    @property
+    def table(self) -> Floats:
+        """The matrix (wave, entry)."""
+        j = np.arange(self.n)[:, None]
+        size = np.sqrt(np.where(j == 0, 1.0, 2.0) / self.n)
+        return np.asarray(size * np.cos(np.pi * j * (np.arange(self.n) + 0.5) / self.n))
+
+    def apply(self, x: Floats, axis: int, *, inverse: bool) -> Floats:
+        """Along ``axis``, -1 or -2."""
+        if self._table is None:
+            import scipy.fft
+
+            function = scipy.fft.idct if inverse else scipy.fft.dct
+            return np.asarray(function(x, axis=axis, norm="ortho"))
+        if axis == -1:
+            return np.asarray(x @ (self._table if inverse else self._table.T))
+        return np.asarray((self._table.T if inverse else self._table) @ x)
+
+
+def along(x: Floats, axes: Sequence[Cosine], *, inverse: bool) -> Floats:
+    """The transform over the last axes, or its inverse."""
+    for i, axis in enumerate(reversed(axes)):
+        x = axis.apply(x, -1 - i, inverse=inverse)
+    return x
