@@ -148,7 +148,7 @@ class Touch(Numbers):
                 f"values must have shape (*batch, component, *surface) = (..., {', '.join(map(str, expected))}); got {shape}."
             )
         batch = self.batch
-        for name, value in per_frame_fields(self):
+        for name, value in per_frame_fields(self) if batch else ():
             if tuple(np.shape(value))[: len(batch)] != batch:
                 raise InvalidInput(
                     f"{name} must have the batch axes {batch} of values first; it has the shape {tuple(np.shape(value))}."

@@ -63,14 +63,12 @@ class Cone:
             return out
         shear, p = x[:-1], x[-1]
         size = np.sqrt((shear**2).sum(axis=0))
-        top = np.clip(0.5 * (p + size), 0.0, None)
-        inside, polar = size <= p, size <= -p
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(size > 0, top / size, 0.0)
-        out = np.concatenate([shear * ratio, top[None]])
-        out[:, inside] = x[:, inside]
-        out[:, polar] = 0.0
-        return np.asarray(out)
+        inside = size <= p
+        out = np.empty_like(x)
+        # below the polar cone, size <= -p, this is 0
+        out[-1] = np.where(inside, p, np.maximum(0.5 * (p + size), 0.0))
+        out[:-1] = shear * np.where(inside, 1.0, out[-1] / np.where(inside, 1.0, size)).astype(x.dtype, copy=False)
+        return out
 
     def nearest(self, traction: Floats) -> Floats:
         """A traction (component, cell) brought into K (nearest in the scaled variables)."""
