@@ -108,11 +108,11 @@ def test_tracker_solves_its_problem_exactly(skin: pp.Skin, story: Any) -> None:
     from palpate.inverse import Cone, minimise
 
     frames, readings = story
-    tracker = skin.track(friction=MU, baseline=15, tolerance=1e-6, rate=50.0)
+    tracker = skin.track(friction=MU, baseline=15, tolerance=1e-6, rate=50.0, rezero=None)
     index = next(i for i, f in enumerate(frames) if f.stage == "shear" and f.stick < 0.8)
     for reading in readings[: index + 1]:
         touch = tracker.step(reading)
-    region, estimator = tracker._solution.region, tracker.estimator
+    region, estimator = tracker._contact._solution.region, tracker.estimator
     assert region is not None
     level = estimator.level(1)
     observed = np.ones(readings[0].size, dtype=bool)

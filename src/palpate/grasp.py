@@ -55,8 +55,9 @@ LEARN = 5
 class Event:
     """Something began or ended.
 
-    ``kind`` is "contact", "incipient slip", "slip", "excess pressure" or "excess force"; ``probability`` how sure it is when it
-    began (or that it goes on, when it ended); ``value`` and ``limit`` in the unit of what was watched (Q/(mu P), Pa, N).
+    ``kind`` is "contact", "pull" (the net force pulls the pad), "unexplained" (nothing that touches explains the readings),
+    "incipient slip", "slip", "excess pressure" or "excess force"; ``probability`` how sure it is when it began (or that it goes on, when
+    it ended); ``value`` and ``limit`` in the unit of what was watched (Q/(mu P), Pa, N).
 
     Examples
     --------
@@ -74,9 +75,9 @@ class Event:
 
     def __str__(self) -> str:
         text = f"{self.time:.3f} s  {self.kind} {'began' if self.began else 'ended'}"
-        if self.kind == "contact" or not self.began:
+        if self.kind in ("contact", "unexplained") or not self.began:
             return text
-        unit = {"excess pressure": " Pa", "excess force": " N"}.get(self.kind, " of the friction limit")
+        unit = {"excess pressure": " Pa", "excess force": " N", "pull": " N"}.get(self.kind, " of the friction limit")
         return f"{text}: {self.value:.3g}{unit}, sure to {100 * self.probability:.0f} %"
 
 
@@ -228,7 +229,12 @@ class GraspMonitor:
         values = to_numpy(touch.values).astype(np.float64)
         force = to_numpy(touch.force).astype(np.float64)
         touching = bool(values[-1].any()) if touch.touching is None else bool(touch.touching)
+        # what pulls, and what nothing explains, is no contact
+        pushing = touch.pushing is None or bool(touch.pushing)
+        pulling = touching and not pushing and force[-1] < 0
         touching = touching and force[-1] > 0
+        unexplained = touching and not pushing
+        touching = touching and (pushing or self._on.get("contact", False))
         probabilities: dict[str, float] = {}
         utilisation = std = math.nan
         friction, friction_std = self._friction()
@@ -253,6 +259,8 @@ class GraspMonitor:
         self.state = GraspState(time, touching, force, utilisation, std, friction, friction_std, probabilities)
         watched = {
             "contact": (float(touching), float(force[-1]), 0.0),
+            "pull": (_chance_of_pull(touch) if pulling else 0.0, float(force[-1]), 0.0),
+            "unexplained": (float(unexplained), float(force[-1]), 0.0),
             "incipient slip": (probabilities.get("incipient slip", 0.0), utilisation, self.incipient),
             "slip": (probabilities.get("slip", 0.0), utilisation, SLIDING),
             "excess pressure": (
@@ -391,6 +399,15 @@ class GraspMonitor:
         if len(self._slid) >= LEARN:
             now = float(np.median(self._slid[-LEARN:]))
             self.learned = now if self.learned is None else 0.8 * self.learned + 0.2 * now
+
+
+def _chance_of_pull(touch: Touch) -> float:
+    """Probability that the net force pulls, of a touch whose net force does."""
+    if touch.errors is None:
+        return 1.0
+    low, high = touch.interval(0.6827, "force")
+    middle, std = 0.5 * (low[-1] + high[-1]), 0.5 * (high[-1] - low[-1])
+    return 0.5 * math.erfc(float(middle) / (math.sqrt(2.0) * max(float(std), 1e-300)))
 
 
 def _likely(touch: Touch, force: Floats) -> tuple[Floats, float]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -112,6 +113,11 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
             sides = table["shear_force"].bounds(level, value, deviation, outside, floor, away=True)
             for side, shear in zip((low, high), sides):
                 side[..., :-1] = shear[..., :-1]
+        if touch.pushing is not None and not touch.pushing.all():
+            # traction of either sign is neither biased, as pressure that only adds up is, nor bounded by zero
+            free = ~touch.pushing.reshape((*touch.pushing.shape, *(1,) * (low.ndim - touch.pushing.ndim)))
+            either = replace(table[of], shift=0.0).bounds(level, value, deviation, outside, np.asarray(-math.inf))
+            low, high = np.where(free, either[0], low), np.where(free, either[1], high)
         if touch.touching is not None and not touch.touching.all():
             # an empty frame's error is that of what would not show: nothing was found that could be biased
             empty = ~touch.touching.reshape((*touch.touching.shape, *(1,) * (low.ndim - touch.touching.ndim)))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+import math
+import time as clock
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any
 
 __all__ = ["Background"]
@@ -32,9 +34,11 @@ class Background:
         """Whether work of this name is under way."""
         return name in self._pending
 
-    @property
-    def idle(self) -> bool:
-        return not self._pending
+    def wait(self, names: Sequence[str], deadline: float) -> bool:
+        """Wait for work of these names, to the time ``deadline`` of `time.perf_counter`; whether there was any and it is done."""
+        pending = [self._pending[n] for n in names if n in self._pending]
+        left = max(deadline - clock.perf_counter(), 0.0)
+        return bool(pending) and not wait(pending, None if math.isinf(left) else left).not_done
 
     def forget(self) -> None:
         """Drop the results of what is under way."""

@@ -2,39 +2,55 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.cone import cholesky
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
+from palpate.inverse.contact.model import Normal
 from palpate.inverse.estimate import Errors
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background
-from palpate.tracking.health import Flags
+from palpate.tracking.health import Flags, Index
 from palpate.tracking.iteration import Iteration
+from palpate.tracking.offsets import Offsets, Told
+from palpate.tracking.pulling import Pulling, firm
+from palpate.tracking.region import NormalEquations
 
 __all__ = ["ErrorBars"]
 
 #: Error bars are made again after so many frames (a second at 200 Hz), or when the number of cells in contact has changed by this
 #: part: the standard deviation of a force goes about with the square root of it, by an eighth.
 REFRESH, CHANGED = 200, 0.25
+#: A contact is taken to be the same in so many frames, when what they tell about offsets is counted.
+SAME = 100.0
+#: Frames after which error bars are made again for other readings that are used: these may come and go.
+SOON = 8
 
 
 class ErrorBars:
     """The errors of the present contact, or of a frame without one."""
 
-    def __init__(self, estimator: ConstrainedEstimator) -> None:
-        self._estimator = estimator
+    def __init__(self, estimator: ConstrainedEstimator, equations: NormalEquations) -> None:
+        self._estimator, self._equations = estimator, equations
         self._no_contact: tuple[float, Errors] | None = None
         self._age, self._cells = 0, 0
         self.errors: Errors | None = None
+        self.told: Told | None = None  # about the channels' offsets
 
     def clear(self) -> None:
         """The contact has ended."""
-        self.errors = None
+        self.errors, self.told = None, None
 
-    def outdate(self) -> None:
-        """Make them again at the next frame: noise or penalty are others."""
-        self._age = REFRESH + 1
+    def age(self) -> None:
+        """Make them again soon: what is known of offsets is for other readings."""
+        self._age += REFRESH // SOON
+
+    def outdate(self, *, later: bool = False) -> None:
+        """Make them again: noise or penalty are others. ``later``: in the frame after this one, which has enough to do."""
+        self._age = REFRESH - 1 if later else REFRESH + 1
 
     def without_contact(self, noise: float | None) -> Errors | None:
         """Errors of a frame without contact: what would not be detected."""
@@ -44,7 +60,15 @@ class ErrorBars:
             self._no_contact = noise, self._estimator.undetected(noise)
         return self._no_contact[1]
 
-    def refresh(self, solution: Iteration, y: Floats, noise: float, unused: Flags, background: Background) -> None:
+    def refresh(
+        self,
+        solution: Iteration,
+        y: Floats,
+        noise: float,
+        unused: Flags,
+        background: Background,
+        offsets: Offsets,
+    ) -> None:
         """Make them again where they are old, or the contact is another."""
         region, estimator = solution.region, self._estimator
         if region is None:
@@ -52,25 +76,87 @@ class ErrorBars:
         pressure = solution.pressure
         contact = pressure > FAINT * float(pressure.max(initial=0.0))
         count = int(contact.sum())
-        self._age += 1
-        stale = self.errors is None or self._age > REFRESH
-        changed = abs(count - self._cells) > CHANGED * max(self._cells, 1)
-        if count == 0 or (not (stale or changed) and "errors" not in background):
+        if count == 0 or (not self._due(count) and "errors" not in background):
             return
         cells = region.cells[contact]
         start = solution.traction[:, contact]
-        observed = ~unused
-        std = max(noise, MODEL_ERROR * float(np.abs(y).max()))
         weight = region.parameter / noise**2 if noise > 0 else 0.0
+        cov = offsets.cov.copy()
 
-        def work() -> tuple[Errors, int]:
+        def work() -> tuple[Errors | None, Told | None, int]:
+            try:
+                return made()
+            except np.linalg.LinAlgError:
+                return None, None, len(cells)  # no error bars rather than no answer
+
+        def made() -> tuple[Errors, Told, int]:
             level = estimator.level(1)
-            data = estimator.normal(level, cells, y / std, estimator.readings.std * std, observed)
-            model = estimator.model(data, estimator.precisions(level, 1, weight), start, keep_face=True)
+            std, data, white = self._data(cells, y, noise, unused)
+            shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
+            model = estimator.model(
+                marginalised(data, white, shared, cov), estimator.precisions(level, 1, weight), start, keep_face=True
+            )
             model.weight = 1.0
-            return estimator.summed_up([model])[1], len(cells)
+            told = self._told(data, shared, model.hessian - model.data.gram, std, unused)
+            return estimator.summed_up([model])[1], told, len(cells)
 
         found = background.result("errors", work)
         if found is not None:
-            self.errors, self._cells = found
+            self.errors, self.told, self._cells = found
             self._age = 0
+
+    def refresh_pulling(
+        self, pulling: Pulling, y: Floats, noise: float, unused: Flags, parameter: float, offsets: Offsets
+    ) -> None:
+        """The same for traction of either sign."""
+        estimator, cells = self._estimator, pulling.cells
+        if cells is None or not self._due(len(cells)):
+            return
+        std, data, white = self._data(cells, y, noise, unused)
+        shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
+        weight = parameter / noise**2 if noise > 0 else 0.0
+        self.errors = pulling.errors(marginalised(data, white, shared, offsets.cov), weight)
+        self.told = self._told(data, shared, pulling.model(data, weight).hessian - data.gram, std, unused)
+        self._cells, self._age = len(cells), 0
+
+    def _told(self, data: Normal, shared: Floats, penalty: Floats, std: float, unused: Flags) -> Told:
+        """What a frame tells about offsets; whitened columns of ``data`` and ``shared`` are in units of ``std``."""
+        import scipy.linalg
+
+        estimator, equations = self._estimator, self._equations
+        crossed = np.asarray(data.matrix.T @ shared, dtype=np.float64)
+        factor = cholesky(firm(data.gram + penalty / SAME))
+        spread = scipy.linalg.cho_solve((factor, True), crossed, check_finite=False)
+        counts = std**2 * (shared.T @ shared - crossed.T @ spread)
+        parts = spread.T.reshape(shared.shape[1], *data.linear.shape)
+        whole = np.zeros((*parts.shape[:2], math.prod(estimator.operator.surface.shape)))
+        whole[:, :, data.cells] = parts
+        left = [
+            s - equations.adjoint(np.where(unused, 0.0, estimator.explained_by(w) / estimator.readings.std), unused)
+            for s, w in zip(equations.shared(unused), whole)
+        ]
+        return Told(0.5 * (counts + counts.T), data.cells, parts, np.stack(left), unused.copy())
+
+    def _due(self, count: int) -> bool:
+        self._age += 1
+        stale = self.errors is None or self._age > REFRESH
+        return stale or abs(count - self._cells) > CHANGED * max(self._cells, 1)
+
+    def _data(self, cells: Index, y: Floats, noise: float, unused: Flags) -> tuple[float, Normal, Floats]:
+        estimator = self._estimator
+        std = max(noise, MODEL_ERROR * float(np.abs(y).max()))
+        data = estimator.normal(estimator.level(1), cells, y / std, estimator.readings.std * std, ~unused)
+        return std, data, estimator.readings.white(y[~unused] / std, ~unused)
+
+
+def marginalised(data: Normal, white: Floats, shared: Floats, cov: Floats) -> Normal:
+    """The data with offsets marginalised: whitened by (1 + B V B')^(-1/2), B = ``shared`` (reading, channel) and V = ``cov``.
+
+    ``white`` are the whitened readings.
+    """
+    values, vectors = np.linalg.eigh(cov)
+    u, s, _ = np.linalg.svd(shared @ (vectors * np.sqrt(np.maximum(values, 0.0))), full_matrices=False)
+    shrunk = u * (1.0 - 1.0 / np.sqrt(1.0 + s**2))
+    matrix = data.matrix - shrunk @ (u.T @ data.matrix)
+    linear = matrix.T @ (white - shrunk @ (u.T @ white))
+    return Normal(data.level, data.cells, matrix, linear.reshape(data.linear.shape))

@@ -10,9 +10,11 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 
-__all__ = ["Flags", "Health", "ReadingCheck"]
+__all__ = ["Flags", "Health", "Index", "ReadingCheck", "Single", "clipped"]
 
 Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
+Single = npt.NDArray[np.float32]
 
 #: A reading is left out after so many bad frames (or looks) in a row: a glitch of a frame or two is none. It is taken back after
 #: so many good ones: eight times as many, so that a loose contact does not come and go.
@@ -23,6 +25,8 @@ STUCK = 50
 STUCK_ALONE = 0.1
 #: A sensor is taken for frozen only where so small a part of its frames repeated themselves before.
 SELDOM = 0.1
+#: So many readings of a channel at one value, its largest, are at a ceiling, where at least this part of the others differ.
+CEILING, ALIKE = 2, 0.9
 #: A frame is answered where at least this part of the readings is finite, in range and not left out: with half of the taxels
 #: the spacing of those left is 1.4 times as wide.
 ENOUGH = 0.5
@@ -72,6 +76,27 @@ class Health:
         )
 
 
+def clipped(flat: Floats, index: npt.NDArray[np.intp]) -> Flags:
+    """Readings at an evident ceiling: several of one channel (``index``) at exactly its largest magnitude, where hardly any others are alike.
+
+    A coarse converter repeats itself everywhere, a clipped one at its ends only.
+    """
+    out = np.zeros(len(flat), dtype=bool)
+    finite = np.isfinite(flat)
+    came = np.where(finite, flat, 0.0)
+    starts = np.searchsorted(index, np.arange(int(index[-1]) + 1))
+    for extreme in (np.maximum, np.minimum):
+        ends = extreme.reduceat(came, starts)
+        at = came == ends[index]
+        for channel in np.flatnonzero((ends != 0.0) & (np.add.reduceat(at, starts, dtype=np.intp) >= CEILING)):
+            mine = (index == channel) & finite
+            others = came[mine & ~at]
+            few = (mine & at).sum() <= ENOUGH * mine.sum()
+            if few and len(np.unique(others)) > ALIKE * len(others):
+                out |= mine & at
+    return out
+
+
 class ReadingCheck:
     """Which readings are used, frame by frame; it writes what it finds into a `Health`.
 
@@ -87,11 +112,13 @@ class ReadingCheck:
         self._last: Floats | None = None
         self._frames_repeated = 0  # whole frames in a row that repeated themselves
         self._absent = np.zeros(n, dtype=bool)  # not usable in this frame, besides those left out
+        self.suspects = np.zeros(n, dtype=bool)  # not explained at the last look
+        self.clipped = np.zeros(n, dtype=bool)  # at an evident ceiling in this frame
 
     @property
     def unused(self) -> Flags:
         """Readings not used in this frame."""
-        return self.health.left_out | self._absent
+        return self.health.left_out | self._absent | self.suspects
 
     def usable(self, flat: Floats) -> Flags:
         """Readings of a frame that are finite and in range; keeps count of those that are not, and of those that repeat themselves."""
@@ -114,23 +141,27 @@ class ReadingCheck:
             else:
                 self._frames_repeated = 0
                 self._repeats = np.where(same, self._repeats + 1, 0)
-                if health.frames > STUCK and np.median(self._repeats) < STUCK_ALONE * STUCK:
-                    self.count((self._repeats > STUCK) & finite & ~wild, "stuck")
+                stuck = self._repeats > STUCK
+                if stuck.any() and health.frames > STUCK and np.median(self._repeats) < STUCK_ALONE * STUCK:
+                    self.count(stuck & finite & ~wild, "stuck")
         self._last = flat
         # a bad reading is given back after many good frames
         settled = finite & ~wild & (self._repeats == 0)
-        self._bad = np.where(settled & health.left_out & (health.reasons != "unexplained"), self._bad - 1, self._bad)
-        back = health.left_out & (self._bad <= -GOOD)
-        health.left_out[back], health.reasons[back], self._bad[back] = False, "", 0
+        if health.left_out.any():
+            again = settled & health.left_out & (health.reasons != "unexplained")
+            self._bad = np.where(again, self._bad - 1, self._bad)
+            back = health.left_out & (self._bad <= -GOOD)
+            health.left_out[back], health.reasons[back], self._bad[back] = False, "", 0
         return ~gone
 
     def enough(self, usable: Flags) -> bool:
         """Whether a frame with these readings can be answered."""
         return bool((usable & ~self.health.left_out).sum() >= max(1.0, ENOUGH * len(usable)))
 
-    def zeroed(self, y: Floats) -> Floats:
-        """A frame with 0 for the readings that are not used."""
-        self._absent = ~np.isfinite(y) & ~self.health.left_out
+    def zeroed(self, y: Floats, flat: Floats, index: npt.NDArray[np.intp]) -> Floats:
+        """A frame with 0 for the readings that are not used; what is clipped shows in the readings as they came (``flat``)."""
+        self.clipped = clipped(flat, index)
+        self._absent = (~np.isfinite(y) | self.clipped) & ~self.health.left_out
         return np.where(self.unused, 0.0, y)
 
     def count(self, bad: Flags, reason: str) -> None:
@@ -139,14 +170,25 @@ class ReadingCheck:
         self._leave_out(bad & (self._bad >= BAD), reason)
 
     def judge(self, wrong: Flags, rest: Floats, limit: float, frames: int) -> None:
-        """Count readings that the contact does not explain; ``rest`` is what it leaves of each, looked at once in ``frames`` frames."""
-        health = self.health
+        """Count readings that the contact does not explain; ``rest`` is what it leaves of each, looked at once in ``frames`` frames.
+
+        They are suspects, and not used, until the next look.
+        """
         self.count(wrong, "unexplained")
         right = ~wrong & ~self.unused & (self._repeats == 0)
         self._bad[right] = np.minimum(self._bad[right], 0)
-        # those left out for it are taken back when contact explains them again
+        self.suspects = wrong & ~self.health.left_out
+        self.forgive(np.abs(rest) < limit, frames)
+
+    def forgive(self, right: Flags, frames: int) -> None:
+        """Take readings back that were left out as unexplained and have been right for long enough."""
+        health = self.health
         doubted = health.left_out & (health.reasons == "unexplained")
-        self._bad[doubted] = np.where(np.abs(rest[doubted]) < limit, np.minimum(self._bad[doubted], 0) - frames, BAD)
+        if doubted.any():
+            good = right[doubted]
+            self._bad[doubted] = np.where(good, np.minimum(self._bad[doubted], 0) - frames, BAD)
+            back = doubted & (self._bad <= -GOOD)
+            health.left_out[back], health.reasons[back], self._bad[back] = False, "", 0
 
     @property
     def frozen(self) -> bool:

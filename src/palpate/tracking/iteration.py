@@ -14,7 +14,8 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import Cone
-from palpate.tracking.region import Region, Single
+from palpate.tracking.health import Single
+from palpate.tracking.region import Region
 
 __all__ = ["Iteration"]
 
@@ -36,6 +37,16 @@ class Iteration:
         self.region: Region | None = None
         self.z: Single = np.zeros((self._components, 0), dtype=np.float32)
         self.u = self.z.copy()
+        self._corrected: tuple[Region, Floats, Single, Single] | None = None
+        self.product = 0.0  # t'A'y of the last frame
+
+    def shared(self, faint: float = 0.0) -> Floats:
+        """B'A t: what the solution explains of the sums of each channel, without cells below this part of the peak."""
+        if self.region is None:
+            raise RuntimeError("there is no contact")
+        pressure = self.pressure
+        z = self.z if faint == 0.0 else np.where(pressure > faint * float(pressure.max(initial=0.0)), self.z, 0.0)
+        return np.asarray(self.region.shared @ z.ravel().astype(np.float64))
 
     def move(self, region: Region) -> None:
         """Carry solution and multipliers over to another region."""
@@ -54,10 +65,11 @@ class Iteration:
         """Traction [Pa], (component, cell)."""
         return np.asarray(self.z * self._cone.scales[:, None], dtype=np.float64)
 
-    def solve(self, slope: Single, *, tolerance: float, deadline: float) -> bool:
+    def solve(self, slope: Single, gain: Floats | None = None, *, tolerance: float, deadline: float) -> bool:
         """Bring the solution to a frame with A'y = ``slope``; False where time or the count of iterations ended it.
 
-        It ends when traction changes by less than ``tolerance`` of its peak, or at the time ``deadline`` of `time.perf_counter`.
+        With ``gain`` (K of `palpate.tracking.offsets`), the slope is that of readings less what marginalised offsets explain. It ends when
+        traction changes by less than ``tolerance`` of its peak, or at the time ``deadline`` of `time.perf_counter`.
         """
         region, cone = self.region, self._cone
         if region is None:
@@ -67,8 +79,17 @@ class Iteration:
         z, u = self.z, self.u
         shape = z.shape
         converged = False
+        left = right = None
+        if gain is not None:
+            if self._corrected is None or self._corrected[0] is not region or self._corrected[1] is not gain:
+                self._corrected = region, gain, *region.correction(gain)
+            left, right = self._corrected[2:]
         for _ in range(ITERATIONS):
-            x = (inverse @ (h + rho * (z - u)).ravel()).reshape(shape)
+            b = (h + rho * (z - u)).ravel()
+            x = inverse @ b
+            if left is not None and right is not None:
+                x = x + left @ (right @ b)
+            x = x.reshape(shape)
             relaxed = np.float32(RELAXATION) * x - np.float32(RELAXATION - 1.0) * z
             new = cone.project(relaxed + u).astype(np.float32, copy=False)
             u = u + relaxed - new
@@ -81,6 +102,7 @@ class Iteration:
             if clock.perf_counter() > deadline:
                 break
         self.z, self.u = z, u
+        self.product = float((z * h).sum(dtype=np.float64))
         if not np.isfinite(z).all():
             raise np.linalg.LinAlgError("the iteration has no finite result")
         return converged

@@ -15,11 +15,10 @@ __all__ = ["NORMAL", "Learning", "rough_noise"]
 
 #: Median magnitude of a standard normal variable.
 NORMAL = 0.6745
-#: Noise is not learned to be less than this part of the largest reading: single precision (6e-8), in which the frames are
-#: solved, tells no more after some hundred sums.
-FINEST_NOISE = 1e-6
 #: The penalty is learned again when the energy of the readings has changed by this factor, the load thus by 2.
 RELEARN = 4.0
+#: The same where contact does not explain a frame: of the energy that is not noise. What was learned from a weak contact is too smooth for a strong one.
+RELEARN_MISFIT = 3.0
 #: Until the thread has learned the penalty: so many times the weight at which a gradient of the size that explains the readings
 #: over a depth counts as much as they do. Too smooth for some frames rather than too rough.
 PROVISIONAL = 10.0
@@ -41,7 +40,7 @@ class Learning:
         self._from_contact = self.noise is None  # the noise is learned with the penalty, unless the baseline tells it
         self.parameter: float | None = None
         self.resolution: float | None = None
-        self._energy = 0.0
+        self._energy = self._signal = 0.0
         self._doubts = 0
 
     def take_noise(self, noise: float | None) -> None:
@@ -57,16 +56,26 @@ class Learning:
         if self._doubts >= DOUBTED_FRAMES:
             self.noise, self._energy, self._doubts = None, 0.0, 0
 
-    def learn(self, y: Floats, noise: float, largest: float, background: Background) -> bool:
+    def again(self, y: Floats, noise: float, largest: float) -> None:
+        """Begin with a penalty that is too smooth rather than too rough, and learn from the next frame, whatever its load."""
+        self._energy = 0.0
+        if self._estimator.parameter is None:
+            self.parameter = noise**2 * largest / max(float(y @ y), 1e-300) * PROVISIONAL
+
+    def learn(
+        self, y: Floats, noise: float, largest: float, background: Background, *, energy: float, misfit: bool = False
+    ) -> bool:
         """Learn by evidence from a frame in contact, again when the load has changed a lot; whether there is something new.
 
-        ``largest`` is the largest entry of the normal matrix' diagonal.
+        ``largest`` is the largest entry of the normal matrix' diagonal, ``energy`` that of the readings as they came; with ``misfit``
+        contact does not explain them.
         """
         estimator = self._estimator
-        energy = float(y @ y)
+        signal = max(energy - len(y) * noise**2, 0.0)
         if self.parameter is None and background.threaded:
             self.parameter = noise**2 * largest / max(energy, 1e-300) * PROVISIONAL
         changed = not (self._energy / RELEARN < energy < self._energy * RELEARN)
+        changed |= misfit and not (self._signal / RELEARN_MISFIT < signal < self._signal * RELEARN_MISFIT)
         if estimator.parameter is not None:
             if self.parameter is None:
                 self.resolution = estimator.resolution(estimator.parameter)
@@ -77,15 +86,19 @@ class Learning:
         rows = estimator.readings.planes(y * estimator.readings.std)
         known = None if self._from_contact else self.noise
 
-        def work() -> tuple[float, float, float]:
-            evidence = estimator.evidence(estimator.orders[1], rows, known)
-            return evidence.parameter, evidence.scale, energy
+        def work() -> tuple[float, float, float, float]:
+            linear, floor = estimator.orders[1], MODEL_ERROR * float(np.abs(y).max())
+            evidence = estimator.evidence(linear, rows, known)
+            if evidence.scale < floor:
+                # less noise than a pad is known to: the detail that it would show is not there
+                evidence = estimator.evidence(linear, rows, floor)
+            return evidence.parameter, max(evidence.scale, floor if known is None else 0.0), energy, signal
 
         found: Any = background.result("learn", work)
         if found is None:
             return False
-        self.parameter, scale, self._energy = found
+        self.parameter, scale, self._energy, self._signal = found
         self.resolution = estimator.resolution(self.parameter)
         if self._from_contact:
-            self.noise = max(scale, FINEST_NOISE * float(np.abs(y).max()))
+            self.noise = scale
         return True

@@ -7,20 +7,17 @@ serves every frame until the region, the penalty or the readings that are used c
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.model import dilated
-from palpate.tracking.health import Flags
+from palpate.tracking.health import Flags, Index, Single
 
-__all__ = ["Index", "NormalEquations", "Region", "Single"]
-
-Index = npt.NDArray[np.intp]
-Single = npt.NDArray[np.float32]
+__all__ = ["SMALLEST", "NormalEquations", "Region"]
 
 #: Entries of the normal matrix of the whole surface that are kept: 160 MB in double precision.
 LARGEST = 20_000_000
@@ -32,6 +29,8 @@ SMALLEST = 1e-9
 #: By so much the inverse is shrunk: rounding to single precision moves rho (H + rho)^-1, at most 1, by some 6e-8 times the square
 #: root of its size (hundreds), and it must not grow anything.
 SHRINK = 1e-6
+#: rho goes with the root of the penalty at most, and the iteration is as fast within a factor of 1.4 of it.
+RHO_HOLDS = 2.0
 #: Steps of the power method: a few per cent of an eigenvalue are near enough for rho.
 POWER_STEPS = 20
 
@@ -41,7 +40,9 @@ class Region:
     """Cells where contact is sought, and what solves their problem.
 
     ``border`` (cell) are those at the region's edge; ``inverse`` is (H + rho)^-1 with unknowns scaled as by `Cone.scales`; it holds for
-    a ``parameter`` of the penalty and for the readings that are not ``unused``.
+    a ``parameter`` of the penalty and for the readings that are not ``unused``. ``shared`` (channel, unknown) is B'A, what offsets of the
+    channels share with the unknowns; ``spread`` is (H + rho)^-1 A'B and ``overlap`` B'A (H + rho)^-1 A'B, by which offsets are marginalised
+    (M. A. Woodbury, Inverting modified matrices, 1950).
     """
 
     cells: Index
@@ -50,18 +51,31 @@ class Region:
     rho: float
     parameter: float
     unused: Flags
+    shared: Floats
+    spread: Single
+    overlap: Floats
+
+    def correction(self, gain: Floats) -> tuple[Single, Single]:
+        """Factors (unknown, channel) and (channel, unknown) of what is added to ``inverse`` where offsets are marginalised with K = ``gain``."""
+        middle = gain @ np.linalg.inv(np.eye(len(gain)) - self.overlap @ gain)
+        return self.spread, middle.astype(np.float32) @ self.spread.T
 
 
 class NormalEquations:
     """A'A and A'y of whitened readings, prepared once for a tracker."""
 
-    def __init__(self, estimator: ConstrainedEstimator) -> None:
+    def __init__(self, estimator: ConstrainedEstimator, columns: Floats) -> None:
         self.estimator = estimator
+        self._columns = columns  # of the channels' offsets (reading, channel)
+        self._shared: tuple[bytes, Floats, Single, Floats] | None = None
+        self._kept: tuple[Index, Flags, Floats] | None = None
+        self._adjoint: tuple[Floats, Flags, Single] | None = None
         self._std = estimator.readings.std
         self._cells = math.prod(estimator.operator.surface.shape)
         # in double precision: rounded to single it has negative eigenvalues, along which the iteration grows without end
         self._normal: Floats | None = None
         self.diagonal = self._prepare()
+        self._norm = np.sqrt(np.maximum(self.diagonal, 1e-300))
         self._rho: tuple[float, float] | None = None
 
     def _prepare(self) -> Floats:
@@ -89,6 +103,12 @@ class NormalEquations:
 
     def adjoint(self, y: Floats, unused: Flags) -> Single:
         """A' y of whitened readings, (component, cell)."""
+        kept = self._adjoint  # a frame is asked for several times
+        if kept is None or not (np.array_equal(kept[0], y) and np.array_equal(kept[1], unused)):
+            kept = self._adjoint = y.copy(), unused.copy(), self._adjoint_of(y, unused)
+        return kept[2]
+
+    def _adjoint_of(self, y: Floats, unused: Flags) -> Single:
         estimator = self.estimator
         if not estimator.readings.independent:
             observed = ~unused
@@ -98,9 +118,31 @@ class NormalEquations:
         adjoint = estimator.operator.adjoint(estimator.readings.planes(y / self._std))
         return np.asarray(adjoint.reshape(len(adjoint), -1)[list(estimator.columns)], dtype=np.float32)
 
+    def shared(self, unused: Flags) -> Floats:
+        """A'B, (channel, component, cell), of the readings that are used."""
+        return self._sharing(unused)[1]
+
+    def _sharing(self, unused: Flags) -> tuple[bytes, Floats, Single, Floats]:
+        key, kept = unused.tobytes(), self._shared
+        if kept is None or kept[0] != key:
+            used = np.where(unused[:, None], 0.0, self._columns)
+            single = np.stack([self._adjoint_of(b, unused) for b in used.T])
+            highest = np.array([np.abs(self.score(s)).max() for s in single])
+            kept = self._shared = key, single.astype(np.float64), single.reshape(len(single), -1), highest
+        return kept
+
+    def of_offsets(self, offsets: Floats, unused: Flags) -> Single:
+        """A'B c, (component, cell), of offsets c (channel,)."""
+        shared = self._sharing(unused)
+        return (offsets.astype(np.float32) @ shared[2]).reshape(shared[1].shape[1:])
+
+    def score_of_offsets(self, offsets: Floats, unused: Flags) -> float:
+        """No cell's score (`score`) of A'B c is larger than this."""
+        return float(np.abs(offsets) @ self._sharing(unused)[3])
+
     def score(self, adjoint: Single) -> Floats:
         """Pressure on each cell alone, in standard deviations of what unit noise would make of it."""
-        return np.asarray(adjoint[-1] / np.sqrt(np.maximum(self.diagonal, 1e-300)))
+        return np.asarray(adjoint[-1] / self._norm)
 
     def explained(self, region: Region | None, traction: Floats) -> Floats:
         """The whitened readings that traction (component, cell) on a region's cells explains."""
@@ -114,13 +156,10 @@ class NormalEquations:
         """The region of some cells: their normal matrix with the penalty, and the inverse that the iteration needs."""
         estimator = self.estimator
         grid, c, n = estimator.operator.surface, len(estimator.columns), len(cells)
-        estimator.check_size(c * n)
-        gram = self._gram(cells, unused)
-        for i, q in enumerate(estimator.precisions(estimator.level(1), 1, parameter)):
-            gram[i * n : (i + 1) * n, i * n : (i + 1) * n] += q[cells][:, cells].toarray()
+        gram = self.penalised(cells, parameter, unused)
         scale = np.repeat(estimator.cone.scales, n)
         gram *= scale[:, None] * scale[None, :]
-        if self._rho is None or self._rho[0] != parameter:
+        if self._rho is None or not self._rho[0] / RHO_HOLDS <= parameter <= self._rho[0] * RHO_HOLDS:
             self._rho = parameter, _rho(gram)
         rho = self._rho[1]
         gram[np.diag_indices(c * n)] += rho
@@ -133,15 +172,41 @@ class NormalEquations:
         inside = np.zeros(grid.shape, dtype=bool)
         inside.ravel()[cells] = True
         border = inside & dilated(~inside, 1)
-        return Region(cells, border.ravel()[cells], single, rho, parameter, unused)
+        shared = self.shared(unused)[:, :, cells].reshape(-1, c * n) * scale
+        spread = inverse @ shared.T
+        return Region(
+            cells,
+            border.ravel()[cells],
+            single,
+            rho,
+            parameter,
+            unused,
+            shared,
+            spread.astype(np.float32),
+            np.asarray(shared @ spread),
+        )
+
+    def penalised(self, cells: Index, parameter: float, unused: Flags) -> Floats:
+        """A'A of some cells with the penalty, in the units of traction."""
+        estimator, c, n = self.estimator, len(self.estimator.columns), len(cells)
+        estimator.check_size(c * n)
+        gram = self._gram(cells, unused)
+        for i, q in enumerate(estimator.precisions(estimator.level(1), 1, parameter)):
+            gram[i * n : (i + 1) * n, i * n : (i + 1) * n] += q[cells][:, cells].toarray()
+        return gram
 
     def _gram(self, cells: Index, unused: Flags) -> Floats:
         """A'A of some cells, without the readings that are not used."""
         estimator = self.estimator
         level = estimator.level(1)
         if self._normal is None or (unused.any() and not estimator.readings.independent):
-            matrix = level.matrix(cells, self._std, ~unused)
-            return np.asarray(matrix.T @ matrix)
+            kept = self._kept  # a region is made again for another penalty, or for fewer cells
+            if kept is None or not (np.array_equal(kept[1], unused) and np.isin(cells, kept[0]).all()):
+                matrix = level.matrix(cells, self._std, ~unused)
+                kept = self._kept = cells, unused.copy(), np.asarray(matrix.T @ matrix)
+            known = np.searchsorted(kept[0], cells)
+            picks = (np.arange(len(estimator.columns))[:, None] * len(kept[0]) + known[None, :]).ravel()
+            return np.asarray(kept[2][np.ix_(picks, picks)])
         picks = (np.arange(len(estimator.columns))[:, None] * self._cells + cells[None, :]).ravel()
         gram = self._normal[np.ix_(picks, picks)]
         if unused.any():
@@ -152,10 +217,14 @@ class NormalEquations:
 
 def _rho(matrix: Floats) -> float:
     """The square root of the smallest times the largest eigenvalue, at which the method converges fastest."""
-    largest = _largest_eigenvalue(matrix)
-    inverse = _inverse(matrix)
+    import scipy.linalg.lapack as lapack
+
+    largest = _largest_eigenvalue(len(matrix), lambda x: matrix @ x)
+    factor, failed = lapack.dpotrf(matrix, lower=True, clean=False)
     # without noise next to nothing is penalised, and rounding decides about the smallest eigenvalue
-    smallest = 0.0 if inverse is None else 1.0 / _largest_eigenvalue(inverse)
+    smallest = 0.0
+    if not failed:
+        smallest = 1.0 / _largest_eigenvalue(len(matrix), lambda x: lapack.dpotrs(factor, x, lower=True)[0])
     return math.sqrt(largest * max(smallest, SMALLEST * largest))
 
 
@@ -172,11 +241,11 @@ def _inverse(matrix: Floats) -> Floats | None:
     return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
 
 
-def _largest_eigenvalue(matrix: Floats) -> float:
-    """Of a positive matrix, by the power method."""
-    x: Floats = np.random.default_rng(0).standard_normal(len(matrix))
+def _largest_eigenvalue(size_of: int, times: Callable[[Floats], Floats]) -> float:
+    """Of a positive matrix (``times`` a vector), by the power method."""
+    x: Floats = np.random.default_rng(0).standard_normal(size_of)
     size = 1.0
     for _ in range(POWER_STEPS):
-        x = np.asarray(matrix @ (x / np.linalg.norm(x)))
+        x = np.asarray(times(x / np.linalg.norm(x)))
         size = float(np.linalg.norm(x))
     return size

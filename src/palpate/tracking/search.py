@@ -9,8 +9,8 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, MARGIN, ConstrainedEstimator
 from palpate.inverse.contact.model import dilated
-from palpate.tracking.health import Flags
-from palpate.tracking.region import Index, Region, Single
+from palpate.tracking.health import Flags, Index, Single
+from palpate.tracking.region import Region
 
 __all__ = ["LOST", "TAKEN", "Search"]
 
@@ -26,6 +26,8 @@ PRESSED = 4
 SURELY_PRESSED = 4.0
 #: It shrinks where it has so many times the cells that it needs, of which there are at least so many.
 TOO_LARGE, FEWEST = 2, 9
+#: Whether it has is asked once in so many frames: it is not urgent.
+SHRINK_EVERY = 8
 
 
 class Search:
@@ -38,30 +40,43 @@ class Search:
 
     def clear(self) -> None:
         self._missing = np.zeros(math.prod(self._grid.shape), dtype=bool)  # cells where pressure is missing
-        self._pressed = 0
+        self._pressed = self._frames = 0
 
     def first(self, score: Floats) -> Index:
         """Cells of the first region of a contact, from every cell's score in standard deviations."""
         depth = math.ceil(self._depth / min(self._grid.spacings)) + 1
-        likely = (score > max(LOST, LIKELY * float(score.max()))).reshape(self._grid.shape)
-        return np.flatnonzero(dilated(likely, depth))
+        peak = float(score.max())  # less than 0 where all of the surface is pulled
+        likely = score >= (max(min(LOST, peak), LIKELY * peak) if peak > 0 else peak)
+        return np.flatnonzero(dilated(likely.reshape(self._grid.shape), depth))
 
     def next(self, region: Region, pressure: Single) -> Index | None:
         """Cells of the region to move to, which keeps the contact inside with a margin; None: it stays."""
         peak = float(pressure.max(initial=0.0))
         active = pressure > FAINT * peak
-        wanted = np.zeros(math.prod(self._grid.shape), dtype=bool)
-        wanted[region.cells[active]] = True
         self._pressed = self._pressed + 1 if (active & region.border).any() else 0
         surely = bool((pressure[region.border] > SURELY_PRESSED * FAINT * peak).any())
         if not (surely or self._pressed >= PRESSED or self._missing.any()):
+            self._frames = (self._frames + 1) % SHRINK_EVERY
+            if self._frames or len(region.cells) <= TOO_LARGE * max(int(active.sum()), FEWEST):
+                return None
+            wanted = self._active(region, active)
             kept = int(dilated(wanted.reshape(self._grid.shape), MARGIN + 1).sum())
             if len(region.cells) <= TOO_LARGE * max(kept, FEWEST):
                 return None
-        wanted |= self._missing
+        wanted = self._active(region, active) | self._missing
         self._missing[:] = False
         cells = np.flatnonzero(dilated(wanted.reshape(self._grid.shape), MARGIN))
         return None if not len(cells) or np.array_equal(cells, region.cells) else cells
+
+    def needed(self, region: Region, pressure: Single) -> Index:
+        """Cells of the contact with a margin."""
+        wanted = self._active(region, pressure > FAINT * float(pressure.max(initial=0.0)))
+        return np.flatnonzero(dilated(wanted.reshape(self._grid.shape), MARGIN))
+
+    def _active(self, region: Region, active: Flags) -> Flags:
+        whole = np.zeros(math.prod(self._grid.shape), dtype=bool)
+        whole[region.cells[active]] = True
+        return whole
 
     def moved(self) -> None:
         """The region has moved: count frames that press at its border afresh."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,27 +25,28 @@ from palpate.sensing.readings import Layout
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.tracking.background import Background
-from palpate.tracking.errors import ErrorBars
+from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact, Frame
 from palpate.tracking.health import Flags, Health, ReadingCheck
-from palpate.tracking.iteration import Iteration
-from palpate.tracking.learning import NORMAL, Learning, rough_noise
-from palpate.tracking.region import Index, NormalEquations, Region
-from palpate.tracking.search import LOST, TAKEN, Search
+from palpate.tracking.learning import Learning, rough_noise
+from palpate.tracking.offsets import Offsets
+from palpate.tracking.region import NormalEquations
+from palpate.tracking.search import LOST, TAKEN
 from palpate.tracking.times import FrameTime, FrameTimes
 from palpate.tracking.zero import Zero
 from palpate.uncertainty import Case
 
 __all__ = ["Tracker", "check_settings"]
 
-#: Everything is looked at (new contacts, taxels that contact does not explain) once in so many frames: a look costs about as
-#: much as a frame.
-EVERY = 8
-#: A reading is bad where it is this many standard deviations, and this part of the largest, from what contact explains: the model
-#: of a pad may be wrong by some per cent of the largest reading.
-UNEXPLAINED, GROSS = 8.0, 0.1
-#: A wrong taxel bends the solution round it: of those that are not explained only the worst are judged, down to this part of the
-#: largest misfit, and none where they are more than the second part of all (then it is the contact that is not found yet).
-WORST, FEW = 0.6, 0.05
+#: A contact that has not changed by a tenth (and by more than its error) for so long [s] is questioned: drift looks the same.
+STEADY, VARIED = 60.0, 0.1
+#: Time constant [s] with which what a contact was is remembered.
+REMEMBERED = 2.0
+#: Frames after a clock that went back in which the zero may have jumped with it.
+AFTER_RESTART = 10
+#: Frames that are taken for a new zero.
+FRAMES_OF_ZERO = 10
+#: What subtracting a zero, the mean of some frames, leaves of a reading in double precision.
+ROUNDING = 1e-12
 #: Part of the budget in which a frame's iteration ends; the rest is for the answer.
 BUDGET_OF_ITERATION = 0.8
 
@@ -114,12 +115,13 @@ class Tracker:
     ) -> None:
         check_settings(tolerance=tolerance, rate=rate, budget=budget, rezero=rezero)
         self.estimator, self.names, self.notes = estimator, names, notes
-        self.tolerance, self.budget, self.rezero, self.rate = tolerance, budget, rezero, rate
+        self.tolerance, self.budget, self.drift_time, self.rate = tolerance, budget, rezero, rate
         self._make_creep, self._case = creep, case
         self._layout, self._limits, self._label = layout, layout.limits(), label
         self._std = estimator.readings.std
         self._zero_frames, self._given_zero = self._check_baseline(baseline)
-        self._equations = NormalEquations(estimator)
+        self._offsets = Offsets(estimator.readings)
+        self._equations = NormalEquations(estimator, self._offsets.columns)
         self._background = Background(threaded=budget is not None)
         self._seconds = 0.0
         self.reset()
@@ -158,17 +160,62 @@ class Tracker:
         self.health = Health(left_out=np.zeros(n, dtype=bool), reasons=np.zeros(n, dtype="<U12"), label=self._label)
         self._check = ReadingCheck(self.health, self._limits)
         self._times = FrameTimes(self.rate)
-        self._zero = Zero(self._given_zero, self._zero_frames, self.rezero)
+        self._zero = Zero(self._given_zero, self._zero_frames, self.drift_time)
         self._learning = Learning(estimator)
-        self._search = Search(estimator)
-        self._solution = Iteration(estimator.cone, len(self.names), math.prod(estimator.operator.surface.shape))
-        self._errors = ErrorBars(estimator)
         self._equations.reset()
         self._background.forget()
+        self._offsets.reset()
+        self._contact = Contact(
+            estimator, self._equations, self._learning, self._check, self._offsets, self._background, self.tolerance
+        )
         self._touching = False
+        self._steady, self._usual = 0.0, math.nan
+        self._restarted = 0
+        self._said: list[str] = []
         self._held = np.zeros(n)  # the last good value of each reading, for the memory of creep
         self._filters = self._make_creep() if self._make_creep is not None else None
         self._residual = math.nan
+
+    def rezero(self, channels: Sequence[str] | None = None, *, frames: int = FRAMES_OF_ZERO) -> None:
+        """Take the zero anew from the next frames, in which nothing must touch.
+
+        Parameters
+        ----------
+        channels : sequence of str, optional
+            Only of these channels; the others keep theirs.
+        frames : int
+            How many frames are averaged; they have the status "capturing zero".
+
+        Raises
+        ------
+        InvalidInput
+            A channel that no array has, or fewer than one frame.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> tracker = skin.track()
+        >>> tracker.rezero(["stress_zz"], frames=1)
+        >>> [str(pp.Status.coded(tracker.step([[0.0] * 21, [50.0] * 21]).status)) for _ in range(2)]
+        ['capturing zero', 'no contact']
+        """
+        if isinstance(frames, bool) or not (isinstance(frames, int) and frames >= 1):
+            raise InvalidInput(f"frames must be a whole number of at least 1; got {frames!r}.")
+        arrays = self.estimator.readings.arrays
+        every = [c for a in arrays for c in a.channels]
+        wanted = every if channels is None else [channels] if isinstance(channels, str) else list(channels)
+        for name in wanted:
+            if name not in every:
+                raise InvalidInput(
+                    f"no channel {name!r} to take a zero of; there are {', '.join(dict.fromkeys(every))}."
+                )
+        only = np.isin(np.array(every), wanted)[self._offsets.index]
+        self._release()
+        self._offsets.clear()
+        self._offsets.rate[:] = 0.0
+        self._zero.again(frames, only)
 
     # -- one frame -----------------------------------------------------------------------------------------------------
 
@@ -215,12 +262,14 @@ class Tracker:
         if time is not None and not math.isfinite(time):
             raise InvalidInput(f"time must be a finite number of seconds; got {time!r}.")
         frame = self._times.next(time)
+        self._said = []
         note = self._note(frame)
         try:
             status, converged = self._step(flat, frame.elapsed, started)
         except np.linalg.LinAlgError:
             # the next frame begins from nothing, so that what broke this one is not carried on
             self._release()
+            self._offsets.clear()
             status, converged = Status.FAILED, False
         touch = self._answer(status, frame.now, converged, like, note)
         self._seconds = clock.perf_counter() - started
@@ -233,48 +282,105 @@ class Tracker:
         if not frame.restarted:
             return None
         self.health.restarts += 1
+        self._restarted = AFTER_RESTART
         self._release()
         creep = "; the pad's creep is taken on as if without a pause" if self._filters is not None else ""
         return f"the clock went back from {frame.before:g} s to {frame.now:g} s: contact is found afresh, the zero is kept{creep}"
 
     def _step(self, flat: Floats, elapsed: float, started: float) -> tuple[Status, bool]:
         """What becomes of a frame, and whether its iteration converged."""
-        health, check, zero, learning = self.health, self._check, self._zero, self._learning
+        health, check, zero, learning, offsets = self.health, self._check, self._zero, self._learning, self._offsets
         health.frames += 1
+        self._restarted = max(self._restarted - 1, 0)
         scaled = self._scaled(flat, check.usable(flat))
         if not check.enough(np.isfinite(scaled)):
             return Status.MISSING, False
-        if zero.baseline is None:
+        if zero.baseline is None or zero.capturing:
             learning.take_noise(zero.capture(scaled))
             return Status.CAPTURING_ZERO, True
-        y = check.zeroed(scaled - zero.baseline)
-        slope = self._equations.adjoint(y, check.unused)
-        noise = learning.noise if learning.noise is not None else rough_noise(y[~check.unused])
-        score = self._equations.score(slope) / max(noise, 1e-30)
-        highest = float(score.max())
+        follows = self.drift_time is not None
+        if follows and self._touching:
+            offsets.go_on(elapsed)
+        actual = scaled - zero.baseline - offsets.value()
+        y = check.zeroed(actual, flat, offsets.index)
+        unused = check.unused
+        noise = learning.noise
+        if noise is None:  # rounding is no contact: a frame that is the zero but for it
+            noise = max(rough_noise(y[~unused]), ROUNDING * float(np.abs(scaled[~unused]).max(initial=0.0)))
+        if follows:
+            offsets.pass_time(elapsed, offsets.scale(learning.noise, y))
+        slope = self._equations.adjoint(y, unused)
+        highest = float(np.abs(self._equations.score(slope)).max()) / max(noise, 1e-30)
         if not self._touching and highest > TAKEN and self._one_taxel(y, noise):
             return self._unless_frozen(Status.NO_CONTACT), True  # a glitch of one taxel is not a contact
+        if self._touching and self._could_be_none(offsets.mean, unused, highest * noise, noise):
+            # quiet on the zero as it was: the offsets were none
+            whole = slope + self._equations.of_offsets(offsets.mean, unused)
+            if float(np.abs(self._equations.score(whole)).max()) < LOST * noise:
+                offsets.clear()
+                y, highest = check.zeroed(scaled - zero.baseline, flat, offsets.index), 0.0
         self._touching = highest > (LOST if self._touching else TAKEN)
         if not self._touching:
             self._release()
+            zero.shift(offsets.value())  # quiet with them: they are the zero's
+            offsets.clear()
             health.rezeroed += zero.follow(scaled, elapsed, noise)
-            learning.doubt(y[~check.unused])
+            if follows:
+                zero.shift(offsets.follow(y, unused))
+            check.forgive(np.abs(y) < UNEXPLAINED * noise, 1)
+            learning.doubt(y[~unused])
             return self._unless_frozen(Status.NO_CONTACT), True
-        if learning.learn(y, noise, float(self._equations.diagonal.max()), self._background):
-            self._errors.outdate()
-        noise = noise if learning.noise is None else learning.noise
-        self._renew()
-        self._move(score)
         deadline = math.inf if self.budget is None else started + BUDGET_OF_ITERATION * self.budget
-        converged = self._solution.solve(slope, tolerance=self.tolerance, deadline=deadline)
-        if health.frames % EVERY == 0:
-            actual = np.where(np.isfinite(scaled - zero.baseline), scaled - zero.baseline, self._explained())
-            # a solution on its way, or on cells that are about to move, says nothing against a taxel
-            self._look(y, actual, noise, judge=converged and self._background.idle)
-        self._errors.refresh(self._solution, y, noise, check.unused, self._background)
+        contact = self._contact
+        converged = contact.solve(
+            Frame(np.where(np.isfinite(actual), actual, math.nan), noise, deadline),
+            regular=health.frames % EVERY == 0,
+            restarted=follows and self._restarted > 0,
+        )
+        self._residual = contact.residual
+        self._say(elapsed)
         if not converged:
             health.approximate += 1
+        if not (contact.pushing and contact.fits):
+            return self._unless_frozen(Status.NOT_PUSHING), converged
         return self._unless_frozen(Status.SOLVED if converged else Status.NOT_CONVERGED), converged
+
+    def _could_be_none(self, offsets: Floats, unused: Flags, highest: float, noise: float) -> bool:
+        """Whether these offsets (channel,), put back, might leave no contact."""
+        return bool(offsets.any()) and highest - self._equations.score_of_offsets(offsets, unused) < LOST * noise
+
+    def _say(self, elapsed: float) -> None:
+        """What there is to say about the present contact."""
+        contact, said = self._contact, self._said
+        if not contact.pushing:
+            said.append(
+                "traction of either sign was sought, which explains the readings" + ("" if contact.fits else " better")
+            )
+        if not contact.fits:
+            said.append("neither contact nor a few wrong readings explain this frame: error bars go by what is left")
+        if self._check.clipped.any():
+            said.append(
+                f"{int(self._check.clipped.sum())} readings are at the end of their range, at one value exactly: left out"
+            )
+        drift = self._offsets.notable()
+        for c in np.flatnonzero(drift):
+            first = int(np.argmax(self._offsets.index == c))
+            what = self._label(first).split(" at ")[0]
+            said.append(f"the zero of {what} has drifted by {drift[c] * self._std[first]:.3g}: taken out")
+        self._usual_force(elapsed)
+        if self._steady > STEADY:
+            said.append(f"steady for {self._steady:.0f} s: contact or drift? rezero() where nothing touches")
+
+    def _usual_force(self, elapsed: float) -> None:
+        """For how long the contact has hardly changed."""
+        contact = self._contact
+        size = contact.size
+        if math.isnan(self._usual):
+            self._usual = size
+        self._steady += elapsed
+        if abs(size - self._usual) > VARIED * self._usual:
+            self._steady = 0.0
+        self._usual += -math.expm1(-elapsed / REMEMBERED) * (size - self._usual)
 
     def _unless_frozen(self, status: Status) -> Status:
         """The status of a frame that is answered, unless the sensor stands still."""
@@ -341,96 +447,34 @@ class Tracker:
         without = y.copy()
         without[largest] = 0.0
         adjoint = self._equations.adjoint(without, self._check.unused)
-        if float((self._equations.score(adjoint) / max(noise, 1e-300)).max()) > TAKEN:
+        if float((np.abs(self._equations.score(adjoint)) / max(noise, 1e-300)).max()) > TAKEN:
             return False
         self._check.count(np.arange(len(y)) == largest, "unexplained")
         return True
 
-    # -- the contact ---------------------------------------------------------------------------------------------------
-
-    def _explained(self) -> Floats:
-        """The readings that the present solution explains, in units of their standard deviations."""
-        return self._equations.explained(self._solution.region, self._solution.traction)
-
-    def _making(self, cells: Index) -> Callable[[], Region]:
-        """The making of a region, for the readings and the penalty of this frame."""
-        parameter, unused = self._learning.parameter or 1.0, self._check.unused
-        return lambda: self._equations.region(cells, parameter, unused)
-
-    def _renew(self) -> None:
-        """The region's inverse, where the penalty or the readings that are used have changed."""
-        region = self._solution.region
-        if region is not None and not self._holds(region):
-            self._solution.region = self._making(region.cells)()
-
-    def _holds(self, region: Region) -> bool:
-        return region.parameter == self._learning.parameter and np.array_equal(region.unused, self._check.unused)
-
-    def _move(self, score: Floats) -> None:
-        """Keep the contact inside the region with a margin."""
-        region = self._solution.region
-        if region is None:
-            self._moved(self._making(self._search.first(score))())
-        elif "move" in self._background:
-            found = self._background.result("move", lambda: None)
-            if found is not None:
-                # penalty and readings may have changed meanwhile
-                self._moved(found if self._holds(found) else self._making(found.cells)())
-        else:
-            cells = self._search.next(region, self._solution.pressure)
-            found = None if cells is None else self._background.result("move", self._making(cells))
-            if found is not None:
-                self._moved(found)
-
-    def _moved(self, region: Region) -> None:
-        self._solution.move(region)
-        self._search.moved()
-
     def _release(self) -> None:
         """No contact."""
         self._touching = False
-        self._solution.clear()
-        self._search.clear()
-        self._errors.clear()
-        self._background.forget()  # what is under way belongs to the contact that has ended
-
-    def _look(self, y: Floats, actual: Floats, noise: float, *, judge: bool) -> None:
-        """What the contact does not explain: pressure elsewhere, or taxels that are wrong."""
-        check = self._check
-        unused = check.unused
-        rest = actual - self._explained()
-        left = np.where(unused, 0.0, rest)
-        self._residual = float(np.sqrt(np.mean(left[~unused] ** 2)))
-        typical = max(noise, float(np.median(np.abs(left[~unused]))) / NORMAL)
-        limit = max(UNEXPLAINED * typical, GROSS * float(np.abs(y).max()))
-        size = np.abs(left)
-        wrong = (size > limit) & (size > WORST * float(size.max()))
-        few = int(wrong.sum()) <= FEW * len(left)
-        if judge and few:
-            check.judge(wrong, rest, limit, EVERY)
-        if few:
-            left[wrong] = 0.0
-        score = self._equations.score(self._equations.adjoint(left, check.unused)) / typical
-        if self._solution.region is not None:
-            score[self._solution.region.cells] = 0.0
-            self._search.missing(score > TAKEN)
+        self._contact.release()
+        self._steady, self._usual = 0.0, math.nan
 
     # -- the answer ----------------------------------------------------------------------------------------------------
 
     def _answer(self, status: Status, now: float, converged: bool, like: Any, note: str | None) -> Touch:
-        estimator, learning, solution = self.estimator, self._learning, self._solution
+        estimator, learning, contact = self.estimator, self._learning, self._contact
         grid, noise = estimator.surface, learning.noise
         values = np.zeros((len(grid.components), math.prod(estimator.operator.surface.shape)))
         errors: Errors | None = None
         if not status.known:
             self.health.unknown += 1
             values[:] = math.nan
-        elif self._touching and solution.region is not None:
-            values[np.asarray(estimator.columns)[:, None], solution.region.cells[None, :]] = solution.traction
-            errors = self._errors.errors
+        elif self._touching and contact.cells is not None:
+            values[np.asarray(estimator.columns)[:, None], contact.cells[None, :]] = contact.traction
+            errors = contact.errors
         else:
-            errors = self._errors.without_contact(noise)
-        said = [] if note is None else [note]
+            errors = contact.undetected(noise)
+        said = [*([] if note is None else [note]), *self._said]
+        pushing = status is not Status.NOT_PUSHING
         if status not in (Status.SOLVED, Status.NO_CONTACT):
             said.append(f"{status.meaning}; {status.remedy}")
         return Touch(
@@ -450,4 +494,5 @@ class Tracker:
             resolution=None if learning.resolution is None else np.asarray(learning.resolution),
             case=self._case,
             status=np.asarray(int(status), dtype=np.int8),
+            pushing=np.asarray(pushing),
         )

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.tracking.health import Flags
 from palpate.tracking.search import TAKEN
 
 __all__ = ["Zero"]
@@ -29,6 +30,22 @@ class Zero:
         self.time_constant = time_constant
         self._frames = frames
         self._captured: list[Floats] = []
+        self._only: Flags | None = None  # readings whose zero is captured again
+
+    @property
+    def capturing(self) -> bool:
+        """Whether frames are taken for the zero."""
+        return self.baseline is None or self._only is not None
+
+    def again(self, frames: int, only: Flags) -> None:
+        """Take the zero of some readings from the next frames."""
+        if self.baseline is not None:
+            self._captured, self._frames, self._only = [], frames, only.copy()
+
+    def shift(self, by: Floats) -> None:
+        """Move the zero by what is known of its drift."""
+        if self.baseline is not None:
+            self.baseline = self.baseline + by
 
     def capture(self, scaled: Floats) -> float | None:
         """Take a frame of the start; the noise (a standard deviation) with the last one, where it can be told."""
@@ -41,8 +58,10 @@ class Zero:
             good = np.isfinite(frames)
             count = np.maximum(good.sum(axis=0), 1)
             mean = np.where(good, frames, 0.0).sum(axis=0) / count
-            # a reading that never came has no zero yet
-            self.baseline = np.where(good.any(axis=0), mean, math.nan)
+            # a reading that never came has no zero yet, or keeps what it had
+            old = np.full(len(mean), math.nan) if self.baseline is None else self.baseline
+            taken = good.any(axis=0) if self._only is None else good.any(axis=0) & self._only
+            self.baseline, self._only = np.where(taken, mean, old), None
             if self._frames < FRAMES_FOR_NOISE:
                 return None
             square = np.where(good, (frames - mean) ** 2, 0.0).sum() / max((count - 1).sum(), 1)

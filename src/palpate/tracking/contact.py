@@ -1,0 +1,512 @@
+"""What touches in a frame: contact that pushes, on all readings but a few, or else traction of either sign; and whether that explains them.
+
+A frame that is explained as the ones before costs one solution. Where the misfit says otherwise, and at a regular look, the hypotheses are
+weighed in that very frame: cells where pressure is missing, readings that are wrong, a zero that has jumped, traction that pulls.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
+from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.estimate import Errors
+from palpate.tracking.background import Background
+from palpate.tracking.errors import ErrorBars
+from palpate.tracking.health import Flags, Index, ReadingCheck
+from palpate.tracking.iteration import Iteration
+from palpate.tracking.learning import NORMAL, Learning
+from palpate.tracking.offsets import Marginal, Offsets
+from palpate.tracking.pulling import Pulling
+from palpate.tracking.region import NormalEquations, Region
+from palpate.tracking.search import TAKEN, Search
+
+__all__ = ["EVERY", "Contact", "Frame"]
+
+#: Everything is looked at (new contacts, taxels that contact does not explain) at least once in so many frames: a look costs about as
+#: much as a frame.
+EVERY = 8
+#: A reading is bad where it is this many standard deviations, and this part of the largest, from what contact explains: the model
+#: of a pad may be wrong by some per cent of the largest reading.
+UNEXPLAINED, GROSS = 8.0, 0.1
+#: A wrong taxel bends the solution round it: of those that are not explained only the worst are judged, down to this part of the
+#: largest misfit; those that it hid come next, in so many turns at most.
+WORST, TURNS = 0.6, 8
+#: Up to the first part of the readings (or so many) may be wrong without another thought; then pulling is weighed against it; beyond the
+#: second part it is the contact that is not found.
+FEW, FEWEST, MOST = 0.02, 3, 0.2
+#: The zero that jumped is found in so many rounds: noise that only pushes hides part of it in each.
+JUMPS = 4
+#: A frame is explained where no more is left than so many standard deviations (known from many frames here), and the part of the signal
+#: that the batch allows: a root mean square of 1.5 of a hundred readings is seven standard deviations of its own.
+EXCESS = 1.5
+#: Work under way after which the solution will be another.
+MOVING = ("learn", "move")
+#: A zero that jumped is told from contact where that covers no more than this part of the surface.
+COMPACT = 0.4
+#: A look is taken at once where the misfit is so many standard deviations of its own beyond the noise, and this part of the readings'
+#: energy (a dead taxel under a contact: per cents), or so many times what was found acceptable before.
+UNUSUAL, ENERGY, TOLERATED = 6.0, 5e-4, 1.5
+#: Pressure that wants to pull by this part of the highest score, and by as much as a contact is taken up for, speaks for a pull.
+WANTS = 0.05
+#: Log odds that a reading is wrong, and that a frame pulls: one reading in 3000, and one cell in 1000 by as much as is taken for contact.
+COST_OF_READING, COST_OF_PULL = 8.0, TAKEN**2
+
+
+class Frame(NamedTuple):
+    """A frame to be explained: readings without zero and offsets (NaN where missing), noise, and when it must be done."""
+
+    actual: Floats
+    noise: float
+    deadline: float
+
+
+class _Found(NamedTuple):
+    """What a hypothesis leaves of each reading, its root mean square, and which readings it does not use."""
+
+    rest: Floats
+    left: float
+    unused: Flags
+    fits: bool
+
+
+class Contact:
+    """The contact of a stream."""
+
+    def __init__(
+        self,
+        estimator: ConstrainedEstimator,
+        equations: NormalEquations,
+        learning: Learning,
+        check: ReadingCheck,
+        offsets: Offsets,
+        background: Background,
+        tolerance: float,
+    ) -> None:
+        self._estimator, self._equations, self._learning, self._check = estimator, equations, learning, check
+        self._offsets, self._background, self._tolerance = offsets, background, tolerance
+        self._limits = Thresholds()
+        self._solution = Iteration(estimator.cone, len(estimator.columns), math.prod(estimator.operator.surface.shape))
+        self._search, self._errors = Search(estimator), ErrorBars(estimator, equations)
+        self._pulling = Pulling(estimator, equations)
+        self.residual = math.nan
+        self.release()
+
+    def release(self) -> None:
+        """No contact."""
+        self._solution.clear()
+        self._search.clear()
+        self._errors.clear()
+        self._pulling.clear()
+        self._background.forget()  # what is under way belongs to the contact that has ended
+        self._check.suspects[:] = False
+        self._tolerated = ENERGY
+        self.pushing = self.fits = True
+        self.jumped = False
+        self.noise = 0.0
+        self._marginal: Marginal | None = None
+        self._energy = self._objective = 0.0
+        self._fresh = True
+
+    # -- what was found ------------------------------------------------------------------------------------------------
+
+    @property
+    def cells(self) -> Index | None:
+        """Cells of the traction, None without contact."""
+        if not self.pushing:
+            return self._pulling.cells
+        return None if self._solution.region is None else self._solution.region.cells
+
+    @property
+    def traction(self) -> Floats:
+        """(component, cell) [Pa]."""
+        return self._solution.traction if self.pushing else self._pulling.traction
+
+    @property
+    def size(self) -> float:
+        """Sum of the magnitudes of pressure, in any unit."""
+        return float(np.abs(self._solution.pressure if self.pushing else self._pulling.traction[-1]).sum())
+
+    @property
+    def errors(self) -> Errors | None:
+        return self._errors.errors
+
+    def undetected(self, noise: float | None) -> Errors | None:
+        """Errors of a frame without contact: what would not be detected."""
+        return self._errors.without_contact(noise)
+
+    # -- one frame -----------------------------------------------------------------------------------------------------
+
+    def solve(self, frame: Frame, *, regular: bool, restarted: bool) -> bool:
+        """Find what touches; False where the iteration did not end.
+
+        ``regular``: take a look whatever the misfit; ``restarted``: the sensor began anew, its zero may have jumped.
+        """
+        self.jumped = False
+        regular = regular or self._fresh or restarted
+        learned = self._learn(frame)
+        used = self._check.unused
+        noise = frame.noise if self._learning.noise is None else self._learning.noise
+        frame = frame._replace(noise=noise)
+        converged = True
+        if not self.pushing:
+            found = self._pull(frame)
+            if regular or (self.fits and not found.fits):  # what nothing explains is looked at now and then
+                converged = self._weigh(frame, restarted)
+            else:
+                self._take(found, noise)
+        else:
+            converged = self._push(frame)
+            if self._beyond(noise, ENERGY) and not learned and self._learn(frame, misfit=True):
+                learned = True
+                converged = self._push(frame)
+            unusual = self._beyond(noise, self._tolerated)
+            if unusual and self._background.wait(MOVING, frame.deadline):
+                learned = self._learn(frame) or learned
+                converged = self._push(frame)
+                unusual = self._beyond(noise, self._tolerated)
+            if regular or unusual:
+                moving = any(name in self._background for name in MOVING)
+                if (converged or not self._background.threaded) and not moving:
+                    converged = self._weigh(frame, restarted)
+                elif unusual:
+                    converged = False  # on its way: the cells are about to move
+        unused = self._check.unused
+        holes = unused.any() if self._fresh else not np.array_equal(unused, used)
+        if self.pushing and learned and holes and not self._background.threaded:
+            # a hole looks like detail: the penalty is learned again, from readings filled by a smooth contact
+            largest = float(self._equations.diagonal.max())
+            self._learning.again(np.where(unused, 0.0, frame.actual), frame.noise, largest)
+            self._push(frame)
+            if self._learn(frame):
+                self._push(frame)
+                converged = self._weigh(frame, restarted)
+        self._fresh = False
+        self._finish(frame)
+        return converged
+
+    def _learn(self, frame: Frame, *, misfit: bool = False) -> bool:
+        """Penalty and noise, where the load is another; whether there is something new."""
+        filled = self._filled(frame)
+        # readings that contact does not explain count here: with a penalty that is too smooth it explains little
+        came = np.where(self._check.suspects & np.isfinite(frame.actual), frame.actual, filled)
+        new = self._learning.learn(
+            filled,
+            frame.noise,
+            float(self._equations.diagonal.max()),
+            self._background,
+            energy=float(came @ came),
+            misfit=misfit,
+        )
+        if new:
+            self._errors.outdate(later=True)
+        return new
+
+    def _finish(self, frame: Frame) -> None:
+        """Offsets and error bars."""
+        unused, marginal = self._check.unused, self._marginal
+        if marginal is None:
+            raise RuntimeError("the frame was not solved")
+        y = np.where(unused, 0.0, frame.actual)
+        if self.fits:
+            self._offsets.seen(y)
+        if self.pushing:
+            self._errors.refresh(self._solution, y, self.noise, unused, self._background, self._offsets)
+        else:
+            self._errors.refresh_pulling(self._pulling, y, self.noise, unused, self._parameter, self._offsets)
+        told = self._errors.told
+        if told is None or not self.fits:
+            return
+        if not np.array_equal(told.unused, unused):
+            self._errors.age()
+            return
+        cells, traction = self._firm()
+        innovation = told.innovation(marginal.sums, self._equations.adjoint(y, unused), cells, traction)
+        self._offsets.update(told.counts, innovation, self.noise)
+
+    def _firm(self) -> tuple[Index, Floats]:
+        """Cells and traction of the contact that is beyond doubt: noise that only pushes adds up over the cells where nothing does, and would
+        be taken out of the zero for ever.
+        """
+        region = self._solution.region
+        if not self.pushing or region is None:
+            return (np.zeros(0, dtype=np.intp) if self.cells is None else self.cells), self.traction
+        pressure = self._solution.pressure
+        strong = pressure > FAINT * float(pressure.max(initial=0.0))
+        return region.cells[strong], self._solution.traction[:, strong]
+
+    @property
+    def _parameter(self) -> float:
+        return self._learning.parameter or 1.0
+
+    def _filled(self, frame: Frame) -> Floats:
+        """The readings, with what contact explains in place of those that are not used."""
+        unused = self._check.unused
+        return np.where(unused, self._explained() if unused.any() else 0.0, frame.actual)
+
+    def _explained(self) -> Floats:
+        """The readings that the present solution explains, in units of their standard deviations."""
+        if not self.pushing:
+            return self._pulling.explained()
+        return self._equations.explained(self._solution.region, self._solution.traction)
+
+    # -- hypotheses ----------------------------------------------------------------------------------------------------
+
+    def _prepared(self, frame: Frame) -> tuple[Floats, Flags, Marginal]:
+        unused = self._check.unused
+        y = np.where(unused, 0.0, frame.actual)
+        return y, unused, self._offsets.marginal(y, unused, frame.noise)
+
+    def _push(self, frame: Frame) -> bool:
+        """Contact that only pushes, on the readings that are used."""
+        y, unused, marginal = self._prepared(frame)
+        equations, solution = self._equations, self._solution
+        slope = equations.adjoint(y, unused)
+        score = equations.score(slope) / frame.noise
+        gain = marginal.gain if marginal.gain.any() else None
+        if gain is not None:
+            slope = slope - equations.of_offsets(gain @ marginal.sums, unused)
+        self._renew()
+        self._move(score)
+        converged = solution.solve(slope, gain, tolerance=self._tolerance, deadline=frame.deadline)
+        self._marginal = marginal
+        white = y if self._estimator.readings.independent else self._estimator.readings.white(y[~unused], ~unused)
+        self._energy = float(white @ white)
+        self._objective = self._energy - float(marginal.sums @ marginal.gain @ marginal.sums) - solution.product
+        self._used = int((~unused).sum())
+        return converged
+
+    def _pull(self, frame: Frame) -> _Found:
+        """Traction of either sign."""
+        y, unused, marginal = self._prepared(frame)
+        self._pulling.solve(y, frame.noise, unused, self._parameter, marginal)
+        self._marginal = marginal
+        return self._left(frame, self._pulling.explained(), self._pulling.shared())
+
+    def _beyond(self, noise: float, tolerated: float) -> bool:
+        """Whether the misfit is more than noise and this part of the readings' energy."""
+        n = self._used
+        return self._objective > noise**2 * (n + UNUSUAL * math.sqrt(2.0 * n)) + tolerated * self._energy
+
+    def _left(self, frame: Frame, explained: Floats, shared: Floats) -> _Found:
+        """What a solution leaves of a frame."""
+        if self._marginal is None:
+            raise RuntimeError("the frame was not solved")
+        unused = self._check.unused
+        shift = self._marginal.gain @ (self._marginal.sums - shared)
+        rest = frame.actual - explained - shift[self._offsets.index]
+        rest = np.where(np.isfinite(rest), rest, 0.0)
+        used = ~unused
+        left = float(np.sqrt(np.mean(rest[used] ** 2)))
+        signal = float(np.sqrt(np.mean(frame.actual[used] ** 2)))
+        fits = left <= math.hypot(EXCESS * frame.noise, self._limits.unexplained_signal * signal)
+        return _Found(rest, left, unused.copy(), fits)
+
+    def _wrong(self, frame: Frame, found: _Found) -> tuple[Flags, float]:
+        """Readings that the solution does not explain, the worst first; and beyond what they are wrong."""
+        used, rest = ~found.unused, found.rest
+        typical = max(frame.noise, float(np.median(np.abs(rest[used]))) / NORMAL)
+        largest = float(np.abs(np.where(used, frame.actual, 0.0)).max())
+        limit = max(UNEXPLAINED * typical, GROSS * largest)
+        size = np.where(self._judged(frame), np.abs(rest), 0.0)
+        fresh = np.where(self._check.suspects, 0.0, size)
+        worst = fresh > max(limit, WORST * float(fresh.max()))
+        return worst | (self._check.suspects & (size > limit)), limit
+
+    def _judged(self, frame: Frame) -> Flags:
+        """Readings that came."""
+        return np.isfinite(frame.actual) & ~self._check.clipped
+
+    def _weigh(self, frame: Frame, restarted: bool) -> bool:
+        """Weigh the hypotheses and take the best."""
+        check = self._check
+        before = check.suspects.copy()
+        if restarted:
+            jumped, converged = self._jumped(frame)
+            if jumped is not None:
+                return self._accept_push(frame, jumped, converged)
+        pushed, converged, pulls = self._pushed(frame)
+        count = int(check.suspects.sum())
+        suspects = check.suspects.copy()
+        if pushed.fits and not pulls and count <= max(FEWEST, FEW * len(pushed.rest)):
+            return self._accept_push(frame, pushed, converged)
+        marginal = self._marginal
+        check.suspects[:] = False
+        pulled = self._pulled(frame)
+        spread = (
+            frame.noise**2
+            + (self._limits.unexplained_signal * float(np.sqrt(np.mean(frame.actual[~pushed.unused] ** 2)))) ** 2
+        )
+        costs = [
+            0.5 * f.left**2 * float((~f.unused).sum()) / spread + COST_OF_READING * c + extra
+            for f, c, extra in ((pushed, count, 0.0), (pulled, int(check.suspects.sum()), COST_OF_PULL))
+        ]
+        if costs[1] < costs[0]:
+            self.pushing = False
+            self._solution.clear()
+            self._take(pulled, frame.noise)
+            self._errors.outdate()
+            return True
+        check.suspects[:] = suspects if pushed.fits else before & suspects
+        self._marginal = marginal
+        if not np.array_equal(check.unused, pushed.unused) or self._solution.region is None:
+            converged = self._push(frame)
+            pushed = self._left(
+                frame,
+                self._equations.explained(self._solution.region, self._solution.traction),
+                self._solution.shared(),
+            )
+        return self._accept_push(frame, pushed, converged)
+
+    def _jumped(self, frame: Frame) -> tuple[_Found | None, bool]:
+        """Contact that only pushes on a zero that has jumped, or None where that does not explain the frame."""
+        offsets, solution = self._offsets, self._solution
+        mean, cov = offsets.mean.copy(), offsets.cov.copy()
+        for _ in range(JUMPS):
+            offsets.jump()
+            found, converged, pulls = self._pushed(frame)
+            if self._marginal is None or not found.fits or pulls:
+                break
+            before = offsets.value()
+            left = self._marginal.sums - solution.shared(FAINT)
+            offsets.update(0.5 * offsets.counts(self._check.unused), 0.5 * left, frame.noise)
+            frame = frame._replace(actual=frame.actual - (offsets.value() - before))
+            self._push(frame)
+        else:
+            pressure = solution.pressure
+            covered = int((pressure > FAINT * float(pressure.max(initial=0.0))).sum())
+            if offsets.plausible(mean) and covered < COMPACT * math.prod(self._estimator.operator.surface.shape):
+                self.jumped = True
+                return found, converged
+        offsets.mean, offsets.cov = mean, cov
+        solution.clear()
+        return None, True
+
+    def _accept_push(self, frame: Frame, pushed: _Found, converged: bool) -> bool:
+        self.pushing = True
+        self._pulling.clear()
+        if pushed.fits and self._check.suspects.sum() <= MOST * len(pushed.rest):
+            _, limit = self._wrong(frame, pushed)
+            self._check.judge(self._check.suspects.copy(), pushed.rest, limit, EVERY)
+        excess = self._objective - frame.noise**2 * self._used
+        self._tolerated = max(ENERGY, TOLERATED * excess / max(self._energy, 1e-300))
+        self._take(pushed, frame.noise)
+        return converged
+
+    def _take(self, found: _Found, noise: float) -> None:
+        self.fits, self.residual = found.fits, found.left
+        level = noise if found.fits else max(noise, found.left)
+        if not 0.8 * level < self.noise < 1.25 * level:
+            self._errors.outdate()
+            self.noise = level
+
+    def _pushed(self, frame: Frame) -> tuple[_Found, bool, bool]:
+        """Contact that only pushes, with cells added where it is missing and readings left out that it does not explain."""
+        check, equations, solution = self._check, self._equations, self._solution
+        if solution.region is None or not self.pushing:
+            self._search.clear()
+            converged = self._push(frame)
+        else:
+            converged = True
+        pulls = False
+        for turn in range(TURNS):
+            found = self._left(frame, equations.explained(solution.region, solution.traction), solution.shared())
+            wrong, _ = self._wrong(frame, found)
+            few = bool(wrong.mean() <= MOST)
+            wrong = wrong & few & ~check.health.left_out
+            new = not np.array_equal(wrong, check.suspects)
+            left = np.where(found.unused | wrong, 0.0, found.rest)
+            typical = max(frame.noise, float(np.median(np.abs(found.rest[~found.unused]))) / NORMAL)
+            score = equations.score(equations.adjoint(left, found.unused)) / typical
+            highest = float(
+                equations.score(equations.adjoint(np.where(found.unused, 0.0, frame.actual), found.unused)).max()
+            )
+            pulls = bool(score.min() < -max(TAKEN, WANTS * highest / typical))
+            if solution.region is not None:
+                score[solution.region.cells] = 0.0
+            missing = score > TAKEN
+            if missing.any() and not new:  # a wrong reading bends the solution round it
+                self._search.missing(missing)
+            check.suspects = wrong
+            # what is missing is added in the frames that come, where a frame has a budget
+            if turn == TURNS - 1 or not (new or (missing.any() and not self._background.threaded)):
+                break
+            region = solution.region
+            converged = self._push(frame)
+            if not new and solution.region is region:
+                found = self._left(frame, equations.explained(region, solution.traction), solution.shared())
+                break
+        return found, converged, pulls
+
+    def _pulled(self, frame: Frame) -> _Found:
+        """Traction of either sign, with readings left out that it does not explain."""
+        check = self._check
+        found = self._pull(frame)
+        for _ in range(TURNS):
+            wrong, _ = self._wrong(frame, found)
+            wrong = wrong & ~check.health.left_out
+            if wrong.mean() > MOST:
+                check.suspects[:] = False
+                return self._pull(frame)
+            if np.array_equal(wrong, check.suspects):
+                break
+            check.suspects = wrong
+            found = self._pull(frame)
+        return found
+
+    # -- cells ---------------------------------------------------------------------------------------------------------
+
+    def _making(self, cells: Index) -> _Making:
+        """The making of a region, for the readings and the penalty of this frame."""
+        return _Making(self._equations, cells, self._parameter, self._check.unused)
+
+    def _renew(self) -> None:
+        """The region's inverse, where the penalty or the readings that are used have changed."""
+        region = self._solution.region
+        if region is None or self._holds(region):
+            return
+        cells = region.cells
+        if region.parameter != self._learning.parameter:  # made anew in any case: no larger than need be
+            needed = self._search.needed(region, self._solution.pressure)
+            if 0 < len(needed) < len(cells) and np.isin(needed, cells).all():
+                cells = needed
+        self._solution.move(self._making(cells)())
+
+    def _holds(self, region: Region) -> bool:
+        return region.parameter == self._learning.parameter and np.array_equal(region.unused, self._check.unused)
+
+    def _move(self, score: Floats) -> None:
+        """Keep the contact inside the region with a margin."""
+        region = self._solution.region
+        if region is None:
+            self._moved(self._making(self._search.first(score))())
+        elif "move" in self._background:
+            found = self._background.result("move", lambda: None)
+            if found is not None:
+                # penalty and readings may have changed meanwhile
+                self._moved(found if self._holds(found) else self._making(found.cells)())
+        else:
+            cells = self._search.next(region, self._solution.pressure)
+            found = None if cells is None else self._background.result("move", self._making(cells).__call__)
+            if found is not None:
+                self._moved(found)
+
+    def _moved(self, region: Region) -> None:
+        self._solution.move(region)
+        self._search.moved()
+
+
+class _Making(NamedTuple):
+    """A region to be made."""
+
+    equations: NormalEquations
+    cells: Index
+    parameter: float
+    unused: Flags
+
+    def __call__(self) -> Region:
+        return self.equations.region(self.cells, self.parameter, self.unused)

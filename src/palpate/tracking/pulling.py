@@ -1,0 +1,135 @@
+"""Traction of either sign, for frames that contact which only pushes does not explain: adhesion, a hook, a hand that lifts the pad.
+
+The same penalty without its constraints, on the cells where the readings speak for traction of either sign:
+
+    t = (A'A + penalty)^-1 A'y.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import scipy.linalg
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.cone import Face, Solution, cholesky
+from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.model import ContactModel, Normal, dilated
+from palpate.inverse.estimate import Errors
+from palpate.tracking.health import Flags, Index
+from palpate.tracking.offsets import Marginal
+from palpate.tracking.region import SMALLEST, NormalEquations
+from palpate.tracking.search import LOST, TAKEN
+
+__all__ = ["Pulling", "firm"]
+
+#: The cells of the first guess are those above this part of the highest score; cells are added so often at most.
+LIKELY, ROUNDS = 0.2, 4
+
+
+def firm(matrix: Floats) -> Floats:
+    """A normal matrix whose smallest eigenvalues are told from zero, in place: without noise next to nothing is penalised."""
+    matrix[np.diag_indices(len(matrix))] += SMALLEST * float(np.diagonal(matrix).max(initial=0.0))
+    return matrix
+
+
+class Pulling:
+    """Traction of either sign on some cells, and the factor that is kept for them."""
+
+    def __init__(self, estimator: ConstrainedEstimator, equations: NormalEquations) -> None:
+        self._estimator, self._equations = estimator, equations
+        self._grid = estimator.operator.surface
+        self.clear()
+
+    def clear(self) -> None:
+        self.cells: Index | None = None
+        self.traction: Floats = np.zeros((len(self._estimator.columns), 0))
+        self._kept: tuple[float, Flags, Floats, Floats] | None = None
+
+    def solve(self, y: Floats, noise: float, unused: Flags, parameter: float, marginal: Marginal) -> None:
+        """Find the traction of a frame."""
+        equations = self._equations
+        slope = equations.adjoint(y, unused).astype(np.float64)
+        slope = slope - np.tensordot(marginal.gain @ marginal.sums, equations.shared(unused), 1)
+        score = np.abs(equations.score(slope.astype(np.float32))) / noise
+        likely = score > max(LOST, LIKELY * float(score.max()))
+        wanted = self._around(likely)
+        if self.cells is not None and np.isin(np.flatnonzero(likely), self.cells).all():
+            kept = np.zeros(len(score), dtype=bool)
+            kept[self.cells] = True
+            if kept.sum() < 2 * max(wanted.sum(), 9):
+                wanted = kept
+        for _ in range(ROUNDS):
+            self._on(np.flatnonzero(wanted), parameter, unused)
+            self._solve(slope, marginal.gain)
+            whole = np.zeros((len(self.traction), len(score)))
+            whole[:, self.cells] = self.traction
+            rest = np.where(unused, 0.0, y - self._estimator.explained_by(whole) / self._estimator.readings.std)
+            left = np.abs(equations.score(equations.adjoint(rest, unused))) / noise
+            missing = (left > max(TAKEN, 0.1 * float(score.max()))) & ~wanted
+            if not missing.any():
+                break
+            wanted = wanted | self._around(missing)
+
+    def _around(self, cells: Flags) -> Flags:
+        depth = math.ceil(self._estimator.depth / min(self._grid.spacings)) + 1
+        return dilated(cells.reshape(self._grid.shape), depth).ravel()
+
+    def _on(self, cells: Index, parameter: float, unused: Flags) -> None:
+        kept = self._kept
+        if (
+            kept is not None
+            and self.cells is not None
+            and kept[0] == parameter
+            and np.array_equal(kept[1], unused)
+            and np.array_equal(self.cells, cells)
+        ):
+            return
+        self.cells = cells
+        shared = self._equations.shared(unused)[:, :, cells].reshape(-1, len(self._estimator.columns) * len(cells))
+        factor = cholesky(firm(self._equations.penalised(cells, parameter, unused)))
+        self._kept = parameter, unused.copy(), factor, shared
+
+    def _solve(self, slope: Floats, gain: Floats) -> None:
+        if self._kept is None or self.cells is None:
+            raise RuntimeError("there are no cells")
+        factor, shared = self._kept[2:]
+
+        def inverse(b: Floats) -> Floats:
+            return np.asarray(scipy.linalg.cho_solve((factor, True), b, check_finite=False))
+
+        b = slope[:, self.cells].ravel()
+        x, spread = inverse(b), inverse(shared.T)
+        middle = gain @ np.linalg.inv(np.eye(len(gain)) - shared @ spread @ gain)
+        x = x + spread @ (middle @ (shared @ x))
+        if not np.isfinite(x).all():
+            raise np.linalg.LinAlgError("traction of either sign has no finite result")
+        self.traction = x.reshape(len(slope), len(self.cells))
+
+    def shared(self) -> Floats:
+        """B'A t: what the solution explains of the sums of each channel."""
+        if self._kept is None:
+            raise RuntimeError("there are no cells")
+        return np.asarray(self._kept[3] @ self.traction.ravel())
+
+    def explained(self) -> Floats:
+        """The whitened readings that the traction explains."""
+        whole = np.zeros((len(self.traction), math.prod(self._grid.shape)))
+        if self.cells is not None:
+            whole[:, self.cells] = self.traction
+        return self._estimator.explained_by(whole) / self._estimator.readings.std
+
+    def model(self, data: Normal, parameter: float) -> ContactModel:
+        """The solution as a model whose every cell is free; ``data`` in units of the noise, with the penalty's weight for it."""
+        c, n = self.traction.shape
+        hessian = data.gram.copy()
+        for i, q in enumerate(self._estimator.precisions(data.level, 1, parameter)):
+            hessian[i * n : (i + 1) * n, i * n : (i + 1) * n] += q[data.cells][:, data.cells].toarray()
+        face = Face(np.broadcast_to(np.eye(c), (n, c, c)), np.ones((c, n), dtype=bool), False)
+        solution = Solution(self.traction, 0.0, 1, True, face, cholesky(firm(hessian.copy())))
+        return ContactModel(data, hessian, solution, weight=1.0)
+
+    def errors(self, data: Normal, parameter: float) -> Errors:
+        """Standard deviations of every quantity."""
+        return self._estimator.summed_up([self.model(data, parameter)])[1]
