@@ -31,11 +31,12 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import TOLERANCE, Cone, cholesky
+from palpate.inverse.contact.cone import TOLERANCE, Cone
 from palpate.inverse.contact.constrained import LARGEST_UNKNOWNS, ConstrainedEstimator
 from palpate.inverse.contact.differences import Sparse
+from palpate.inverse.contact.factors import cholesky
 from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, scattered
-from palpate.inverse.contact.posterior import posterior_factor
+from palpate.inverse.contact.posterior import variance_of
 from palpate.inverse.contact.sliding import expanded, ways_of_sliding
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.sensing.grids import repeated
@@ -259,21 +260,20 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """
         import scipy.ndimage
 
-        level, n = member.level, len(member.cells)
+        level = member.level
         total: Floats = np.zeros(level.grid.shape)
         each = []
+        if variance:
+            touched, rows = level.differences.touching(member.cells)
+            c = len(self.columns)
+            unsure = variance_of(member, rows.each(c, len(member.cells))).reshape(c, -1)
+            parts = np.cumsum([len(edges) for edges in touched])[:-1]
         for i, values in enumerate(member.solution.traction):
             field = scattered(values, member.cells, level.grid.shape).ravel()
-            squares = []
-            for d in level.differences.along:
-                square = (d @ field) ** 2
-                if variance:
-                    local = d[:, member.cells]
-                    touched = np.flatnonzero(np.diff(local.indptr))
-                    rows = np.zeros((len(touched), len(self.columns) * n))
-                    rows[:, i * n : (i + 1) * n] = local[touched].toarray()
-                    square[touched] += (posterior_factor(member.solution, rows) ** 2).sum(axis=0)
-                squares.append(square)
+            squares = [(d @ field) ** 2 for d in level.differences.along]
+            if variance:
+                for square, edges, more in zip(squares, touched, np.split(unsure[i], parts)):
+                    square[edges] += more
             energy = level.differences.energy(squares)
             each.append(energy)
             total = total + energy / (self.variances[i] * len(self.variances))

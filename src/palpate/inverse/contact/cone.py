@@ -12,15 +12,20 @@ few steps, exactly. Where it cycles, steps of the alternating direction method o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.differences import Sparse
+from palpate.inverse.contact.factors import Factor
+from palpate.inverse.contact.quadratic import Formed, Quadratic
+from palpate.inverse.contact.rows import Rows
 
-__all__ = ["TOLERANCE", "Cone", "Face", "Ray", "Solution", "cholesky", "minimise"]
+__all__ = ["TOLERANCE", "Cone", "Face", "Ray", "Solution", "minimise"]
 
 
 @dataclass(frozen=True)
@@ -107,8 +112,8 @@ class Solution:
     """Minimiser (component, cell), and how it was reached.
 
     ``residual`` is the largest entry of x - P_K(x - d (Hx - h)) over the largest entry of x. ``face`` and ``factor``, where
-    asked for, are the directions free to move on the face of K that the solution lies on, and the Cholesky factor of H there:
-    their covariance is the inverse.
+    asked for, are the directions free to move on the face of K that the solution lies on, and a factor of H there: their
+    covariance is the inverse.
     """
 
     traction: Floats
@@ -116,7 +121,7 @@ class Solution:
     steps: int
     converged: bool
     face: Face | None = None
-    factor: Floats | None = None
+    factor: Factor | None = None
 
 
 #: Relative residual at which a solution counts as exact: the normal matrix of a problem of condition 1e6 leaves 1e-10.
@@ -134,7 +139,7 @@ FREE = 1e-10
 
 
 def minimise(
-    hessian: Floats,
+    hessian: Floats | Quadratic,
     linear: Floats,
     cone: Cone,
     start: Floats | None = None,
@@ -147,14 +152,14 @@ def minimise(
 
     Parameters
     ----------
-    hessian : array (component * cell, component * cell)
+    hessian : array (component * cell, component * cell) or Quadratic
         Symmetric, positive definite; component-major.
     linear : array (component, cell)
     cone : Cone
     start : array (component, cell), optional
         A guess; a good one saves steps and changes nothing else.
     keep_face : bool
-        Return the face that the solution lies on and the Cholesky factor of H on it.
+        Return the face that the solution lies on and a factor of H on it.
 
     Returns
     -------
@@ -163,23 +168,23 @@ def minimise(
     """
     c, n = linear.shape
     scale = cone.scales
-    rows = np.repeat(scale, n)
-    h_matrix = hessian if (scale == 1.0).all() else hessian * rows[:, None] * rows[None, :]
+    h_matrix: Quadratic = Formed(hessian) if isinstance(hessian, np.ndarray) else hessian
+    if (scale != 1.0).any():
+        h_matrix = h_matrix.scaled(scale)
     h_vector = linear * scale[:, None]
-    step_size = c / np.maximum(np.diagonal(h_matrix).reshape(c, n).sum(axis=0), 1e-300)
+    step_size = c / np.maximum(h_matrix.diagonal().reshape(c, n).sum(axis=0), 1e-300)
     x = cone.project(np.zeros((c, n)) if start is None else start / scale[:, None])
-    gradient = (h_matrix @ x.ravel()).reshape(c, n) - h_vector
+    gradient = h_matrix.product(x) - h_vector
     reference = max(float(np.abs(step_size * h_vector).max()), 1e-300)
-    best, best_size, since, taken = x, np.inf, 0, 0
+    best, best_gradient, best_size, since, taken = x, gradient, np.inf, 0, 0
     rescues = 0
-    face: Face | None = None
-    factor: Floats | None = None
+    known: tuple[Face, Factor] | None = None
     while True:
         v = x - step_size * gradient
         residual = x - cone.project(v)
         size = float(np.abs(residual).max()) / max(float(np.abs(x).max()), 1e-6 * reference)
         if size < SMALLER * best_size:
-            best, best_size, since = x, size, 0
+            best, best_gradient, best_size, since = x, gradient, size, 0
         else:
             since += 1
         if size <= tolerance or taken >= steps:
@@ -189,75 +194,76 @@ def minimise(
                 break
             x = _alternate(h_matrix, h_vector, cone, best, ALTERNATING * MORE**rescues)
             rescues, since = rescues + 1, 0
-            gradient = (h_matrix @ x.ravel()).reshape(c, n) - h_vector
+            gradient = h_matrix.product(x) - h_vector
             continue
-        x = _newton(h_matrix, cone, x, v, residual, step_size)[0]
-        gradient = (h_matrix @ x.ravel()).reshape(c, n) - h_vector
+        known = _factored(h_matrix, cone, v, step_size, known)
+        x = _newton(h_matrix, *known, x, residual, step_size)
+        gradient = h_matrix.product(x) - h_vector
         taken += 1
     converged = best_size <= tolerance
     if keep_face:
-        v = best - step_size * ((h_matrix @ best.ravel()).reshape(c, n) - h_vector)
-        _, face, factor = _newton(h_matrix, cone, best, v, np.zeros_like(best), step_size)
+        face, factor = _factored(h_matrix, cone, best - step_size * best_gradient, step_size, known)
         face.scales = scale
+        known = face, factor
     return Solution(
         cone.project(best) * scale[:, None],
         best_size,
         taken,
         converged,
-        *((face, factor) if keep_face else (None, None)),
+        *(known if keep_face and known is not None else (None, None)),
     )
 
 
-def _newton(
-    hessian: Floats, cone: Cone, x: Floats, v: Floats, residual: Floats, step_size: Floats
-) -> tuple[Floats, Face, Floats]:
-    """One semismooth Newton step; also the directions that stay free and the factor of H on them.
+def _factored(
+    hessian: Quadratic, cone: Cone, v: Floats, step_size: Floats, known: tuple[Face, Factor] | None
+) -> tuple[Face, Factor]:
+    """The directions that the projection of v leaves free, and the factor there of H and of what shrinks them (`_newton`)."""
+    face = Face(*cone.directions(v), cone.coupled)
+    straight = known is not None and not (face.oblique.any() or known[0].oblique.any())
+    if known is not None and straight and np.array_equal(face.free, known[0].free):
+        return known
+    return face, hessian.factor(face, (1.0 - face.kept) / (face.kept * face.spread(step_size)))
+
+
+def _newton(hessian: Quadratic, face: Face, factor: Factor, x: Floats, residual: Floats, step_size: Floats) -> Floats:
+    """One semismooth Newton step.
 
     In the eigenvectors W of the projection's derivative, with eigenvalues m: where m = 0 the step is known at once,
     s_w = -r_w; elsewhere (W'H s)_w + (1 - m)/(m d) s_w = -r_w/(m d).
     """
-    import scipy.linalg
-
-    c, n = x.shape
-    basis, values = cone.directions(v)
-    face = Face(basis, values > FREE, cone.coupled)
     local = face.rotate(residual)
-    m = values.ravel()[face.index]
-    reach = np.tile(step_size, c)[face.index]
-    known = np.where(face.free, 0.0, -local).reshape(c, n)
-    fixed = face.unrotate(known)
-    reduced = face.restrict(hessian)
-    reduced[np.diag_indices(len(reduced))] += (1.0 - m) / (m * reach)
-    right = -local.ravel()[face.index] / (m * reach)
+    fixed = face.unrotate(np.where(face.free, 0.0, -local))
+    right = -local.ravel()[face.index] / (face.kept * face.spread(step_size))
     if fixed.any():
-        right -= face.rotate((hessian @ fixed.ravel()).reshape(c, n)).ravel()[face.index]
-    factor = cholesky(reduced)
-    found = np.zeros(c * n)
-    found[face.index] = scipy.linalg.cho_solve((factor, True), right, check_finite=False)
-    return x + fixed + face.unrotate(found.reshape(c, n)), face, factor
-
-
-def cholesky(matrix: Floats) -> Floats:
-    """Lower factor; where rounding makes the matrix indefinite, of the matrix plus as little of the identity as helps."""
-    import scipy.linalg
-
-    diagonal = np.diagonal(matrix).copy()
-    for jitter in (0.0, 1e-14, 1e-12, 1e-10):
-        matrix[np.diag_indices(len(matrix))] = diagonal * (1.0 + jitter) + jitter * diagonal.max(initial=0.0)
-        try:
-            return np.asarray(scipy.linalg.cholesky(matrix, lower=True, check_finite=False))
-        except np.linalg.LinAlgError:
-            continue
-    raise np.linalg.LinAlgError("the quadratic program is not positive definite")
+        right -= face.rotate(hessian.product(fixed)).ravel()[face.index]
+    found = np.zeros(x.size)
+    found[face.index] = factor.solve(right)
+    return x + fixed + face.unrotate(found.reshape(x.shape))
 
 
 class Face:
-    """Free directions of every cell: some of the columns of an orthogonal matrix that mixes the components of one cell."""
+    """Free directions of every cell: some of the columns of an orthogonal matrix (cell, component, direction) that mixes the components of
+    one cell.
 
-    def __init__(self, basis: Floats, free: npt.NDArray[np.bool_], mixed: bool) -> None:
-        self.basis, self.free, self.mixed = basis, free, mixed
-        self.index = np.flatnonzero(free.ravel())
-        self.scales: Floats = np.ones(len(free))
+    ``values`` (direction, cell) is how much a projection keeps of each direction: those of which it keeps nothing are fixed.
+    """
+
+    def __init__(self, basis: Floats, values: Floats, mixed: bool) -> None:
+        self.basis, self.free, self.mixed = basis, values > FREE, mixed
+        self.index = np.flatnonzero(self.free.ravel())
+        self.kept = values.ravel()[self.index]
+        self.scales: Floats = np.ones(len(self.free))
+
+    @cached_property
+    def oblique(self) -> npt.NDArray[np.bool_]:
+        """Cells whose directions are not the components."""
+        if not self.mixed:
+            return np.zeros(len(self.basis), dtype=bool)
+        return np.asarray((self.basis != np.eye(len(self.free))).any(axis=(1, 2)))
+
+    def spread(self, cells: Floats) -> Floats:
+        """A value of each cell, for each free direction."""
+        return np.asarray(cells[self.index % len(cells)])
 
     def rotate(self, x: Floats) -> Floats:
         """W'x of (component, cell)."""
@@ -267,14 +273,15 @@ class Face:
         """W x of (direction, cell)."""
         return np.einsum("idk,ki->di", self.basis, x) if self.mixed else x
 
-    def directions(self) -> scipy.sparse.csr_array:
+    def directions(self) -> Sparse:
         """W' (free direction, component * cell), with the cone's scales taken out."""
         c, n = self.free.shape
         direction, cell = np.divmod(self.index, n)
         values = self.basis[cell, :, direction] * self.scales
         places = np.arange(c)[None, :] * n + cell[:, None]
-        ends = np.arange(0, values.size + 1, c)
-        return scipy.sparse.csr_array((values.ravel(), places.ravel(), ends), shape=(len(cell), c * n))
+        there = values != 0.0
+        ends = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
+        return scipy.sparse.csr_array((values[there], places[there], ends), shape=(len(cell), c * n))
 
     def columns(self, rows: Floats) -> Floats:
         """rows W, of an array (m, component * cell)."""
@@ -282,13 +289,40 @@ class Face:
             return np.asarray(rows[:, self.index])
         return np.asarray((self.directions() @ rows.T).T)
 
+    def rows(self, rows: Rows) -> Rows:
+        """rows W, of sparse rows over (component, cell)."""
+        c, n = self.free.shape
+        place = np.full((c, n), -1, dtype=np.intp)
+        place.ravel()[self.index] = np.arange(len(self.index))
+        if not self.oblique.any():
+            col, row = place.ravel()[rows.col], rows.row
+            value = rows.value * self.scales[rows.col // n]
+            kept = col >= 0
+        else:
+            component, cell = np.divmod(rows.col, n)
+            values = (rows.value * self.scales[component])[:, None] * self.basis[cell, component]
+            col, value = place[:, cell].T.ravel(), values.ravel()
+            row, kept = np.repeat(rows.row, c), (col >= 0) & (value != 0.0)
+        return Rows(row[kept], col[kept], value[kept], rows.count)
+
+    def gathered(self, columns: Floats, order: npt.NDArray[np.intp]) -> Floats:
+        """W' columns of an array (component * cell, m), in some order of the free directions."""
+        places = self.index[order]
+        out = np.ascontiguousarray(columns[places])
+        direction, cell = np.divmod(places, self.free.shape[1])
+        turned = np.flatnonzero(self.oblique[cell])
+        if len(turned):
+            each = columns.reshape(*self.free.shape, -1)
+            weights = self.basis[cell[turned], :, direction[turned]]
+            out[turned] = sum(w[:, None] * part[cell[turned]] for w, part in zip(weights.T, each))
+        return out
+
     def restrict(self, matrix: Floats) -> Floats:
         """W' matrix W of a symmetric matrix."""
-        if not self.mixed:
+        if not self.oblique.any():
             return np.asarray(matrix[np.ix_(self.index, self.index)])
-        directions = self.directions()
-        # rows are gathered twice: sparse times dense is fast where the dense array's rows lie together
-        return np.asarray(directions @ np.ascontiguousarray((directions @ matrix).T))
+        every = np.arange(len(self.index))
+        return self.gathered(np.ascontiguousarray(self.gathered(matrix, every).T), every)
 
 
 class Ray(Face):
@@ -301,26 +335,28 @@ class Ray(Face):
         c, n = len(ray), len(free)
         basis = np.zeros((n, c, c))
         basis[:, :, 0] = ray
-        flags = np.zeros((c, n), dtype=bool)
-        flags[0] = free
-        super().__init__(basis, flags, True)
+        values = np.zeros((c, n))
+        values[0] = free
+        super().__init__(basis, values, True)
         self.turned = turned
 
-    def directions(self) -> scipy.sparse.csr_array:
+    def directions(self) -> Sparse:
         return scipy.sparse.csr_array(scipy.sparse.vstack([super().directions(), scipy.sparse.csr_array(self.turned)]))
 
+    def rows(self, rows: Rows) -> Rows:
+        return replace(super().rows(rows), others=rows.times(self.turned.T))
 
-def _alternate(hessian: Floats, linear: Floats, cone: Cone, x: Floats, count: int) -> Floats:
+
+def _alternate(hessian: Quadratic, linear: Floats, cone: Cone, x: Floats, count: int) -> Floats:
     """Alternating direction method of multipliers, over-relaxed, from x."""
-    import scipy.linalg
-
-    size = linear.size
-    rho = float(np.sqrt(np.diagonal(hessian).max() * np.diagonal(hessian).mean()))
-    factor = scipy.linalg.cho_factor(hessian + rho * np.eye(size), check_finite=False)
+    diagonal = hessian.diagonal()
+    rho = float(np.sqrt(diagonal.max() * diagonal.mean()))
+    whole = Face(np.broadcast_to(np.eye(len(x)), (x.shape[1], len(x), len(x))), np.ones(x.shape), cone.coupled)
+    factor = hessian.factor(whole, np.full(x.size, rho))
     z = x.copy()
     dual = np.zeros_like(x)
     for _ in range(count):
-        y = scipy.linalg.cho_solve(factor, (linear + rho * (z - dual)).ravel(), check_finite=False).reshape(x.shape)
+        y = factor.solve((linear + rho * (z - dual)).ravel()).reshape(x.shape)
         y = RELAXATION * y - BACK * z
         z = cone.project(y + dual)
         dual = dual + y - z

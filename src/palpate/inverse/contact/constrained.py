@@ -30,6 +30,7 @@ from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, 
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import STATED, Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior, posterior_factor, shared_errors, taken_by
+from palpate.inverse.contact.quadratic import Penalty, formed_or_not
 from palpate.inverse.contact.screening import Ceilings, ceilings, outermost, screened
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.fit import MODEL_DETAIL, misfit_probability, neighbours
@@ -599,8 +600,6 @@ class ConstrainedEstimator:
         start = linear.reshape(len(linear), -1)
         slope = self.misfit_gradient(y, noise, observed)
         reference = self.quiet(y) * float(np.abs(slope).max())
-        traction = np.zeros_like(start)
-        explained = np.zeros_like(y)
         for _ in range(ROUNDS_OF_CELLS):
             cells = np.flatnonzero(region)
             self.check_size(len(cells) * len(self.columns))
@@ -655,13 +654,11 @@ class ConstrainedEstimator:
         keep_face: bool = False,
         tolerance: float = TOLERANCE,
     ) -> ContactModel:
-        c, n = len(self.columns), len(data.cells)
-        hessian = data.gram.copy()
-        each = [precision] * c if isinstance(precision, scipy.sparse.csr_array) else list(precision)
-        for i, q in enumerate(each):
-            hessian[i * n : (i + 1) * n, i * n : (i + 1) * n] += q[data.cells][:, data.cells].toarray()
+        each = [precision] * len(self.columns) if isinstance(precision, scipy.sparse.csr_array) else precision
+        penalty = Penalty(data.cells, each, data.level.grid.shape)
+        hessian = formed_or_not(data.matrix.T, lambda: data.gram, penalty)
         solution = minimise(hessian, data.linear, self.cone, start, tolerance=tolerance, keep_face=keep_face)
-        return ContactModel(data, hessian, solution)
+        return ContactModel(data, hessian, penalty, solution)
 
     def normal(self, level: Level, cells: Index, y: Floats, noise: Floats, observed: Flags) -> Normal:
         matrix = level.matrix(cells, noise, observed)

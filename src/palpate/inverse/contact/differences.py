@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.rows import Rows
 from palpate.sensing.grids import Grid
 
 __all__ = ["Differences", "Sparse"]
@@ -31,7 +35,30 @@ class Differences:
                     factor = scipy.sparse.eye_array(n)
                 product = factor if product is None else scipy.sparse.kron(product, factor)
             self.along.append(scipy.sparse.csr_array(product))
-        self.laplacian: Sparse = self._sum([d.T @ d for d in self.along])
+
+    @cached_property
+    def laplacian(self) -> Sparse:
+        """int |grad t|^2 as a matrix, without the size of a cell."""
+        return self._sum([d.T @ d for d in self.along])
+
+    @cached_property
+    def squared(self) -> Sparse:
+        """The same of second derivatives."""
+        return scipy.sparse.csr_array(self.laplacian @ self.laplacian)
+
+    @cached_property
+    def _entries(self) -> tuple[npt.NDArray[np.intp], list[tuple[npt.NDArray[np.bool_], npt.NDArray[np.intp]]]]:
+        """Cells of the laplacian's entries on the diagonal, and for each axis which entries are off it, and their edges."""
+        row = np.repeat(np.arange(math.prod(self.grid.shape)), np.diff(self.laplacian.indptr))
+        places = np.unravel_index(np.maximum(row, self.laplacian.indices), self.grid.shape)
+        apart = np.abs(row - self.laplacian.indices)
+        off = []
+        for axis, n in enumerate(self.grid.shape):
+            step = math.prod(self.grid.shape[axis + 1 :])
+            there = apart == step if n > 1 else np.zeros(len(row), dtype=bool)
+            shape = tuple(m + (a == axis) for a, m in enumerate(self.grid.shape))
+            off.append((there, np.ravel_multi_index(tuple(p[there] for p in places), shape)))
+        return np.flatnonzero(apart == 0), off
 
     @staticmethod
     def _sum(terms: Sequence[Sparse]) -> Sparse:
@@ -42,14 +69,41 @@ class Differences:
 
     def even(self, order: int, weight: float) -> Sparse:
         """weight * int |D^order t|^2, as a matrix."""
-        power = self.laplacian if order == 1 else self.laplacian @ self.laplacian
+        power = self.laplacian if order == 1 else self.squared
         return scipy.sparse.csr_array(power * (weight * self.grid.cell))
 
     def local(self, tau: Floats) -> Sparse:
         """sum over edges of |difference|^2/tau, tau being given on cells."""
-        return self._sum(
-            [d.T @ scipy.sparse.diags_array(1.0 / e.ravel()) @ d for d, e in zip(self.along, self.on_edges(tau))]
-        )
+        on, off = self._entries
+        data = np.zeros(self.laplacian.nnz)
+        diagonal: Floats = np.zeros(self.grid.shape)
+        for axis, (dx, edges) in enumerate(zip(self.grid.spacings, self.on_edges(tau))):
+            weight = 1.0 / (edges * dx**2)
+            n = self.grid.shape[axis]
+            diagonal += weight.take(range(n), axis=axis) + weight.take(range(1, n + 1), axis=axis)
+            there, edge = off[axis]
+            data[there] = -weight.ravel()[edge]
+        data[on] = diagonal.ravel()
+        return scipy.sparse.csr_array((data, self.laplacian.indices, self.laplacian.indptr), shape=self.laplacian.shape)
+
+    def touching(self, cells: npt.NDArray[np.intp]) -> tuple[list[npt.NDArray[np.intp]], Rows]:
+        """The edges (flat, of each axis) that cells touch, and the differences across them, of those cells alone."""
+        places = np.unravel_index(cells, self.grid.shape)
+        n = len(cells)
+        touched, row, value, count = [], [], [], 0
+        for axis, dx in enumerate(self.grid.spacings):
+            shape = tuple(m + (a == axis) for a, m in enumerate(self.grid.shape))
+            both = [tuple(p + int(k and a == axis) for a, p in enumerate(places)) for k in (0, 1)]
+            flat = np.concatenate([np.ravel_multi_index(b, shape) for b in both])
+            edges, inverse = np.unique(flat, return_inverse=True)
+            touched.append(edges)
+            row.append(count + inverse)
+            value.append(np.repeat([1.0 / dx, -1.0 / dx], n))
+            count += len(edges)
+        rows = np.concatenate(row)
+        order = np.argsort(rows, kind="stable")
+        place = np.tile(np.arange(n), 2 * len(touched))
+        return touched, Rows(rows[order], place[order], np.concatenate(value)[order], count)
 
     def energy(self, squares: Sequence[Floats]) -> Floats:
         """Mean over the axes of squared differences on edges, brought to the cells."""

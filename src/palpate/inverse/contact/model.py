@@ -12,6 +12,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import Solution
 from palpate.inverse.contact.differences import Differences
+from palpate.inverse.contact.quadratic import Penalty, Quadratic
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import refined
 from palpate.sensing.operator import Operator
@@ -86,12 +87,13 @@ class ContactModel:
 
     ``contact``, where given, is the same on the cells that are in contact beyond doubt: the errors are its. Cells where noise presses
     now and then, beyond the array above all, are as free as any other on the face of the constraints, and would count in full. ``ray``
-    is the traction over the pressure where that is one for all cells, and ``changes`` (change, component) is how it may change; ``hessian`` is
-    then that of the pressure. ``shared`` (free, unknown) is what the errors owe to unknowns that act on many readings at once.
+    is the traction over the pressure where that is one for all cells, and ``changes`` (change, component) is how it may change; ``hessian`` and
+    ``penalty`` are then those of the pressure. ``shared`` (free, unknown) is what the errors owe to unknowns that act on many readings at once.
     """
 
     data: Normal
-    hessian: Floats
+    hessian: Quadratic
+    penalty: Penalty
     solution: Solution
     weight: float = 0.0
     contact: ContactModel | None = None

@@ -7,22 +7,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import Cone, Solution, cholesky, minimise
+from palpate.inverse.contact.cone import Cone, Face, Solution, minimise
 from palpate.inverse.contact.differences import Sparse
+from palpate.inverse.contact.factors import Bordered, Factor, cholesky
 from palpate.inverse.contact.model import ContactModel, scattered
+from palpate.inverse.contact.quadratic import prior_factor
+from palpate.inverse.contact.rows import Rows
 from palpate.inverse.estimate import Errors
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import Grid, block_means
 from palpate.sensing.operator import Operator
 
-__all__ = ["Posterior", "posterior_factor", "shared_errors", "taken_by"]
+__all__ = ["Posterior", "posterior_factor", "shared_errors", "taken_by", "variance_of"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -32,18 +34,20 @@ Index = npt.NDArray[np.intp]
 MODEL_FORCE = 5e-4
 
 
-def posterior_factor(solution: Solution, rows: Any) -> Floats:
+def posterior_factor(solution: Solution, rows: Floats) -> Floats:
     """Z (free, row) with Z'Z the posterior covariance of rows' x, on the face of the cone that the solution lies on.
 
-    ``rows`` (row, component * cell), dense or sparse.
+    ``rows`` (row, component * cell).
     """
-    import scipy.linalg
+    face, factor = face_of(solution)
+    return factor.half(face.columns(rows).T)
 
+
+def face_of(solution: Solution) -> tuple[Face, Factor]:
+    """The face of the cone that a solution lies on, and the factor of the normal matrix there."""
     if solution.face is None or solution.factor is None:
         raise RuntimeError("the solution was found without its face")
-    dense = rows.toarray() if scipy.sparse.issparse(rows) else rows
-    right = solution.face.columns(np.asarray(dense)).T
-    return np.asarray(scipy.linalg.solve_triangular(solution.factor, right, lower=True, check_finite=False))
+    return solution.face, solution.factor
 
 
 def taken_by(model: ContactModel) -> float:
@@ -72,8 +76,18 @@ def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats
     return np.asarray(out)
 
 
-def variance_of(model: ContactModel, rows: Any) -> Floats:
-    """Posterior variance of rows' x, what is shared with other unknowns included."""
+def variance_of(model: ContactModel, rows: Rows) -> Floats:
+    """Posterior variance of sparse rows' x over (component, cell), what is shared with other unknowns included."""
+    face, factor = face_of(model.solution)
+    local = face.rows(rows)
+    out = factor.variances(local)
+    if model.shared is not None:
+        out = out + (local.times(factor.back(model.shared)) ** 2).sum(axis=1)
+    return np.asarray(out)
+
+
+def variance_of_sums(model: ContactModel, rows: Floats) -> Floats:
+    """The same of rows that are not sparse."""
     factor = posterior_factor(model.solution, rows)
     out = (factor**2).sum(axis=0)
     if model.shared is not None:
@@ -95,23 +109,16 @@ def widened(variance: Floats, cells: int = 1) -> Floats:
 
 def variance_reduction_of(model: ContactModel, grid: Grid) -> Floats:
     """1 - posterior over prior variance of traction on the surface's cells (component, *surface); NaN out of contact."""
-    import scipy.linalg
-
     face = model.solution.face
-    c, n = model.solution.traction.shape
+    c = len(model.solution.traction)
     out = np.full((c, math.prod(grid.shape)), math.nan)
     if face is None or not len(face.index):
         return out.reshape(c, *grid.shape)
-    prior = cholesky(face.restrict(model.hessian - model.data.gram))
     share, surface_cells = shares(model, grid)
-    for i in range(c):
-        rows = np.zeros((len(surface_cells), c * n))
-        rows[:, i * n : (i + 1) * n] = share.toarray()
-        before = scipy.linalg.solve_triangular(prior, face.columns(rows).T, lower=True, check_finite=False)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            out[i, surface_cells] = 1.0 - (posterior_factor(model.solution, rows) ** 2).sum(axis=0) / (before**2).sum(
-                axis=0
-            )
+    rows = face.rows(Rows.of(share).each(c, share.shape[1]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = face_of(model.solution)[1].variances(rows) / prior_factor(model.penalty, face).variances(rows)
+    out[:, surface_cells] = 1.0 - ratio.reshape(c, -1)
     return out.reshape(c, *grid.shape)
 
 
@@ -142,11 +149,8 @@ def quantities(
     places = np.unravel_index(model.cells, level.grid.shape)
     share, surface_cells = shares(model, grid)
     mean, variance = np.zeros((2, c, math.prod(grid.shape)))
-    for i in range(c):
-        mean[i, surface_cells] = share @ model.solution.traction[i]
-        rows = np.zeros((len(surface_cells), c * n))
-        rows[:, i * n : (i + 1) * n] = share.toarray()
-        variance[i, surface_cells] = variance_of(model, rows)
+    mean[:, surface_cells] = (share @ model.solution.traction.T).T
+    variance[:, surface_cells] = variance_of(model, Rows.of(share).each(c, n)).reshape(c, -1)
     kept = inside[tuple(p // level.ratio for p in places)].astype(np.float64)
     cell = level.grid.cell * kept
     axes = [axis[p] for axis, p in zip(level.grid.axes, places)][::-1]  # x, then y
@@ -154,7 +158,7 @@ def quantities(
     def linear(weights: Floats) -> Quantity:
         """Of sums of traction (quantity, component, cell)."""
         rows = weights.reshape(len(weights), -1)
-        return rows @ model.solution.traction.ravel(), variance_of(model, rows)
+        return rows @ model.solution.traction.ravel(), variance_of_sums(model, rows)
 
     force_rows = np.zeros((c, c, n))
     force_rows[np.arange(c), np.arange(c)] = cell
@@ -297,7 +301,7 @@ class Posterior:
             chosen = np.flatnonzero(picks == i)
             if not len(chosen):
                 continue
-            root = cholesky(member.hessian.copy())
+            root = cholesky(member.hessian.dense().copy())
             data, cone, start = member.data, self.cone, member.solution.traction
             if member.ray is not None:
                 data, cone, start = data.along(member.ray), Cone(cone.components[-1:]), start[-1:]
@@ -315,11 +319,11 @@ class Posterior:
     def _turned(self, member: ContactModel, rng: np.random.Generator) -> Floats:
         """A sample of the traction over the pressure of a contact that slides."""
         ray, changes, factor = member.ray, member.changes, member.solution.factor
-        if ray is None or changes is None or factor is None:
+        if ray is None or changes is None or not isinstance(factor, Bordered):
             raise RuntimeError("only a contact that slides has one traction over pressure")
         count = len(changes)
         if count:
             # the last entries of a Gaussian whose precision has this factor
-            ray = ray + np.linalg.solve(factor[-count:, -count:].T, rng.standard_normal(count)) @ changes
+            ray = ray + np.linalg.solve(factor.corner.T, rng.standard_normal(count)) @ changes
         shear = float(np.linalg.norm(ray[:-1]))
         return np.append(ray[:-1] * min(1.0, float(self.cone.friction or shear) / max(shear, 1e-300)), 1.0)

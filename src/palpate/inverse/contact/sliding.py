@@ -10,8 +10,9 @@ import numpy as np
 import scipy.special
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import Cone, Ray, cholesky, minimise
+from palpate.inverse.contact.cone import Cone, Ray, minimise
 from palpate.inverse.contact.differences import Sparse
+from palpate.inverse.contact.factors import Bordered, cholesky
 from palpate.inverse.contact.model import ContactModel, Normal
 from palpate.inverse.contact.parts import Thresholds
 
@@ -33,17 +34,15 @@ def expanded(one: ContactModel, data: Normal, ray: Floats, changes: Floats) -> C
     part = data.part(np.searchsorted(data.cells, one.cells))
     pressure = one.solution.traction[0]
     face = one.solution.face
-    if face is None:
+    if face is None or one.solution.factor is None:
         raise RuntimeError("the solution was found without its face")
     free = face.free[0]
     turned = (changes[:, :, None] * pressure).reshape(len(changes), len(ray) * len(pressure))
     pull = (turned @ part.matrix.T) @ part.matrix
     border = np.einsum("c,kcn->kn", ray, pull.reshape(len(changes), len(ray), len(pressure)))[:, free]
-    hessian = np.block([[one.hessian[np.ix_(free, free)], border.T], [border, pull @ turned.T]])
-    solution = replace(
-        one.solution, traction=ray[:, None] * pressure, face=Ray(ray, free, turned), factor=cholesky(hessian)
-    )
-    return ContactModel(part, one.hessian, solution, ray=ray, changes=changes)
+    factor = Bordered.of(one.solution.factor, border.T, pull @ turned.T)
+    solution = replace(one.solution, traction=ray[:, None] * pressure, face=Ray(ray, free, turned), factor=factor)
+    return ContactModel(part, one.hessian, one.penalty, solution, ray=ray, changes=changes)
 
 
 def ways_of_sliding(

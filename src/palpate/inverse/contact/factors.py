@@ -1,0 +1,345 @@
+"""Factors of normal matrices H = G'G + P on the directions that are free: solutions, square roots of the covariance, variances.
+
+Where readings G are few, H is not formed: P, a penalty on neighbouring cells, has its entries near the diagonal and a Cholesky factor in
+blocks (`Chain`), and readings come in by the identity of Woodbury (W. W. Hager, SIAM Rev. 31, 1989, 221-239),
+
+    H^-1 = P^-1 - P^-1 G' S^-1 G P^-1,    S = 1 + G P^-1 G'.
+
+Variances of sums over neighbouring cells need the entries of P^-1 near the diagonal alone (K. Takahashi, J. Fagan, M.-S. Chin, PICA
+Conf. 1973, 63-69).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.rows import Rows
+
+__all__ = ["Bordered", "Chain", "Dense", "Factor", "FewReadings", "Part", "cholesky"]
+
+Index = npt.NDArray[np.intp]
+
+#: Blocks of a chain have this many rows at least: calls of smaller ones cost more than their work.
+BLOCK = 48
+#: What is added to the diagonal, relative to it, where rounding makes a matrix indefinite.
+JITTERS = (0.0, 1e-14, 1e-12, 1e-10)
+
+
+class Factor(Protocol):
+    """What is asked of a factor of H on n free directions."""
+
+    def solve(self, right: Floats) -> Floats:
+        """H^-1 right, of (n,)."""
+
+    def half(self, right: Floats) -> Floats:
+        """Z = F right, of (n, k), where F'F = H^-1."""
+
+    def back(self, half: Floats) -> Floats:
+        """F' half, of (n, k)."""
+
+    def variances(self, rows: Rows) -> Floats:
+        """Diagonal of rows H^-1 rows', of rows (k, n)."""
+
+
+def cholesky(matrix: Floats) -> Floats:
+    """Lower factor; where rounding makes the matrix indefinite, of the matrix plus as little of the identity as helps."""
+    import scipy.linalg
+
+    diagonal = np.diagonal(matrix).copy()
+    for jitter in JITTERS:
+        matrix[np.diag_indices(len(matrix))] = diagonal * (1.0 + jitter) + jitter * diagonal.max(initial=0.0)
+        try:
+            return np.asarray(scipy.linalg.cholesky(matrix, lower=True, check_finite=False))
+        except np.linalg.LinAlgError:
+            continue
+    raise np.linalg.LinAlgError("the quadratic program is not positive definite")
+
+
+def _triangle(factor: Floats, right: Floats, *, transposed: bool = False) -> Floats:
+    """L^-1 right, or L'^-1 right, of a lower factor."""
+    import scipy.linalg
+
+    if not factor.size:
+        return np.asarray(right, dtype=np.float64)
+    return np.asarray(
+        scipy.linalg.solve_triangular(factor, right, lower=True, trans=1 if transposed else 0, check_finite=False)
+    )
+
+
+@dataclass(frozen=True)
+class Dense:
+    """The Cholesky factor of H, lower."""
+
+    lower: Floats
+
+    def solve(self, right: Floats) -> Floats:
+        import scipy.linalg
+
+        return np.asarray(scipy.linalg.cho_solve((self.lower, True), right, check_finite=False))
+
+    def half(self, right: Floats) -> Floats:
+        return _triangle(self.lower, right)
+
+    def back(self, half: Floats) -> Floats:
+        return _triangle(self.lower, half, transposed=True)
+
+    @cached_property
+    def _inverse(self) -> Floats:
+        """The lower triangle of H^-1."""
+        from scipy.linalg import lapack
+
+        return np.asarray(lapack.dpotri(self.lower, lower=1)[0])
+
+    def variances(self, rows: Rows) -> Floats:
+        if not len(self.lower):
+            return np.zeros(rows.count)
+        return rows.variances(lambda i, j: np.asarray(self._inverse[i, j]))
+
+
+class Chain:
+    """Cholesky factor of a symmetric matrix whose entries lie near the diagonal, in blocks of which only neighbours are tied.
+
+    The matrix is given by its entries of the lower triangle (each once).
+    """
+
+    def __init__(self, size: int, row: Index, col: Index, value: Floats) -> None:
+        self.size = size
+        width = max(int((row - col).max(initial=0)), BLOCK)
+        self.width = size if size <= 2 * width else width
+        self.slices = [slice(k, min(k + self.width, size)) for k in range(0, size, self.width)]
+        if not size:
+            return
+        diagonal = value[row == col]
+        for jitter in JITTERS:
+            more = np.where(row == col, value + jitter * (value + diagonal.max()), value) if jitter else value
+            try:
+                self._factorise(row, col, more)
+                return
+            except np.linalg.LinAlgError:
+                continue
+        raise np.linalg.LinAlgError("a penalty is not positive definite")
+
+    def _factorise(self, row: Index, col: Index, value: Floats) -> None:
+        from scipy.linalg import blas, lapack
+
+        width, count = self.width, len(self.slices)
+        on, below = np.zeros((count, width, width)), np.zeros((count - 1, width, width))
+        block, r = np.divmod(row, width)
+        other, c = np.divmod(col, width)
+        same = block == other
+        on[block[same], r[same], c[same]] = value[same]
+        beside = ~same
+        below[other[beside], r[beside], c[beside]] = value[beside]
+        #: Upper factors U_k (L_k = U_k'), and the blocks below them.
+        self.upper: list[Floats] = []
+        self.below: list[Floats] = []
+        for k, place in enumerate(self.slices):
+            n = place.stop - place.start
+            here = on[k, :n, :n]
+            if k:
+                tied = below[k - 1, :n]
+                # A L_k'^-1, in the memory of A
+                tied = blas.dtrsm(1.0, self.upper[-1], tied.T, trans_a=1, overwrite_b=1).T
+                self.below.append(tied)
+                here = here - tied @ tied.T
+            factor, wrong = lapack.dpotrf(here.T, lower=0, overwrite_a=1)
+            if wrong:
+                raise np.linalg.LinAlgError("a penalty is not positive definite")
+            self.upper.append(factor)
+
+    def forward(self, right: Floats) -> Floats:
+        """right L'^-1, of rows (k, size) that lie together by column (order F)."""
+        from scipy.linalg import blas
+
+        out = np.array(right, order="F")
+        for k, place in enumerate(self.slices):
+            here = out[:, place]
+            if k:
+                here -= out[:, self.slices[k - 1]] @ self.below[k - 1].T
+            here[...] = blas.dtrsm(1.0, self.upper[k], here, side=1, overwrite_b=1)
+        return out
+
+    def backward(self, right: Floats) -> Floats:
+        """right L^-1, of rows (k, size) that lie together by column (order F)."""
+        from scipy.linalg import blas
+
+        out = np.array(right, order="F")
+        for k in range(len(self.slices) - 1, -1, -1):
+            here = out[:, self.slices[k]]
+            if k + 1 < len(self.slices):
+                here -= out[:, self.slices[k + 1]] @ self.below[k]
+            here[...] = blas.dtrsm(1.0, self.upper[k], here, side=1, trans_a=1, overwrite_b=1)
+        return out
+
+    @cached_property
+    def _near(self) -> tuple[Floats, Floats]:
+        """Blocks of the inverse: on the diagonal, and below it."""
+        from scipy.linalg import lapack
+
+        count, width = len(self.slices), self.width
+        on, below = np.zeros((count, width, width)), np.zeros((max(count - 1, 0), width, width))
+        after = np.zeros((0, 0))
+        for k in range(count - 1, -1, -1):
+            inverse = lapack.dtrtri(self.upper[k])[0]
+            here = inverse @ inverse.T
+            if k + 1 < count:
+                tied = self.below[k] @ inverse.T
+                down = after @ tied
+                here = here + tied.T @ down
+                below[k, : len(down)] = -down
+            n = len(here)
+            on[k, :n, :n] = after = here
+        return on, below
+
+    def entries(self, i: Index, j: Index) -> Floats:
+        """Entries (i, j), i >= j, of the inverse; NaN where they are neither of one block nor of neighbouring ones."""
+        on, below = self._near
+        (block, r), (other, c) = np.divmod(i, self.width), np.divmod(j, self.width)
+        out = on[block, r, c]
+        beside = np.flatnonzero(block != other)
+        if len(beside):
+            out[beside] = below[other[beside], r[beside], c[beside]]
+            out[beside[block[beside] > other[beside] + 1]] = np.nan
+        return np.asarray(out)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Free directions from ``start`` on whose penalty is ``scale`` times that of a chain."""
+
+    start: int
+    chain: Chain
+    scale: float = 1.0
+
+    @property
+    def place(self) -> slice:
+        return slice(self.start, self.start + self.chain.size)
+
+
+class FewReadings:
+    """H = G'G + P by the identity of Woodbury.
+
+    ``parts`` make up P on the free directions in the order ``order``; ``columns`` (direction, reading) is G' in that order.
+    """
+
+    def __init__(self, parts: Sequence[Part], order: Index, columns: Floats) -> None:
+        self.parts, self.order = list(parts), order
+        self.b = self._forward(columns.T)
+        self.lower = cholesky(np.eye(len(self.b)) + self.b @ self.b.T)
+
+    def _each(self, right: Floats, *, back: bool) -> Floats:
+        """right L'^-1 (or L^-1) of P = L L', of rows (k, n); parts of one chain are solved together."""
+        out = np.empty(right.shape, order="F")
+        k = len(right)
+        chains = {id(p.chain): p.chain for p in self.parts}
+        for key, chain in chains.items():
+            mine = [p for p in self.parts if id(p.chain) == key]
+            rows = right[:, mine[0].place]
+            if len(mine) > 1:
+                rows = np.empty((k * len(mine), chain.size), order="F")
+                for i, p in enumerate(mine):
+                    rows[i * k : (i + 1) * k] = right[:, p.place]
+            found = chain.backward(rows) if back else chain.forward(rows)
+            for i, p in enumerate(mine):
+                out[:, p.place] = found[i * k : (i + 1) * k] / np.sqrt(p.scale)
+        return out
+
+    def _forward(self, right: Floats) -> Floats:
+        return self._each(right, back=False)
+
+    def _backward(self, right: Floats) -> Floats:
+        return self._each(right, back=True)
+
+    def solve(self, right: Floats) -> Floats:
+        half = self._forward(right[self.order][None, :])
+        seen = _triangle(self.lower, self.b @ half[0])
+        half = half - (_triangle(self.lower, seen, transposed=True) @ self.b)[None, :]
+        out = np.empty(len(right))
+        out[self.order] = self._backward(half)[0]
+        return out
+
+    def half(self, right: Floats) -> Floats:
+        """By A. Andrews' square root (AIAA J. 6, 1968, 1165-1166): with 1 + B'B = L L', (1 - B L'^-1 (L + 1)^-1 B')' P^(-1/2)."""
+        rows = self._forward(right[self.order].T)
+        seen = _triangle(self.lower, self.b @ rows.T)
+        seen = _triangle(self.lower + np.eye(len(self.lower)), seen, transposed=True)
+        return np.asarray((rows - seen.T @ self.b).T)
+
+    def back(self, half: Floats) -> Floats:
+        seen = _triangle(self.lower + np.eye(len(self.lower)), self.b @ half)
+        seen = _triangle(self.lower, seen, transposed=True)
+        out = np.empty_like(half)
+        out[self.order] = self._backward(half.T - seen.T @ self.b).T
+        return out
+
+    @cached_property
+    def _seen(self) -> Floats:
+        """Q (direction, reading), of which P^-1 - Q Q' = H^-1, in the order of the parts."""
+        return self._backward(_triangle(self.lower, self.b)).T
+
+    def variances(self, rows: Rows) -> Floats:
+        rank = np.empty(len(self.order), dtype=np.intp)
+        rank[self.order] = np.arange(len(self.order))
+        ordered = Rows(rows.row, rank[rows.col], rows.value, rows.count)
+        ends = [p.start + p.chain.size for p in self.parts]
+
+        def entries(i: Index, j: Index) -> Floats:
+            if len(self.parts) == 1:
+                return self.parts[0].chain.entries(i, j) / self.parts[0].scale
+            part = np.searchsorted(ends, i, side="right")
+            inside = part == np.searchsorted(ends, j, side="right")
+            out = np.zeros(len(i))
+            for k, p in enumerate(self.parts):
+                mine = np.flatnonzero(inside & (part == k))
+                out[mine] = p.chain.entries(i[mine] - p.start, j[mine] - p.start) / p.scale
+            return out
+
+        prior = ordered.variances(entries)
+        if np.isnan(prior).any():
+            return np.asarray((self.half(rows.times(np.eye(len(self.order))).T) ** 2).sum(axis=0))
+        return np.maximum(prior - (ordered.times(self._seen) ** 2).sum(axis=1), 0.0)
+
+
+@dataclass(frozen=True)
+class Bordered:
+    """Of a factor's H with a few more unknowns: ``tie`` (n, k) is what is tied to them, as `Factor.half` has it, ``corner`` the lower
+    factor of what is left to them.
+    """
+
+    inner: Factor
+    tie: Floats
+    corner: Floats
+
+    @classmethod
+    def of(cls, inner: Factor, border: Floats, corner: Floats) -> Bordered:
+        """``border`` (n, k) and ``corner`` (k, k) are the other blocks of H."""
+        tie = inner.half(border)
+        return cls(inner, tie, cholesky(corner - tie.T @ tie))
+
+    def half(self, right: Floats) -> Floats:
+        n = len(self.tie)
+        upper = self.inner.half(right[:n])
+        return np.concatenate([upper, _triangle(self.corner, right[n:] - self.tie.T @ upper)])
+
+    def back(self, half: Floats) -> Floats:
+        n = len(self.tie)
+        lower = _triangle(self.corner, half[n:], transposed=True)
+        return np.concatenate([self.inner.back(half[:n] - self.tie @ lower), lower])
+
+    def solve(self, right: Floats) -> Floats:
+        return self.back(self.half(right[:, None]))[:, 0]
+
+    def variances(self, rows: Rows) -> Floats:
+        own = replace(rows, others=None)
+        if rows.others is None or not rows.others.size:
+            return self.inner.variances(own)
+        # what is left to the others when the inner unknowns have had their part
+        left = rows.others - own.times(self.inner.back(self.tie))
+        return self.inner.variances(own) + (_triangle(self.corner, left.T) ** 2).sum(axis=0)

@@ -1,0 +1,265 @@
+"""Normal matrices H = G'G + P: of readings G, whitened, and a penalty P of each component on neighbouring cells.
+
+Formed where readings are many; where they are few against the cells (a finer grid under a small array), kept as what they are made of.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.differences import Sparse
+from palpate.inverse.contact.factors import BLOCK, Chain, Dense, Factor, FewReadings, Part, cholesky
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.cone import Face
+
+__all__ = ["Formed", "Penalty", "Quadratic", "Unformed", "formed_or_not", "prior_factor"]
+
+Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
+
+#: Fewer unknowns than this are always worth a formed matrix.
+FEWEST = 150
+#: A matrix is left unformed where that takes this part of the work at most: smaller calls are slower for their size.
+WORTH = 0.4
+
+
+class Quadratic(Protocol):
+    """A symmetric, positive definite matrix over (component, cell)."""
+
+    def product(self, x: Floats) -> Floats:
+        """H x, of (component, cell)."""
+
+    def diagonal(self) -> Floats:
+        """(component * cell,)."""
+
+    def scaled(self, scales: Floats) -> Quadratic:
+        """S H S, of a scale for each component."""
+
+    def factor(self, face: Face, more: Floats) -> Factor:
+        """Of W'HW + diag(more) on the free directions W of a face."""
+
+    def dense(self) -> Floats:
+        """(component * cell, component * cell)."""
+
+
+class Formed:
+    """A matrix that is kept as one."""
+
+    def __init__(self, matrix: Floats) -> None:
+        self.matrix = matrix
+
+    def product(self, x: Floats) -> Floats:
+        return np.asarray(self.matrix @ x.ravel()).reshape(x.shape)
+
+    def diagonal(self) -> Floats:
+        return np.diagonal(self.matrix)
+
+    def scaled(self, scales: Floats) -> Formed:
+        rows = np.repeat(scales, len(self.matrix) // len(scales))
+        return Formed(self.matrix * rows[:, None] * rows[None, :])
+
+    def factor(self, face: Face, more: Floats) -> Factor:
+        reduced = face.restrict(self.matrix)
+        reduced[np.diag_indices(len(reduced))] += more
+        return Dense(cholesky(reduced))
+
+    def dense(self) -> Floats:
+        return self.matrix
+
+
+class Penalty:
+    """The penalties of all components on the same cells: entries (row, col), values (component, entry)."""
+
+    def __init__(self, cells: Index, each: Sequence[Sparse], shape: tuple[int, ...]) -> None:
+        self.cells, self.shape = cells, shape
+        first, *others = [_within(q, cells) for q in each]
+        self.row, self.col = first[0], first[1]
+        self.values = first[2][None]
+        if others:
+            keys = [r * len(cells) + k for r, k, _ in (first, *others)]
+            every = keys[0]
+            if not all(np.array_equal(every, k) for k in keys[1:]):
+                every = np.unique(np.concatenate(keys))
+                self.row, self.col = np.divmod(every, len(cells))
+            self.values = np.zeros((len(each), len(every)))
+            for i, (key, part) in enumerate(zip(keys, (first, *others))):
+                self.values[i, slice(None) if len(key) == len(every) else np.searchsorted(every, key)] = part[2]
+        self._order()
+
+        #: Chains of free cells: the first that was made (of shear, which nothing holds) and the last.
+        self._made: list[tuple[Flags, Floats, Chain]] = []
+
+    def _order(self) -> None:
+        """Rank of each cell, so that neighbours are as near as can be."""
+        n = len(self.cells)
+        self.rank = np.arange(n)
+        self.reach = int(np.abs(self.row - self.col).max(initial=0))
+        if len(self.shape) == 2 and n:
+            y, x = np.divmod(self.cells, self.shape[1])
+            other = np.empty(n, dtype=np.intp)
+            other[np.lexsort((y, x))] = np.arange(n)
+            reach = int(np.abs(other[self.row] - other[self.col]).max(initial=0))
+            if reach < self.reach:
+                self.rank, self.reach = other, reach
+
+    def scaled(self, scales: Floats) -> Penalty:
+        out = copy.copy(self)
+        out.__dict__.pop("_whole", None)
+        out._made = []
+        out.values = self.values * scales[:, None] ** 2
+        return out
+
+    @cached_property
+    def _whole(self) -> Sparse:
+        """Over (component, cell)."""
+        c, n = len(self.values), len(self.cells)
+        counts = np.tile(np.bincount(self.row, minlength=n), c)
+        col = (self.col + n * np.arange(c)[:, None]).ravel()
+        starts = np.concatenate([[0], np.cumsum(counts)])
+        return scipy.sparse.csr_array((self.values.ravel(), col, starts), shape=(c * n, c * n))
+
+    @cached_property
+    def _lower(self) -> Flags:
+        """Entries of the lower triangle, by rank."""
+        return np.asarray(self.rank[self.row] >= self.rank[self.col])
+
+    def product(self, x: Floats) -> Floats:
+        """P x, of (component, cell)."""
+        return np.asarray(self._whole @ x.ravel()).reshape(x.shape)
+
+    def diagonal(self) -> Floats:
+        return self.values[:, self.row == self.col].ravel()
+
+    def added(self, matrix: Floats) -> Floats:
+        """A matrix (component * cell, component * cell) with the penalty added to it, in place."""
+        n = len(self.cells)
+        for i, value in enumerate(self.values):
+            matrix[i * n + self.row, i * n + self.col] += value
+        return matrix
+
+    def parts(self, face: Face, more: Floats) -> tuple[list[Part], Index]:
+        """W'PW + diag(more) on the free directions of a face, as parts, and their order."""
+        lower = self._lower
+        row, col, values = self.row[lower], self.col[lower], self.values[:, lower]
+        return self._mixed(face, more, row, col, values) if face.mixed else self._apart(face, more, row, col, values)
+
+    def _apart(self, face: Face, more: Floats, row: Index, col: Index, values: Floats) -> tuple[list[Part], Index]:
+        """Each component by itself; those whose penalties are in proportion share a factor."""
+        parts: list[Part] = []
+        orders: list[Index] = []
+        n, start = len(self.cells), 0
+        ends = np.cumsum(face.free.sum(axis=1))
+        for free, value, end in zip(face.free, values, ends):
+            extra = more[end - int(free.sum()) : end]
+            cells = np.flatnonzero(free)
+            ranked = np.argsort(self.rank[cells])
+            orders.append(start + ranked)
+            plain = not extra.any()
+            same = next(
+                (m for m in self._made if plain and np.array_equal(m[0], free) and _in_proportion(m[1], value)), None
+            )
+            if same is not None:
+                parts.append(Part(start, same[2], float(value[0] / same[1][0])))
+            else:
+                place = np.full(n, -1)
+                place[cells[ranked]] = np.arange(len(cells))
+                kept = free[row] & free[col]
+                r, c, v = place[row[kept]], place[col[kept]], value[kept]
+                if not plain:
+                    v = np.where(r == c, v + extra[ranked][r], v)
+                chain = Chain(len(cells), r, c, v)
+                parts.append(Part(start, chain))
+                if plain and len(value):
+                    self._made.append((free, value, chain))
+                    del self._made[1:-1]
+            start += len(cells)
+        return parts, np.concatenate(orders)
+
+    def _mixed(self, face: Face, more: Floats, row: Index, col: Index, values: Floats) -> tuple[list[Part], Index]:
+        """All components together, cell by cell."""
+        c, n = face.free.shape
+        direction, cell = np.divmod(face.index, n)
+        order = np.argsort(self.rank[cell] * c + direction)
+        place = np.full((c, n), -1)
+        place[direction[order], cell[order]] = np.arange(len(order))
+        blocks = np.zeros((len(row), c, c))
+        blocks[:, np.arange(c), np.arange(c)] = values.T
+        some = face.oblique[row] | face.oblique[col]
+        left = face.basis[row[some]].transpose(0, 2, 1) * values.T[some][:, None, :]
+        blocks[some] = left @ face.basis[col[some]]
+        i = np.broadcast_to(place.T[row][:, :, None], blocks.shape)
+        j = np.broadcast_to(place.T[col][:, None, :], blocks.shape)
+        kept = (j >= 0) & (i >= j)
+        i, j, value = i[kept], j[kept], blocks[kept]
+        value = np.where(i == j, value + more[order][i], value)
+        return [Part(0, Chain(len(order), i, j, value))], order
+
+
+class Unformed:
+    """A matrix that is kept as readings and penalty."""
+
+    def __init__(self, columns: Floats, penalty: Penalty) -> None:
+        #: ``columns`` (component * cell, reading) is G'.
+        self.columns, self.penalty = columns, penalty
+
+    def product(self, x: Floats) -> Floats:
+        return (self.columns @ (x.ravel() @ self.columns)).reshape(x.shape) + self.penalty.product(x)
+
+    def diagonal(self) -> Floats:
+        return np.einsum("ij,ij->i", self.columns, self.columns) + self.penalty.diagonal()
+
+    def scaled(self, scales: Floats) -> Unformed:
+        rows = np.repeat(scales, len(self.columns) // len(scales))
+        return Unformed(self.columns * rows[:, None], self.penalty.scaled(scales))
+
+    def factor(self, face: Face, more: Floats) -> Factor:
+        parts, order = self.penalty.parts(face, more)
+        return FewReadings(parts, order, face.gathered(self.columns, order))
+
+    def dense(self) -> Floats:
+        return self.penalty.added(self.columns @ self.columns.T)
+
+
+def formed_or_not(columns: Floats, gram: Callable[[], Floats], penalty: Penalty) -> Quadratic:
+    """H of G' (component * cell, reading) and a penalty; ``gram()`` gives G'G where it is better formed."""
+    size, readings = columns.shape
+    c = len(penalty.values)
+    if size >= FEWEST and readings < size:
+        reach = max(c * penalty.reach, BLOCK)
+        chain = size * reach * (2.4 * reach + 2.0 * readings)
+        few = chain + size * readings**2 + readings**3 / 3.0
+        if few < WORTH * size**3 / 3.0:
+            return Unformed(np.ascontiguousarray(columns), penalty)
+    return Formed(penalty.added(gram().copy()))
+
+
+def prior_factor(penalty: Penalty, face: Face) -> Factor:
+    """Of the penalty alone on the free directions of a face."""
+    parts, order = penalty.scaled(face.scales).parts(face, np.zeros(len(face.index)))
+    return FewReadings(parts, order, np.zeros((len(order), 0)))
+
+
+def _within(q: Sparse, cells: Index) -> tuple[Index, Index, Floats]:
+    """Entries of a sparse matrix between some rows and columns, by their places, row after row."""
+    n = len(cells)
+    place = np.full(q.shape[1], -1, dtype=np.intp)
+    place[cells] = np.arange(n)
+    starts, counts = q.indptr[cells], np.diff(q.indptr)[cells]
+    row = np.repeat(np.arange(n), counts)
+    entry = np.arange(len(row)) + np.repeat(starts - (np.cumsum(counts) - counts), counts)
+    col = place[q.indices[entry]]
+    kept = col >= 0
+    return row[kept], col[kept], np.asarray(q.data[entry[kept]])
+
+
+def _in_proportion(a: Floats, b: Floats) -> bool:
+    return a is b or bool((np.abs(a * (b[0] / a[0]) - b) <= 1e-13 * np.abs(b)).all())

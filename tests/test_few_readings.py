@@ -1,0 +1,135 @@
+"""A normal matrix that is kept as few readings and a penalty: the same answers as one that is formed."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import palpate as pp
+from palpate.inverse.contact.cone import Cone, Face, Ray, minimise
+from palpate.inverse.contact.differences import Differences
+from palpate.inverse.contact.factors import Bordered, Chain, Dense, Factor, cholesky
+from palpate.inverse.contact.quadratic import Formed, Penalty, Unformed, formed_or_not, prior_factor
+from palpate.inverse.contact.rows import Rows
+
+Floats = npt.NDArray[np.float64]
+
+
+def problem(
+    c: int = 3, shape: tuple[int, ...] = (14, 9), readings: int = 20, order: int = 1, seed: int = 0, scale: float = 30.0
+) -> tuple[Formed, Unformed, Penalty, Floats, Differences, npt.NDArray[np.intp]]:
+    rng = np.random.default_rng(seed)
+    grid = (
+        pp.AreaGrid(shape=(shape[0], shape[1]), spacing=0.5)
+        if len(shape) == 2
+        else pp.LineGrid(count=shape[0], spacing=0.5)
+    )
+    d = Differences(grid)
+    cells = np.flatnonzero(rng.random(grid.shape).ravel() < 0.8)
+    if order == 1:
+        tau = np.exp(3.0 * rng.standard_normal(grid.shape))
+        each = [d.local(0.3 * tau)] * (c - 1) + [d.local(tau)]
+    else:
+        each = [d.even(2, 0.1 * (i + 1)) for i in range(c)]
+    penalty = Penalty(cells, each, grid.shape)
+    columns = scale * rng.standard_normal((c * len(cells), readings)) / np.sqrt(readings)
+    formed = Formed(penalty.added(columns @ columns.T))
+    linear = (columns @ rng.standard_normal(readings)).reshape(c, -1) + 1.0
+    return formed, Unformed(columns, penalty), penalty, linear, d, cells
+
+
+def test_local_weights_are_those_of_differences_over_their_scale() -> None:
+    d = Differences(pp.AreaGrid(shape=(4, 5), spacing=(0.5, 0.25)))
+    tau = np.exp(np.random.default_rng(0).standard_normal((4, 5)))
+    expected = sum(m.T @ np.diag(1.0 / e.ravel()) @ m for m, e in zip((a.toarray() for a in d.along), d.on_edges(tau)))
+    np.testing.assert_allclose(d.local(tau).toarray(), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_a_chain_is_a_cholesky_factor() -> None:
+    rng = np.random.default_rng(1)
+    n, reach = 230, 30
+    full = np.tril(np.triu(rng.standard_normal((n, n)), -reach))
+    full = full @ full.T * (np.abs(np.subtract.outer(np.arange(n), np.arange(n))) <= reach)
+    full += (reach + 1) * np.diag(np.abs(full).sum(axis=1)) / reach
+    i, j = np.nonzero(np.tril(full))
+    chain = Chain(n, i, j, full[i, j])
+    assert len(chain.slices) > 2
+    right = rng.standard_normal((3, n))
+    half = chain.forward(right)
+    np.testing.assert_allclose(half @ half.T, right @ np.linalg.solve(full, right.T), rtol=1e-10)
+    np.testing.assert_allclose(chain.backward(half), np.linalg.solve(full, right.T).T, rtol=1e-9)
+    inverse = np.linalg.inv(full)
+    np.testing.assert_allclose(chain.entries(i, j), inverse[i, j], rtol=1e-8, atol=1e-12)
+    assert np.isnan(chain.entries(np.array([n - 1]), np.array([0]))).all()
+
+
+@pytest.mark.parametrize("friction", [None, 0.4])
+@pytest.mark.parametrize(("shape", "order"), [((14, 9), 1), ((9, 15), 2), ((140,), 2)])
+def test_it_leads_to_the_same_optimum(friction: float | None, shape: tuple[int, ...], order: int) -> None:
+    components = ("x", "y", "z") if len(shape) == 2 else ("x", "z")
+    formed, unformed, penalty, linear, d, cells = problem(len(components), shape, order=order)
+    cone = Cone(components, friction)
+    expected = minimise(formed, linear, cone, keep_face=True)
+    found = minimise(unformed, linear, cone, keep_face=True)
+    assert expected.converged
+    assert found.converged
+    assert 0 < np.count_nonzero(found.traction[-1]) < len(cells), "the constraint should bind somewhere"
+    np.testing.assert_allclose(found.traction, expected.traction, atol=1e-7 * np.abs(expected.traction).max())
+    if found.face is None or found.factor is None or expected.factor is None:
+        raise AssertionError("the face was asked for")
+    # variances of differences, and of sums over all cells
+    rows = d.touching(cells)[1].each(len(components), len(cells))
+    variances = [f.variances(found.face.rows(rows)) for f in (found.factor, expected.factor)]
+    np.testing.assert_allclose(variances[0], variances[1], rtol=1e-6, atol=1e-9 * variances[1].max())
+    sums = found.face.columns(np.random.default_rng(3).standard_normal((4, linear.size))).T
+    z = [f.half(sums) for f in (found.factor, expected.factor)]
+    np.testing.assert_allclose(z[0].T @ z[0], z[1].T @ z[1], rtol=1e-6, atol=1e-9 * (z[1] ** 2).sum())
+    for factor, half in zip((found.factor, expected.factor), z):
+        np.testing.assert_allclose(factor.back(half), found.factor.back(z[0]), rtol=1e-5, atol=1e-8)
+    prior = prior_factor(penalty, found.face).half(sums)
+    reduced = found.face.restrict(penalty.scaled(found.face.scales).added(np.zeros((linear.size,) * 2)))
+    np.testing.assert_allclose(prior.T @ prior, sums.T @ np.linalg.solve(reduced, sums), rtol=1e-7, atol=1e-9)
+
+
+def test_a_few_more_unknowns_border_a_factor() -> None:
+    rng = np.random.default_rng(5)
+    full = rng.standard_normal((12, 12))
+    full = full @ full.T + 12 * np.eye(12)
+    inner: Factor = Dense(cholesky(full[:10, :10].copy()))
+    factor = Bordered.of(inner, full[:10, 10:], full[10:, 10:])
+    rows = rng.standard_normal((4, 12))
+    z = factor.half(rows.T)
+    expected = rows @ np.linalg.solve(full, rows.T)
+    np.testing.assert_allclose(z.T @ z, expected, rtol=1e-10)
+    np.testing.assert_allclose(factor.back(z), np.linalg.solve(full, rows.T), rtol=1e-10)
+    np.testing.assert_allclose(factor.solve(rows[0]), np.linalg.solve(full, rows[0]), rtol=1e-10)
+    i, j = np.nonzero(np.ones((4, 10)))
+    sparse = Rows(i, j, rows[:, :10].ravel(), 4, rows[:, 10:])
+    np.testing.assert_allclose(factor.variances(sparse), np.diag(expected), rtol=1e-10)
+
+
+def test_rows_on_a_face() -> None:
+    """Rows, sparse or full, are the same on every kind of face."""
+    rng = np.random.default_rng(6)
+    cone = Cone(("x", "y", "z"), 0.5)
+    v = rng.standard_normal((3, 15))
+    face = Face(*cone.directions(v), cone.coupled)
+    face.scales = cone.scales
+    assert face.oblique.any()
+    assert not face.free.all()
+    full = rng.standard_normal((6, 45)) * (rng.random((6, 45)) < 0.2)
+    i, j = np.nonzero(full)
+    rows = Rows(i, j, full[i, j], 6)
+    for one in (face, Ray(np.array([0.3, 0.1, 1.0]), rng.random(15) < 0.7, rng.standard_normal((1, 45)))):
+        expected = one.columns(full)
+        np.testing.assert_allclose(one.rows(rows).times(np.eye(expected.shape[1])), expected, atol=1e-12)
+
+
+def test_few_readings_are_not_formed() -> None:
+    """Neither are many where cells are fewer."""
+    formed, unformed, penalty, *_ = problem(shape=(30, 30))
+    assert isinstance(formed_or_not(unformed.columns, lambda: formed.matrix, penalty), Unformed)
+    wide = np.zeros((len(unformed.columns), 2 * len(unformed.columns)))
+    assert isinstance(formed_or_not(wide, lambda: formed.matrix, penalty), Formed)
+    np.testing.assert_allclose(unformed.dense(), formed.dense(), atol=1e-9)
