@@ -15,6 +15,7 @@ SOURCE = Path(pp.__file__).parent
 ROOMS = [
     "errors",
     "_memory",
+    "_threads",
     "status",
     "units",
     "_arrays",

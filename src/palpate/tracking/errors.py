@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import cholesky
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
+from palpate.inverse.contact.factors import cholesky
 from palpate.inverse.contact.model import Normal
 from palpate.inverse.estimate import Errors
 from palpate.inverse.linear.parameter import MODEL_ERROR
@@ -97,7 +97,7 @@ class ErrorBars:
                 marginalised(data, white, shared, cov), estimator.precisions(level, 1, weight), start, keep_face=True
             )
             model.weight = 1.0
-            told = self._told(data, shared, model.hessian - model.data.gram, std, unused)
+            told = self._told(data, shared, model.penalty.dense(), std, unused)
             return estimator.summed_up([model])[1], told, len(cells)
 
         found = background.result("errors", work)
@@ -116,7 +116,7 @@ class ErrorBars:
         shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
         weight = parameter / noise**2 if noise > 0 else 0.0
         self.errors = pulling.errors(marginalised(data, white, shared, offsets.cov), weight)
-        self.told = self._told(data, shared, pulling.model(data, weight).hessian - data.gram, std, unused)
+        self.told = self._told(data, shared, pulling.model(data, weight).penalty.dense(), std, unused)
         self._cells, self._age = len(cells), 0
 
     def _told(self, data: Normal, shared: Floats, penalty: Floats, std: float, unused: Flags) -> Told:

@@ -13,9 +13,11 @@ import numpy as np
 import scipy.linalg
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import Face, Solution, cholesky
+from palpate.inverse.contact.cone import Face, Solution
 from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.factors import Dense, cholesky
 from palpate.inverse.contact.model import ContactModel, Normal, dilated
+from palpate.inverse.contact.quadratic import Formed, Penalty
 from palpate.inverse.estimate import Errors
 from palpate.tracking.health import Flags, Index
 from palpate.tracking.offsets import Marginal
@@ -123,12 +125,11 @@ class Pulling:
     def model(self, data: Normal, parameter: float) -> ContactModel:
         """The solution as a model whose every cell is free; ``data`` in units of the noise, with the penalty's weight for it."""
         c, n = self.traction.shape
-        hessian = data.gram.copy()
-        for i, q in enumerate(self._estimator.precisions(data.level, 1, parameter)):
-            hessian[i * n : (i + 1) * n, i * n : (i + 1) * n] += q[data.cells][:, data.cells].toarray()
-        face = Face(np.broadcast_to(np.eye(c), (n, c, c)), np.ones((c, n), dtype=bool), False)
-        solution = Solution(self.traction, 0.0, 1, True, face, cholesky(firm(hessian.copy())))
-        return ContactModel(data, hessian, solution, weight=1.0)
+        penalty = Penalty(data.cells, self._estimator.precisions(data.level, 1, parameter), data.level.grid.shape)
+        hessian = penalty.added(data.gram.copy())
+        face = Face(np.broadcast_to(np.eye(c), (n, c, c)), np.ones((c, n)), False)
+        solution = Solution(self.traction, 0.0, 1, True, face, Dense(cholesky(firm(hessian.copy()))))
+        return ContactModel(data, Formed(hessian), penalty, solution, weight=1.0)
 
     def errors(self, data: Normal, parameter: float) -> Errors:
         """Standard deviations of every quantity."""

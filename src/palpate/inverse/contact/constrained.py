@@ -19,6 +19,7 @@ import numpy.typing as npt
 import scipy.sparse
 
 from palpate._arrays import from_numpy
+from palpate._threads import few_threads
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
@@ -247,7 +248,8 @@ class ConstrainedEstimator:
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
         """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
         like, batch = readings[0], batch_of(readings, self.operator)
-        frames = [self.frame(f, rng) for f in frames_of(readings, self.operator)]
+        with few_threads(self.inside.size * len(self.columns)):
+            frames = [self.frame(f, rng) for f in frames_of(readings, self.operator)]
 
         def stacked(parts: Sequence[Floats]) -> Floats:
             whole = np.stack(parts)

@@ -146,6 +146,10 @@ class Penalty:
             matrix[i * n + self.row, i * n + self.col] += value
         return matrix
 
+    def dense(self) -> Floats:
+        """(component * cell, component * cell)."""
+        return self.added(np.zeros((self.values.shape[0] * len(self.cells),) * 2))
+
     def parts(self, face: Face, more: Floats) -> tuple[list[Part], Index]:
         """W'PW + diag(more) on the free directions of a face, as parts, and their order."""
         lower = self._lower

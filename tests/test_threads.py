@@ -1,0 +1,67 @@
+"""Linear algebra takes one thread where a problem is small, and gives the others back."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+import scipy.linalg.blas  # noqa: F401
+
+import palpate as pp
+from palpate._threads import SMALL, few_threads
+
+threadpoolctl = pytest.importorskip("threadpoolctl")
+
+
+def counts() -> list[int]:
+    return [x["num_threads"] for x in threadpoolctl.threadpool_info() if x["user_api"] == "blas"]
+
+
+def test_threads_are_given_back() -> None:
+    before = counts()
+    with few_threads(SMALL + 1):
+        assert counts() == before
+    with few_threads(10):
+        assert set(counts()) == {1}
+    assert counts() == before
+    with pytest.raises(ValueError, match="mine"), few_threads(10):
+        raise ValueError("mine")
+    assert counts() == before
+
+
+def test_they_are_given_back_by_callers_that_overlap() -> None:
+    before = counts()
+    inside, leave = threading.Event(), threading.Event()
+
+    def other() -> None:
+        with few_threads(10):
+            inside.set()
+            leave.wait(30)
+
+    worker = threading.Thread(target=other)
+    with few_threads(10):
+        worker.start()
+        assert inside.wait(30)
+        assert set(counts()) == {1}
+    leave.set()
+    worker.join(30)
+    assert counts() == before
+
+
+def test_a_frame_leaves_the_threads_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    skin = pp.Skin(pad, pp.LineArray(count=9, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+    prepared = pp.Constrained().prepare(skin.problem())
+    seen: list[set[int]] = []
+    real = prepared.frame
+
+    def frame(*args: object) -> object:
+        seen.append(set(counts()))
+        return real(*args)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(prepared, "frame", frame)
+    before = counts()
+    prepared.solve([np.ones((1, 9))])
+    assert seen == [{1}]
+    assert counts() == before
