@@ -46,6 +46,14 @@ def test_local_weights_are_those_of_differences_over_their_scale() -> None:
     np.testing.assert_allclose(d.local(tau).toarray(), expected, rtol=1e-12, atol=1e-12)
 
 
+def test_a_factor_of_no_unknowns() -> None:
+    """A contact whose every cell is fixed has one; it was a ValueError."""
+    none = np.zeros(0, dtype=np.intp)
+    chain = Chain(0, none, none, np.zeros(0))
+    assert chain.forward(np.zeros((3, 0))).shape == (3, 0)
+    assert chain.backward(np.zeros((3, 0))).shape == (3, 0)
+
+
 def test_a_chain_is_a_cholesky_factor() -> None:
     rng = np.random.default_rng(1)
     n, reach = 230, 30
@@ -133,3 +141,11 @@ def test_few_readings_are_not_formed() -> None:
     wide = np.zeros((len(unformed.columns), 2 * len(unformed.columns)))
     assert isinstance(formed_or_not(wide, lambda: formed.matrix, penalty), Formed)
     np.testing.assert_allclose(unformed.dense(), formed.dense(), atol=1e-9)
+
+
+def test_a_tensile_cell_without_shear_is_projected_on_nothing() -> None:
+    """0/0 was a warning, and a frame in a thousand a traceback."""
+    cone = Cone(("x", "y", "z"), 0.5)
+    np.testing.assert_array_equal(
+        cone.project(np.array([[0.0, 3.0], [0.0, 0.0], [-1.0, 4.0]])), [[0, 3], [0, 0], [0, 4]]
+    )

@@ -299,7 +299,8 @@ class Skin:
         >>> str(skin.case())
         'line, stress, half-space'
         """
-        return Case.of(self._elastic, self._planes, self._names(components))
+        problem = self._problem.seeking(self._names(components))
+        return Case.of(self._elastic, self._planes, problem.components, ambiguous=problem.ambiguous)
 
     def masked(self, working: npt.ArrayLike | Sequence[npt.ArrayLike]) -> Skin:
         """The same skin without the taxels where ``working`` is False; of several planes, one mask for each.
@@ -623,7 +624,10 @@ class Skin:
         """The method prepared for these components, made once."""
 
         def prepare() -> Prepared:
-            check_observable(self._elastic, self._planes, names)
+            free = self._boundary == "free"
+            check_observable(
+                self._elastic, self._planes, names, narrowed=free and method.narrows, remedied=free and "z" in names
+            )
             return method.prepare(self._problem.seeking(names))
 
         return self._methods.get((method, names), prepare)

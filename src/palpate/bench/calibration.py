@@ -18,7 +18,7 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.recordings.files import atomically
 from palpate.sensing import AreaArray, LineArray
-from palpate.uncertainty import GAUSSIAN, Calibration, Case, Constants, constants
+from palpate.uncertainty import AMBIGUOUS, GAUSSIAN, Calibration, Case, Constants, constants
 
 __all__ = ["beyond", "calibration", "crossing", "population", "write_constants"]
 
@@ -39,7 +39,8 @@ def population(
 ) -> tuple[Layout, Traction, float]:
     """A random layout, contact (inside the array) and noise, none of them those of `LAYOUTS`.
 
-    ``contact`` is "line", "area" or "area with shear" (default: any of them); ``sensing`` and ``body`` are those of a
+    ``contact`` is "line", "area", "area with shear" (default: any of them) or "area, ambiguous" (a bonded gel of which the displacements in
+    the plane are read; friction is known every other time); ``sensing`` and ``body`` are those of a
     `palpate.uncertainty.Case`.
     """
     noise = float(np.exp(rng.uniform(math.log(5e-4), math.log(7e-2))))
@@ -56,11 +57,13 @@ def population(
             width = float(np.exp(rng.uniform(math.log(0.6), math.log(min(9.0, 0.8 * reach)))))
             parts.append((kind, float(rng.uniform(-1, 1) * (reach - width)), width, float(rng.uniform(0.4, 1.0))))
         return Layout("line", _body(body, ratio, depth, rng), array, {}), line_contact(*parts), noise
+    ambiguous = contact == AMBIGUOUS
     shear = rng.random() < 0.3
-    shear = shear if contact is None else contact == "area with shear"
-    size = int(rng.integers(14, 25 if shear else 33))
-    depth = float(rng.uniform(1.0, 3.0))
-    area = AreaArray(shape=(size, size), pitch=1.0, depth=depth, channels=CHANNELS[sensing][int(shear)])
+    shear = shear if contact is None else ambiguous or contact == "area with shear"
+    size = int(rng.integers(14, 25 if shear else 33)) if not ambiguous else int(rng.integers(6, 10))
+    depth = float(rng.uniform(1.0, 3.0)) if not ambiguous else float(rng.uniform(0.0, 1.5))
+    channels = CHANNELS[sensing][int(shear)] if not ambiguous else ["displacement_x", "displacement_y"]
+    area = AreaArray(shape=(size, size), pitch=1.0, depth=depth, channels=channels)
     patches = []
     for _ in range(1 if shear else int(rng.choice([1, 1, 2]))):
         a, b = np.exp(rng.uniform(math.log(1.2), math.log(0.28 * size), size=2))
@@ -75,7 +78,13 @@ def population(
     )
     components = ("x", "y", "z") if shear else ("z",)
     pad = _body(body, ratio, depth, rng)
-    return Layout("area", pad, area, {}, components, mu if shear else None), traction, noise
+    told = shear
+    if ambiguous:
+        layer = Layer(
+            thickness=depth + float(rng.uniform(0.8, 3.0)), youngs_modulus=1.0, poissons_ratio=min(ratio, 0.49)
+        )
+        pad, told = BondedLayers([layer]), bool(rng.random() < 0.5)
+    return Layout("area", pad, area, {}, components, mu if told else None), traction, noise
 
 
 def _body(body: str, ratio: float, depth: float, rng: np.random.Generator) -> Pad:

@@ -156,7 +156,10 @@ def bench_calibration(
     frames: Annotated[int, typer.Option(min=20, help="Random contacts.")] = 500,
     method: Annotated[str, typer.Option(help="A method whose error bars have constants.")] = "adaptive",
     contact: Annotated[
-        str | None, typer.Option(help='"line", "area" or "area with shear"; by default a mixture of all.')
+        str | None,
+        typer.Option(
+            help='"line", "area", "area with shear" or "area, ambiguous"; by default a mixture of the first three.'
+        ),
     ] = None,
     sensing: Annotated[str, typer.Option(help="stress, strain or displacement.")] = "stress",
     body: Annotated[str, typer.Option(help="half-space or layers.")] = "half-space",
@@ -172,10 +175,10 @@ def bench_calibration(
     """The constants of the error bars, from a random population of contacts."""
     import palpate
     from palpate import bench
-    from palpate.uncertainty import calibrated_methods
+    from palpate.uncertainty import AMBIGUOUS, calibrated_methods
 
     for name, value, accepted in (
-        ("contact", contact, (None, "line", "area", "area with shear")),
+        ("contact", contact, (None, "line", "area", "area with shear", AMBIGUOUS)),
         ("sensing", sensing, ("stress", "strain", "displacement")),
         ("body", body, ("half-space", "layers")),
     ):

@@ -97,6 +97,8 @@ class Method(abc.ABC):
     error_bars: ClassVar[bool] = False
     #: Whether it is one of the methods for comparison.
     comparison: ClassVar[bool] = False
+    #: Whether components that the channels alone cannot tell apart may be sought: that pressure pushes, and where, tells them apart.
+    narrows: ClassVar[bool] = False
     #: Rules that choose ``parameter`` where it is not given; the first one by default.
     rules: ClassVar[tuple[str, ...]] = ()
 

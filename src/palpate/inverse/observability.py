@@ -14,10 +14,14 @@ from palpate.elastic.quantities import COMPONENTS, transfer
 from palpate.errors import InvalidInput, NotObservable
 from palpate.sensing.arrays import Array
 
-__all__ = ["Observability", "check_observable", "observability", "observable_components"]
+__all__ = ["Observability", "check_observable", "is_observable", "observability", "observable_components"]
 
 #: Below this ratio of singular values at every wavelength a combination of components leaves no trace.
 BLIND = 1e-9
+#: What presses acts on readings that do not tell it from shear where it moves them by this part of what shear does.
+ACTS = 0.1
+#: Readings up to which pressure is then sought by default: a frame of more takes minutes.
+NARROWED_READINGS = 1100
 #: Channels across the surface: what presses reaches them first.
 NORMAL = ("displacement_z", "strain_zz", "stress_zz")
 
@@ -100,7 +104,8 @@ def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:
 
     All of them. Else, where a channel across the surface (stress_zz, strain_zz, displacement_z) is measured, pressure, with the shear
     along x (or y) where a channel is odd in that axis, as stress_xz and displacement_x are: to take pressure as zero there would make
-    shear of what presses. Else both shears; else one, where every channel is odd in that axis; else pressure.
+    shear of what presses. Else, on a pad bonded to a base, all of them where what presses moves the readings too (`presses`). Else both
+    shears; else one, where every channel is odd in that axis; else pressure.
     """
     line = planes[0].dimensions == 1
     channels = [c for p in planes for c in p.channels]
@@ -109,6 +114,12 @@ def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:
     if any(c in NORMAL for c in channels):
         candidates += [(a, "z") for a in axes if any(mirror_parity(c, a) < 0 for c in channels)]
         candidates.append(("z",))
+    shears = [(axis,) for axis in axes] if line else [("x", "y")]
+    bonded = getattr(pad, "thickness", None) is not None
+    if bonded and not is_observable(pad, planes, candidates[0]) and presses(pad, planes, shears[0]):
+        readings = sum(int(p.valid.sum()) * len(p.channels) for p in planes)
+        if readings <= NARROWED_READINGS and not any(is_observable(pad, planes, c) for c in candidates):
+            return candidates[0]
     if not line:
         candidates.append(("x", "y"))
     candidates += [(axis,) for axis in axes if all(mirror_parity(c, axis) < 0 for c in channels)]
@@ -121,9 +132,29 @@ def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:
     )
 
 
-def check_observable(pad: Pad, planes: Sequence[Array], components: Sequence[str]) -> None:
-    """Raise `NotObservable`, naming a remedy, unless the components can be told apart."""
+def presses(pad: Pad, planes: Sequence[Array], shears: Sequence[str]) -> bool:
+    """Whether pressure moves readings that these shears explain as well: by `ACTS` of what as much shear does, at some wavelength."""
+    if not is_observable(pad, planes, shears):
+        return False
+    names = COMPONENTS[planes[0].dimensions]
+    size = float(np.ptp(planes[0].points, axis=0).max())
+    k = 2 * np.pi / np.geomspace(size, 0.1 * size, 9)
+    matrix = _whitened(pad, planes, k, 0.0 if len(names) == 2 else 0.05)
+    shear = np.linalg.norm(matrix[..., [names.index(c) for c in shears]], axis=(-2, -1))
+    return bool((np.linalg.norm(matrix[..., -1], axis=-1) > ACTS * shear).any())
+
+
+def check_observable(
+    pad: Pad, planes: Sequence[Array], components: Sequence[str], *, narrowed: bool = False, remedied: bool = False
+) -> None:
+    """Raise `NotObservable`, naming a remedy, unless the components can be told apart.
+
+    ``narrowed``: that pressure pushes, and where, may tell apart what the channels alone do not; each must still leave a trace.
+    ``remedied``: a method that does so serves this skin.
+    """
     if is_observable(pad, planes, components):
+        return
+    if narrowed and "z" in components and all(is_observable(pad, planes, (c,)) for c in components):
         return
     channels = ", ".join(f"{c} at depth {p.depth:g} m" for p in planes for c in p.channels)
     remedy = (
@@ -133,7 +164,8 @@ def check_observable(pad: Pad, planes: Sequence[Array], components: Sequence[str
     )
     raise NotObservable(
         f"the components {', '.join(components)} cannot be told apart from {channels}: at every wavelength some "
-        f'combination of them has no effect on the readings. {remedy}, or seek fewer components (components=["z"]).'
+        f'combination of them has no effect on the readings. {remedy}, or seek fewer components (components=["z"])'
+        + (', or use method="adaptive", which knows that pressure pushes.' if remedied else ".")
     )
 
 

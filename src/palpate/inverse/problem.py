@@ -12,6 +12,7 @@ import numpy as np
 from palpate.elastic.pad import Floats, Pad
 from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.regularised import Decomposition, decompose
+from palpate.inverse.observability import is_observable
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid
 from palpate.sensing.operator import Boundary, Operator
@@ -117,6 +118,13 @@ class Problem:
     def columns(self) -> tuple[int, ...]:
         """Places of the components sought among those of the surface."""
         return tuple(self.surface.components.index(c) for c in self.components)
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether the channels alone cannot tell the components apart."""
+        return self.kept.get(
+            ("ambiguous", self.columns), lambda: not is_observable(self.pad, self.planes, self.components)
+        )
 
     @property
     def operator(self) -> Operator:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from palpate.inverse.method import Method
-from palpate.inverse.observability import blind_to_force, without_mean
+from palpate.inverse.observability import blind_to_force, presses, without_mean
 from palpate.inverse.problem import Problem
 
 __all__ = ["notes"]
@@ -22,6 +22,16 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
         forced = set(sought) == set(default)
         why = ": the channels cannot tell all components apart" if forced else ", as asked"
         found.append(f"{_spoken(zero)} taken as zero{why}")
+        if forced and zero == ["z"] and problem.boundary == "free" and presses(problem.pad, problem.planes, sought):
+            found.append(
+                "pressure would move these readings too, and is then part of the shear: where something presses, seek it as well "
+                f"(components {', '.join(problem.surface.components)})"
+            )
+    if problem.ambiguous:
+        found.append(
+            "these channels alone cannot tell pressure from shear: that pressure pushes, and only where something touches, does; a pull, "
+            "or an offset of the readings that is not named, would be taken for contact"
+        )
     found.extend(method.assumptions())
     if without_mean(problem.pad, problem.planes, problem.boundary):
         found.append(

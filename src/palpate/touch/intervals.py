@@ -115,7 +115,8 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
                 side[..., :-1] = shear[..., :-1]
         if touch.pushing is not None and not touch.pushing.all():
             # traction of either sign is neither biased, as pressure that only adds up is, nor bounded by zero
-            free = ~touch.pushing.reshape((*touch.pushing.shape, *(1,) * (low.ndim - touch.pushing.ndim)))
+            both = ~touch.pushing & ~pulls
+            free = both.reshape((*both.shape, *(1,) * (low.ndim - both.ndim)))
             either = replace(table[of], shift=0.0).bounds(level, value, deviation, outside, np.asarray(-math.inf))
             low, high = np.where(free, either[0], low), np.where(free, either[1], high)
         if touch.touching is not None and not touch.touching.all():

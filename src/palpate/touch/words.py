@@ -116,6 +116,8 @@ def summary(one: Touch, friction: float | None) -> str:
     force = to_numpy(one.force)
     unit = "N/m" if line else "N"
     components = one.surface.components
+    if not np.isfinite(force).any():
+        return "\n".join(["net force       not known", *(f"note: {n}" for n in one.notes)])
     lines = ["net force       " + ", ".join(f"{c} {v:.4g} {unit}" for c, v in zip(components, force))]
     # some frames have none: found by a method without error bars, or before a stream has made them
     known = one.errors is not None and bool(np.isfinite(one.errors.force).all())

@@ -1,6 +1,7 @@
 """How the errors of each quantity are distributed: generated constants with the population they come from."""
 
 from palpate.uncertainty.calibration import (
+    AMBIGUOUS,
     GAUSSIAN,
     Calibration,
     Case,
@@ -12,6 +13,7 @@ from palpate.uncertainty.calibration import (
 )
 
 __all__ = [
+    "AMBIGUOUS",
     "GAUSSIAN",
     "Calibration",
     "Case",

@@ -26,6 +26,8 @@ __all__ = ["GAUSSIAN", "QUANTITIES", "Calibration", "Case", "Constants", "calibr
 
 #: Methods whose error bars are those of a Gaussian model, in which traction has either sign: used as they are where nothing calibrated them.
 GAUSSIAN = ("tikhonov", "hilgers", "truncated", "wiener")
+#: Contact on an area whose pressure and shear the channels alone do not tell apart.
+AMBIGUOUS = "area, ambiguous"
 #: What constants are for.
 QUANTITIES = ("traction", "force", "moment", "center_of_pressure", "peak_pressure", "slip_margin")
 
@@ -95,7 +97,7 @@ class Case:
     Attributes
     ----------
     contact : str
-        "line", "area" (pressure alone) or "area with shear".
+        "line", "area" (pressure alone), "area with shear", or "area, ambiguous": with shear that the channels alone do not tell from pressure.
     sensing : str
         Kind of the channels: "stress", "strain", "displacement", or "mixed".
     body : str
@@ -107,12 +109,12 @@ class Case:
     body: str = "half-space"
 
     @classmethod
-    def of(cls, pad: Pad, planes: Sequence[Array], components: Sequence[str]) -> Case:
-        """The case of a pad, its arrays and what is sought."""
+    def of(cls, pad: Pad, planes: Sequence[Array], components: Sequence[str], *, ambiguous: bool = False) -> Case:
+        """The case of a pad, its arrays and what is sought; ``ambiguous``: the channels alone do not tell the components apart."""
         kinds = {find_channel(c).kind.name for p in planes for c in p.channels}
         layered = getattr(pad, "thickness", None) is not None
         return cls(
-            contact_kind(planes[0].dimensions, components),
+            AMBIGUOUS if ambiguous and planes[0].dimensions == 2 else contact_kind(planes[0].dimensions, components),
             kinds.pop() if len(kinds) == 1 else "mixed",
             "layers" if layered else "half-space",
         )
@@ -192,6 +194,8 @@ def constants(method: str, case: Case) -> Constants:
     """
     table = _table()
     candidates = [c for m, c in table if m == method and c.contact == case.contact]
+    if not candidates and case.contact == AMBIGUOUS:
+        candidates = [c for m, c in table if m == method and c.contact == "area with shear"]
     if not candidates and method in GAUSSIAN:
         plain = MappingProxyType(dict.fromkeys(QUANTITIES, Calibration()))
         return Constants(method, case, plain, 0.0, MappingProxyType({}))

@@ -72,7 +72,9 @@ class Cone:
         out = np.empty_like(x)
         # below the polar cone, size <= -p, this is 0
         out[-1] = np.where(inside, p, np.maximum(0.5 * (p + size), 0.0))
-        out[:-1] = shear * np.where(inside, 1.0, out[-1] / np.where(inside, 1.0, size)).astype(x.dtype, copy=False)
+        # without shear, below the cone's tip, there is nothing to turn
+        rest = np.where(inside | (size == 0.0), 1.0, size)
+        out[:-1] = shear * np.where(inside, 1.0, out[-1] / rest).astype(x.dtype, copy=False)
         return out
 
     def nearest(self, traction: Floats) -> Floats:

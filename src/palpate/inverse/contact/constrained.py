@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -26,13 +26,14 @@ from palpate.errors import Unsupported
 from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.frame import Frame, Run
-from palpate.inverse.contact.hypotheses import Hypothesis, Rough, hypothesis_of, without_outliers
-from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, level_operator, scattered
+from palpate.inverse.contact.hypotheses import Hypothesis, Rough, hypothesis_of, rough_fit, without_outliers
+from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
-from palpate.inverse.contact.parts import STATED, Parts, Thresholds
-from palpate.inverse.contact.posterior import Posterior, posterior_factor, shared_errors, taken_by
+from palpate.inverse.contact.parts import Parts, Thresholds
+from palpate.inverse.contact.posterior import Posterior, posterior_factor, taken_by
 from palpate.inverse.contact.quadratic import Penalty, formed_or_not
 from palpate.inverse.contact.screening import Ceilings, ceilings, outermost, screened
+from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.fit import MODEL_DETAIL, misfit_probability, neighbours
 from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence, log_evidence
@@ -41,7 +42,6 @@ from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.regularised import Decomposition
 from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.problem import Problem
-from palpate.sensing.grids import block_means
 from palpate.sensing.nuisance import nuisances
 
 __all__ = ["ConstrainedEstimator"]
@@ -137,7 +137,9 @@ class ConstrainedEstimator:
         self.posterior = Posterior(operator, columns, cone, self.inside, self.outside, self.reach)
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
-        kinds = DEFAULT_NUISANCES if problem.nuisance is None else problem.nuisance
+        #: Whether the linear model can follow any readings, noise too: it tells nothing of noise, nor of offsets.
+        self.ambiguous = problem.ambiguous
+        kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else DEFAULT_NUISANCES
         self.terms = nuisances(operator.planes_of, kinds) if self.parts.nuisances else []
         self.ring = self._ring()
         self.outermost = outermost(self.orders[1])
@@ -305,7 +307,7 @@ class ConstrainedEstimator:
         filled = data
         if self.parts.screening:
             limits = ends.upper | ends.lower if ends is not None else np.zeros(len(data), dtype=bool)
-            found = screened(self.orders[1], self.readings, data, alive & ~limits, self._shifts, self.thresholds)
+            found = screened(self.orders[1], self.readings, data, alive & ~limits, self.shifts, self.thresholds)
             usable &= ~found.broken
             filled = np.where(usable, data, found.explained)
         quiet = self._quiet(filled, usable)
@@ -314,7 +316,12 @@ class ConstrainedEstimator:
             h, counted = without_outliers(self, h, filled, usable)
             if (usable & ~counted).any():
                 usable = counted
-                filled = np.where(usable, filled, h.sign * h.rough.explained + self._shifts @ h.sizes)
+                filled = np.where(usable, filled, h.sign * h.rough.explained + self.shifts @ h.sizes)
+        if self.ambiguous and quiet is None:
+            chance = rough_fit(self, h, filled, usable)
+            everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > self.thresholds.everywhere
+            if chance < self.thresholds.structured_chance or everywhere:
+                return self._unexplained(data, ~usable, chance)
         return self._framed(self._run(h, filled, alive, usable, ends), data, ends, rng)
 
     def _quiet(self, data: Floats, observed: Flags) -> Hypothesis | None:
@@ -330,12 +337,12 @@ class ConstrainedEstimator:
             return Hypothesis(1, rough, none, none > 0)
         if not self.terms:
             return None
-        patterns = np.stack([np.asarray(linear.spectrum.project(self.readings.planes(c))) for c in self._shifts.T])
+        patterns = np.stack([np.asarray(linear.spectrum.project(self.readings.planes(c))) for c in self.shifts.T])
         found = linear_evidence(linear, rows, self.parameter, None, patterns)
         if found.gain > limit + uneven:
             return None
         noise = 1.0 if self.noise_known else None
-        reach = [np.abs(data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in self._shifts.T]
+        reach = [np.abs(data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in self.shifts.T]
         prior = float(np.log(np.maximum(np.array(reach) * self.thresholds.largest_nuisance, 1e-300)).sum())
         alone = log_evidence(found.objective, found.logdet, found.freedom, noise) - found.gain - prior
         if alone < log_evidence(plain.objective, plain.logdet, plain.freedom, noise):
@@ -347,7 +354,7 @@ class ConstrainedEstimator:
         return Hypothesis(1, rough, np.where(present, sizes, 0.0), present)
 
     @cached_property
-    def _shifts(self) -> Floats:
+    def shifts(self) -> Floats:
         """The nuisances over the readings (reading, term)."""
         n = len(self.readings.std)
         return np.stack([t.rows for t in self.terms], axis=1) if self.terms else np.zeros((n, 0))
@@ -356,7 +363,7 @@ class ConstrainedEstimator:
         """One hypothesis, solved."""
         known: float | None = None  # noise scale, where the contact tells it better than the linear model
         levels: Floats | None = None  # the same of every channel
-        data = (h.sign or 1) * (raw - self._shifts @ h.sizes)
+        data = (h.sign or 1) * (raw - self.shifts @ h.sizes)
         rows = self.readings.planes(data)
         observed, learned = usable.copy(), 0
         least = np.zeros_like(data)
@@ -370,7 +377,7 @@ class ConstrainedEstimator:
         rounding = float(least.max(initial=0.0))
         if self.noise_known and rounding > 0.3:
             known = math.hypot(1.0, rounding)
-        if h.sign and (self._exceeded(h, data, usable) if self.noise_known else h.present.any()):
+        if h.sign and (self._exceeded(h, data, usable) if self.noise_known else h.present.any() or self.ambiguous):
             known = max(h.rough.left, self.least_noise(data))
         nothing = np.zeros((len(data), 0)), np.zeros(0)
         refined = 0
@@ -409,7 +416,7 @@ class ConstrainedEstimator:
                 refined += 1
                 if change.any():
                     h = replace(h, sizes=h.sizes + (h.sign or 1) * change)
-                    data = data - self._shifts @ change
+                    data = data - self.shifts @ change
                     rows = self.readings.planes(np.where(observed, data, explained))
                     continue
             own = None
@@ -423,9 +430,14 @@ class ConstrainedEstimator:
             if not parts.noise_again or self.noise_known:
                 break
             # what pressure that only pushes cannot follow is noise, even where a linear model could
-            left = self.noise.left(leading, first, data / noise, observed, self.effective_freedom(parameter))
+            took = taken_by(leading) if self.ambiguous else None
+            left = self.noise.left(leading, first, data / noise, observed, self.effective_freedom(parameter), took)
             left *= noise[0] / self.readings.std[0]
-            if learned == TURNS_OF_ALL or max(left, floor) < limits.quieter * max(scale, floor):
+            change_of_noise = max(left, floor) / max(scale, floor)
+            if self.ambiguous and change_of_noise < 1.0:
+                # it began with the largest noise that explains itself
+                change_of_noise = 1.0 / change_of_noise
+            if learned == TURNS_OF_ALL or change_of_noise < limits.quieter:
                 break
             total = float(np.sqrt(np.mean(self.readings.white((data / self.readings.std)[observed], observed) ** 2)))
             if left > max(limits.most * total, limits.unexplained * scale):
@@ -440,7 +452,7 @@ class ConstrainedEstimator:
     def _change(self, h: Hypothesis, model: ContactModel, data: Floats, noise: Floats, observed: Flags) -> Floats:
         """How the sizes of the nuisances that are there change when contact and they are solved together, on the face of the contact."""
         out = np.zeros(len(self.terms))
-        columns = (self._shifts[:, h.present] / noise[:, None])[observed]
+        columns = (self.shifts[:, h.present] / noise[:, None])[observed]
         rows = self.readings.white(columns, observed)
         misfit = self.readings.white((data / noise)[observed], observed)
         misfit = misfit - model.data.matrix @ model.solution.traction.ravel()
@@ -460,7 +472,7 @@ class ConstrainedEstimator:
     def _framed(self, run: Run, data: Floats, ends: Ceilings | None, rng: np.random.Generator | None) -> Frame:
         """One frame of the hypothesis that it was solved with."""
         h = run.hypothesis
-        deviation = self._nuisance_errors(run)
+        deviation = nuisance_errors(self, run)
         at_limit = np.zeros(len(data), dtype=bool) if ends is None else ends.upper | ends.lower
         left_out = ~run.observed & ~at_limit
         each = np.full(self.noise.count, run.scale) if run.levels is None else run.levels
@@ -470,9 +482,9 @@ class ConstrainedEstimator:
             fit = self._fit(run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
             result = replace(nothing, pushed=run.pushed and h.sign == 1, fit=fit)
         else:
-            run.doubtful = self._doubtful(run)
+            run.doubtful = doubtful(self, run)
             for m in run.members:
-                self._share(m, run, deviation, at_limit)
+                share(self, m, run, deviation, at_limit)
             result = self._combined(run.members, run, each, rng)
             # the models may explain on a finer grid what cells of the surface cannot
             pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
@@ -485,59 +497,6 @@ class ConstrainedEstimator:
                 pushed=pushed,
             )
         return replace(result, sign=h.sign, nuisance=h.sizes, nuisance_std=deviation, at_limit=at_limit)
-
-    def _nuisance_errors(self, run: Run) -> Floats:
-        """Standard deviations of the nuisances; where one could not be told from contact, of what may hide."""
-        h = run.hypothesis
-        if not self.terms or not (run.noise > 0).all():  # nothing at all was read
-            return np.zeros(len(self.terms))
-        columns = self._shifts / run.noise[:, None]
-        unit = np.sqrt((self.readings.white(columns[run.observed], run.observed) ** 2).sum(axis=0))
-        deviation = np.where(h.present, 1.0 / np.maximum(unit, 1e-300), 0.0)
-        if run.members and h.rough.ring > self.thresholds.ring:
-            reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in self._shifts.T])
-            offsets = np.array([t.kind == "offset" for t in self.terms])
-            deviation = np.maximum(deviation, np.where(offsets, self.thresholds.hidden_offset * reach, 0.0))
-        return np.asarray(deviation)
-
-    def _doubtful(self, run: Run) -> tuple[Floats, Floats]:
-        """What is not known exactly of the pad does to the readings (reading, unknown), in units of the noise; standard deviations."""
-        if not self.problem.uncertainty.any or not run.members:
-            return np.zeros((len(run.data), 0)), np.zeros(0)
-        grid = self.operator.surface
-        full = np.zeros((len(grid.components), *grid.shape))
-        for m in run.members:
-            for row, column in enumerate(self.columns):
-                fine = scattered(m.solution.traction[row], m.cells, m.level.grid.shape)
-                full[column] += m.weight * block_means(fine, m.level.ratio, grid.dimensions)
-        columns, size = self.problem.doubtful(full, wide=self.wide)
-        return columns / run.noise[:, None], size
-
-    def _share(self, model: ContactModel, run: Run, deviation: Floats, at_limit: Flags) -> None:
-        """What a model's errors owe to what acts on many readings at once: nuisances, ends of range, a pad not known exactly."""
-        there = deviation > 0
-        noise, observed = run.noise, run.observed
-        columns = self._shifts[:, there] / noise[:, None]
-        prior = np.where(run.hypothesis.present, math.inf, deviation)[there]
-        if (at_limit & observed).any():
-            # readings that count although they may be larger: all of them by a common part
-            excess = np.where(at_limit & observed, run.data / noise, 0.0)[:, None]
-            columns, prior = np.concatenate([columns, excess], axis=1), np.append(prior, self.thresholds.excess)
-        columns = np.concatenate([columns, run.doubtful[0]], axis=1)
-        # what was named or assumed is no error of the method, which its constants make smaller
-        prior = np.concatenate([prior, run.doubtful[1]]) / STATED
-        gain = self.problem.uncertainty.gain / STATED
-        if not columns.shape[1] and not gain:
-            return
-        rows = self.readings.white(columns[observed], observed)
-        for one in (model, model.contact):
-            if one is None:
-                continue
-            parts = [shared_errors(one, rows, prior)] if columns.shape[1] else []
-            if gain:
-                each = gain * np.abs(run.data / noise)[observed]
-                parts.append(posterior_factor(one.solution, each[:, None] * one.data.matrix))
-            one.shared = np.concatenate(parts, axis=1)
 
     def _fit(self, run: Run, residual: Floats, taken: float, largest: float) -> float:
         """Misfit probability of what is left, in units of the noise."""
@@ -587,6 +546,22 @@ class ConstrainedEstimator:
         empty = np.zeros((self.draws, *shape)) if self.draws else None
         noise = np.full(self.noise.count, scale)
         return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)
+
+    def _unexplained(self, data: Floats, outliers: Flags, chance: float) -> Frame:
+        """A frame that nothing explains which is known of contact, on channels that need it: nothing is known."""
+        nothing = self._nothing(math.nan, math.nan, data, outliers)
+        unknown = {f.name: np.full_like(getattr(nothing.errors, f.name), math.nan) for f in fields(Errors)}
+        gap, terms = math.nan * nothing.traction, np.full(len(self.terms), math.nan)
+        return replace(
+            nothing,
+            traction=gap,
+            errors=Errors(**unknown),
+            contact=True,
+            pushed=False,
+            fit=chance,
+            nuisance=terms,
+            nuisance_std=terms,
+        )
 
     def fit(self, linear: Floats, y: Floats, noise: Floats, observed: Flags, weight: float) -> tuple[Floats, Floats]:
         """The constrained solution on the surface grid (component, cell), and the readings that it explains.
@@ -644,7 +619,8 @@ class ConstrainedEstimator:
         if unknowns > LARGEST_UNKNOWNS:
             raise Unsupported(
                 f"the contact covers {unknowns} unknowns, too many (limit {LARGEST_UNKNOWNS}). Give a "
-                'coarser surface (Skin(..., surface=...)), or use method="tikhonov".'
+                "coarser surface (Skin(..., surface=...)), or "
+                + ('seek shear alone (components=["x", "y"]).' if self.ambiguous else 'use method="tikhonov".')
             )
 
     def model(

@@ -112,7 +112,7 @@ class Chain:
     def __init__(self, size: int, row: Index, col: Index, value: Floats) -> None:
         self.size = size
         width = max(int((row - col).max(initial=0)), BLOCK)
-        self.width = size if size <= 2 * width else width
+        self.width = max(size if size <= 2 * width else width, 1)
         self.slices = [slice(k, min(k + self.width, size)) for k in range(0, size, self.width)]
         if not size:
             return

@@ -29,7 +29,7 @@ from palpate.sensing.nuisance import Nuisance
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["Hypothesis", "Rough", "hypothesis_of", "rough", "without_outliers"]
+__all__ = ["Hypothesis", "Rough", "hypothesis_of", "rough", "rough_fit", "without_outliers"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -222,23 +222,23 @@ def hypothesis_of(
         if free is not None:
             tried.append(free)
     best = _best(tried, t)
-    if 0 in signs and best.sign != 0 and free is not None and _structured(estimator, best, data, observed, total):
-        return free
-    return best
+    chance = 1.0 if 0 not in signs or best.sign == 0 or free is None else rough_fit(estimator, best, data, observed)
+    return free if chance < t.structured_chance and free is not None else best
 
 
-def _structured(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, observed: Flags, total: float) -> bool:
-    """Whether a hypothesis leaves much, and no noise: what neighbours share. Contact of one sign is then not what this is."""
+def rough_fit(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, observed: Flags) -> float:
+    """The chance that noise is what a hypothesis leaves; 1 where it leaves little. Else contact of one sign is not what this is."""
     t = estimator.thresholds
+    white = estimator.readings.white((data / estimator.readings.std)[observed], observed)
+    total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
     columns = np.stack([term.rows for term in estimator.terms], axis=1) if estimator.terms else None
     clean = data if columns is None else data - columns @ h.sizes
     residual = np.where(observed, h.sign * clean - h.rough.explained, 0.0) / estimator.readings.std
     size = math.sqrt(float(np.mean(residual[observed] ** 2)))
     if not size > t.structured * total or (estimator.noise_known and size < t.unexplained):
-        return False
+        return 1.0
     taken = float(observed.sum()) - h.rough.free
-    chance = misfit_probability(residual / size, observed, estimator.pairs, taken=taken, known=False)
-    return chance < t.structured_chance
+    return misfit_probability(residual / size, observed, estimator.pairs, taken=taken, known=False)
 
 
 def without_outliers(

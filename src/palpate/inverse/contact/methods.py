@@ -58,6 +58,7 @@ class Adaptive(Method):
     summary: ClassVar[str] = "learned from each frame, pressure cannot pull, error bars"
     needs: ClassVar[Needs] = Needs(free_boundary=True, pressure=True)
     error_bars: ClassVar[bool] = True
+    narrows: ClassVar[bool] = True
 
     friction: float | None = number(help=_FRICTION)
     draws: int = count(help=_DRAWS)
@@ -85,6 +86,7 @@ class Constrained(Method):
     summary: ClassVar[str] = "one even penalty with the same constraints: faster, less sharp, error bars"
     needs: ClassVar[Needs] = Needs(free_boundary=True, pressure=True)
     error_bars: ClassVar[bool] = True
+    narrows: ClassVar[bool] = True
     rules: ClassVar[tuple[str, ...]] = ("evidence",)
 
     friction: float | None = number(help=_FRICTION)
@@ -117,6 +119,7 @@ class Automatic(Method):
     name: ClassVar[str] = "automatic"
     summary: ClassVar[str] = "the default: adaptive, and tikhonov for frames that pull"
     error_bars: ClassVar[bool] = True
+    narrows: ClassVar[bool] = True
 
     friction: float | None = number(help=_FRICTION)
     draws: int = count(help=_DRAWS)
@@ -139,7 +142,8 @@ class Automatic(Method):
         if other is not self:
             return other.prepare(problem)
         pushing = Adaptive(friction=self.friction, draws=self.draws).prepare(problem)
-        return AutomaticEstimator(pushing, None if self.friction is not None else lambda: Tikhonov().prepare(problem))
+        linear = self.friction is None and not problem.ambiguous
+        return AutomaticEstimator(pushing, (lambda: Tikhonov().prepare(problem)) if linear else None)
 
 
 class AutomaticEstimator:
@@ -148,7 +152,7 @@ class AutomaticEstimator:
     def __init__(self, pushing: AdaptiveEstimator, pulling: Callable[[], Linear] | None) -> None:
         self.pushing, self.grid = pushing, pushing.grid
         self._pulling = pulling
-        if pushing.parts.pulls:
+        if pushing.parts.pulls and not pushing.ambiguous:  # there, that pressure pushes is what tells it from shear
             pushing.signs = (1, -1) if pulling is None else (1, -1, 0)
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:

@@ -85,10 +85,15 @@ class ChannelNoise:
         out[alive] *= np.sqrt(power / free)
         return np.asarray(out)
 
-    def left(self, member: ContactModel, first: Floats, y: Floats, observed: Flags, freedom: float) -> float:
-        """Root mean square of the whitened misfit, for the freedom that the contact took: the modes that the data decide, over its area."""
+    def left(
+        self, member: ContactModel, first: Floats, y: Floats, observed: Flags, freedom: float, took: float | None = None
+    ) -> float:
+        """Root mean square of the whitened misfit, for the freedom that the contact took: the modes that the data decide, over its area.
+
+        ``took`` is that freedom where it is known.
+        """
         share = float(np.count_nonzero(first[-1])) / self.taxels
-        free = max(float(observed.sum()) - min(share, 1.0) * freedom, 1.0)
+        free = max(float(observed.sum()) - (min(share, 1.0) * freedom if took is None else took), 1.0)
         misfit = member.data.matrix @ member.solution.traction.ravel() - self.readings.white(y[observed], observed)
         return float(np.sqrt((misfit**2).sum() / free))
 

@@ -131,6 +131,8 @@ class Thresholds:
     #: noise has as seldom as this.
     structured: float = 0.1
     structured_chance: float = 1e-4
+    #: Where the channels alone do not tell pressure from shear, neither does contact that covers this part of the surface (a convention).
+    everywhere: float = 0.6
     #: Where the whole edge of the array is loaded, an offset of this part of the largest reading may hide (a convention).
     hidden_offset: float = 0.1
     #: Hypotheses whose gains differ by less than this are both followed.

@@ -1,0 +1,79 @@
+"""What a model's errors owe to what acts on many readings at once: nuisances, ends of range, a pad not known exactly."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.frame import Run
+from palpate.inverse.contact.model import ContactModel, scattered
+from palpate.inverse.contact.parts import STATED
+from palpate.inverse.contact.posterior import posterior_factor, shared_errors
+from palpate.sensing.grids import block_means
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.constrained import ConstrainedEstimator
+
+__all__ = ["doubtful", "nuisance_errors", "share"]
+
+Flags = npt.NDArray[np.bool_]
+
+
+def nuisance_errors(estimator: ConstrainedEstimator, run: Run) -> Floats:
+    """Standard deviations of the nuisances; where one could not be told from contact, of what may hide."""
+    h = run.hypothesis
+    if not estimator.terms or not (run.noise > 0).all():  # nothing at all was read
+        return np.zeros(len(estimator.terms))
+    columns = estimator.shifts / run.noise[:, None]
+    unit = np.sqrt((estimator.readings.white(columns[run.observed], run.observed) ** 2).sum(axis=0))
+    deviation = np.where(h.present, 1.0 / np.maximum(unit, 1e-300), 0.0)
+    if run.members and h.rough.ring > estimator.thresholds.ring:
+        reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in estimator.shifts.T])
+        offsets = np.array([t.kind == "offset" for t in estimator.terms])
+        deviation = np.maximum(deviation, np.where(offsets, estimator.thresholds.hidden_offset * reach, 0.0))
+    return np.asarray(deviation)
+
+
+def doubtful(estimator: ConstrainedEstimator, run: Run) -> tuple[Floats, Floats]:
+    """What is not known exactly of the pad does to the readings (reading, unknown), in units of the noise; standard deviations."""
+    if not estimator.problem.uncertainty.any or not run.members:
+        return np.zeros((len(run.data), 0)), np.zeros(0)
+    grid = estimator.operator.surface
+    full = np.zeros((len(grid.components), *grid.shape))
+    for m in run.members:
+        for row, column in enumerate(estimator.columns):
+            fine = scattered(m.solution.traction[row], m.cells, m.level.grid.shape)
+            full[column] += m.weight * block_means(fine, m.level.ratio, grid.dimensions)
+    columns, size = estimator.problem.doubtful(full, wide=estimator.wide)
+    return columns / run.noise[:, None], size
+
+
+def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviation: Floats, at_limit: Flags) -> None:
+    """What a model's errors owe to what acts on many readings at once: nuisances, ends of range, a pad not known exactly."""
+    there = deviation > 0
+    noise, observed = run.noise, run.observed
+    columns = estimator.shifts[:, there] / noise[:, None]
+    prior = np.where(run.hypothesis.present, math.inf, deviation)[there]
+    if (at_limit & observed).any():
+        # readings that count although they may be larger: all of them by a common part
+        excess = np.where(at_limit & observed, run.data / noise, 0.0)[:, None]
+        columns, prior = np.concatenate([columns, excess], axis=1), np.append(prior, estimator.thresholds.excess)
+    columns = np.concatenate([columns, run.doubtful[0]], axis=1)
+    # what was named or assumed is no error of the method, which its constants make smaller
+    prior = np.concatenate([prior, run.doubtful[1]]) / STATED
+    gain = estimator.problem.uncertainty.gain / STATED
+    if not columns.shape[1] and not gain:
+        return
+    rows = estimator.readings.white(columns[observed], observed)
+    for one in (model, model.contact):
+        if one is None:
+            continue
+        parts = [shared_errors(one, rows, prior)] if columns.shape[1] else []
+        if gain:
+            each = gain * np.abs(run.data / noise)[observed]
+            parts.append(posterior_factor(one.solution, each[:, None] * one.data.matrix))
+        one.shared = np.concatenate(parts, axis=1)

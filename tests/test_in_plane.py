@@ -1,0 +1,72 @@
+"""Displacements in the plane of a bonded gel: pressure is told from shear because it pushes, and by where it does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import palpate as pp
+
+GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=200e3, poissons_ratio=0.48)])
+MARKERS = {"shape": (8, 8), "pitch": 2e-3, "depth": 0.5e-3, "channels": ["displacement_x", "displacement_y"]}
+
+
+def readings_of(contact: pp.solutions.AreaContact, *, known: bool = True) -> tuple[pp.Skin, np.ndarray]:
+    """Readings with 1 % noise, made on a finer surface than the one sought, and the skin, which may know its noise."""
+    fine = pp.Skin(GEL, pp.AreaArray(**MARKERS), surface=pp.AreaGrid(shape=(32, 32), spacing=0.5e-3))
+    clean = fine.sense(contact)
+    noise = 0.01 * float(np.abs(clean).max())
+    readings = clean + noise * np.random.default_rng(0).standard_normal(clean.shape)
+    return pp.Skin(GEL, pp.AreaArray(**MARKERS, noise=noise if known else None)), readings
+
+
+BALL = pp.solutions.hertz_point(radius=3e-3, force=2.0).shifted(0.3e-3, -0.2e-3)
+
+
+def test_pressure_is_sought_on_a_bonded_gel() -> None:
+    assert pp.Skin(GEL, pp.AreaArray(**MARKERS)).components == ("x", "y", "z")
+    line = pp.LineArray(count=20, pitch=1e-3, depth=1e-3, channels=["displacement_x"])
+    assert pp.Skin(GEL, line).components == ("x", "z")
+
+
+def test_a_frictionless_ball_is_not_read_as_shear() -> None:
+    """Pressure was taken as zero: 0 N, and 8 kPa of shear that is not there."""
+    skin, readings = readings_of(BALL)
+    touch = skin.reconstruct(readings)
+    assert float(touch.force[2]) == pytest.approx(2.0, rel=0.1)
+    truth = skin.sample(BALL)
+    assert np.linalg.norm(np.asarray(touch.traction)[:2]) < 0.2 * np.linalg.norm(truth[2])
+    assert any("cannot tell pressure from shear" in note for note in touch.notes)
+
+
+def test_a_ball_that_slides_with_known_friction() -> None:
+    skin, readings = readings_of(BALL.sliding(0.4, direction=0.5))
+    touch = skin.reconstruct(readings, friction=0.4)
+    low, high = touch.interval(0.95, of="force")
+    truth = np.array([0.8 * np.cos(0.5), 0.8 * np.sin(0.5), 2.0])
+    np.testing.assert_allclose(touch.force, truth, rtol=0.07)
+    assert (low < truth).all()
+    assert (truth < high).all()
+
+
+def test_a_pull_is_not_answered_without_a_word() -> None:
+    """What is known of contact is that it pushes; a pull does not fit, and says so."""
+    skin, readings = readings_of(BALL)
+    touch = skin.reconstruct(-readings)
+    assert pp.Status(int(np.asarray(touch.status))) is pp.Status.NOT_PUSHING
+    assert np.isnan(touch.force).all()
+    assert "nan" not in touch.summary()
+
+
+def test_linear_methods_still_refuse_and_name_one_that_works() -> None:
+    skin, readings = readings_of(BALL)
+    with pytest.raises(pp.NotObservable, match='method="adaptive"'):
+        skin.reconstruct(readings, method="tikhonov", components=["x", "y", "z"])
+
+
+def test_shear_alone_is_as_asked() -> None:
+    """Traction force microscopy on a thin gel: cells pull along the surface."""
+    skin, readings = readings_of(BALL)
+    touch = skin.reconstruct(readings, components=["x", "y"])
+    assert touch.components == ("x", "y")
+    assert touch.method == "tikhonov"
