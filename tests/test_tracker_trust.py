@@ -269,3 +269,34 @@ def test_a_surface_that_is_pulled_everywhere_after_contact_is_answered(skin: pp.
         touch = stream.step(np.asarray(skin.sense(traction)))
         assert status(touch) is Status.NOT_PUSHING
         assert touch.force[2] < 0.0
+
+
+@pytest.mark.parametrize("depth", [1e-3, 4e-3])
+def test_a_stream_from_another_depth_is_said_not_to_be_explained(pressed: Any, skin: pp.Skin, depth: float) -> None:
+    """Taxels 1.5 mm deep are taken for others; the same stream is explained by its own."""
+    wrong = pp.Skin(PAD, pp.AreaArray(shape=(10, 10), pitch=1e-3, depth=depth, channels=THREE))
+    for model, poor in ((wrong, True), (skin, False)):
+        stream = Stream(model, pressed, friction=0.6)
+        for _ in range(17):
+            touch = stream.step(pressed)
+        assert touch.fit is not None
+        assert bool(touch.fit < 0.01) is poor
+        assert any("does not explain" in n for n in touch.notes) is poor
+
+
+def test_fit_is_a_probability_where_nothing_touches(skin: pp.Skin, pressed: Any) -> None:
+    """Zero and its noise are known from twelve frames: that they are not exact is no misfit."""
+    stream = Stream(skin, pressed)
+    found = np.array([float(stream.step(0.0).fit) for _ in range(60)])  # type: ignore[arg-type]
+    assert np.mean(found < 0.01) < 0.06
+    assert np.mean(found < 0.5) > 0.2
+
+
+def test_what_a_wrong_model_leaves_is_not_taken_for_drift(pressed: Any, skin: pp.Skin) -> None:
+    """Taxels of 1 mm for 1.5 mm, shear free: offsets ran away and took a fifth of the force with them."""
+    other = np.asarray(pp.Skin(PAD, pp.AreaArray(shape=(10, 10), pitch=1e-3, depth=1e-3, channels=THREE)).sense(BALL))
+    stream = Stream(skin, other)
+    for _ in range(30):
+        stream.step(other)
+    drift = stream.tracker._offsets.value() * stream.tracker._std
+    assert np.abs(drift).max() < 0.005 * np.abs(other).max()

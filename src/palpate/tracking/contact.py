@@ -20,6 +20,7 @@ from palpate.tracking.errors import ErrorBars
 from palpate.tracking.health import Flags, Index, ReadingCheck
 from palpate.tracking.iteration import Iteration
 from palpate.tracking.learning import NORMAL, Learning
+from palpate.tracking.misfit import Misfit
 from palpate.tracking.offsets import Marginal, Offsets
 from palpate.tracking.pulling import Pulling
 from palpate.tracking.region import NormalEquations, Region
@@ -58,11 +59,14 @@ COST_OF_READING, COST_OF_PULL = 8.0, TAKEN**2
 
 
 class Frame(NamedTuple):
-    """A frame to be explained: readings without zero and offsets (NaN where missing), noise, and when it must be done."""
+    """A frame to be explained: readings without zero and offsets (NaN where missing), noise, when it must be done, and how much noisier it is
+    for the noise of the zero.
+    """
 
     actual: Floats
     noise: float
     deadline: float
+    spread: float = 1.0
 
 
 class _Found(NamedTuple):
@@ -85,6 +89,7 @@ class Contact:
         check: ReadingCheck,
         offsets: Offsets,
         background: Background,
+        misfit: Misfit,
         tolerance: float,
     ) -> None:
         self._estimator, self._equations, self._learning, self._check = estimator, equations, learning, check
@@ -94,6 +99,8 @@ class Contact:
         self._search, self._errors = Search(estimator), ErrorBars(estimator, equations)
         self._pulling = Pulling(estimator, equations)
         self.residual = math.nan
+        self._looked: _Found | None = None
+        self._misfit = misfit
         self.release()
 
     def release(self) -> None:
@@ -108,6 +115,7 @@ class Contact:
         self.pushing = self.fits = True
         self.jumped = False
         self.noise = 0.0
+        self.fit = math.nan
         self._marginal: Marginal | None = None
         self._energy = self._objective = 0.0
         self._fresh = True
@@ -213,11 +221,13 @@ class Contact:
             raise RuntimeError("the frame was not solved")
         y = np.where(unused, 0.0, frame.actual)
         if self.fits:
-            self._offsets.seen(y)
+            self._offsets.seen(y, frame.noise)
         if self.pushing:
             self._errors.refresh(self._solution, y, self.noise, unused, self._background, self._offsets)
         else:
             self._errors.refresh_pulling(self._pulling, y, self.noise, unused, self._parameter, self._offsets)
+        if self._looked is not None:
+            self.fit, self._looked = self._fit(self._looked, frame), None
         told = self._errors.told
         if told is None or not self.fits:
             return
@@ -227,6 +237,20 @@ class Contact:
         cells, traction = self._firm()
         innovation = told.innovation(marginal.sums, self._equations.adjoint(y, unused), cells, traction)
         self._offsets.update(told.counts, innovation, self.noise)
+
+    def _fit(self, found: _Found, frame: Frame) -> float:
+        """Misfit probability of what is left; NaN until it is known how much the contact takes up."""
+        if math.isnan(self._errors.taken):
+            return math.nan
+        used = ~found.unused
+        return self._misfit.probability(
+            found.rest,
+            used,
+            frame.noise * frame.spread,
+            largest=float(np.abs(frame.actual[used]).max(initial=0.0)),
+            taken=self._errors.taken + self._offsets.columns.shape[1],
+            known=self._learning.noise_known,
+        )
 
     def _firm(self) -> tuple[Index, Floats]:
         """Cells and traction of the contact that is beyond doubt: noise that only pushes adds up over the cells where nothing does, and would
@@ -365,7 +389,7 @@ class Contact:
     def _jumped(self, frame: Frame) -> tuple[_Found | None, bool]:
         """Contact that only pushes on a zero that has jumped, or None where that does not explain the frame."""
         offsets, solution = self._offsets, self._solution
-        mean, cov = offsets.mean.copy(), offsets.cov.copy()
+        state = offsets.state()
         for _ in range(JUMPS):
             offsets.jump()
             found, converged, pulls = self._pushed(frame)
@@ -379,10 +403,10 @@ class Contact:
         else:
             pressure = solution.pressure
             covered = int((pressure > FAINT * float(pressure.max(initial=0.0))).sum())
-            if offsets.plausible(mean) and covered < COMPACT * math.prod(self._estimator.operator.surface.shape):
+            if offsets.plausible(state[0]) and covered < COMPACT * math.prod(self._estimator.operator.surface.shape):
                 self.jumped = True
                 return found, converged
-        offsets.mean, offsets.cov = mean, cov
+        offsets.restore(state)
         solution.clear()
         return None, True
 
@@ -398,7 +422,7 @@ class Contact:
         return converged
 
     def _take(self, found: _Found, noise: float) -> None:
-        self.fits, self.residual = found.fits, found.left
+        self.fits, self.residual, self._looked = found.fits, found.left, found
         level = noise if found.fits else max(noise, found.left)
         if not 0.8 * level < self.noise < 1.25 * level:
             self._errors.outdate()

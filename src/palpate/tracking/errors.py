@@ -9,7 +9,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
 from palpate.inverse.contact.factors import cholesky
-from palpate.inverse.contact.model import Normal
+from palpate.inverse.contact.model import ContactModel, Normal
 from palpate.inverse.estimate import Errors
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background
@@ -39,10 +39,11 @@ class ErrorBars:
         self._age, self._cells = 0, 0
         self.errors: Errors | None = None
         self.told: Told | None = None  # about the channels' offsets
+        self.taken = math.nan  # degrees of freedom of the readings that the contact takes up
 
     def clear(self) -> None:
         """The contact has ended."""
-        self.errors, self.told = None, None
+        self.errors, self.told, self.taken = None, None, math.nan
 
     def age(self) -> None:
         """Make them again soon: what is known of offsets is for other readings."""
@@ -83,13 +84,13 @@ class ErrorBars:
         weight = region.parameter / noise**2 if noise > 0 else 0.0
         cov = offsets.cov.copy()
 
-        def work() -> tuple[Errors | None, Told | None, int]:
+        def work() -> tuple[Errors | None, Told | None, float, int]:
             try:
                 return made()
             except np.linalg.LinAlgError:
-                return None, None, len(cells)  # no error bars rather than no answer
+                return None, None, math.nan, len(cells)  # no error bars rather than no answer
 
-        def made() -> tuple[Errors, Told, int]:
+        def made() -> tuple[Errors, Told, float, int]:
             level = estimator.level(1)
             std, data, white = self._data(cells, y, noise, unused)
             shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
@@ -98,11 +99,11 @@ class ErrorBars:
             )
             model.weight = 1.0
             told = self._told(data, shared, model.penalty.dense(), std, unused)
-            return estimator.summed_up([model])[1], told, len(cells)
+            return estimator.summed_up([model])[1], told, _taken(model), len(cells)
 
         found = background.result("errors", work)
         if found is not None:
-            self.errors, self.told, self._cells = found
+            self.errors, self.told, self.taken, self._cells = found
             self._age = 0
 
     def refresh_pulling(
@@ -116,7 +117,8 @@ class ErrorBars:
         shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
         weight = parameter / noise**2 if noise > 0 else 0.0
         self.errors = pulling.errors(marginalised(data, white, shared, offsets.cov), weight)
-        self.told = self._told(data, shared, pulling.model(data, weight).penalty.dense(), std, unused)
+        model = pulling.model(data, weight)
+        self.told, self.taken = self._told(data, shared, model.penalty.dense(), std, unused), _taken(model)
         self._cells, self._age = len(cells), 0
 
     def _told(self, data: Normal, shared: Floats, penalty: Floats, std: float, unused: Flags) -> Told:
@@ -147,6 +149,14 @@ class ErrorBars:
         std = max(noise, MODEL_ERROR * float(np.abs(y).max()))
         data = estimator.normal(estimator.level(1), cells, y / std, estimator.readings.std * std, ~unused)
         return std, data, estimator.readings.white(y[~unused] / std, ~unused)
+
+
+def _taken(model: ContactModel) -> float:
+    """Trace of A (A'A + penalty)^-1 A' over the face."""
+    face, factor = model.solution.face, model.solution.factor
+    if face is None or factor is None or not len(face.index):
+        return 0.0
+    return float(np.trace(factor.back(factor.half(face.restrict(model.data.gram)))))
 
 
 def marginalised(data: Normal, white: Floats, shared: Floats, cov: Floats) -> Normal:

@@ -43,6 +43,11 @@ class Learning:
         self._energy = self._signal = 0.0
         self._doubts = 0
 
+    @property
+    def noise_known(self) -> bool:
+        """Whether the noise was given, or told by frames without contact."""
+        return self.noise is not None and not self._from_contact
+
     def take_noise(self, noise: float | None) -> None:
         """The noise of the frames that were captured as the zero, where they tell it."""
         if self.noise is None and noise is not None:

@@ -14,7 +14,8 @@ those cells explains, W'y with
     W = B - A X,    X = (A'A + penalty / n)^-1 A'B,    var(W'y) = s^2 B'W:
 
 the penalty is about the contact, which is the same in n frames, and what it leaves of a contact's shear must not add up to an offset. A
-contact that covers the array tells nothing, and V grows.
+contact that covers the array tells nothing, and V grows. A model that is not quite right (a depth, a modulus) leaves something too, d, the
+same in each frame of the same contact: it is a state of its own, and what was there when the contact came is d rather than c.
 """
 
 from __future__ import annotations
@@ -46,6 +47,9 @@ USUAL_SHARE = 0.1
 FASTEST = 0.03
 #: A pad is known, and readings agree with each other, to this part of the largest reading: noise of less does not make offsets surer.
 AGREE = 0.003
+#: What the model leaves of a channel, as a part of the largest reading; it is another for another load or place of the contact, which is
+#: where readings have changed by this part.
+MODEL, ANOTHER = 0.01, 0.1
 #: An offset moves by no more than so many of its standard deviations in a frame: more is no drift.
 SURPRISE = 3.0
 #: Offsets after a restart of the sensor, as a part of the largest reading.
@@ -112,11 +116,27 @@ class Offsets:
         """The zero is right."""
         k = self.columns.shape[1]
         self.mean: Floats = np.zeros(k)
-        self.cov: Floats = np.zeros((k, k))
+        self._model: Floats = np.zeros(k)  # d
+        self._both: Floats = np.zeros((2 * k, 2 * k))  # covariance of c and d
+        self._reference: Floats | None = None  # readings that d belongs to
         self._gain: _Gain | None = None
         self._unused = None
 
     # -- what is known of them -------------------------------------------------------------------------------------------
+
+    @property
+    def cov(self) -> Floats:
+        """Covariance V of the offsets (channel, channel)."""
+        k = len(self.mean)
+        return self._both[:k, :k]
+
+    def state(self) -> tuple[Floats, ...]:
+        """What `restore` needs."""
+        return self.mean, self._model, self._both, self.rate
+
+    def restore(self, state: tuple[Floats, ...]) -> None:
+        """Take back what was learned since."""
+        self.mean, self._model, self._both, self.rate = state
 
     def scale(self, noise: float | None, y: Floats) -> float:
         """The largest reading that is to be expected; until the noise is known, from the frame itself."""
@@ -127,20 +147,33 @@ class Offsets:
     def _level(self, noise: float) -> float:
         return math.hypot(noise, AGREE * max(self._largest, self._scale))
 
-    def seen(self, y: Floats) -> None:
+    def seen(self, y: Floats, noise: float) -> None:
         """Readings of a contact that was explained."""
         now = float(np.abs(y).max(initial=0.0))
         self._largest += (USUAL_SHARE if self._largest > 0 else 1.0) * (now - self._largest)
+        other, before = 1.0, self._reference
+        if before is not None:
+            change = float(((y - before) ** 2).sum()) - 2.0 * len(y) * noise**2
+            other = math.sqrt(max(change, 0.0) / max(float(before @ before), 1e-300))
+        if before is None or other > ANOTHER:
+            self._reference = y
+            k = len(self.mean)
+            both = self._both.copy()
+            both[k:, k:] += (MODEL * now * min(other, 1.0)) ** 2 * np.eye(k)
+            self._both = both
 
     def pass_time(self, elapsed: float, scale: float) -> None:
         """Offsets walk while time passes."""
         self._scale, self._elapsed = scale, min(max(elapsed, 0.0), 1.0)
         self.rate = self.rate * math.exp(-self._elapsed / RATE_HOLDS)
         step = WALK * scale * math.sqrt(self._elapsed)
-        self.cov = self.cov + step**2 * np.eye(len(self.mean))
-        most = float(np.diagonal(self.cov).max())
+        k = len(self.mean)
+        both = self._both.copy()
+        both[:k, :k] += step**2 * np.eye(k)
+        most = float(np.diagonal(both).max())
         if most > (JUMP * scale) ** 2:
-            self.cov = self.cov * ((JUMP * scale) ** 2 / most)
+            both = both * ((JUMP * scale) ** 2 / most)
+        self._both = both
 
     def go_on(self, elapsed: float) -> None:
         """The offsets have gone on at their rate since the last frame."""
@@ -154,8 +187,10 @@ class Offsets:
 
     def jump(self) -> None:
         """Nothing is known of them any more: the sensor began anew."""
-        self.cov = (JUMP * self._scale) ** 2 * np.eye(len(self.mean))
-        self.rate = np.zeros_like(self.mean)
+        k = len(self.mean)
+        self._both = np.zeros((2 * k, 2 * k))
+        self._both[:k, :k] = (JUMP * self._scale) ** 2 * np.eye(k)
+        self._model, self.rate = np.zeros(k), np.zeros(k)
 
     def plausible(self, before: Floats) -> bool:
         """Whether the offsets have changed by no more than a zero may jump."""
@@ -201,13 +236,16 @@ class Offsets:
     def update(self, counts: Floats, innovation: Floats, noise: float) -> None:
         """Take in a frame that tells B'W (channel, channel) and W'(y - A t) about them."""
         most = SURPRISE * np.sqrt(np.maximum(np.diagonal(self.cov), 0.0))
-        known = np.eye(len(self.mean)) + self.cov @ counts / max(self._level(noise), 1e-300) ** 2
-        self.cov = np.asarray(np.linalg.solve(known, self.cov))
-        self.cov = 0.5 * (self.cov + self.cov.T)
-        gain = self.cov / max(self._level(noise), 1e-300) ** 2
-        by = np.clip(gain @ innovation, -most, most)
-        self.mean = self.mean + by
-        self._corrected(by, np.clip(np.diagonal(gain @ counts), 0.0, 1.0))
+        k = len(self.mean)
+        summed = self._both[:, :k] + self._both[:, k:]  # covariance with c + d, which is what shows
+        weight = self._level(noise) ** 2 * np.eye(k) + counts @ (summed[:k] + summed[k:])
+        gain = np.linalg.solve(weight.T, summed.T).T
+        both = self._both - gain @ counts @ summed.T
+        self._both = 0.5 * (both + both.T)
+        change = gain @ (innovation - counts @ self._model)
+        by = np.clip(change[:k], -most, most)
+        self.mean, self._model = self.mean + by, self._model + change[k:]
+        self._corrected(by, np.clip(np.diagonal(gain[:k] @ counts), 0.0, 1.0))
 
     def shared(self, y: Floats, unused: Flags) -> Floats:
         """What all taxels of each channel share: medians over the readings used, (channel,)."""

@@ -28,6 +28,7 @@ from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact, Frame
 from palpate.tracking.health import Flags, Health, ReadingCheck
 from palpate.tracking.learning import Learning, rough_noise
+from palpate.tracking.misfit import Misfit
 from palpate.tracking.offsets import Offsets
 from palpate.tracking.region import NormalEquations
 from palpate.tracking.search import LOST, TAKEN
@@ -123,6 +124,7 @@ class Tracker:
         self._offsets = Offsets(estimator.readings)
         self._equations = NormalEquations(estimator, self._offsets.columns)
         self._background = Background(threaded=budget is not None)
+        self._misfit = Misfit(estimator)
         self._seconds = 0.0
         self.reset()
 
@@ -166,7 +168,14 @@ class Tracker:
         self._background.forget()
         self._offsets.reset()
         self._contact = Contact(
-            estimator, self._equations, self._learning, self._check, self._offsets, self._background, self.tolerance
+            estimator,
+            self._equations,
+            self._learning,
+            self._check,
+            self._offsets,
+            self._background,
+            self._misfit,
+            self.tolerance,
         )
         self._touching = False
         self._steady, self._usual = 0.0, math.nan
@@ -174,7 +183,7 @@ class Tracker:
         self._said: list[str] = []
         self._held = np.zeros(n)  # the last good value of each reading, for the memory of creep
         self._filters = self._make_creep() if self._make_creep is not None else None
-        self._residual = math.nan
+        self._residual = self._fit = math.nan
 
     def rezero(self, channels: Sequence[str] | None = None, *, frames: int = FRAMES_OF_ZERO) -> None:
         """Take the zero anew from the next frames, in which nothing must touch.
@@ -214,7 +223,7 @@ class Tracker:
         only = np.isin(np.array(every), wanted)[self._offsets.index]
         self._release()
         self._offsets.clear()
-        self._offsets.rate[:] = 0.0
+        self._offsets.rate = np.zeros_like(self._offsets.rate)
         self._zero.again(frames, only)
 
     # -- one frame -----------------------------------------------------------------------------------------------------
@@ -234,7 +243,8 @@ class Tracker:
         Returns
         -------
         Touch
-            Without batch axes; always that of this frame. ``status`` says what became of it (`Status`): traction and all that follows
+            Without batch axes; always that of this frame, but for ``fit``: that is of the last look, which is taken every eighth frame and
+            at once where more is left than before. ``status`` says what became of it (`Status`): traction and all that follows
             from it are NaN where the frame has no answer. ``converged`` is False where the budget ended the iteration;
             ``outliers`` are the readings left out.
 
@@ -299,6 +309,7 @@ class Tracker:
             learning.take_noise(zero.capture(scaled))
             return Status.CAPTURING_ZERO, True
         follows = self.drift_time is not None
+        spread = math.sqrt(1.0 + zero.variance)
         if follows and self._touching:
             offsets.go_on(elapsed)
         actual = scaled - zero.baseline - offsets.value()
@@ -319,25 +330,35 @@ class Tracker:
             if float(np.abs(self._equations.score(whole)).max()) < LOST * noise:
                 offsets.clear()
                 y, highest = check.zeroed(scaled - zero.baseline, flat, offsets.index), 0.0
-        self._touching = highest > (LOST if self._touching else TAKEN)
+        before, self._touching = self._touching, highest > (LOST if self._touching else TAKEN)
         if not self._touching:
-            self._release()
-            zero.shift(offsets.value())  # quiet with them: they are the zero's
+            if before:
+                self._release()
+                zero.shift(offsets.value())  # quiet with them: they are the zero's
             offsets.clear()
             health.rezeroed += zero.follow(scaled, elapsed, noise)
             if follows:
                 zero.shift(offsets.follow(y, unused))
             check.forgive(np.abs(y) < UNEXPLAINED * noise, 1)
             learning.doubt(y[~unused])
+            if health.frames % EVERY == 0 or math.isnan(self._fit):
+                self._fit = self._misfit.probability(
+                    y,
+                    ~unused,
+                    noise * spread,
+                    largest=float(np.abs(y).max(initial=0.0)),
+                    taken=len(offsets.mean) if follows else 0.0,
+                    known=learning.noise_known,
+                )
             return self._unless_frozen(Status.NO_CONTACT), True
         deadline = math.inf if self.budget is None else started + BUDGET_OF_ITERATION * self.budget
         contact = self._contact
         converged = contact.solve(
-            Frame(np.where(np.isfinite(actual), actual, math.nan), noise, deadline),
+            Frame(np.where(np.isfinite(actual), actual, math.nan), noise, deadline, spread),
             regular=health.frames % EVERY == 0,
             restarted=follows and self._restarted > 0,
         )
-        self._residual = contact.residual
+        self._residual, self._fit = contact.residual, contact.fit
         self._say(elapsed)
         if not converged:
             health.approximate += 1
@@ -457,6 +478,7 @@ class Tracker:
         self._touching = False
         self._contact.release()
         self._steady, self._usual = 0.0, math.nan
+        self._fit = math.nan
 
     # -- the answer ----------------------------------------------------------------------------------------------------
 
@@ -495,4 +517,5 @@ class Tracker:
             case=self._case,
             status=np.asarray(int(status), dtype=np.int8),
             pushing=np.asarray(pushing),
+            fit=np.asarray(self._fit if status.known else math.nan),
         )

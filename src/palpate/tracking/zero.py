@@ -30,6 +30,7 @@ class Zero:
         self.time_constant = time_constant
         self._frames = frames
         self._captured: list[Floats] = []
+        self.variance = 0.0  # of the zero, in units of the noise's
         self._only: Flags | None = None  # readings whose zero is captured again
 
     @property
@@ -62,6 +63,7 @@ class Zero:
             old = np.full(len(mean), math.nan) if self.baseline is None else self.baseline
             taken = good.any(axis=0) if self._only is None else good.any(axis=0) & self._only
             self.baseline, self._only = np.where(taken, mean, old), None
+            self.variance = 1.0 / self._frames
             if self._frames < FRAMES_FOR_NOISE:
                 return None
             square = np.where(good, (frames - mean) ** 2, 0.0).sum() / max((count - 1).sum(), 1)
@@ -81,4 +83,5 @@ class Zero:
         # drift is slow: what would be taken for contact in one frame is something else
         change = np.clip(scaled - self.baseline, -TAKEN * noise, TAKEN * noise)
         self.baseline[good] += share * change[good]
+        self.variance = (1.0 - share) ** 2 * self.variance + share**2
         return True

@@ -1,0 +1,35 @@
+"""Does what was found explain the frames of a stream? The misfit probability of `palpate.inverse.fit`, for a tracker."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.fit import MODEL_DETAIL, misfit_probability
+from palpate.tracking.health import Flags
+
+__all__ = ["Misfit"]
+
+
+class Misfit:
+    """The misfit probability of what is left of a frame."""
+
+    def __init__(self, estimator: ConstrainedEstimator) -> None:
+        self._estimator = estimator
+
+    def probability(
+        self, rest: Floats, used: Flags, noise: float, *, largest: float, taken: float, known: bool
+    ) -> float:
+        """Of what is left of each reading, in units of the readings' standard deviations.
+
+        ``noise`` is that of a frame less the zero, ``largest`` the largest reading, ``taken`` the degrees of freedom that contact and offsets
+        took; with ``known`` noise the size of what is left is tested too.
+        """
+        noise = max(noise, 1e-300)
+        residual = np.zeros(len(rest))
+        residual[used] = self._estimator.readings.white(rest[used] / noise, used)
+        detail = math.hypot(MODEL_DETAIL, self._estimator.problem.uncertainty.gain) * largest / noise
+        return misfit_probability(residual, used, self._estimator.pairs, taken=taken, known=known, detail=detail)
