@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -28,6 +28,12 @@ def track(
         ),
     ] = None,
     baseline: Annotated[int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches.")] = 0,
+    zero_at: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="Time in the recording [s] from which the zero is taken anew, from ten frames: nothing touches. May be given again."
+        ),
+    ] = None,
     budget: Annotated[float | None, typer.Option(help="Milliseconds a frame may take.")] = None,
     max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
     max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,
@@ -57,6 +63,7 @@ def track(
         raise InvalidInput(
             f"--baseline {baseline} leaves no frame of the {len(recording.readings)} in the recording: give a smaller number."
         )
+    zeros = _zeros(zero_at or [], recording.time)
     check_watched(skin, max_pressure, max_force)
     monitor = grasp_monitor(
         skin, options.get("friction"), max_pressure, max_force, lambda event: typer.echo(str(event))
@@ -73,6 +80,9 @@ def track(
             name = stack.enter_context(in_place(out)) if out.exists() else out
             sink = stack.enter_context(recorder(name, recording.channels, positions=recording.positions, meta=record))
         for time, values in zip(recording.time, recording.readings):
+            if zeros and time >= zeros[0]:
+                tracker.rezero()
+                typer.echo(f"{zeros.pop(0):.3f} s  the zero is taken anew from the next frames")
             touch = tracker.step(values, float(time))
             seconds.append(tracker.seconds)
             events = monitor.update(touch) if "z" in touch.components else []
@@ -90,3 +100,12 @@ def track(
     typer.echo(f"a frame took    {np.median(ms):.2f} ms (median), {np.percentile(ms, 99):.2f} ms (99 %)")
     if out is not None:
         typer.echo(f"wrote           {out}")
+
+
+def _zeros(wanted: list[float], time: Any) -> list[float]:
+    """Times of new zeros in order; each must lie in the recording."""
+    first, last = float(time[0]), float(time[-1])
+    for at in wanted:
+        if not first <= at <= last:
+            raise InvalidInput(f"--zero-at {at:g} is not in the recording, which goes from {first:g} to {last:g} s.")
+    return sorted(wanted)

@@ -61,7 +61,8 @@ class Live:
     session : Session
     token : str, optional
         What a page must bring as ``?token=...`` or ``Authorization: Bearer ...``; one is made up unless it is given (``live.token``).
-        ``""`` asks for none: anybody on this machine may then look, under this machine's own names (localhost, 127.0.0.1, ::1).
+        ``""`` asks for none: anybody on this machine may then look, under this machine's own names (localhost, 127.0.0.1, ::1), and
+        no page may ask for a new zero.
     folder : str or Path, optional
         Where recordings started from the page go; without it the page cannot record.
     """
@@ -198,7 +199,7 @@ class Live:
         try:
             layout = session.layout()
             sent, noted, state, reported = -1, layout["noted"], session.state(), time.monotonic()
-            await send({**layout, "may_record": self.folder is not None, "state": state})
+            await send({**layout, "may_record": self.folder is not None, "may_zero": bool(self.token), "state": state})
             while not listener.done():
                 waiting = asyncio.create_task(fresh.wait())
                 await asyncio.wait({waiting, listener}, timeout=REPORT, return_when=asyncio.FIRST_COMPLETED)
@@ -229,7 +230,7 @@ class Live:
                 await listener
 
     async def _listen(self, socket: Any, answers: deque[dict[str, Any]], fresh: asyncio.Event) -> None:
-        """What the page asks for: recording, on or off. Anything else is counted and left."""
+        """What the page asks for: recording, on or off; a new zero. Anything else is counted and left."""
         while True:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
@@ -239,6 +240,10 @@ class Live:
                 if text is None or len(text) > LARGEST:
                     raise ValueError("not a short text")
                 wish = json.loads(text)
+                if wish == {"zero": True} and self.token:
+                    self.session.rezero()
+                    await asyncio.sleep(0)
+                    continue
                 record = wish["record"]
                 if not isinstance(record, bool):
                     raise ValueError("record must be true or false")

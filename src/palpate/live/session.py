@@ -29,7 +29,7 @@ from palpate.recordings import Sink, recorder
 from palpate.skin import Skin
 from palpate.status import Status
 from palpate.touch import Touch
-from palpate.tracking import Tracker
+from palpate.tracking import FRAMES_OF_ZERO, Tracker
 
 __all__ = ["MAGIC", "Session", "packed", "recorded", "unpacked"]
 
@@ -163,6 +163,7 @@ class Session:
         self.lost: list[PalpateError] = []
         self._recorder: Sink | None = None
         self.recording: str | None = None
+        self._zero_from = 0  # frames that a new zero is wanted from
 
     def start(self) -> None:
         """Begin, in a thread."""
@@ -258,6 +259,11 @@ class Session:
                 self.recording = Path(path).name
         return self.recording
 
+    def rezero(self, frames: int = FRAMES_OF_ZERO) -> None:
+        """Take the zero anew from the next ``frames`` frames, in which nothing must touch; said among the events."""
+        with self._lock:
+            self._zero_from = frames
+
     def run(self) -> None:
         """The stream to its end, in this thread."""
         try:
@@ -310,7 +316,7 @@ class Session:
             self._listener = source
             for text in list(source.events):
                 self.note(text)
-            source.report = self.note
+            source.report, source.zero = self.note, self.rezero
             yield from source.frames()
         else:
             for time, reading in source:
@@ -318,6 +324,11 @@ class Session:
 
     def _frame(self, time: float, reading: Any) -> None:
         born = 1e3 * clock.time()
+        with self._lock:
+            wanted, self._zero_from = self._zero_from, 0
+        if wanted:
+            self.tracker.rezero(frames=wanted)
+            self.note(f"{time:.3f} s  the zero is taken anew from {wanted} frames: nothing must touch")
         touch = self.tracker.step(reading, time)
         events = self.monitor.update(touch) if "z" in touch.components else []
         health = self.tracker.health

@@ -4,7 +4,7 @@
 """
 
 from palpate.network.admission import Admission, Limits
-from palpate.network.frames import frame_bytes, frame_from_bytes
+from palpate.network.frames import frame_bytes, frame_from_bytes, zero_bytes
 from palpate.network.listener import FrameListener
 
-__all__ = ["Admission", "FrameListener", "Limits", "frame_bytes", "frame_from_bytes"]
+__all__ = ["Admission", "FrameListener", "Limits", "frame_bytes", "frame_from_bytes", "zero_bytes"]

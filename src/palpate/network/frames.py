@@ -5,7 +5,11 @@ One frame is, little-endian,
     "PLPF" | sequence uint32 | time float64 [s] | channels uint16 | rows uint16 | columns uint16 | values float32
 
 with the values as (channel, row, column), in SI units, compression positive, NaN where missing; taxels that lie on a line or anywhere are
-one row. Every frame states its shape. The sequence counts frames and may wrap around; it and the time begin again when the sender does.
+one row. Every frame states its shape. A sender may ask for a new zero, where it knows that nothing touches:
+
+    "PLPZ" | frames uint32
+
+takes it from so many frames (1 to 10 000) that come next. The sequence counts frames and may wrap around; it and the time begin again when the sender does.
 By UDP a frame is one datagram; by TCP each frame follows its length in bytes (uint32); by WebSocket a frame is one binary message.
 """
 
@@ -21,9 +25,21 @@ from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
-__all__ = ["HEAD", "LATEST", "MAGIC", "frame_bytes", "frame_from_bytes", "is_big_endian"]
+__all__ = [
+    "HEAD",
+    "LATEST",
+    "MAGIC",
+    "ZERO",
+    "frame_bytes",
+    "frame_from_bytes",
+    "is_big_endian",
+    "zero_bytes",
+    "zero_from_bytes",
+]
 
-MAGIC = b"PLPF"
+MAGIC, ZERO = b"PLPF", b"PLPZ"
+#: Most frames that a zero is taken from.
+MOST = 10_000
 HEAD = struct.Struct("<4sIdHHH")
 _SWAPPED = struct.Struct(">4sIdHHH")
 #: Times beyond this [s] cannot tell microseconds apart in double precision; nanoseconds sent as seconds are beyond it.
@@ -77,6 +93,33 @@ def frame_from_bytes(data: bytes) -> tuple[int, float, Floats]:
         )
     values = np.frombuffer(data, dtype="<f4", offset=HEAD.size).reshape(channels, rows, columns)
     return sequence, time, np.asarray(values, dtype=np.float64)
+
+
+def zero_bytes(frames: int = 10) -> bytes:
+    """The message that asks for a new zero from the next ``frames`` frames, in which nothing must touch.
+
+    Examples
+    --------
+    >>> zero_bytes(20)
+    b'PLPZ\\x14\\x00\\x00\\x00'
+    """
+    if isinstance(frames, bool) or not (isinstance(frames, int) and 1 <= frames <= MOST):
+        raise InvalidInput(f"frames must be a whole number from 1 to {MOST}; got {frames!r}.")
+    return ZERO + struct.pack("<I", frames)
+
+
+def zero_from_bytes(data: bytes) -> int:
+    """The frames that a message asks a new zero from; `InvalidInput` where it does not.
+
+    Examples
+    --------
+    >>> zero_from_bytes(zero_bytes(20))
+    20
+    """
+    frames = struct.unpack("<I", data[4:])[0] if len(data) == 8 and data[:4] == ZERO else 0
+    if not 1 <= frames <= MOST:
+        raise InvalidInput(f"not a wish for a new zero: PLPZ and a uint32 from 1 to {MOST}.")
+    return int(frames)
 
 
 def is_big_endian(data: bytes) -> bool:

@@ -17,7 +17,7 @@ from palpate._extras import missing
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.network.admission import Admission, Limits
-from palpate.network.frames import MAGIC
+from palpate.network.frames import MAGIC, ZERO, zero_from_bytes
 
 __all__ = ["WAITING", "FrameListener"]
 
@@ -54,6 +54,9 @@ class FrameListener:
     report : callable, optional
         Called with words about senders (who is served, who began again, who was refused and why), from the listener's thread. Refusals
         of one kind are reported at most every 10 s; ``counts`` has all of them.
+    zero : callable, optional
+        Called with a number of frames where the sender that is served asks for a new zero (`palpate.network.zero_bytes`), from the
+        listener's thread. Without it such a wish is refused as malformed.
 
     Attributes
     ----------
@@ -94,11 +97,12 @@ class FrameListener:
         host: str = "127.0.0.1",
         limits: Limits | None = None,
         report: Callable[[str], None] | None = None,
+        zero: Callable[[int], None] | None = None,
     ) -> None:
         if kind not in ("udp", "tcp", "ws"):
             raise InvalidInput(f'kind must be "udp", "tcp" or "ws"; got {kind!r}.')
         self.events: deque[str] = deque(maxlen=EVENTS)
-        self.report = report
+        self.report, self.zero = report, zero
         self._admission = Admission(shape, limits or Limits(), self._say)
         self.shape = tuple(self._admission.shape)
         self.counts = self._admission.counts
@@ -232,7 +236,7 @@ class FrameListener:
             except TimeoutError:
                 return refuse("slow", sender, clock.monotonic(), "no whole frame came in time")
             result = self._take(sender, data)
-            if result in ("malformed", "big-endian", "oversized") and not data.startswith(MAGIC):
+            if result in ("malformed", "big-endian", "oversized") and not data.startswith((MAGIC, ZERO)):
                 return result
             if self._unwanted(sender, result):
                 return f"busy, {self.sender} is being served"
@@ -333,6 +337,8 @@ class FrameListener:
 
     def _take(self, sender: str, data: bytes) -> str:
         """What became of a message."""
+        if data[:4] == ZERO and self.zero is not None:
+            return self._zeroed(sender, data, self.zero)
         result, found = self._admission.offer(sender, data, clock.monotonic())
         if found:
             with self._ready:
@@ -342,6 +348,19 @@ class FrameListener:
                     self._frames.append(frame)
                 self._ready.notify()
         return result
+
+    def _zeroed(self, sender: str, data: bytes, zero: Callable[[int], None]) -> str:
+        """What became of a wish for a new zero: only the sender whose frames are taken may have one."""
+        now = clock.monotonic()
+        if sender != self.sender:
+            return self._admission.refuse("busy", sender, now, "a new zero is for the sender that is being served")
+        try:
+            frames = zero_from_bytes(data)
+        except InvalidInput as error:
+            return self._admission.refuse("malformed", sender, now, str(error).rstrip("."))
+        self._say(f"{sender} asks for a new zero")
+        zero(frames)
+        return "frames"
 
 
 class _Datagrams(asyncio.DatagramProtocol):

@@ -4,7 +4,11 @@
 - `times`: the frames' times, and clocks that begin anew;
 - `health`: readings that are missing, out of range, stuck or unexplained, and how they are left out;
 - `zero`: the baseline and its drift;
+- `offsets`: drift that all taxels of a channel share, told from contact;
 - `learning`: the weight of the penalty and the noise;
+- `contact`: what touches in a frame, and whether that explains it;
+- `pulling`: traction of either sign;
+- `misfit`: how probable as much misfit is;
 - `region`: the cells where contact is sought, and the inverse that is kept for them;
 - `search`: when the region moves, and what the contact does not explain;
 - `iteration`: the alternating direction method of multipliers;
@@ -13,6 +17,6 @@
 """
 
 from palpate.tracking.health import Health
-from palpate.tracking.tracker import Tracker, check_settings
+from palpate.tracking.tracker import FRAMES_OF_ZERO, Tracker, check_settings
 
-__all__ = ["Health", "Tracker", "check_settings"]
+__all__ = ["FRAMES_OF_ZERO", "Health", "Tracker", "check_settings"]

@@ -36,7 +36,7 @@ from palpate.tracking.times import FrameTime, FrameTimes
 from palpate.tracking.zero import Zero
 from palpate.uncertainty import Case
 
-__all__ = ["Tracker", "check_settings"]
+__all__ = ["FRAMES_OF_ZERO", "Tracker", "check_settings"]
 
 #: A contact that has not changed by a tenth (and by more than its error) for so long [s] is questioned: drift looks the same.
 STEADY, VARIED = 60.0, 0.1

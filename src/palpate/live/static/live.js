@@ -61,7 +61,7 @@ function connect() {
 function told(facts) {
   if (facts.shape) {
     layout = facts; frames = []; trail = facts.history; $("name").textContent = facts.name; $("notes").textContent = facts.notes.join(" ");
-    $("record").hidden = !facts.may_record; $("events").textContent = ""; facts.past.forEach((text) => log(text)); size();
+    $("record").hidden = !facts.may_record; $("zero").hidden = !facts.may_zero; $("events").textContent = ""; facts.past.forEach((text) => log(text)); size();
   }
   if (facts.log) facts.log.forEach((text) => log(text));
   if (facts.state) { state = facts.state; hook.state = state; recording(state.recording); say(standing()); alarms(); wire(); }
@@ -215,11 +215,13 @@ $("pause").onclick = () => pause(!paused);
 $("scrub").oninput = () => look(Number($("scrub").value));
 $("theme").onclick = () => { theme = theme === "dark" ? "light" : "dark"; dress(); };
 $("record").onclick = () => hook.socket.send(JSON.stringify({ record: $("record").getAttribute("aria-pressed") !== "true" }));
+$("zero").onclick = () => hook.socket.send(JSON.stringify({ zero: true }));
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const key = event.key.toLowerCase(), onButton = event.target instanceof HTMLButtonElement;
   if (key === " " && !onButton) { event.preventDefault(); pause(!paused); }
   else if (key === "t") $("theme").click();
+  else if (key === "z" && !$("zero").hidden) $("zero").click();
   else if (key === "r" && !$("record").hidden) $("record").click();
   else if ((key === "arrowleft" || key === "arrowright") && event.target !== $("scrub")) look(Number($("scrub").value) + (key === "arrowleft" ? -1 : 1) * (event.shiftKey ? 25 : 1));
 });
