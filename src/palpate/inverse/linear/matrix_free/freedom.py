@@ -20,9 +20,9 @@ from palpate.inverse.linear.matrix_free.preconditioner import Balanced
 
 __all__ = ["Freedom"]
 
-#: Random rows are added until the degrees of freedom are known to this part or there are so many: at least four at a time, and of few
+#: Random rows are added until the degrees of freedom are known to this part or there are so many: at least two at a time, and of few
 #: readings more, as rows cost little then.
-KNOWN, ROWS, MOST_ROWS, READINGS = 5e-3, 4, 32, 20_000
+KNOWN, ROWS, MOST_ROWS, READINGS = 5e-3, 2, 32, 100_000
 #: Parameters at which it is worked out, to a decade, and what lies between is interpolated.
 PER_DECADE = 4
 #: A quadratic form of a solution is known to the square of its residual.
@@ -100,7 +100,13 @@ class Freedom:
             rows, powers = self._probes(len(found), len(found) + step)
             parameter = np.full(len(rows), lam)
             solved = solve(
-                self.normal.apply, self.balanced.at(parameter), rows, parameter, tolerance=TOLERANCE, most=MOST
+                self.normal.apply,
+                self.balanced.at(parameter),
+                rows,
+                parameter,
+                tolerance=TOLERANCE,
+                most=MOST,
+                checked=False,
             ).rows
             # lambda tr (M + lambda)^-1 and lambda^2 tr (M + lambda)^-2
             sums = np.stack([lam * (rows * solved).sum(axis=1), lam**2 * (solved**2).sum(axis=1)], axis=1)

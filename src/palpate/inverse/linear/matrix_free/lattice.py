@@ -103,22 +103,55 @@ class _Common:
         values, vectors = np.linalg.eigh(symbol)
         return _Lattice(members, vectors, np.maximum(values, LEAST * values.max()), size)
 
-    def _matrices(self, parameter: Floats) -> list[Any]:
-        """(frame, channel, channel, *wave) of the inverses, once for each parameter that differs."""
+    def at(self, parameter: Floats) -> Inverse:
+        """(M + lambda)^{-1}, in the precision of the rows."""
+        single, given = np.unique(parameter, return_inverse=True)
+        made: dict[Any, list[Any]] = {}
+
+        def inverse(rows: Floats, which: Any) -> Floats:
+            if rows.dtype not in made:
+                made[rows.dtype] = self._matrices(single, rows.dtype)
+            planes = self.normal.planes(rows)
+            out = [np.empty_like(p) for p in planes]
+            place = given[which]
+            for g, matrix in zip(self.lattices, made[rows.dtype]):
+                waves = self._waves(planes, g)
+                shape = planes[g.members[0][0]].shape[2:]
+                for i, (p, c) in enumerate(g.members):
+                    moved: Any = 0.0
+                    for j in range(len(g.members)):
+                        entry = matrix[:, i, j]
+                        moved = moved + (entry if len(single) == 1 else entry[place]) * waves[:, j]
+                    out[p][:, c] = self._back(moved, g, shape)
+            return self.normal.joined(out)
+
+        return inverse
+
+    def _matrices(self, parameter: Floats, dtype: Any) -> list[Any]:
+        """(parameter, channel, channel, *wave) of the inverses."""
         out = []
         for g in self.lattices:
             lam = parameter.reshape(-1, *(1,) * g.values.ndim)
             if len(g.members) == 1:
-                out.append((1.0 / (g.values + lam))[..., 0][:, None, None])
+                out.append((1.0 / (g.values + lam))[..., 0][:, None, None].astype(dtype))
                 continue
             inverse = (g.vectors / (g.values + lam)[..., None, :]) @ np.conj(np.swapaxes(g.vectors, -1, -2))
-            out.append(np.ascontiguousarray(np.moveaxis(inverse, (-2, -1), (1, 2))))
+            kind = np.result_type(dtype, np.complex64) if np.iscomplexobj(inverse) else dtype
+            out.append(np.ascontiguousarray(np.moveaxis(inverse, (-2, -1), (1, 2)), dtype=kind))
         return out
 
     def _lattice(self, members: list[tuple[int, int]]) -> _Lattice:
         raise NotImplementedError
 
     def _counts(self, lattice: _Lattice) -> Floats:
+        raise NotImplementedError
+
+    def _waves(self, planes: Sequence[Floats], g: _Lattice) -> Any:
+        """Waves (frame, channel, *wave) of the channels of a lattice."""
+        raise NotImplementedError
+
+    def _back(self, waves: Any, lattice: _Lattice, shape: Sequence[int]) -> Floats:
+        """(frame, *array) of the waves of one channel."""
         raise NotImplementedError
 
 
@@ -152,33 +185,14 @@ class Padded(_Common):
             out.append(power.reshape(len(rows), -1))
         return np.concatenate(out, axis=1)
 
-    def at(self, parameter: Floats) -> Inverse:
-        """(M + lambda)^{-1}, cut to the array."""
-        single, given = np.unique(parameter, return_inverse=True)
-        matrices = self._matrices(single)
-
-        def inverse(rows: Floats, which: Any) -> Floats:
-            planes = self.normal.planes(rows)
-            out = [np.empty_like(p) for p in planes]
-            place = given[which]
-            for g, matrix in zip(self.lattices, matrices):
-                spectrum = self._waves(planes, g)
-                shape = planes[g.members[0][0]].shape[2:]
-                for i, (p, c) in enumerate(g.members):
-                    moved: Any = 0.0
-                    for j in range(len(g.members)):
-                        entry = matrix[:, i, j]
-                        moved = moved + (entry if len(single) == 1 else entry[place]) * spectrum[:, j]
-                    out[p][:, c] = _cropped(moved, g.size, shape)
-            return self.normal.joined(out)
-
-        return inverse
-
     def _waves(self, planes: Sequence[Floats], g: _Lattice) -> Any:
         from scipy.fft import rfftn
 
         data = np.stack([planes[p][:, c] for p, c in g.members], axis=1)
         return rfftn(data, s=g.size, axes=tuple(range(2, data.ndim)))
+
+    def _back(self, waves: Any, lattice: _Lattice, shape: Sequence[int]) -> Floats:
+        return _cropped(waves, lattice.size, shape)
 
 
 class Cosines(_Common):
@@ -210,35 +224,17 @@ class Cosines(_Common):
         planes = self.normal.planes(rows)
         out = []
         for g in self.lattices:
-            waves = np.moveaxis(self._waves(planes, g, inverse=False), 1, -1)
+            waves = np.moveaxis(self._waves(planes, g), 1, -1)
             modes = (np.swapaxes(g.vectors, -1, -2) @ waves[..., None])[..., 0]
             out.append((modes**2).reshape(len(rows), -1))
         return np.concatenate(out, axis=1)
 
-    def at(self, parameter: Floats) -> Inverse:
-        """(M + lambda)^{-1}."""
-        single, given = np.unique(parameter, return_inverse=True)
-        matrices = self._matrices(single)
-
-        def inverse(rows: Floats, which: Any) -> Floats:
-            planes = self.normal.planes(rows)
-            out = [np.empty_like(p) for p in planes]
-            place = given[which]
-            for g, matrix in zip(self.lattices, matrices):
-                waves = self._waves(planes, g, inverse=False)
-                for i, (p, c) in enumerate(g.members):
-                    moved: Any = 0.0
-                    for j in range(len(g.members)):
-                        entry = matrix[:, i, j]
-                        moved = moved + (entry if len(single) == 1 else entry[place]) * waves[:, j]
-                    out[p][:, c] = along(moved, self._axes[g.members[0]], inverse=True)
-            return self.normal.joined(out)
-
-        return inverse
-
-    def _waves(self, planes: Sequence[Floats], g: _Lattice, *, inverse: bool) -> Floats:
+    def _waves(self, planes: Sequence[Floats], g: _Lattice) -> Floats:
         data = np.stack([planes[p][:, c] for p, c in g.members], axis=1)
-        return along(data, self._axes[g.members[0]], inverse=inverse)
+        return along(data, self._axes[g.members[0]], inverse=False)
+
+    def _back(self, waves: Any, lattice: _Lattice, shape: Sequence[int]) -> Floats:
+        return along(waves, self._axes[lattice.members[0]], inverse=True)
 
 
 def _members(normal: Normal, split: bool) -> list[list[tuple[int, int]]]:

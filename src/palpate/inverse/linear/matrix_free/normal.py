@@ -131,10 +131,10 @@ class Normal:
         """N^{-1/2}, which is symmetric."""
         out: list[Floats] = []
         for part, scale, roots in zip(parts, self._scales, self._roots):
-            part = part / scale
+            part = part / scale.astype(part.dtype)
             if roots is not None:
-                part = part @ roots[-1]
+                part = part @ roots[-1].astype(part.dtype)
                 if len(roots) == 2:
-                    part = roots[0] @ part
+                    part = roots[0].astype(part.dtype) @ part
             out.append(part)
         return out

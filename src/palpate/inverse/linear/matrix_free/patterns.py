@@ -46,36 +46,39 @@ class SolvedPatterns(Patterns):
         self.grid = whole[::COARSE] if parameter is None else np.array([parameter])
         self._solved: dict[int, Floats] = {}
 
-    def removed(self, coefficients: Floats, floor: Floats | None) -> Removed | None:
-        """What is left of rows (frame, n); None where there is nothing to weigh."""
+    def taken_out(self, rows: Floats, floor: Floats | None) -> tuple[Removed, Floats, Floats] | None:
+        """What is left of rows (frame, n), and parameters and solutions of it to start from; None where there is nothing to weigh."""
         if not self.members:
             return None
-        each = [
-            self._of_frame(row[None], None if floor is None else floor[i : i + 1]) for i, row in enumerate(coefficients)
-        ]
-        return Removed(
-            *(np.concatenate([getattr(part, name) for part in each]) for name in Removed.__dataclass_fields__)
+        each = [self._of_frame(row[None], None if floor is None else floor[i : i + 1]) for i, row in enumerate(rows)]
+        removed = Removed(
+            *(np.concatenate([getattr(part, name) for part, _, _ in each]) for name in Removed.__dataclass_fields__)
         )
+        return removed, np.array([lam for _, lam, _ in each]), np.concatenate([near for _, _, near in each])
 
-    def _of_frame(self, row: Floats, floor: Floats | None) -> Removed:
+    def _of_frame(self, row: Floats, floor: Floats | None) -> tuple[Removed, float, Floats]:
         search = Search(self.system, "evidence", floor)
         curves = Corrected.of(self.system, row)
-        place = 0
+        place, near = 0, np.zeros_like(row)
         if len(self.grid) > 1 and (row**2).sum() > 0:
             found = search.find(row)
-            curves = found.curves
+            curves, near = found.curves, found.solutions
             place = int(np.argmin(np.abs(np.log(self.grid / found.parameter[0]))))
         for _ in range(MOVES):
             some = np.arange(max(place - BESIDE, 0), min(place + BESIDE + 1, len(self.grid)))
             if curves.nearest(self.grid[[place]])[0] > FAR and (row**2).sum() > 0:
-                search.solve(curves, row, self.grid[[place]])
+                near = search.solve(curves, row, self.grid[[place]], start=near)
             tables = self._tables(row, curves, some)
             best = int(some[self._best(tables, floor)])
             if best == place:
                 break
             place = best
         weighed, explained, logdet, inner = tables
-        return self.weighed(row, curves.count, floor, weighed, explained, logdet, inner)
+        removed = self.weighed(row, curves.count, floor, weighed, explained, logdet, inner)
+        # the solution is linear in the readings
+        lam = float(self.grid[place])
+        sizes = removed.sizes[0] / np.where(self.units > 0, self.units, 1.0)
+        return removed, lam, near - (sizes @ self._at(place) / lam)[None]
 
     def _tables(
         self, row: Floats, curves: Corrected, some: np.ndarray[tuple[int], np.dtype[np.intp]]

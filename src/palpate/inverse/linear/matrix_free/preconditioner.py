@@ -40,14 +40,16 @@ class Balanced:
                 rows = [np.zeros((1, *s)) for s in normal.shapes]
                 rows[plane][0, channel] = waves[0] if len(waves) == 1 else np.multiply.outer(*waves)
                 units.append(normal.joined(rows)[0])
-        self._longest = np.stack(units)
-        self._moved = normal.apply(self._longest)
-        own, inner = self._longest @ self._longest.T, self._longest @ self._moved.T
+        longest = np.stack(units)
+        moved = normal.apply(longest)
+        own, inner = longest @ longest.T, longest @ moved.T
         size, vectors = np.linalg.eigh(own)
         kept = size > APART * size.max()
         basis = vectors[:, kept] / np.sqrt(size[kept])
         values, modes = np.linalg.eigh(basis.T @ (0.5 * (inner + inner.T)) @ basis)
         self._values, self._vectors = np.maximum(values, 0.0), basis @ modes
+        # single precision is enough for what only makes the iteration shorter
+        self._longest, self._moved = longest.astype(np.float32), moved.astype(np.float32)
         #: About the largest eigenvalue of M, from below.
         self.largest = float(self._values[-1])
 
@@ -62,13 +64,16 @@ class Balanced:
         smooth = self.approximate.at(parameter)
 
         def inverse(rows: Floats, which: Any) -> Floats:
-            lam = parameter[which]
+            lam, kind = parameter[which], rows.dtype
             weights = 1.0 / (self._values[:, None] + lam)  # (mode, frame)
             first = (vectors @ (weights * (vectors.T @ (z @ rows.T)))).T
-            out = smooth(rows - first @ moved - (lam[:, None] * first) @ z, which)
+            out = smooth(
+                rows - first.astype(kind) @ moved - (lam[:, None] * first).astype(kind) @ z,
+                which,
+            )
             against = moved @ out.T + lam * (z @ out.T)
             second = (vectors @ (weights * (vectors.T @ against))).T
-            out += (first - second) @ z
+            out += (first - second).astype(kind) @ z
             return out
 
         return inverse

@@ -21,8 +21,9 @@ from palpate.inverse.linear.parameter import SpectrumCurves as Guess
 
 __all__ = ["Corrected", "Search"]
 
-#: A parameter is found when the rule points this near to a solution (in log lambda): a fiftieth moves no traction that noise does not move more.
-NEAR = 0.02
+#: A parameter is found when the rule points this near to a solution (in log lambda): the curves are exact there to second order, so that what
+#: is left is a percent or two.
+NEAR = 0.1
 #: Solutions on the way: e is known to the square of this residual, the residual's size to this.
 TOLERANCE, MOST = 1e-4, 150
 #: Most solutions on the way to a parameter.
@@ -149,12 +150,12 @@ class Search:
     def __init__(self, system: System, rule: str, floor: Floats | None) -> None:
         self.system, self.rule, self.floor = system, rule, floor
 
-    def find(self, rows: Floats) -> Found:
-        """The parameter of each row."""
+    def find(self, rows: Floats, parameter: Floats | None = None, start: Floats | None = None) -> Found:
+        """The parameter of each row, from a ``parameter`` and solutions near it where they are known."""
         curves = Corrected.of(self.system, rows)
-        solutions = np.zeros_like(rows)
+        solutions = np.zeros_like(rows) if start is None else np.array(start)
         found = pick(self.rule, curves, self.floor)
-        parameter = found.parameter
+        parameter = found.parameter if parameter is None else np.array(parameter)
         open_ = np.flatnonzero((rows**2).sum(axis=1) > 0)
         for _ in range(ROUNDS):
             if not open_.size:
@@ -179,9 +180,9 @@ class Search:
         frames = np.arange(len(rows)) if some is None else some
         there = parameter[frames]
         self.system.freedom.of(there)
-        solved = self.system.solve(rows[frames], there, tolerance=TOLERANCE, most=MOST, start=start).rows
+        solved = self.system.solve(rows[frames], there, tolerance=TOLERANCE, most=MOST, start=start, checked=False).rows
         again = None
         if self.rule in SECOND:
-            again = self.system.solve(solved, there, tolerance=TOLERANCE, most=MOST).rows
+            again = self.system.solve(solved, there, tolerance=TOLERANCE, most=MOST, checked=False).rows
         curves.add(frames, there, rows[frames], solved, again)
         return solved

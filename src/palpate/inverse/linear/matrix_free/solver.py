@@ -98,13 +98,13 @@ class MatrixFree:
         system = self.system
         rows = system.normal.rows(readings)
         floor = None if self.noise_known else self._floor(readings)
-        removed = None if self.patterns is None else self.patterns.removed(rows, floor)
+        taken = None if self.patterns is None else self.patterns.taken_out(rows, floor)
+        removed, first, start = (None, None, None) if taken is None else taken
         if removed is not None:
             rows = removed.coefficients
         without, unsettled = np.zeros((2, len(rows)), dtype=bool)
-        start = None
         if isinstance(self.parameter, str):
-            found = Search(system, self.parameter, floor).find(rows)
+            found = Search(system, self.parameter, floor).find(rows, first, start)
             parameter, without, unsettled, start = found.parameter, found.without, found.unsettled, found.solutions
             if without.any():
                 other = Search(system, "evidence", None if floor is None else floor[without]).find(rows[without])

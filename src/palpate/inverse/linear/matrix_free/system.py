@@ -36,9 +36,16 @@ class System:
         self.freedom = Freedom(self.normal, self.balanced)
 
     def solve(
-        self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, start: Floats | None = None
+        self,
+        rows: Floats,
+        parameter: Floats,
+        *,
+        tolerance: float,
+        most: int,
+        start: Floats | None = None,
+        checked: bool = True,
     ) -> Solved:
-        """(M + lambda)^{-1} rows (frame, n)."""
+        """(M + lambda)^{-1} rows (frame, n), see `palpate.inverse.linear.matrix_free.iteration.solve`."""
         return solve(
             self.normal.apply,
             self.balanced.at(parameter),
@@ -47,6 +54,7 @@ class System:
             tolerance=tolerance,
             most=most,
             start=start,
+            checked=checked,
         )
 
     @cached_property

@@ -20,6 +20,7 @@ class Cosine:
     def __init__(self, n: int) -> None:
         self.n = n
         self._table: Floats | None = self.table if n <= MATRIX else None
+        self._single = None if self._table is None else self._table.astype(np.float32)
 
     @property
     def table(self) -> Floats:
@@ -30,14 +31,15 @@ class Cosine:
 
     def apply(self, x: Floats, axis: int, *, inverse: bool) -> Floats:
         """Along ``axis``, -1 or -2."""
-        if self._table is None:
+        if self._table is None or self._single is None:
             import scipy.fft
 
             function = scipy.fft.idct if inverse else scipy.fft.dct
             return np.asarray(function(x, axis=axis, norm="ortho"))
+        table = self._table if x.dtype == np.float64 else self._single
         if axis == -1:
-            return np.asarray(x @ (self._table if inverse else self._table.T))
-        return np.asarray((self._table.T if inverse else self._table) @ x)
+            return np.asarray(x @ (table if inverse else table.T))
+        return np.asarray((table.T if inverse else table) @ x)
 
 
 def along(x: Floats, axes: Sequence[Cosine], *, inverse: bool) -> Floats:
