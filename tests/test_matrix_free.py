@@ -11,8 +11,9 @@ from palpate.inverse.linear.matrix_free.freedom import Freedom
 from palpate.inverse.linear.matrix_free.iteration import solve
 from palpate.inverse.linear.matrix_free.lattice import Cosines, Padded
 from palpate.inverse.linear.matrix_free.normal import Normal
-from palpate.inverse.linear.matrix_free.preconditioner import Balanced
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
+from palpate.inverse.linear.matrix_free.spaces import OnArray
+from palpate.inverse.linear.parameter import tikhonov, truncate
 from palpate.inverse.linear.priors import DifferencePrior, hilgers_prior
 from palpate.inverse.linear.regularised import decompose
 
@@ -258,7 +259,7 @@ def test_degrees_of_freedom_are_those_of_the_spectrum():
     priors = [hilgers_prior(operator.surface, 1e-3)] * 3
     dense = decompose(operator, priors, columns)
     normal = Normal(operator, priors, columns, dense.scales)
-    freedom = Freedom(normal, Balanced(normal, Padded(normal)))
+    freedom = Freedom(normal, OnArray(normal))
     values = dense.spectrum.eigenvalues
     assert freedom.top == pytest.approx(values.max(), rel=0.1)
     for part in (1e-2, 1e-4):
@@ -270,9 +271,10 @@ def test_degrees_of_freedom_are_those_of_the_spectrum():
 def test_sizes_that_no_dense_decomposition_serves_take_the_other_way():
     small = pp.Skin(HALF_SPACE, area(shape=(16, 16))).problem()
     large = pp.Skin(HALF_SPACE, area(shape=(96, 96))).problem()
-    assert not path.matrix_free(small, pp.inverse.linear.parameter.tikhonov)
-    assert path.matrix_free(large, pp.inverse.linear.parameter.tikhonov)
-    assert not path.matrix_free(large, pp.inverse.linear.parameter.truncate)
+    priors = [DifferencePrior(large.surface, 1)] * 3
+    assert not path.matrix_free(small, tikhonov, priors)
+    assert path.matrix_free(large, tikhonov, priors)
+    assert not path.matrix_free(large, truncate, priors)
 
 
 @pytest.mark.long

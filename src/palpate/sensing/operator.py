@@ -4,7 +4,7 @@ Three ways to apply it, chosen by the geometry, never by accuracy:
 
 - a regular array whose pitch is a whole number of surface cells: convolution with the exact influence of one cell, by
   zero-padded FFT (linear, no wrap-around);
-- any other layout: the same influences as a dense matrix;
+- any other layout: the same influences as a matrix, and of many positions by interpolation from a lattice (`palpate.sensing.scattered`);
 - ``boundary="periodic"``: the surface repeats for ever; each wavevector by its own matrix (`palpate.elastic.transfer`).
 """
 
@@ -28,6 +28,7 @@ from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.kernels import aperture_rule, influence
+from palpate.sensing.scattered import Lattice
 
 __all__ = ["Boundary", "Convolution", "Operator", "commensurate", "periodic_transfer", "sampled_kernel"]
 
@@ -37,6 +38,8 @@ Boundary = Literal["free", "periodic"]
 LARGEST_DENSE = 3_000_000_000
 
 
+#: Up to so many readings at positions that fit no lattice their map is a matrix, which is exact.
+LARGEST_MATRIX = 4096
 #: Places of the components that a traction holds; None: all of them.
 Among = Sequence[int] | None
 
@@ -407,10 +410,12 @@ class Operator:
         for array in self.planes_of:
             if self.boundary == "periodic":
                 made.append(_Periodic(self.pad, array, self.surface))
-            elif commensurate(array, self.surface) is None:
-                made.append(_Dense(self.pad, array, self.surface))
-            else:
+            elif commensurate(array, self.surface) is not None:
                 made.append(Convolution(self.pad, array, self.surface))
+            elif len(array.points) * len(array.channels) > LARGEST_MATRIX:
+                made.append(Lattice(self.pad, array, self.surface, Convolution))
+            else:
+                made.append(_Dense(self.pad, array, self.surface))
         return made
 
     def forward(self, traction: Any, among: Among = None) -> list[Any]:

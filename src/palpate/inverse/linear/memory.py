@@ -73,7 +73,7 @@ def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int
     if size > LARGEST_BLOCK:
         need += f" and an eigenproblem of {size} readings (limit {LARGEST_BLOCK})"
     remedy = _remedy(pad, planes, sought, free)
-    if servable(planes, surface) and (free is None or system_memory(pad, planes, surface, sought) <= SHARE * free):
+    if servable(planes) and (free is None or system_memory(pad, planes, surface, sought) <= SHARE * free):
         remedy = f'method="tikhonov" serves it. Otherwise: {remedy[0].lower()}{remedy[1:]}'
     raise Unsupported(f"{need}. {remedy}")
 

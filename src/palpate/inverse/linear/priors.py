@@ -101,8 +101,21 @@ class DifferencePrior:
 
     def sample(self, rng: np.random.Generator, count: int) -> Floats:
         """Random tractions (count, *surface) of covariance W."""
-        white = rng.standard_normal((count, *self.grid.shape))
-        return np.asarray(self._transform(np, self._sines, np.sqrt(self._variance) * white))
+        return np.asarray(self.coloured(rng.standard_normal((count, *self.grid.shape))))
+
+    def coloured(self, x: Any) -> Any:
+        """C x, with C = DST diag(sqrt W)."""
+        sines = [s.astype(x.dtype) for s in self._sines]
+        return self._transform(np, sines, np.sqrt(self._variance).astype(x.dtype) * x)
+
+    def whitened(self, x: Any) -> Any:
+        """C^T x."""
+        sines = [s.astype(x.dtype) for s in self._sines]
+        return np.sqrt(self._variance).astype(x.dtype) * self._transform(np, sines, x)
+
+    def white(self) -> Floats:
+        """W in sines (*surface)."""
+        return self._variance if self.order else np.full(self.grid.shape, self._variance)
 
     def symbol(self, size: tuple[int, ...]) -> Floats:
         """The penalty's own spectrum, that of differences; the edge, where t = 0, keeps the mean from being free."""

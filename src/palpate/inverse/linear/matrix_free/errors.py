@@ -96,6 +96,6 @@ class SampledSource(Source):
         system = self.spread.system
         rows = self.known.patterns.reshape(-1, self.known.patterns.shape[-1])
         each = np.repeat(np.reshape(self.known.parameter, -1), len(rows) // self._count)
-        solved = system.solve(rows, each, tolerance=TIGHT, most=LONG).rows
-        found = system.normal.traction(solved)
+        solved = system.solve(rows, each, tolerance=TIGHT, most=LONG)
+        found = system.traction(solved)
         return found.reshape(self._count, -1, *found.shape[1:])

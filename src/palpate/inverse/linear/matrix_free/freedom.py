@@ -14,9 +14,8 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.lumps import lumps
 from palpate.inverse.linear.matrix_free.interpolation import between
-from palpate.inverse.linear.matrix_free.iteration import solve
 from palpate.inverse.linear.matrix_free.normal import Normal
-from palpate.inverse.linear.matrix_free.preconditioner import Balanced
+from palpate.inverse.linear.matrix_free.spaces import Space
 
 __all__ = ["Freedom"]
 
@@ -27,21 +26,24 @@ KNOWN, ROWS, MOST_ROWS, READINGS = 5e-3, 2, 32, 100_000
 PER_DECADE = 4
 #: A quadratic form of a solution is known to the square of its residual.
 TOLERANCE, MOST = 1e-3, 100
+#: Factor over which a slope is taken.
+SLOPE = 1.05
 #: Least part of the readings that is left to either side.
 LEAST = 1e-12
+#: An approximation with more waves than there are readings has no more degrees of freedom than this part of them.
+MOST_USED = 0.999
 
 
 class Freedom:
     """Degrees of freedom and log determinant of a system, for any parameter; what was worked out is kept."""
 
-    def __init__(self, normal: Normal, balanced: Balanced) -> None:
-        self.normal, self.balanced = normal, balanced
-        approximate = balanced.approximate
+    def __init__(self, normal: Normal, space: Space) -> None:
+        self.normal, self.space = normal, space
         #: Eigenvalues of the approximation, near ones put together, and the weights that put coefficients there.
-        self.nodes, self.weights = lumps(approximate.eigenvalues)
-        self.counts = self.weights @ approximate.counts
+        self.nodes, self.weights = lumps(space.eigenvalues)
+        self.counts = self.weights @ space.counts
         #: Largest eigenvalue of M, from the longest waves.
-        self.top = float(balanced.largest)
+        self.top = float(space.largest)
         self._rows: list[Floats] = []
         self._powers: list[Floats] = []
         self._found: dict[int, tuple[float, float, float]] = {}
@@ -54,7 +56,8 @@ class Freedom:
 
     def approximate(self, parameter: Floats) -> Floats:
         """Degrees of freedom that the approximation has."""
-        return (self.nodes / (self.nodes + parameter[..., None])) @ self.counts
+        used = (self.nodes / (self.nodes + parameter[..., None])) @ self.counts
+        return used if self.space.whole else np.minimum(used, MOST_USED * self.normal.count)
 
     def of(self, parameter: Floats) -> Floats:
         """Degrees of freedom at parameters (frame,)."""
@@ -94,30 +97,31 @@ class Freedom:
         ratio = lam / (self.nodes + lam)
         found: Floats = np.zeros((0, 2))
         error = math.inf
-        expected = np.array([ratio @ self.counts, ratio**2 @ self.counts])
+        # what readings have that no eigenvalue stands for is left as it is
+        rest = n - float(self.counts.sum())
+        expected = np.array([ratio @ self.counts + rest, ratio**2 @ self.counts + rest])
         step = max(ROWS, min(MOST_ROWS // 2, READINGS // self.normal.count))
         while len(found) < MOST_ROWS:
             rows, powers = self._probes(len(found), len(found) + step)
             parameter = np.full(len(rows), lam)
-            solved = solve(
-                self.normal.apply,
-                self.balanced.at(parameter),
-                rows,
-                parameter,
-                tolerance=TOLERANCE,
-                most=MOST,
-                checked=False,
-            ).rows
+            solved = self.space.solve(rows, parameter, tolerance=TOLERANCE, most=MOST, start=None, checked=False).rows
             # lambda tr (M + lambda)^-1 and lambda^2 tr (M + lambda)^-2
             sums = np.stack([lam * (rows * solved).sum(axis=1), lam**2 * (solved**2).sum(axis=1)], axis=1)
             guessed = np.stack([powers @ ratio, powers @ ratio**2], axis=1)
-            found = np.concatenate([found, sums - guessed + expected])
+            found = np.concatenate([found, sums - guessed + expected if self.space.whole else sums])
             error = float(np.std(found[:, 0], ddof=1)) / math.sqrt(len(found))
             if error < KNOWN * (n - found[:, 0].mean()):
                 break
         free, square = found.mean(axis=0)
         free = min(max(float(free), LEAST * n), (1 - LEAST) * n)
+        if not self.space.whole:
+            expected = np.array([n - float(self.approximate(np.array([lam]))[0]), math.nan])
         first, second = _odds(n, free, float(square)), _odds(n, float(expected[0]), float(expected[1]))
+        if not self.space.whole:  # the slope of the approximation as it is, cut off or not
+            near = lam * np.array([SLOPE, 1.0 / SLOPE])
+            used = self.approximate(near) / n
+            odds = np.log(used / (1.0 - used))
+            second = (second[0], float(odds[1] - odds[0]) / (2.0 * math.log(SLOPE)) * math.log(10.0) / PER_DECADE)
         self._found[place] = (first[0] - second[0], first[1] - second[1], error)
 
     def _probes(self, start: int, stop: int) -> tuple[Floats, Floats]:
@@ -127,7 +131,7 @@ class Freedom:
             if self.normal.valid is not None:
                 row *= self.normal.valid
             self._rows.append(row[0])
-            self._powers.append(self.weights @ self.balanced.approximate.powers(row)[0])
+            self._powers.append(self.weights @ self.space.powers(row)[0])
         return np.stack(self._rows[start:stop]), np.stack(self._powers[start:stop])
 
 

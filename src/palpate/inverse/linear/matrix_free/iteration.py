@@ -21,11 +21,13 @@ GAIN = 10.0
 
 
 class Solved(NamedTuple):
-    """Solutions (frame, n), their residuals over the right sides (frame,), and the products that were made."""
+    """Solutions (frame, n), their residuals over the right sides (frame,), the products that were made, and coefficients of the traction that
+    the solutions were made of (`palpate.inverse.linear.matrix_free.spaces.OnSurface`)."""
 
     rows: Floats
     residual: Floats
     products: int
+    source: Floats | None = None
 
     def reached(self, tolerance: float) -> npt.NDArray[np.bool_]:
         """Whether each frame reached the tolerance."""
@@ -42,15 +44,21 @@ def solve(
     most: int,
     start: Floats | None = None,
     checked: bool = True,
+    energy: bool = False,
 ) -> Solved:
     """(M + lambda) u = right (frame, n) for each frame's ``parameter`` (frame,).
 
     M. R. Hestenes, E. Stiefel, J. Res. Natl. Bur. Stand. 49, 1952, 409-436. ``inverse(rows, which frames)`` is about (M + lambda)^{-1},
     symmetric and positive definite; it and ``product`` keep the precision of rows. Steps are made in single precision and the residual is
     worked out in double, again and again (iterative refinement: J. H. Wilkinson, Rounding Errors in Algebraic Processes, 1963). The residual that is
-    returned belongs to the solution; unless ``checked``, it is that of the steps.
+    returned belongs to the solution; unless ``checked``, it is that of the steps. With ``energy`` residuals r are measured by r^T (M +
+    lambda)^{-1} r, about, where their parts differ in scale.
     """
-    size = _lengths(right)
+
+    def length(rows: Any, frames: npt.NDArray[np.intp]) -> Floats:
+        return np.sqrt(np.maximum(_products(rows, inverse(rows, frames) if energy else rows), 0.0))
+
+    size = length(right, np.arange(len(right)))
     safe = np.where(size > 0, size, 1.0)
     out = np.zeros_like(right) if start is None else np.array(start)
     out[size == 0] = 0.0
@@ -68,7 +76,7 @@ def solve(
         else:
             r = right[open_] - product(out[open_]) - parameter[open_, None] * out[open_]
             products += len(open_)
-            residual[open_] = _lengths(r) / safe[open_]
+            residual[open_] = length(r, open_) / safe[open_]
             # rounding has the last word where double precision gains no more
             going = (residual[open_] > tolerance) & (spent[open_] < most)
             going &= ~(double[open_] & (residual[open_] > 0.5 * before[open_]))
@@ -85,10 +93,10 @@ def solve(
                 continue
             frames = open_[here]
             kind = np.float64 if precise else np.float32
-            scale = _lengths(r[here])[:, None]
+            scale = np.sqrt(_products(r[here], r[here]))[:, None]
             least = goal[here] if precise else np.maximum(goal[here], SINGLE)
             steps, made, left = _descend(
-                product, inverse, (r[here] / scale).astype(kind), parameter[frames], frames, least, most
+                product, inverse, (r[here] / scale).astype(kind), parameter[frames], frames, least, most, energy
             )
             out[frames] += scale * steps
             spent[frames] += made
@@ -100,7 +108,7 @@ def solve(
     else:
         if open_.size:
             r = right[open_] - product(out[open_]) - parameter[open_, None] * out[open_]
-            residual[open_] = _lengths(r) / safe[open_]
+            residual[open_] = length(r, open_) / safe[open_]
     return Solved(out, residual, products)
 
 
@@ -112,14 +120,16 @@ def _descend(
     frames: npt.NDArray[np.intp],
     goal: Floats,
     most: int,
+    energy: bool,
 ) -> tuple[Any, npt.NDArray[np.intp], Floats]:
-    """Solve for right sides of length 1 until their residuals are ``goal``: solutions, steps made and residuals (frame,)."""
+    """Solve for right sides of length 1 until their residuals fall to ``goal``: solutions, steps made and residuals (frame,)."""
     x = np.zeros_like(right)
     steps, left = np.zeros(len(right), dtype=int), np.ones(len(right))
     here = np.arange(len(right))
     r, lam = right, parameter[:, None].astype(right.dtype)
     z = inverse(r, frames)
     direction, rz = z.copy(), _products(r, z)
+    first = np.maximum(rz, 1e-300)
     for _ in range(most):
         moved = product(direction)
         moved += lam * direction
@@ -130,21 +140,23 @@ def _descend(
         step = np.where(positive, rz / np.where(positive, curvature, 1.0), 0.0)[:, None].astype(right.dtype)
         x[here] += step * direction
         r = r - step * moved
-        left[here] = _lengths(r)
+        if energy:
+            z = inverse(r, frames[here])
+            left[here] = np.sqrt(np.maximum(_products(r, z), 0.0) / first[here])
+        else:
+            left[here] = np.sqrt(_products(r, r))
         going = (left[here] > goal[here]) & positive
         if not going.all():
             here, r, lam, direction, rz = here[going], r[going], lam[going], direction[going], rz[going]
+            z = z[going] if energy else z
             if not here.size:
                 break
-        z = inverse(r, frames[here])
+        if not energy:
+            z = inverse(r, frames[here])
         new = _products(r, z)
         direction = z + (new / rz)[:, None].astype(right.dtype) * direction
         rz = new
     return x, steps, left
-
-
-def _lengths(rows: Any) -> Floats:
-    return np.sqrt(_products(rows, rows))
 
 
 def _products(a: Any, b: Any) -> Floats:

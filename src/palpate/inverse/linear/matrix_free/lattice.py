@@ -22,7 +22,7 @@ from palpate.inverse.linear.matrix_free.normal import Normal
 from palpate.inverse.linear.matrix_free.transforms import Cosine, along
 from palpate.sensing.operator import Convolution
 
-__all__ = ["Approximation", "Cosines", "Padded"]
+__all__ = ["Approximation", "Cosines", "Inverse", "Padded"]
 
 #: Least eigenvalue over the largest that is told from zero.
 LEAST = 1e-16

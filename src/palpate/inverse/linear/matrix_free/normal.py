@@ -102,27 +102,32 @@ class Normal:
 
     def traction(self, rows: Floats) -> Floats:
         """W H^T u: (frame, component sought, *surface)."""
-        return self._chunked(self._traction, rows)
+        return self.chunked(self._traction, rows)
 
     def readings(self, traction: Floats) -> Floats:
         """H t (frame, n) of (frame, component sought, *surface)."""
-        return self._chunked(self._readings, traction)
+        return self.chunked(self._readings, traction)
 
     def apply(self, rows: Floats) -> Floats:
         """M u."""
-        return self._chunked(lambda some: self._readings(self._traction(some)), rows)
+        return self.chunked(lambda some: self._readings(self._traction(some)), rows)
 
     def covariance(self, traction: Floats) -> Floats:
         """W t."""
         return np.stack([prior.covariance(traction[:, i]) for i, prior in enumerate(self.priors)], axis=1)
 
-    def _chunked(self, function: Callable[[Floats], Floats], rows: Floats) -> Floats:
+    def chunked(self, function: Callable[[Floats], Floats], rows: Floats) -> Floats:
+        """``function`` of rows, so many at a time that memory stays small."""
         if len(rows) <= self.chunk:
             return function(rows)
         return np.concatenate([function(rows[i : i + self.chunk]) for i in range(0, len(rows), self.chunk)])
 
+    def seen(self, rows: Floats) -> Floats:
+        """A^T N^{-1/2} u: (frame, component sought, *surface)."""
+        return np.asarray(self.operator.adjoint(self._whitened(self.planes(rows)), self.columns))
+
     def _traction(self, rows: Floats) -> Floats:
-        return self.covariance(np.asarray(self.operator.adjoint(self._whitened(self.planes(rows)), self.columns)))
+        return self.covariance(self.seen(rows))
 
     def _readings(self, traction: Floats) -> Floats:
         return self.joined(self._whitened(self.operator.forward(traction, self.columns)))

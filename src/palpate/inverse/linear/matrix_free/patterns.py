@@ -20,7 +20,7 @@ BESIDE = 1
 #: How often the best candidate may move on.
 MOVES = 12
 #: The patterns are solved for to this residual.
-TOLERANCE, MOST = 1e-7, 300
+TOLERANCE, MOST = 1e-5, 300
 #: A frame is solved anew where the best candidate is further than this from a solution of it (in log lambda).
 FAR = 0.7
 #: Size of a pattern, over the noise, with which candidates are compared: any size.
@@ -66,6 +66,7 @@ class SolvedPatterns(Patterns):
             place = int(np.argmin(np.abs(np.log(self.grid / found.parameter[0]))))
         for _ in range(MOVES):
             some = np.arange(max(place - BESIDE, 0), min(place + BESIDE + 1, len(self.grid)))
+            self.system.freedom.of(self.grid[some])
             if curves.nearest(self.grid[[place]])[0] > FAR and (row**2).sum() > 0:
                 near = search.solve(curves, row, self.grid[[place]], start=near)
             tables = self._tables(row, curves, some)

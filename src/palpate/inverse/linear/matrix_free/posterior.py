@@ -32,7 +32,7 @@ __all__ = ["SampledSpread"]
 #: Draws of a map: standard deviations are then known to 1/sqrt(2 DRAWS), 13 %; with mirror images (four in area contact) to 6 %.
 DRAWS = 32
 #: Draws solved at a time, and to which residual: what is left of a draw is small beside its own chance.
-TOGETHER, LOOSE, MOST = 4, 3e-3, 150
+TOGETHER, LOOSE, MOST = 4, 5e-4, 200
 #: Maps are made for parameters so many to a decade, and a frame takes the nearest: within 10 % of its own.
 MAPS_PER_DECADE = 12
 #: Maps that are kept.
@@ -89,8 +89,8 @@ class SampledSpread(Spread):
                 noise *= normal.valid
             rows = np.concatenate([normal.readings(traction), noise])
             parameter = np.full(len(rows), lam)
-            solved = self.system.solve(rows, parameter, tolerance=LOOSE, most=MOST, checked=False).rows
-            found = normal.traction(solved)
+            solved = self.system.solve(rows, parameter, tolerance=LOOSE, most=MOST, checked=False)
+            found = self.system.traction(solved)
             first += ((found[:TOGETHER] - traction) ** 2).sum(axis=0)
             second += (found[TOGETHER:] ** 2).sum(axis=0)
         return self._even(first / DRAWS), self._even(second / DRAWS)
@@ -151,23 +151,15 @@ class SampledSpread(Spread):
 
     def _table(self, rows: Floats, lam: float) -> Floats:
         """log(w^T W w - u^T b), log(u^T u) and their slopes by log lambda: (4, row)."""
-        normal = self.system.normal
-        weighted = normal.covariance(rows)
-        right = normal.readings(weighted)
         parameter = np.full(len(rows), lam)
-        u = self.system.solve(right, parameter, tolerance=TIGHT, most=LONG).rows
-        again = self.system.solve(u, parameter, tolerance=1e-4, most=LONG).rows
-        whole = (rows * weighted).reshape(len(rows), -1).sum(axis=1)
-        size = np.maximum((u**2).sum(axis=1), 1e-300)
-        left = np.maximum(whole - (u * right).sum(axis=1), lam * size)
-        return np.stack([np.log(left), lam * size / left, np.log(size), -2.0 * lam * (u * again).sum(axis=1) / size])
+        found = self.system.space.sums(rows, parameter, tolerance=TIGHT, most=LONG, slopes=True)
+        if found.cross is None:
+            raise RuntimeError("slopes were asked for")
+        size = np.maximum(found.size, 1e-300)
+        left = np.maximum(found.left, lam * size)
+        return np.stack([np.log(left), lam * size / left, np.log(size), -2.0 * lam * found.cross / size])
 
     def own(self, rows: Floats, parameter: Floats) -> tuple[Floats, Floats]:
         """(row,) of w^T D_1 w and w^T D_2 w for rows with a parameter each."""
-        normal = self.system.normal
-        weighted = normal.covariance(rows)
-        right = normal.readings(weighted)
-        u = self.system.solve(right, parameter, tolerance=TIGHT, most=LONG).rows
-        whole = (rows * weighted).reshape(len(rows), -1).sum(axis=1)
-        size = (u**2).sum(axis=1)
-        return np.maximum(whole - (u * right).sum(axis=1) - parameter * size, 0.0), size
+        found = self.system.space.sums(rows, parameter, tolerance=TIGHT, most=LONG, slopes=False)
+        return np.maximum(found.left - parameter * found.size, 0.0), found.size

@@ -10,12 +10,12 @@ import numpy as np
 
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
-from palpate.inverse.linear.matrix_free.lattice import Approximation, Cosines, Padded
+from palpate.inverse.linear.matrix_free.lattice import Approximation, Cosines, Inverse, Padded
 from palpate.inverse.linear.matrix_free.memory import LONGEST
 from palpate.inverse.linear.matrix_free.normal import Normal
 from palpate.inverse.linear.matrix_free.transforms import Cosine
 
-__all__ = ["Balanced", "approximation"]
+__all__ = ["Balanced", "approximation", "longest_cosines"]
 
 #: Combinations of cosines that working taxels hardly tell apart are one.
 APART = 1e-8
@@ -27,41 +27,48 @@ def approximation(normal: Normal) -> Approximation:
     return Cosines(normal) if all(find_channel(c).kind.absolute for c in channels) else Padded(normal)
 
 
-class Balanced:
-    """An approximation and the longest cosines Z of each channel, on which M is exact (J. Mandel, Commun. Numer. Methods Eng. 9, 1993, 233-241)."""
+def longest_cosines(normal: Normal) -> Floats:
+    """The longest cosines (wave, n) of each channel of regular arrays."""
+    units = []
+    for plane, shape in enumerate(normal.shapes):
+        few = LONGEST[len(shape) - 1]
+        tables = [Cosine(n).table[:few] for n in shape[1:]]
+        for channel, *waves in itertools.product(range(shape[0]), *tables):
+            rows = [np.zeros((1, *s)) for s in normal.shapes]
+            rows[plane][0, channel] = waves[0] if len(waves) == 1 else np.multiply.outer(*waves)
+            units.append(normal.joined(rows)[0])
+    return np.stack(units)
 
-    def __init__(self, normal: Normal, approximate: Approximation) -> None:
-        self.normal, self.approximate = normal, approximate
-        units = []
-        for plane, shape in enumerate(normal.shapes):
-            few = LONGEST[len(shape) - 1]
-            tables = [Cosine(n).table[:few] for n in shape[1:]]
-            for channel, *waves in itertools.product(range(shape[0]), *tables):
-                rows = [np.zeros((1, *s)) for s in normal.shapes]
-                rows[plane][0, channel] = waves[0] if len(waves) == 1 else np.multiply.outer(*waves)
-                units.append(normal.joined(rows)[0])
-        longest = np.stack(units)
-        moved = normal.apply(longest)
-        own, inner = longest @ longest.T, longest @ moved.T
-        size, vectors = np.linalg.eigh(own)
+
+class Balanced:
+    """An approximation ``smooth`` of (M + lambda)^{-1}, for parameters, and a few waves Z on which M is exact (J. Mandel, Commun. Numer. Methods
+    Eng. 9, 1993, 233-241)."""
+
+    def __init__(
+        self, product: Callable[[Floats], Floats], longest: Floats, smooth: Callable[[Floats], Inverse]
+    ) -> None:
+        self._smooth = smooth
+        # single precision is enough for what only makes the iteration shorter
+        self._longest = longest.astype(np.float32)
+        self._moved = product(self._longest)
+        own, inner = (self._longest @ rows.T for rows in (self._longest, self._moved))
+        size, vectors = np.linalg.eigh(own.astype(np.float64))
         kept = size > APART * size.max()
         basis = vectors[:, kept] / np.sqrt(size[kept])
-        values, modes = np.linalg.eigh(basis.T @ (0.5 * (inner + inner.T)) @ basis)
+        values, modes = np.linalg.eigh(basis.T @ (0.5 * (inner + inner.T)).astype(np.float64) @ basis)
         self._values, self._vectors = np.maximum(values, 0.0), basis @ modes
-        # single precision is enough for what only makes the iteration shorter
-        self._longest, self._moved = longest.astype(np.float32), moved.astype(np.float32)
         #: About the largest eigenvalue of M, from below.
         self.largest = float(self._values[-1])
 
     @property
     def nbytes(self) -> int:
         """Memory that it holds."""
-        return self.approximate.nbytes + self._longest.nbytes + self._moved.nbytes
+        return self._longest.nbytes + self._moved.nbytes
 
-    def at(self, parameter: Floats) -> Callable[[Floats, Any], Floats]:
+    def at(self, parameter: Floats) -> Inverse:
         """(M + lambda)^{-1} about, for the parameter of each frame: a function of rows and of which frames they belong to."""
         z, moved, vectors = self._longest, self._moved, self._vectors
-        smooth = self.approximate.at(parameter)
+        smooth = self._smooth(parameter)
 
         def inverse(rows: Floats, which: Any) -> Floats:
             lam, kind = parameter[which], rows.dtype

@@ -28,6 +28,8 @@ NEAR = 0.1
 TOLERANCE, MOST = 1e-4, 150
 #: Most solutions on the way to a parameter.
 ROUNDS = 8
+#: From a solution the rule moves on by no more than this (in log lambda, a decade), and nearer than CLOSE the degrees of freedom are worked out.
+STEP, CLOSE = 2.3, 1.2
 #: Rules that go by the slope of the residual, which takes a solution more.
 SECOND = ("gcv", "lcurve")
 
@@ -48,7 +50,7 @@ class Corrected:
     def of(cls, system: System, rows: Floats) -> Corrected:
         """Nothing solved yet."""
         freedom = system.freedom
-        power = (freedom.weights @ freedom.balanced.approximate.powers(rows).T).T
+        power = (freedom.weights @ freedom.space.powers(rows).T).T
         grid = candidates(np.array([freedom.top]))
         guess = Guess(tikhonov, grid, freedom.nodes, freedom.counts, np.maximum(power, 0.0))
         return cls(guess, system, [[] for _ in rows], [[] for _ in rows])
@@ -89,6 +91,14 @@ class Corrected:
         return np.array(
             [min((abs(np.log(p) - at) for at in places), default=np.inf) for p, places in zip(parameter, self.places)]
         )
+
+    def within(self, parameter: Floats, reach: float) -> Floats:
+        """Parameters no further than ``reach`` (in log lambda) from the solutions of their frames."""
+        out = np.array(parameter)
+        for i, places in enumerate(self.places):
+            if places:
+                out[i] = np.exp(np.clip(np.log(parameter[i]), min(places) - reach, max(places) + reach))
+        return out
 
     @property
     def grid(self) -> Floats:
@@ -155,14 +165,24 @@ class Search:
         curves = Corrected.of(self.system, rows)
         solutions = np.zeros_like(rows) if start is None else np.array(start)
         found = pick(self.rule, curves, self.floor)
-        parameter = found.parameter if parameter is None else np.array(parameter)
+        if parameter is None:
+            first = self.system.space.first
+            parameter = found.parameter if first is None else np.full(len(rows), first)
+        else:
+            parameter = np.array(parameter)
         open_ = np.flatnonzero((rows**2).sum(axis=1) > 0)
         for _ in range(ROUNDS):
             if not open_.size:
                 break
             solutions[open_] = self.solve(curves, rows, parameter, open_, solutions[open_])
-            found = pick(self.rule, curves, self.floor)
-            parameter[open_] = found.parameter[open_]
+            for _ in range(2):
+                found = pick(self.rule, curves, self.floor)
+                parameter[open_] = curves.within(found.parameter, STEP)[open_]
+                close = curves.nearest(parameter)[open_] < CLOSE
+                if not close.any():
+                    break
+                # the degrees of freedom are worked out where they decide
+                self.system.freedom.of(parameter[open_][close])
             open_ = open_[curves.nearest(parameter)[open_] > NEAR]
         unsettled = np.zeros(len(rows), dtype=bool)
         unsettled[open_] = True
@@ -179,7 +199,6 @@ class Search:
         """Solve ``some`` frames (by default all) at ``parameter`` (frame,), and move the curves there."""
         frames = np.arange(len(rows)) if some is None else some
         there = parameter[frames]
-        self.system.freedom.of(there)
         solved = self.system.solve(rows[frames], there, tolerance=TOLERANCE, most=MOST, start=start, checked=False).rows
         again = None
         if self.rule in SECOND:

@@ -124,7 +124,7 @@ class MatrixFree:
         blind = np.zeros(len(rows), dtype=bool)
         if floor is not None:
             blind = free / system.normal.count < UNEXPLAINED
-        sought = system.normal.traction(solved.rows)
+        sought = system.traction(solved)
         traction = np.zeros((len(rows), len(self.grid.components), *self.grid.shape))
         traction[:, list(system.columns)] = sought
         return {

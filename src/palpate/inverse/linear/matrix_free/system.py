@@ -9,10 +9,10 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.freedom import Freedom
-from palpate.inverse.linear.matrix_free.iteration import Solved, solve
+from palpate.inverse.linear.matrix_free.iteration import Solved
 from palpate.inverse.linear.matrix_free.normal import Normal
 from palpate.inverse.linear.matrix_free.posterior import SampledSpread
-from palpate.inverse.linear.matrix_free.preconditioner import Balanced, approximation
+from palpate.inverse.linear.matrix_free.spaces import space
 from palpate.inverse.linear.posterior import FINEST
 from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.spectrum import noise_scales
@@ -32,8 +32,8 @@ class System:
         self.operator, self.columns = operator, tuple(columns)
         self.scales, self.noise_known = noise_scales(operator, columns)
         self.normal = Normal(operator, priors, columns, self.scales)
-        self.balanced = Balanced(self.normal, approximation(self.normal))
-        self.freedom = Freedom(self.normal, self.balanced)
+        self.space = space(self.normal)
+        self.freedom = Freedom(self.normal, self.space)
 
     def solve(
         self,
@@ -46,16 +46,11 @@ class System:
         checked: bool = True,
     ) -> Solved:
         """(M + lambda)^{-1} rows (frame, n), see `palpate.inverse.linear.matrix_free.iteration.solve`."""
-        return solve(
-            self.normal.apply,
-            self.balanced.at(parameter),
-            rows,
-            parameter,
-            tolerance=tolerance,
-            most=most,
-            start=start,
-            checked=checked,
-        )
+        return self.space.solve(rows, parameter, tolerance=tolerance, most=most, start=start, checked=checked)
+
+    def traction(self, solved: Solved) -> Floats:
+        """W H^T u of what was solved: (frame, component sought, *surface)."""
+        return self.space.traction(solved)
 
     @cached_property
     def spread(self) -> SampledSpread:
@@ -65,12 +60,12 @@ class System:
     @property
     def nbytes(self) -> int:
         """Memory that it holds."""
-        held = self.balanced.nbytes + self.freedom.nbytes
+        held = self.space.nbytes + self.freedom.nbytes
         return held + (self.spread.nbytes if "spread" in self.__dict__ else 0)
 
     def finest(self, row: Floats) -> float:
         """Mean power of the part of a row that traction reaches least: no noise that is the same at every wavelength is larger."""
-        approximate = self.balanced.approximate
+        approximate = self.space
         order = np.argsort(approximate.eigenvalues, kind="stable")
         counts = approximate.counts[order]
         least = np.cumsum(counts) <= max(FINEST * counts.sum(), counts[0])

@@ -1,0 +1,278 @@
+"""Where the system is solved: in the space of the readings, or of the traction where readings have no lattice.
+
+Both solve (M + lambda) u = y and have an approximate spectrum. `OnArray` preconditions by the lattice of a regular array. `OnSurface`, for scattered
+positions, solves (H^T H + lambda) v = H^T y for the traction's coefficients v in sines, in which its prior is white, and takes u = (y - H v)/lambda:
+there H^T H is nearly diagonal, the influence of a cell times the positions per cell.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.linear.matrix_free.iteration import Solved, solve
+from palpate.inverse.linear.matrix_free.lattice import Inverse
+from palpate.inverse.linear.matrix_free.normal import Normal
+from palpate.inverse.linear.matrix_free.preconditioner import Balanced, approximation, longest_cosines
+from palpate.inverse.linear.priors import DifferencePrior
+from palpate.sensing.operator import Convolution
+
+__all__ = ["OnArray", "OnSurface", "Space", "Sums", "space"]
+
+
+class Sums(NamedTuple):
+    """Of sums w^T t (row,), with u = (M + lambda)^{-1} H W w: w^T W w - u^T H W w, u^T u and, where asked for, u^T (M + lambda)^{-1} u."""
+
+    left: Floats
+    size: Floats
+    cross: Floats | None
+
+
+class Space(Protocol):
+    """A way to solve, with an approximate spectrum."""
+
+    #: Eigenvalues (n,), and how many readings each stands for.
+    eigenvalues: Floats
+    counts: Floats
+    #: About the largest eigenvalue of M.
+    largest: float
+    #: Whether the squared coefficients of a row add up to its own square, so that its approximate sums can be set against their exact means.
+    whole: bool
+    #: The parameter to begin with, where the approximation is not near enough to tell.
+    first: float | None
+
+    def powers(self, rows: Floats) -> Floats:
+        """Squared coefficients (frame, n) of rows."""
+        ...
+
+    def solve(
+        self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, start: Floats | None, checked: bool
+    ) -> Solved:
+        """(M + lambda)^{-1} rows, see `palpate.inverse.linear.matrix_free.iteration.solve`."""
+        ...
+
+    def traction(self, solved: Solved) -> Floats:
+        """W H^T u of what was solved: (frame, component sought, *surface)."""
+        ...
+
+    def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
+        """Of sums of the traction, ``rows`` w (row, component sought, *surface), with a parameter each."""
+        ...
+
+    @property
+    def nbytes(self) -> int: ...
+
+
+def space(normal: Normal) -> Space:
+    """The one that serves the layout."""
+    regular = all(isinstance(p, Convolution) for p in normal.operator.planes)
+    return OnArray(normal) if regular else OnSurface(normal)
+
+
+class OnArray:
+    """By the lattice of a regular array, and its longest waves exactly."""
+
+    def __init__(self, normal: Normal) -> None:
+        self.normal = normal
+        self.approximate = approximation(normal)
+        self._balanced = Balanced(normal.apply, longest_cosines(normal), self.approximate.at)
+        self.eigenvalues, self.counts = self.approximate.eigenvalues, self.approximate.counts
+        self.largest, self.powers = self._balanced.largest, self.approximate.powers
+        self.first: float | None = None
+        self.whole = True
+
+    def solve(
+        self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, start: Floats | None, checked: bool
+    ) -> Solved:
+        """(M + lambda)^{-1} rows."""
+        return solve(
+            self.normal.apply,
+            self._balanced.at(parameter),
+            rows,
+            parameter,
+            tolerance=tolerance,
+            most=most,
+            start=start,
+            checked=checked,
+        )
+
+    def traction(self, solved: Solved) -> Floats:
+        """W H^T u."""
+        return self.normal.traction(solved.rows)
+
+    def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
+        """Of sums of the traction."""
+        weighted = self.normal.covariance(rows)
+        right = self.normal.readings(weighted)
+
+        def inverse(of: Floats, part: float) -> Floats:
+            return self.solve(of, parameter, tolerance=part, most=most, start=None, checked=True).rows
+
+        u = inverse(right, tolerance)
+        whole = (rows * weighted).reshape(len(rows), -1).sum(axis=1)
+        size = (u**2).sum(axis=1)
+        cross = (u * inverse(u, 1e-4)).sum(axis=1) if slopes else None
+        return Sums(np.maximum(whole - (u * right).sum(axis=1), parameter * size), size, cross)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        return self.approximate.nbytes + self._balanced.nbytes
+
+
+#: Sines along each axis of a component that are solved exactly.
+LONG_SINES = {2: 5, 1: 16}
+#: The search begins where this part of the readings is degrees of freedom: from the side where solutions take few steps.
+USED = 0.2
+#: Residuals are measured by what they weigh, so that a tolerance may be larger: e is known to its square.
+ENERGY = 10.0
+
+
+class OnSurface:
+    """By the sines of the surface, the longest exactly."""
+
+    def __init__(self, normal: Normal) -> None:
+        self.normal = normal
+        #: Priors that are white in sines; others have no such root.
+        self._priors = [p for p in normal.priors if isinstance(p, DifferencePrior)]
+        if len(self._priors) < len(normal.priors):
+            raise TypeError("sines need the prior of Tikhonov's method")
+        self._shape = (len(normal.columns), *normal.operator.surface.shape)
+        diagonal = self._modes().ravel()
+        self.eigenvalues = np.maximum(diagonal, 1e-16 * float(diagonal.max()))
+        #: Modes live all over the surface, and readings only where positions are.
+        self.counts = np.full(self.eigenvalues.size, self._covered)
+        few = LONG_SINES[len(self._shape) - 1]
+        places = [range(self._shape[0]), *(range(min(few, n)) for n in self._shape[1:])]
+        index = [np.ravel_multi_index(place, self._shape) for place in itertools.product(*places)]
+        longest = np.zeros((len(index), self.eigenvalues.size), dtype=np.float32)
+        longest[np.arange(len(index)), index] = 1.0
+        self._balanced = Balanced(self._product, longest, self._smooth)
+        self.largest = self._balanced.largest
+        trial = self.largest * 10.0 ** -np.arange(0.0, 16.0, 0.25)
+        used = (self.eigenvalues / (self.eigenvalues + trial[:, None])) @ self.counts
+        self.whole = False
+        self.first: float | None = float(trial[np.argmin(np.abs(used - USED * normal.count))])
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        return 2 * self.eigenvalues.nbytes + self._balanced.nbytes
+
+    def powers(self, rows: Floats) -> Floats:
+        """Squared coefficients (frame, n): those of H^T y over the eigenvalues, with no more in all than y has."""
+        seen = self._back(rows) ** 2 / self.eigenvalues
+        total, whole = seen.sum(axis=1), (rows**2).sum(axis=1)
+        return np.asarray(seen * np.minimum(1.0, whole / np.where(total > 0, total, 1.0))[:, None])
+
+    def solve(
+        self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, start: Floats | None, checked: bool
+    ) -> Solved:
+        """(M + lambda)^{-1} rows; a ``start`` would have to be known far better than it is."""
+        found = self._inverse(self._back(rows), parameter, tolerance, most, checked=checked)
+        u = (rows - self._forth(found.rows)) / parameter[:, None]
+        return Solved(u, found.residual, found.products, found.rows)
+
+    def traction(self, solved: Solved) -> Floats:
+        """C v."""
+        if solved.source is None:
+            raise RuntimeError("what was solved elsewhere has no coefficients on the surface")
+        return self._coloured(solved.source)
+
+    def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
+        """Of sums of the traction: lambda x^T C^T w with x = (H^T H + lambda)^{-1} C^T w, and u = H x."""
+        right = self._whitened(rows)
+        x = self._inverse(right, parameter, tolerance, most, checked=True).rows
+        u = self._forth(x)
+        cross = None
+        if slopes:
+            again = self._inverse(x, parameter, 1e-4, most, checked=True).rows
+            cross = (u * self._forth(again)).sum(axis=1)
+        return Sums(parameter * (x * right).sum(axis=1), (u**2).sum(axis=1), cross)
+
+    def _inverse(self, right: Floats, parameter: Floats, tolerance: float, most: int, *, checked: bool) -> Solved:
+        """(H^T H + lambda)^{-1} right."""
+        return solve(
+            self._product,
+            self._balanced.at(parameter),
+            right,
+            parameter,
+            tolerance=ENERGY * tolerance,
+            most=most,
+            checked=checked,
+            energy=True,
+        )
+
+    def _smooth(self, parameter: Floats) -> Inverse:
+        def inverse(v: Any, which: Any) -> Any:
+            return v / (self.eigenvalues + parameter[which, None]).astype(v.dtype)
+
+        return inverse
+
+    def _product(self, v: Any) -> Any:
+        """H^T H v."""
+        return self._back(self._forth(v))
+
+    def _forth(self, v: Any) -> Any:
+        """H v for coefficients in sines (frame, n)."""
+        return self.normal.chunked(self._forth_some, v)
+
+    def _forth_some(self, v: Any) -> Any:
+        return self.normal.readings(self._coloured(v))
+
+    def _coloured(self, v: Any) -> Any:
+        """C v: traction (frame, component sought, *surface)."""
+        waves = v.reshape(len(v), *self._shape)
+        return np.stack([p.coloured(waves[:, i]) for i, p in enumerate(self._priors)], axis=1)
+
+    def _whitened(self, rows: Any) -> Any:
+        """C^T w (row, n)."""
+        parts = [p.whitened(rows[:, i]).reshape(len(rows), -1) for i, p in enumerate(self._priors)]
+        return np.concatenate(parts, axis=1)
+
+    def _back(self, rows: Any) -> Any:
+        """H^T y."""
+        return self.normal.chunked(self._back_some, rows)
+
+    def _back_some(self, rows: Any) -> Any:
+        return self._whitened(self.normal.seen(rows))
+
+    def _modes(self) -> Floats:
+        """About the diagonal of H^T H in sines: positions per cell, times the influence of a cell, times the prior."""
+        normal = self.normal
+        grid = normal.operator.surface
+        out: Any = np.zeros(self._shape)
+        covered = []
+        for p, (array, plane) in enumerate(zip(normal.operator.planes_of, normal.operator.planes)):
+            points = array.points[array.valid.ravel()]
+            extent = [max(float(np.ptp(points[:, a])), dx) for a, dx in enumerate(grid.spacings)]
+            area = min(1.0, math.prod(e / (n * dx) for e, n, dx in zip(extent, grid.shape, grid.spacings)))
+            covered.append(area)
+            density = len(points) / (area * math.prod(grid.shape))
+            kernel = plane.kernel  # type: ignore[attr-defined]
+            for c in range(len(array.channels)):
+                waves = _sines(kernel[c][normal.columns], grid.shape)
+                out = out + density * waves / normal.scale(p, c) ** 2
+        self._covered = float(np.mean(covered))
+        return np.asarray(out * np.stack([prior.white() for prior in self._priors]))
+
+
+def _sines(kernel: Floats, shape: Sequence[int]) -> Floats:
+    """|transform|^2 (component, *surface) of influences (component, *lag) at the waves of sines over the surface."""
+    from scipy.fft import rfftn
+
+    for axis, n in enumerate(shape):
+        size = 2 * (n + 1)
+        count = kernel.shape[1 + axis]
+        # lags as they come: a shift turns no more than the phase. Those beyond the size wrap round
+        moved = np.moveaxis(kernel, 1 + axis, 0)
+        whole = np.zeros((size, *moved.shape[1:]))
+        np.add.at(whole, np.arange(count) % size, moved)
+        kernel = np.moveaxis(whole, 0, 1 + axis)
+    waves = np.abs(rfftn(kernel, axes=tuple(range(1, kernel.ndim)))) ** 2
+    return np.asarray(waves[(slice(None), *(slice(1, n + 1) for n in shape))])
