@@ -98,7 +98,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """The models of a frame, with their weights, each made when it is asked for.
 
         Where a contact that crosses the array's edge ends is not in the data (the objectives differ by a nat or less): some
-        of the weight goes to models that end it on the surface.
+        of the weight goes to models that end it on the surface. Nor is friction in the data, where the channels alone do not tell pressure
+        from shear: half of the weight goes to models that friction bounds.
         """
         size = np.abs(first[-1]).reshape(self.operator.surface.shape)
         region = dilated(size > self.quiet(y) * size.max(), 1)
@@ -107,10 +108,16 @@ class AdaptiveEstimator(ConstrainedEstimator):
         if self.parts.ends_on_surface and (beyond > 0).any() and (region & self.inside).any():
             regions.append(region & self.inside)
         shares = [1.0] if len(regions) == 1 else [1.0 - self.thresholds.ends, self.thresholds.ends]
-        for r, share in zip(regions, shares):
-            for member in self._ensemble(r, first, y, noise, observed, evidence):
-                member.weight *= share
-                yield member
+        ways = [self]
+        if self.ambiguous and not self.cone.coupled:
+            bounded = copy.copy(self)
+            bounded.cone = Cone(self.cone.components, self.thresholds.most_friction)
+            ways.append(bounded)
+        for way in ways:
+            for r, share in zip(regions, shares):
+                for member in way._ensemble(r, first, y, noise, observed, evidence):
+                    member.weight *= share / len(ways)
+                    yield member
 
     def _ensemble(
         self,

@@ -134,7 +134,9 @@ class ConstrainedEstimator:
         self.readings = Readings(operator, self.scales)
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
         self._levels: dict[int, Level] = {}
-        self.posterior = Posterior(operator, columns, cone, self.inside, self.outside, self.reach)
+        self.posterior = Posterior(
+            operator, columns, cone, self.inside, self.outside, self.reach, ambiguous=problem.ambiguous
+        )
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
         #: Whether the linear model can follow any readings, noise too: it tells nothing of noise, nor of offsets.

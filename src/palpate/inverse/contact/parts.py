@@ -165,6 +165,8 @@ class Thresholds:
 
     #: Shear over pressure where friction is not known: of the order of rubber's friction.
     shear: float = 0.7
+    #: Friction that is not known is rarely more (rubber on rough surfaces). Only where the channels alone do not tell pressure from shear.
+    most_friction: float = 1.0
     #: Share of the models of an even penalty in the mean; the rest goes to local weights in equal parts. One in three, as none is known
     #: to be better; half where the second derivative is what a frame speaks for. See the table.
     even: float = 1.0 / 3.0
