@@ -9,7 +9,7 @@ import pytest
 import palpate as pp
 from palpate.inverse.contact.cone import Cone, Face, Ray, minimise
 from palpate.inverse.contact.differences import Differences
-from palpate.inverse.contact.factors import Bordered, Chain, Dense, Factor, cholesky
+from palpate.inverse.contact.factors import Bordered, Chain, Dense, Factor, FewReadings, cholesky
 from palpate.inverse.contact.quadratic import Formed, Penalty, Unformed, formed_or_not, prior_factor
 from palpate.inverse.contact.rows import Rows
 
@@ -95,6 +95,11 @@ def test_it_leads_to_the_same_optimum(friction: float | None, shape: tuple[int, 
     np.testing.assert_allclose(z[0].T @ z[0], z[1].T @ z[1], rtol=1e-6, atol=1e-9 * (z[1] ** 2).sum())
     for factor, half in zip((found.factor, expected.factor), z):
         np.testing.assert_allclose(factor.back(half), found.factor.back(z[0]), rtol=1e-5, atol=1e-8)
+    if not isinstance(found.factor, FewReadings) or not isinstance(expected.factor, Dense):
+        raise AssertionError("each kind of matrix has a factor of its own")
+    gram = unformed.scaled(found.face.scales).columns
+    taken = expected.factor.trace(found.face.restrict(gram @ gram.T))
+    assert found.factor.taken().sum() == pytest.approx(taken, rel=1e-7)
     prior = prior_factor(penalty, found.face).half(sums)
     reduced = found.face.restrict(penalty.scaled(found.face.scales).added(np.zeros((linear.size,) * 2)))
     np.testing.assert_allclose(prior.T @ prior, sums.T @ np.linalg.solve(reduced, sums), rtol=1e-7, atol=1e-9)
@@ -115,6 +120,12 @@ def test_a_few_more_unknowns_border_a_factor() -> None:
     i, j = np.nonzero(np.ones((4, 10)))
     sparse = Rows(i, j, rows[:, :10].ravel(), 4, rows[:, 10:])
     np.testing.assert_allclose(factor.variances(sparse), np.diag(expected), rtol=1e-10)
+
+
+def test_tension_without_shear_projects_to_nothing() -> None:
+    cone = Cone(("x", "y", "z"), 0.5)
+    x = np.array([[0.0, 0.0, 3.0], [0.0, 0.0, 4.0], [-1.0, 2.0, 0.0]])
+    np.testing.assert_allclose(cone.project(x), [[0.0, 0.0, 1.5], [0.0, 0.0, 2.0], [0.0, 2.0, 2.5]])
 
 
 def test_rows_on_a_face() -> None:

@@ -27,7 +27,7 @@ from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.frame import Frame, Run
 from palpate.inverse.contact.hypotheses import Hypothesis, Rough, hypothesis_of, rough_fit, without_outliers
-from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, level_operator
+from palpate.inverse.contact.model import ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior, posterior_factor, taken_by
@@ -134,6 +134,7 @@ class ConstrainedEstimator:
         self.readings = Readings(operator, self.scales)
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
         self._levels: dict[int, Level] = {}
+        self._rounds = Rounds()
         self.posterior = Posterior(
             operator, columns, cone, self.inside, self.outside, self.reach, ambiguous=problem.ambiguous
         )
@@ -247,13 +248,13 @@ class ConstrainedEstimator:
             (np.prod(spans) * len(self.columns) / max(self.effective_freedom(parameter), 1.0)) ** (1.0 / len(spans))
         )
 
-    # -- batches -------------------------------------------------------------------------------------------------------
-
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
         """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
         like, batch = readings[0], batch_of(readings, self.operator)
-        with few_threads(self.inside.size * len(self.columns)):
-            frames = [self.frame(f, rng) for f in frames_of(readings, self.operator)]
+        frames = []
+        for f in frames_of(readings, self.operator):
+            with few_threads(self.inside.size * len(self.columns)), self._rounds:
+                frames.append(self.frame(f, rng))
 
         def stacked(parts: Sequence[Floats]) -> Floats:
             whole = np.stack(parts)
@@ -297,8 +298,6 @@ class ConstrainedEstimator:
         """The part of a field (..., *grid) that lies on the surface."""
         place: tuple[Any, ...] = (..., *self.window)
         return np.asarray(field[place])
-
-    # -- one frame -----------------------------------------------------------------------------------------------------
 
     def frame(self, readings: Sequence[Floats], rng: np.random.Generator | None = None) -> Frame:
         """Contact in one frame of readings, (channel, *array) per plane."""
@@ -641,9 +640,7 @@ class ConstrainedEstimator:
         return ContactModel(data, hessian, penalty, solution)
 
     def normal(self, level: Level, cells: Index, y: Floats, noise: Floats, observed: Flags) -> Normal:
-        matrix = level.matrix(cells, noise, observed)
-        linear = matrix.T @ self.readings.white(y[observed], observed)
-        return Normal(level, cells, matrix, linear.reshape(-1, len(cells)))
+        return level.normal(cells, y, noise, observed, self._rounds.kept)
 
     def _combined(
         self, members: Sequence[ContactModel], run: Run, noise: Floats, rng: np.random.Generator | None

@@ -102,6 +102,13 @@ class Dense:
             return np.zeros(rows.count)
         return rows.variances(lambda i, j: np.asarray(self._inverse[i, j]))
 
+    def trace(self, matrix: Floats) -> float:
+        """Of H^-1 matrix, of a symmetric one."""
+        if not len(self.lower):
+            return 0.0
+        inverse = self._inverse  # zero above its diagonal, as the factor was
+        return float(2.0 * np.einsum("ij,ij", inverse, matrix) - np.diagonal(inverse) @ np.diagonal(matrix))
+
 
 class Chain:
     """Cholesky factor of a symmetric matrix whose entries lie near the diagonal, in blocks of which only neighbours are tied.
@@ -278,6 +285,10 @@ class FewReadings:
         out = np.empty_like(half)
         out[self.order] = self._backward(half.T - seen.T @ self.b).T
         return out
+
+    def taken(self) -> Floats:
+        """Degrees of freedom of each reading that H takes up: the diagonal of G H^-1 G' = 1 - S^-1."""
+        return 1.0 - (_triangle(self.lower, np.eye(len(self.lower))) ** 2).sum(axis=0)
 
     @cached_property
     def _seen(self) -> Floats:

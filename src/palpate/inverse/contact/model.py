@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,10 +19,14 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import refined
 from palpate.sensing.operator import Operator
 
-__all__ = ["ContactModel", "Level", "Normal", "dilated", "level_operator", "scattered"]
+__all__ = ["Columns", "ContactModel", "Level", "Normal", "Rounds", "dilated", "level_operator", "scattered"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
+
+
+#: Unknowns of one frame whose normal matrix is kept for its other rounds; fewer cells than the second do not matter.
+LARGEST_KEPT, FEW = 4096, 64
 
 
 def level_operator(operator: Operator, ratio: int) -> Operator:
@@ -43,6 +49,96 @@ class Level:
         full = self.operator.columns(self.columns, cells)[observed]
         return self.readings.white(full.reshape(len(full), -1) / noise[observed, None], observed)
 
+    def normal(
+        self, cells: Index, y: Floats, noise: Floats, observed: Flags, kept: dict[int, Columns] | None = None
+    ) -> Normal:
+        """The normal equations of some cells, for readings ``y`` in units of the noise; ``kept`` is that of `Rounds`."""
+        recent = None if kept is None else kept.get(self.ratio)
+        scale = None if recent is None else recent.scale_of(noise, observed)
+        position = None if recent is None or scale is None else recent.places(cells)
+        if recent is None or scale is None or position is None:
+            recent, scale, position = Columns(self, cells, noise, observed), 1.0, np.arange(len(cells))
+            if kept is not None and len(self.columns) * len(cells) <= LARGEST_KEPT:
+                kept[self.ratio] = recent
+        mine, factor = recent, scale
+        matrix = mine.matrix[:, :, position].reshape(len(mine.matrix), -1)
+        matrix = matrix if factor == 1.0 else matrix * factor
+        linear = matrix.T @ self.readings.white(y[observed], observed)
+        return Normal(
+            self, cells, matrix, linear.reshape(-1, len(cells)), source=lambda: mine.gram(position) * factor**2
+        )
+
+
+class Rounds(threading.local):
+    """While a frame is solved: columns of the cells that its rounds have asked for so far, by the ratio of the level.
+
+    They are let go of at its end, so that no frame's answer depends on another's.
+    """
+
+    kept: dict[int, Columns] | None = None
+
+    def __enter__(self) -> None:
+        self.kept = {}
+
+    def __exit__(self, *error: object) -> None:
+        self.kept = None
+
+
+class Columns:
+    """Whitened columns of cells, to which others are added, and their normal matrix where that is asked for.
+
+    The rounds of a frame solve nearly the same cells at other noise.
+    """
+
+    def __init__(self, level: Level, cells: Index, noise: Floats, observed: Flags) -> None:
+        self.level, self.noise, self.observed = level, noise, observed.copy()
+        self.place = np.full(math.prod(level.grid.shape), -1, dtype=np.intp)
+        self.place[cells] = np.arange(len(cells))
+        self.count = len(cells)
+        self.matrix = self._columns(cells)
+        self._gram: Floats | None = None
+
+    def _columns(self, cells: Index) -> Floats:
+        """(reading, component, cell)."""
+        matrix = self.level.matrix(cells, self.noise, self.observed)
+        return matrix.reshape(len(matrix), -1, len(cells))
+
+    def scale_of(self, noise: Floats, observed: Flags) -> float | None:
+        """What the columns are to be multiplied by for another noise, where that is another for all readings alike."""
+        if not np.array_equal(observed, self.observed):
+            return None
+        ratio = self.noise[observed] / noise[observed]
+        first = float(ratio[0]) if len(ratio) else 1.0
+        return first if bool((np.abs(ratio - first) <= 1e-13 * abs(first)).all()) else None
+
+    def places(self, cells: Index) -> Index | None:
+        """Places of cells among those that are kept, to which the missing are added; None where most are others."""
+        new = cells[self.place[cells] < 0]
+        if 2 * len(new) > len(cells) or self.count + len(new) > 2 * len(cells) + FEW:
+            return None
+        if len(new):
+            more, (m, c, n), k = self._columns(new), self.matrix.shape, len(new)
+            self.matrix = np.concatenate([self.matrix, more], axis=2)
+            if self._gram is not None:
+                cross = (self.matrix.reshape(m, -1).T @ more.reshape(m, -1)).reshape(c, n + k, c, k)
+                gram = np.empty((c, n + k, c, n + k))
+                gram[:, :n, :, :n] = self._gram
+                gram[:, :, :, n:] = cross
+                gram[:, n:, :, :n] = cross[:, :n].transpose(2, 3, 0, 1)
+                self._gram = gram
+            self.place[new] = np.arange(n, n + k)
+            self.count = n + k
+        return np.asarray(self.place[cells])
+
+    def gram(self, position: Index) -> Floats:
+        """The normal matrix of the cells in these places."""
+        m, c, n = self.matrix.shape
+        if self._gram is None:
+            flat = self.matrix.reshape(m, -1)
+            self._gram = (flat.T @ flat).reshape(c, n, c, n)
+        picks = (np.arange(c)[:, None] * n + position[None, :]).ravel()
+        return np.asarray(self._gram.reshape(c * n, c * n)[np.ix_(picks, picks)])
+
 
 @dataclass
 class Normal:
@@ -53,11 +149,14 @@ class Normal:
     matrix: Floats
     linear: Floats
     known: Floats | None = None
+    source: Callable[[], Floats] | None = None
 
     @cached_property
     def gram(self) -> Floats:
-        """The normal matrix, worked out when it is first asked for."""
-        return self.matrix.T @ self.matrix if self.known is None else self.known
+        """The normal matrix, worked out when it is first asked for, by ``source`` where that is given."""
+        if self.known is not None:
+            return self.known
+        return self.matrix.T @ self.matrix if self.source is None else self.source()
 
     def part(self, position: Index) -> Normal:
         """The same for some of the cells."""

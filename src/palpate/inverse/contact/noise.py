@@ -10,7 +10,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.model import ContactModel
 from palpate.inverse.contact.parts import Thresholds
-from palpate.inverse.contact.posterior import posterior_factor
+from palpate.inverse.contact.posterior import taken_of_each
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Operator
 
@@ -75,7 +75,7 @@ class ChannelNoise:
         power = np.bincount(channel, misfit**2, minlength=len(count))[alive]
         if unequal and np.ptp(np.log(np.maximum(power / count[alive], 1e-300))) < 2.0 * limit:
             return None
-        took = np.bincount(channel, (posterior_factor(member.solution, matrix) ** 2).sum(axis=0), minlength=len(count))
+        took = np.bincount(channel, taken_of_each(member), minlength=len(count))
         free = np.maximum((count - took)[alive], 1.0)
         off = 0.5 * np.log(np.maximum(power / free, 1e-300) * free.sum() / power.sum())
         # the logarithm of a root mean square of n readings has the standard error 1/sqrt(2 n)

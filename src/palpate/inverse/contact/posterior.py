@@ -15,16 +15,16 @@ import scipy.sparse
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import Cone, Face, Solution, minimise
 from palpate.inverse.contact.differences import Sparse
-from palpate.inverse.contact.factors import Bordered, Factor, cholesky
+from palpate.inverse.contact.factors import Bordered, Dense, Factor, FewReadings, cholesky
 from palpate.inverse.contact.model import ContactModel, scattered
-from palpate.inverse.contact.quadratic import prior_factor
+from palpate.inverse.contact.quadratic import Formed, prior_factor
 from palpate.inverse.contact.rows import Rows
 from palpate.inverse.estimate import Errors
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import Grid, block_means
 from palpate.sensing.operator import Operator
 
-__all__ = ["Posterior", "posterior_factor", "shared_errors", "taken_by", "variance_of"]
+__all__ = ["Posterior", "posterior_factor", "shared_errors", "taken_by", "taken_of_each", "variance_of"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -55,7 +55,18 @@ def face_of(solution: Solution) -> tuple[Face, Factor]:
 
 def taken_by(model: ContactModel) -> float:
     """How many degrees of freedom of the readings a model takes up."""
-    return float((posterior_factor(model.solution, model.data.matrix) ** 2).sum())
+    face, factor = face_of(model.solution)
+    if isinstance(factor, Dense):
+        return factor.trace(face.restrict(Formed(model.data.gram).scaled(face.scales).matrix))
+    return float(taken_of_each(model).sum())
+
+
+def taken_of_each(model: ContactModel) -> Floats:
+    """The same of each reading."""
+    factor = face_of(model.solution)[1]
+    if isinstance(factor, FewReadings):
+        return factor.taken()
+    return np.asarray((posterior_factor(model.solution, model.data.matrix) ** 2).sum(axis=0))
 
 
 def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats:
