@@ -1,17 +1,24 @@
 """Time and memory of palpate's main paths, as ratios within one run (machines are noisy; compare columns, not runs).
 
-    python benchmarks/speed.py [--large | --pads]
+    python benchmarks/speed.py [--large | --pads | --methods N | --frames N ... [--against SRC]]
 
 For each skin: preparing the operator, one forward application against a bare FFT of the same padded size, preparing the
 default reconstruction, one frame and one frame of a batch of 64. --large adds 64 x 64 x 3 (about a minute, 3 GB).
+
+--frames: processor time of one frame by the automatic method on N x N x 3, small contacts and large, with friction given and without; with
+--against, in turn with another copy of the library (the folder that holds its "palpate"), each in a process of its own.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import resource
+import subprocess
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -142,13 +149,98 @@ def methods(n: int, only: str | None = None) -> None:
         print(f"{name:<24}{first:>10.2f}{single:>10.4f}{batch:>10.4f}", flush=True)
 
 
+#: Frames of a size: part of the array's width that the contact's radius is, friction, and whether the pad is a bonded layer.
+CASES: dict[str, tuple[float, float | None, bool]] = {
+    "small": (0.12, None, False),
+    "small, friction": (0.12, 0.5, False),
+    "large": (0.42, None, False),
+    "large, friction": (0.42, 0.5, False),
+    "large, layer": (0.42, None, True),
+}
+
+
+def frame_of(n: int, case: str) -> tuple[pp.Skin, Any, dict[str, Any]]:
+    """A skin, a frame of a round contact under 1 % noise, and the options. 4 x 4 is a robot's skin: 4.7 mm between taxels 3 mm deep."""
+    part, friction, layer = CASES[case]
+    pitch, depth = (4.7e-3, 3e-3) if n == 4 else (1e-3, 2e-3)
+    pad = pp.BondedLayers([pp.Layer(thickness=2 * depth, youngs_modulus=2e5, poissons_ratio=0.48)]) if layer else PAD
+    skin = pp.Skin(pad, pp.AreaArray(shape=(n, n), pitch=pitch, depth=depth, channels=THREE))
+    radius = max(part * n * pitch, 1.2 * pitch if n > 4 else 0.65 * pitch)
+    y, x = np.meshgrid(*skin.surface.axes, indexing="ij")
+    off = 0.03 * n * pitch
+    pressure = 2e4 * np.sqrt(np.maximum(1.0 - ((x - off) ** 2 + (y + off) ** 2) / radius**2, 0.0))
+    clean = skin.sense(np.stack([0.3 * pressure, -0.1 * pressure, pressure]))
+    noise = 0.01 * np.abs(clean).max() * np.random.default_rng(n).standard_normal(clean.shape)
+    return skin, clean + noise, {} if friction is None else {"friction": friction}
+
+
+def worker(n: int) -> None:
+    """Time a frame of the case in each line of the input, and say its force."""
+    made = {case: frame_of(n, case) for case in CASES}
+    for line in sys.stdin:
+        skin, readings, options = made[line.strip()]
+        start = time.process_time()
+        force = skin.reconstruct(readings, **options).force
+        print(time.process_time() - start, *force.tolist(), flush=True)
+
+
+def frames(sizes: list[int], against: str | None, repeats: int = 3) -> None:
+    """Least processor time of a frame in a few runs, of this copy and of another one in turn."""
+    sources = [*([against] if against else []), str(Path(pp.__file__).parents[1])]
+    titles = ("before ms", "now ms", "ratio", "same to") if against else ("ms",)
+    print(f"{'array':<14}{'contact':<18}" + "".join(f"{t:>12}" for t in titles))
+    for n in sizes:
+        copies = []
+        for source in sources:
+            environment = {**os.environ, "PYTHONPATH": source, "OMP_NUM_THREADS": "1"}
+            command = [sys.executable, __file__, "--worker", str(n)]
+            copies.append(
+                subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+            )
+        for case in CASES:
+            times = np.full((len(copies), repeats), np.inf)
+            forces = []
+            for k in range(-1, repeats):  # the first one prepares
+                for i, copy in enumerate(copies):
+                    if k > 0 and times[i, 0] > 5.0:
+                        continue
+                    if copy.stdin is None or copy.stdout is None:
+                        raise RuntimeError("the other copy cannot be spoken to")
+                    copy.stdin.write(f"{case}\n")
+                    copy.stdin.flush()
+                    spent, *force = map(float, copy.stdout.readline().split())
+                    if k < 0:
+                        forces.append(np.array(force))
+                    else:
+                        times[i, k] = spent
+            spent_each = 1e3 * times.min(axis=1)
+            line = f"{f'{n} x {n} x 3':<14}{case:<18}" + "".join(f"{t:>12.1f}" for t in spent_each)
+            if against:
+                off = np.abs(forces[0] - forces[1]).max() / np.abs(forces[0]).max()
+                line += f"{spent_each[0] / spent_each[1]:>12.1f}{off:>12.0e}"
+            print(line, flush=True)
+        for copy in copies:
+            copy.communicate()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--large", action="store_true")
     parser.add_argument("--pads", action="store_true", help="layered pads against the half-space instead")
     parser.add_argument("--methods", type=int, metavar="N", help="every method on N x N x 3 instead")
     parser.add_argument("--only", metavar="TEXT", help="of these, the ones whose name has this in it")
+    parser.add_argument(
+        "--frames", type=int, nargs="+", metavar="N", help="frames of N x N x 3 by the automatic method instead"
+    )
+    parser.add_argument("--against", metavar="SRC", help="compare them with the copy of the library in this folder")
+    parser.add_argument("--worker", type=int, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.worker:
+        worker(arguments.worker)
+        return
+    if arguments.frames:
+        frames(arguments.frames, arguments.against)
+        return
     if arguments.methods:
         methods(arguments.methods, arguments.only)
         return
