@@ -12,6 +12,8 @@ from palpate.inverse.contact.differences import Differences
 from palpate.inverse.contact.factors import Bordered, Chain, Dense, Factor, FewReadings, cholesky
 from palpate.inverse.contact.quadratic import Formed, Penalty, Unformed, formed_or_not, prior_factor
 from palpate.inverse.contact.rows import Rows
+from palpate.inverse.linear.priors import DifferencePrior
+from palpate.inverse.linear.spectrum import DataSpectrum
 
 Floats = npt.NDArray[np.float64]
 
@@ -160,3 +162,27 @@ def test_a_tensile_cell_without_shear_is_projected_on_nothing() -> None:
     np.testing.assert_array_equal(
         cone.project(np.array([[0.0, 3.0], [0.0, 0.0], [-1.0, 4.0]])), [[0, 3], [0, 0], [0, 4]]
     )
+
+
+def test_another_friction_shares_what_does_not_depend_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The products of the readings are made once; what follows from them is as if they were made anew."""
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    array = pp.AreaArray(shape=(20, 18), pitch=1e-3, depth=2e-3, channels=["stress_xz", "stress_zz"])
+    surface = pp.AreaGrid(shape=(10, 8), spacing=2e-3)
+    made = []
+    real = DataSpectrum._symmetric_rows
+
+    def rows(self: DataSpectrum) -> object:
+        made.append(len(self.eigenvalues) if hasattr(self, "eigenvalues") else 0)
+        return real(self)
+
+    monkeypatch.setattr(DataSpectrum, "_symmetric_rows", rows)
+    skin, fresh = (pp.Skin(pad, array, surface=surface) for _ in range(2))
+    spectra = []
+    for one, strengths in ((skin, (0.2, 1.0)), (skin, (0.05, 1.0)), (fresh, (0.05, 1.0))):
+        problem = one.problem(components=["x", "z"])
+        spectra.append(problem.decomposition([DifferencePrior(one.surface, 1, s) for s in strengths]).spectrum)
+    skin.problem(components=["x", "z"]).decomposition([DifferencePrior(skin.surface, 1, s) for s in (0.3, 2.0)])
+    assert made.count(0) == 2, "once for each skin"
+    np.testing.assert_allclose(spectra[1].eigenvalues, spectra[2].eigenvalues, rtol=1e-8, atol=1e-12)
+    assert np.abs(spectra[0].eigenvalues - spectra[1].eigenvalues).max() > 1e-3 * spectra[0].eigenvalues.max()

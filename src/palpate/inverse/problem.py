@@ -177,7 +177,17 @@ class Problem:
         return np.stack(columns, axis=1), np.array(size)
 
     def decomposition(self, priors: Sequence[Prior], *, wide: bool = False) -> Decomposition:
-        """The spectrum under these priors, one per component sought; made once for all methods, parameters and rules."""
-        key = ("decomposition", wide and not self.fixed, self.columns, tuple(p.key for p in priors))
+        """The spectrum under these priors, one per component sought; made once for all methods, parameters and rules.
+
+        Priors of other strengths, such as another friction makes, share the products of readings that it is made of.
+        """
+        place = wide and not self.fixed, self.columns
         operator = self.wide if wide else self.operator
-        return self.kept.get(key, lambda: decompose(operator, priors, self.columns))
+
+        def shared(key: Hashable, make: Callable[[], Value]) -> Value:
+            return self.kept.get(("products", *place, key), make)
+
+        return self.kept.get(
+            ("decomposition", *place, tuple(p.key for p in priors)),
+            lambda: decompose(operator, priors, self.columns, shared),
+        )

@@ -74,7 +74,7 @@ class DifferencePrior:
             shape[axis] = n
             total = total + ((2 / dx * np.sin(np.pi * j / (2 * (n + 1)))) ** 2).reshape(shape)
         self._variance = scale / (grid.cell * total**order)
-        self._scale = scale
+        self.scale = scale
         self._copies: dict[tuple[Any, ...], tuple[list[Any], Any]] = {}
 
     def covariance(self, x: Any) -> Any:
@@ -126,7 +126,7 @@ class DifferencePrior:
             shape[axis] = -1
             edge = (2 / dx * np.sin(np.pi / (2 * (n + 1)))) ** 2
             total = total + ((2 / dx * np.sin(np.pi * part)) ** 2 + edge).reshape(shape)
-        return np.asarray(self._scale / (self.grid.cell * total**self.order))
+        return np.asarray(self.scale / (self.grid.cell * total**self.order))
 
     def _transform(self, xp: Any, sines: list[Any], x: Any) -> Any:
         if self.order == 0:
@@ -143,7 +143,7 @@ class DifferencePrior:
     def spectrum(self, k: Floats) -> Floats:
         """1/(cell k^{2m}); the mean (k = 0), which no derivative sees, is left practically free."""
         smallest = k[k > 0].min()
-        return np.asarray(self._scale / (self.grid.cell * np.where(k > 0, k, MEAN * smallest) ** (2 * self.order)))
+        return np.asarray(self.scale / (self.grid.cell * np.where(k > 0, k, MEAN * smallest) ** (2 * self.order)))
 
 
 class SpectralPrior:

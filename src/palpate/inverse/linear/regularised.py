@@ -21,7 +21,7 @@ from palpate.inverse.linear.parameter import MODEL_ERROR, Filter, check_paramete
 from palpate.inverse.linear.patterns import Patterns
 from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, Spread, Uncertainty, unexplained
 from palpate.inverse.linear.priors import Prior
-from palpate.inverse.linear.spectrum import DataSpectrum, Spectrum, noise_scales
+from palpate.inverse.linear.spectrum import DataSpectrum, Shared, Spectrum, noise_scales
 from palpate.sensing.operator import Operator
 
 __all__ = ["Decomposition", "Regularised", "decompose"]
@@ -52,16 +52,21 @@ class Decomposition:
         return self.spectrum.nbytes + self.spread.nbytes
 
 
-def decompose(operator: Operator, priors: Sequence[Prior], columns: Sequence[int]) -> Decomposition:
-    """The spectrum of ``operator`` for the components ``columns``, with one prior each."""
+def decompose(
+    operator: Operator, priors: Sequence[Prior], columns: Sequence[int], shared: Shared | None = None
+) -> Decomposition:
+    """The spectrum of ``operator`` for the components ``columns``, with one prior each; ``shared`` keeps what other strengths share."""
     if operator.boundary == "free":
         check_spectrum(operator.pad, operator.planes_of, operator.surface, len(columns))
     else:
         check_waves(operator.planes_of, operator.surface)
     scales, known = noise_scales(operator, columns)
-    kind: type[FourierSpectrum] | type[DataSpectrum]
-    kind = FourierSpectrum if operator.boundary == "periodic" else DataSpectrum
-    return Decomposition(operator, tuple(columns), scales, known, kind(operator, priors, columns, scales))
+    spectrum: Spectrum
+    if operator.boundary == "periodic":
+        spectrum = FourierSpectrum(operator, priors, columns, scales)
+    else:
+        spectrum = DataSpectrum(operator, priors, columns, scales, shared)
+    return Decomposition(operator, tuple(columns), scales, known, spectrum)
 
 
 class Regularised:

@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -25,13 +25,13 @@ from palpate._arrays import from_numpy, namespace
 from palpate.elastic.channels import find_channel, mirror_parity
 from palpate.elastic.pad import Floats, Pad, mirror_symmetric
 from palpate.inverse.linear.lumps import lumps
-from palpate.inverse.linear.priors import Prior
+from palpate.inverse.linear.priors import DifferencePrior, Prior
 from palpate.inverse.linear.whitening import axis_roots, inverse_root
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.operator import Operator
 
-__all__ = ["DataSpectrum", "Spectrum", "noise_scales"]
+__all__ = ["DataSpectrum", "Shared", "Spectrum", "noise_scales"]
 
 #: Largest dense eigenproblem that is tried (readings in one symmetry block): five matrices of 134 MB; 64 x 64 x 3 by symmetry.
 LARGEST_BLOCK = 4096
@@ -40,6 +40,8 @@ LARGEST_MODES = 6_000_000
 #: Up to this many readings the decomposition is an SVD of H, which keeps small singular values; beyond it an eigendecomposition of H H^T,
 #: several times faster, which keeps those above the square root of the rounding error.
 LARGEST_SVD = 700
+#: Products of the readings with themselves are kept up to so many bytes, for priors of another strength: 32 x 32 x 3 take 57 MB.
+LARGEST_PRODUCTS = 100_000_000
 #: Modes are made so many at a time: what the adjoint needs besides is then small against a surface of some thousand cells.
 MODES_AT_A_TIME = 256
 #: Centres that lie nearer than this part of a cell are one: positions are sums of a few hundred pitches, each rounded to 1e-16.
@@ -134,6 +136,23 @@ class _Block:
     eigenvalues: Floats
 
 
+@dataclass
+class _Products:
+    """H W H' of each component in each symmetry block, for priors of these strengths; another strength is a factor."""
+
+    strengths: list[float]
+    blocks: Iterable[tuple[list[list[list[Floats]]], list[Floats]]]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        return sum(p.nbytes for _, each in self.blocks for p in each)
+
+
+#: Finds what is kept under a key, or makes it.
+Shared: TypeAlias = Callable[[Hashable, Callable[[], _Products]], _Products]
+
+
 class DataSpectrum:
     """Spectrum of H H^T for any layout, in blocks."""
 
@@ -141,9 +160,15 @@ class DataSpectrum:
     multiplicity: Floats
 
     def __init__(
-        self, operator: Operator, priors: Sequence[Prior], columns: Sequence[int], scales: Sequence[Floats]
+        self,
+        operator: Operator,
+        priors: Sequence[Prior],
+        columns: Sequence[int],
+        scales: Sequence[Floats],
+        shared: Shared | None = None,
     ) -> None:
         self.operator, self.priors, self.columns, self.scales = operator, list(priors), list(columns), scales
+        self._shared = shared
         symmetric = in_blocks(operator.pad, operator.planes_of, operator.surface)
         self._roots = [
             None
@@ -189,14 +214,32 @@ class DataSpectrum:
         return _Block(None, vectors, values)
 
     def _symmetric_blocks(self) -> list[_Block]:
+        kinds = [(p.order, None) if isinstance(p, DifferencePrior) else (None, p.key) for p in self.priors]
+        strengths = [p.scale if isinstance(p, DifferencePrior) else 1.0 for p in self.priors]
+        if self._shared is not None and self._product_size() <= LARGEST_PRODUCTS:
+            key = (tuple(kinds), tuple(float(v) for s in self.scales for v in s))
+            products = self._shared(key, lambda: _Products(strengths, list(self._products())))
+        else:
+            products = _Products(strengths, self._products())
         blocks = []
-        for bases, folded in self._symmetric_rows():
-            gram = np.zeros((len(folded[0][0]),) * 2)
-            for rows, weighted, _ in folded:
-                gram += rows @ weighted.T
-            values, vectors = _eigh(gram)
+        for bases, each in products.blocks:
+            gram: Floats | None = None
+            for strength, known, product in zip(strengths, products.strengths, each):
+                part = product if strength == known else product * (strength / known)
+                gram = part if gram is None else gram + part
+            values, vectors = _eigh(np.zeros((0, 0)) if gram is None else gram.copy())
             blocks.append(_Block(bases, vectors, values))
         return blocks
+
+    def _products(self) -> Iterator[tuple[list[list[list[Floats]]], list[Floats]]]:
+        """Of each symmetry block: its bases, and H W H' of each component."""
+        for bases, folded in self._symmetric_rows():
+            yield bases, [rows @ weighted.T for rows, weighted, _ in folded]
+
+    def _product_size(self) -> float:
+        """Bytes that the products of all blocks take."""
+        readings = sum(math.prod(a.shape) * len(a.channels) for a in self.operator.planes_of)
+        return 8.0 * len(self.columns) * readings**2 / 2**self.operator.surface.dimensions
 
     def _symmetric_rows(
         self,
