@@ -32,10 +32,10 @@ from palpate.tracking.health import Flags, Index, Single
 __all__ = ["Marginal", "Offsets", "Told"]
 
 #: Standard deviation of an offset about its rate after a second, as a part of the largest reading met: a contact that covers the array is
-#: known to 1.5 % after a minute.
-WALK = 0.002
-#: A rate of drift that nothing confirms is forgotten with this time constant [s].
-RATE_HOLDS = 5.0
+#: known to 0.8 % after a minute.
+WALK = 0.001
+#: A rate of drift is confirmed by frames that correct an offset by this part of what they tell; else it is forgotten with this time constant [s].
+CONFIRMED, RATE_HOLDS = 0.03, 5.0
 #: Without contact, the part of what all taxels of a channel share that one frame corrects.
 CORRECTED = 0.2
 #: Largest reading over noise that is assumed until there was a contact.
@@ -54,6 +54,9 @@ MODEL, ANOTHER = 0.01, 0.1
 SURPRISE = 3.0
 #: Offsets after a restart of the sensor, as a part of the largest reading.
 JUMP = 0.5
+#: Offsets are marginalised where one is known to no better than this part of the largest reading; else only taken out, and their variance is left
+#: to the error bars: contact of which a common part counts for less is shrunk by its penalty (1 N dragged to a slip of 0.6 read 0.55).
+UNSURE = 0.02
 #: K is made again where noise or variances have changed by this part.
 ALIKE = 0.05
 #: An offset is worth a word beyond this part of the largest reading.
@@ -110,6 +113,7 @@ class Offsets:
         self._largest = self._scale = 0.0
         self.rate: Floats = np.zeros(self.columns.shape[1])
         self._elapsed = 0.0
+        self._share: Floats = np.zeros_like(self.rate)
         self.clear()
 
     def clear(self) -> None:
@@ -165,7 +169,8 @@ class Offsets:
     def pass_time(self, elapsed: float, scale: float) -> None:
         """Offsets walk while time passes."""
         self._scale, self._elapsed = scale, min(max(elapsed, 0.0), 1.0)
-        self.rate = self.rate * math.exp(-self._elapsed / RATE_HOLDS)
+        self.rate = np.where(self._share > CONFIRMED, 1.0, math.exp(-self._elapsed / RATE_HOLDS)) * self.rate
+        self._share = np.zeros_like(self.rate)
         step = WALK * scale * math.sqrt(self._elapsed)
         k = len(self.mean)
         both = self._both.copy()
@@ -181,6 +186,7 @@ class Offsets:
 
     def _corrected(self, by: Floats, share: Floats) -> None:
         """Learn the rate from what a frame corrects, ``share`` of what it tells."""
+        self._share = share
         if self._elapsed > 0:
             most = FASTEST * self._scale
             self.rate = np.clip(self.rate + share / (2.0 - share) * by / self._elapsed, -most, most)
@@ -222,6 +228,8 @@ class Offsets:
             used = ~unused
             sums = np.asarray(self._white[used].T @ self._readings.white(y[used], used))
         kept, spread = self._gain, np.diagonal(self.cov)
+        if spread.max() < (UNSURE * max(self._largest, self._scale)) ** 2:
+            return Marginal(np.zeros_like(counts), sums)
         if (
             kept is None
             or not abs(noise - kept.noise) <= ALIKE * noise
