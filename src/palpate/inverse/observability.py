@@ -134,14 +134,17 @@ def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:
 
 def presses(pad: Pad, planes: Sequence[Array], shears: Sequence[str]) -> bool:
     """Whether pressure moves readings that these shears explain as well: by `ACTS` of what as much shear does, at some wavelength."""
-    if not is_observable(pad, planes, shears):
-        return False
+    return is_observable(pad, planes, shears) and bool((pressing(pad, planes, shears) > ACTS).any())
+
+
+def pressing(pad: Pad, planes: Sequence[Array], shears: Sequence[str]) -> Floats:
+    """What pressure does to the readings over what as much shear does, at nine wavelengths from the array's width to a tenth of it."""
     names = COMPONENTS[planes[0].dimensions]
     size = float(np.ptp(planes[0].points, axis=0).max())
     k = 2 * np.pi / np.geomspace(size, 0.1 * size, 9)
     matrix = _whitened(pad, planes, k, 0.0 if len(names) == 2 else 0.05)
     shear = np.linalg.norm(matrix[..., [names.index(c) for c in shears]], axis=(-2, -1))
-    return bool((np.linalg.norm(matrix[..., -1], axis=-1) > ACTS * shear).any())
+    return np.asarray(np.linalg.norm(matrix[..., -1], axis=-1) / shear)
 
 
 def check_observable(

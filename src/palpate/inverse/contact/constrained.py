@@ -30,7 +30,7 @@ from palpate.inverse.contact.hypotheses import Hypothesis, Rough, hypothesis_of,
 from palpate.inverse.contact.model import ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
-from palpate.inverse.contact.posterior import Posterior, posterior_factor, taken_by
+from palpate.inverse.contact.posterior import AMBIGUOUS_FORCE, Posterior, posterior_factor, taken_by
 from palpate.inverse.contact.quadratic import Penalty, formed_or_not
 from palpate.inverse.contact.screening import Ceilings, ceilings, outermost, screened
 from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
@@ -41,6 +41,7 @@ from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.regularised import Decomposition
 from palpate.inverse.linear.whitening import Readings
+from palpate.inverse.observability import ACTS, pressing
 from palpate.inverse.problem import Problem
 from palpate.sensing.nuisance import nuisances
 
@@ -135,9 +136,11 @@ class ConstrainedEstimator:
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
         self._levels: dict[int, Level] = {}
         self._rounds = Rounds()
-        self.posterior = Posterior(
-            operator, columns, cone, self.inside, self.outside, self.reach, ambiguous=problem.ambiguous
-        )
+        ambiguity = 0.0
+        if problem.ambiguous and not cone.coupled:
+            acts = float(np.median(pressing(problem.pad, problem.planes, problem.components[:-1])))
+            ambiguity = AMBIGUOUS_FORCE * max(1.0, ACTS / max(acts, 1e-3))
+        self.posterior = Posterior(operator, columns, cone, self.inside, self.outside, self.reach, ambiguity=ambiguity)
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
         #: Whether the linear model can follow any readings, noise too: it tells nothing of noise, nor of offsets.

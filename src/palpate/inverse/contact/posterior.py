@@ -33,7 +33,8 @@ Index = npt.NDArray[np.intp]
 #: matters only where noise is less than that.
 MODEL_FORCE = 5e-4
 #: The same where the channels alone do not tell pressure from shear and friction is not known: what decides is the penalty. A ball of 2 N on
-#: a bonded gel reads 1.86 to 1.95 N at 1 % noise, sliding, twisted or neither (tests/test_in_plane.py).
+#: a bonded gel reads 1.86 to 1.95 N at 1 % noise, sliding, twisted or neither, with markers in it; 1.35 to 1.72 N with markers on its surface,
+#: which pressure hardly moves (`benchmarks/in_plane.py`). There it is as much more as pressure acts less than `observability.ACTS`.
 AMBIGUOUS_FORCE = 0.04
 
 
@@ -204,7 +205,7 @@ class Posterior:
     """What follows from the weighed contact models of a frame: means, closed-form errors, samples.
 
     ``inside`` are the cells of the operator's grid that the result is made of, ``outside`` those outside the outermost taxels; ``reach`` is
-    how many cells round those in contact beyond doubt share their error. ``ambiguous``: the channels alone do not tell pressure from shear.
+    how many cells round those in contact beyond doubt share their error; ``ambiguity`` is the least error of the normal force, as a part of it.
     """
 
     def __init__(
@@ -216,11 +217,11 @@ class Posterior:
         outside: Flags,
         reach: int,
         *,
-        ambiguous: bool = False,
+        ambiguity: float = 0.0,
     ) -> None:
         self.operator, self.columns, self.cone = operator, tuple(columns), cone
         self.inside, self.outside, self.reach = inside, outside, reach
-        self.ambiguity = AMBIGUOUS_FORCE if ambiguous and not cone.coupled else 0.0
+        self.ambiguity = ambiguity
 
     def summed_up(self, members: Sequence[ContactModel]) -> tuple[Floats, Errors]:
         """Mean traction (component, *grid) of the models by their weights, and the closed-form errors of every quantity."""
