@@ -415,7 +415,7 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
     "negative parameter": ([*R, "skin.toml", "--parameter", "-1"], None, "positive"),
     "unknown component": ([*R, "skin.toml", "--components", "w"], None, "components"),
     "what cannot be seen": (
-        ["reconstruct", "line.nc", "--skin", "line.toml", "--components", "x,z"],
+        ["reconstruct", "line.nc", "--skin", "line.toml", "--components", "x,z", "--method", "tikhonov"],
         None,
         "cannot be told apart",
     ),
