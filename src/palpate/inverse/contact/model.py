@@ -25,8 +25,8 @@ Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
 
-#: Unknowns of one frame whose normal matrix is kept for its other rounds; fewer cells than the second do not matter.
-LARGEST_KEPT, FEW = 4096, 64
+#: Unknowns of one frame whose normal matrix is kept for its other rounds, at most.
+LARGEST_KEPT = 4096
 
 
 def level_operator(operator: Operator, ratio: int) -> Operator:
@@ -61,7 +61,7 @@ class Level:
             if kept is not None and len(self.columns) * len(cells) <= LARGEST_KEPT:
                 kept[self.ratio] = recent
         mine, factor = recent, scale
-        matrix = mine.matrix[:, :, position].reshape(len(mine.matrix), -1)
+        matrix = mine.matrix.take(position, axis=2).reshape(len(mine.matrix), -1)
         matrix = matrix if factor == 1.0 else matrix * factor
         linear = matrix.T @ self.readings.white(y[observed], observed)
         return Normal(
@@ -112,9 +112,9 @@ class Columns:
         return first if bool((np.abs(ratio - first) <= 1e-13 * abs(first)).all()) else None
 
     def places(self, cells: Index) -> Index | None:
-        """Places of cells among those that are kept, to which the missing are added; None where most are others."""
+        """Places of cells among those that are kept, to which the missing are added; None where these would be too many."""
         new = cells[self.place[cells] < 0]
-        if 2 * len(new) > len(cells) or self.count + len(new) > 2 * len(cells) + FEW:
+        if len(new) and self.matrix.shape[1] * (self.count + len(new)) > LARGEST_KEPT:
             return None
         if len(new):
             more, (m, c, n), k = self._columns(new), self.matrix.shape, len(new)
