@@ -322,12 +322,12 @@ def test_infinite_response_is_refused() -> None:
 
 def test_too_large_a_dense_map_is_refused() -> None:
     array = pp.ScatteredArray(
-        positions=np.random.default_rng(0).uniform(-1, 1, (5000, 2)),
+        positions=np.random.default_rng(0).uniform(-1, 1, (2000, 2)),
         depth=0.0,
         channels=["displacement_x", "displacement_y"],
     )
     skin = pp.Skin(
-        pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.3), array, surface=pp.AreaGrid(shape=(300, 300), spacing=0.01)
+        pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.3), array, surface=pp.AreaGrid(shape=(400, 400), spacing=0.01)
     )
     with pytest.raises(pp.Unsupported, match="GB"):
         _ = skin.operator.planes
