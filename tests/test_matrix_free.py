@@ -38,6 +38,11 @@ def pressed(skin, components=None):
     return np.stack([(sizes[c] if c in sought else 0.0) * bump for c in grid.components])
 
 
+def measured(array, noise=10.0):
+    """The same array with its noise."""
+    return type(array)(**{**{f: getattr(array, f) for f in array.__dataclass_fields__}, "noise": noise})
+
+
 def noisy(skin, traction, part=0.02, frames=()):
     rng = np.random.default_rng(0)
     readings = skin.sense(traction)
@@ -98,14 +103,19 @@ LAYOUTS = {
 WITH_ERRORS = {"displacements, second derivative", "a layer", "a line of displacements"}
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+LONG = {"taxels wider than cells", "displacements, first derivative", "some components", "two planes", "a line"}
+
+
+@pytest.mark.parametrize("layout", [pytest.param(k, marks=pytest.mark.long) if k in LONG else k for k in LAYOUTS])
 def test_same_traction_for_the_same_parameter(layout, either):
     pad, array, options = LAYOUTS[layout]
+    if layout not in WITH_ERRORS:  # where noise is known, nothing but the traction is worked out
+        array = [measured(a) for a in array] if isinstance(array, list) else measured(array)
     skin = pp.Skin(pad, array)
     readings = noisy(skin, pressed(skin, options.get("components")))
     columns = [skin.surface.components.index(c) for c in options.get("components", skin.components)]
     priors = [DifferencePrior(skin.surface, options.get("order", 1))] * len(columns)
-    parameter = 1e-4 * float(decompose(skin.operator, priors, columns).spectrum.eigenvalues.max())
+    parameter = 1e-3 * float(decompose(skin.operator, priors, columns).spectrum.eigenvalues.max())
     dense, free = either(pad, array, readings, {"nuisance": []}, parameter=parameter, **options)
     same_traction(dense, free, 1e-6)
     np.testing.assert_allclose(free.residual, dense.residual, rtol=1e-6)
@@ -124,11 +134,11 @@ def test_same_traction_for_the_same_parameter(layout, either):
     [
         ("three stresses", "evidence", 0.06),
         ("displacements, first derivative", "evidence", 0.06),
-        ("missing taxels", "evidence", 0.06),
+        pytest.param("missing taxels", "evidence", 0.06, marks=pytest.mark.long),
         ("a line", "evidence", 0.06),
-        ("three stresses", "gcv", 0.12),
+        pytest.param("three stresses", "gcv", 0.12, marks=pytest.mark.long),
         ("displacements, first derivative", "gcv", 0.12),
-        ("three stresses", "discrepancy", 0.03),
+        pytest.param("three stresses", "discrepancy", 0.03, marks=pytest.mark.long),
         ("missing taxels", "discrepancy", 0.03),
     ],
 )
@@ -140,9 +150,7 @@ def test_same_parameter(layout, rule, near, either):
     readings = noisy(skin, pressed(skin), 0.05, frames=(2,))
     if rule == "discrepancy":
         largest = np.nanmax(np.abs(skin.sense(pressed(skin))), axis=(1, 2))
-        array = type(array)(
-            **{**{f: getattr(array, f) for f in array.__dataclass_fields__}, "noise": tuple(0.05 * largest)}
-        )
+        array = measured(array, tuple(0.05 * largest))
     dense, free = either(pad, array, readings, {"nuisance": []}, rule=rule, **options)
     np.testing.assert_allclose(np.log(free.parameter), np.log(dense.parameter), atol=near)
     np.testing.assert_allclose(free.noise_std, dense.noise_std, rtol=0.02)
@@ -162,8 +170,9 @@ def test_a_shift_of_the_image_is_taken_out_alike(either):
     assert [n.split(":")[0] for n in free.notes] == [n.split(":")[0] for n in dense.notes]
 
 
+@pytest.mark.long
 def test_a_named_offset_is_taken_out_alike(either):
-    array = area(shape=(14, 14), noise=5.0)
+    array = area(shape=(10, 10), noise=20.0)
     skin = pp.Skin(HALF_SPACE, array)
     readings = noisy(skin, pressed(skin)) + np.array([0.0, 0.0, 2000.0])[:, None, None]
     dense, free = either(HALF_SPACE, array, readings, {"nuisance": ["offset"]})
@@ -173,7 +182,7 @@ def test_a_named_offset_is_taken_out_alike(either):
     assert sizes[1] == pytest.approx(sizes[0], rel=0.02)
 
 
-@pytest.mark.parametrize("layout", ["three stresses", "missing taxels"])
+@pytest.mark.parametrize("layout", ["three stresses", pytest.param("missing taxels", marks=pytest.mark.long)])
 def test_standard_deviations_of_cells(layout, either):
     pad, array, _ = LAYOUTS[layout]
     skin = pp.Skin(pad, array)
@@ -192,7 +201,7 @@ def test_frames_of_a_batch_are_those_alone(monkeypatch):
     readings = np.stack([*readings, np.zeros_like(readings[0])])
     batch = skin.reconstruct(readings, method="tikhonov")
     assert list(batch.status) == [pp.Status.SOLVED] * 4
-    for i in range(3):
+    for i in (0, 2):
         alone = pp.Skin(HALF_SPACE, area()).reconstruct(readings[i], method="tikhonov")
         np.testing.assert_allclose(batch.traction[i], alone.traction, atol=1e-6 * float(np.abs(alone.traction).max()))
         np.testing.assert_allclose(batch.errors.force[i], alone.errors.force, rtol=1e-3)

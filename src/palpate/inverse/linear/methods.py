@@ -45,6 +45,13 @@ class Tikhonov(Method):
     InvalidInput
         An order other than 0, 1 or 2, a parameter that is not positive, a rule that does not exist, or both of these.
 
+    Notes
+    -----
+    Up to 2048 readings in one symmetry block (4096 at scattered positions) the problem is decomposed. Beyond, it is solved by iteration, without any
+    matrix: the same traction for the same parameter, to 1e-6 of its peak (1e-4 at scattered positions), a parameter chosen within a few per cent by
+    "evidence", "gcv" and "discrepancy" and within 40 % by "lcurve", and standard deviations of cells from 32 draws, known to 6 to 13 %. A frame that did
+    not converge says so in its status.
+
     Examples
     --------
     >>> import palpate as pp

@@ -115,9 +115,10 @@ class MatrixFree:
         solved = system.solve(rows, parameter, tolerance=tolerance, most=MOST, start=start)
         left = parameter**2 * (solved.rows**2).sum(axis=1)
         explained = parameter * (rows * solved.rows).sum(axis=1)
-        free = system.normal.count - system.freedom.of(parameter)
         variance = np.ones(len(rows))
+        free = np.full(len(rows), float(system.normal.count))
         if floor is not None:
+            free -= system.freedom.of(parameter)
             by_evidence = (self.parameter == "evidence") | without
             variance = np.where(by_evidence, explained / system.normal.count, left / np.maximum(free, 1.0))
             variance = np.maximum(variance, floor)
