@@ -77,7 +77,7 @@ def test_a_line_has_no_twist() -> None:
     assert monitor.state.utilisation == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize(("full", "slips"), [(1.0, True), (0.7, False)])
+@pytest.mark.parametrize(("full", "slips"), [(1.0, True), pytest.param(0.7, False, marks=pytest.mark.long)])
 def test_full_twist_is_said_to_slip(full: float, slips: bool) -> None:
     """A ball at 1 % noise that is turned without being dragged."""
     stages = [Stage("rest", 0.4, 0.0), Stage("press", 0.2, 1.2), Stage("turn", 0.3, 1.2, twist=full)]
