@@ -46,7 +46,7 @@ CASES: dict[str, tuple[Any, dict[str, Any], float, str]] = {
     "the same, nnls": (area(96, STRESS), {"method": "nnls"}, 23e9, "tikhonov"),
     "64 x 64 stresses, 2 GB free": (area(64, STRESS), {}, 2e9, "every 2nd taxel"),
     "60 x 60 stresses, one dead": (without_one(area(60, STRESS)), {}, 23e9, "2nd taxel"),
-    "4900 beads": (scattered(70), {"method": "truncated"}, 23e9, '"tikhonov" serves it. Otherwise: grid the recording'),
+    "4900 beads": (scattered(70), {"method": "truncated"}, 23e9, '"tikhonov" serves it. Or: Grid the recording'),
     "22500 beads": (scattered(150), {}, 5e8, "rid the recording"),
     "correlated noise": (area(96, STRESS, noise=5.0, noise_correlation=2e-3), {}, 23e9, "2nd taxel"),
     "2000 x 2000, periodic": (area(2000, DISPLACEMENT), {"boundary": "periodic"}, 1e9, "parts"),

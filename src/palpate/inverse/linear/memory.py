@@ -74,7 +74,7 @@ def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int
         need += f" and an eigenproblem of {size} readings (limit {LARGEST_BLOCK})"
     remedy = _remedy(pad, planes, sought, free)
     if servable(planes) and (free is None or system_memory(pad, planes, surface, sought) <= SHARE * free):
-        remedy = f'method="tikhonov" serves it. Otherwise: {remedy[0].lower()}{remedy[1:]}'
+        remedy = f'method="tikhonov" serves it. Or: {remedy}'
     raise Unsupported(f"{need}. {remedy}")
 
 

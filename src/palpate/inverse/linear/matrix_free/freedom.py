@@ -25,7 +25,7 @@ KNOWN, ROWS, MOST_ROWS, READINGS = 5e-3, 2, 32, 100_000
 #: Parameters at which it is worked out, to a decade, and what lies between is interpolated.
 PER_DECADE = 4
 #: A quadratic form of a solution is known to the square of its residual.
-TOLERANCE, MOST = 1e-3, 100
+TOLERANCE, MOST = 3e-3, 400
 #: Factor over which a slope is taken.
 SLOPE = 1.05
 #: Least part of the readings that is left to either side.

@@ -25,7 +25,7 @@ __all__ = ["Corrected", "Search"]
 #: is left is a percent or two.
 NEAR = 0.1
 #: Solutions on the way: e is known to the square of this residual, the residual's size to this.
-TOLERANCE, MOST = 1e-4, 150
+TOLERANCE, MOST = 1e-4, 400
 #: Most solutions on the way to a parameter.
 ROUNDS = 8
 #: From a solution the rule moves on by no more than this (in log lambda, a decade), and nearer than CLOSE the degrees of freedom are worked out.

@@ -28,7 +28,7 @@ TOLERANCE = {8: 1e-8, 4: 1e-5}
 #: A frame counts as solved below this residual; above it, its status says that it did not converge.
 ENOUGH = 1e-4
 #: Most steps of the iteration.
-MOST = 600
+MOST = 2000
 
 
 class MatrixFree:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.linear.lumps import lumps
 from palpate.inverse.linear.matrix_free.iteration import Solved, solve
 from palpate.inverse.linear.matrix_free.lattice import Inverse
 from palpate.inverse.linear.matrix_free.normal import Normal
@@ -83,7 +84,10 @@ class OnArray:
         self._balanced = Balanced(normal.apply, longest_cosines(normal), self.approximate.at)
         self.eigenvalues, self.counts = self.approximate.eigenvalues, self.approximate.counts
         self.largest, self.powers = self._balanced.largest, self.approximate.powers
-        self.first: float | None = None
+        # gaps look like edges to the approximation, and it takes them for signal
+        self.first = (
+            _safe(self.eigenvalues, self.counts, self.largest, normal.count) if normal.valid is not None else None
+        )
         self.whole = True
 
     def solve(
@@ -154,10 +158,8 @@ class OnSurface:
         longest[np.arange(len(index)), index] = 1.0
         self._balanced = Balanced(self._product, longest, self._smooth)
         self.largest = self._balanced.largest
-        trial = self.largest * 10.0 ** -np.arange(0.0, 16.0, 0.25)
-        used = (self.eigenvalues / (self.eigenvalues + trial[:, None])) @ self.counts
         self.whole = False
-        self.first: float | None = float(trial[np.argmin(np.abs(used - USED * normal.count))])
+        self.first: float | None = _safe(self.eigenvalues, self.counts, self.largest, normal.count)
 
     @property
     def nbytes(self) -> int:
@@ -260,6 +262,14 @@ class OnSurface:
                 out = out + density * waves / normal.scale(p, c) ** 2
         self._covered = float(np.mean(covered))
         return np.asarray(out * np.stack([prior.white() for prior in self._priors]))
+
+
+def _safe(eigenvalues: Floats, counts: Floats, largest: float, readings: int) -> float:
+    """A parameter that leaves few degrees of freedom."""
+    nodes, weights = lumps(eigenvalues)
+    trial = largest * 10.0 ** -np.arange(0.0, 16.0, 0.25)
+    used = (nodes / (nodes + trial[:, None])) @ (weights @ counts)
+    return float(trial[np.argmin(np.abs(used - USED * readings))])
 
 
 def _sines(kernel: Floats, shape: Sequence[int]) -> Floats:
