@@ -66,12 +66,15 @@ def held(touch: pp.Touch, of: str, true: np.ndarray) -> np.ndarray:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=8, help="balls of each row")
+    parser.add_argument("--depths", type=float, nargs="*", default=[0.5, 0.0], help="of the markers [mm]")
+    parser.add_argument("--displacements", nargs="*", choices=list(CHANNELS), default=list(CHANNELS))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--markdown", type=Path, help="file for the table")
     args = parser.parse_args()
     lines = [f"| markers | displacements | ball | friction | {' | '.join(QUANTITIES)} |", "|---" * 12 + "|"]
-    for depth in (0.5e-3, 0.0):
-        for label, channels in CHANNELS.items():
+    for depth in (1e-3 * d for d in args.depths):
+        for label in args.displacements:
+            channels = CHANNELS[label]
             array = pp.AreaArray(shape=(COUNT, COUNT), pitch=PITCH, depth=depth, channels=channels)
             skin = pp.Skin(GEL, array)
             maker = pp.Skin(GEL, array, surface=refined(skin.surface, FINER, 0))

@@ -349,7 +349,7 @@ class Contact:
         """Weigh the hypotheses and take the best."""
         check = self._check
         before = check.suspects.copy()
-        if restarted:
+        if restarted and self._offsets.may_have_jumped(frame.actual):
             jumped, converged = self._jumped(frame)
             if jumped is not None:
                 return self._accept_push(frame, jumped, converged)

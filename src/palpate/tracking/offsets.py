@@ -38,6 +38,9 @@ WALK = 0.001
 CONFIRMED, RATE_HOLDS = 0.03, 5.0
 #: Without contact, the part of what all taxels of a channel share that one frame corrects.
 CORRECTED = 0.2
+#: Beyond so long without a frame [s] a rate of drift is forgotten: 3 % of the largest reading a second, followed for a second in one step, left
+#: an offset that became a contact for good.
+GAP = 0.25
 #: Largest reading over noise that is assumed until there was a contact.
 USUAL = 100.0
 #: Share of a frame in what is remembered of the largest reading.
@@ -181,8 +184,10 @@ class Offsets:
         self._both = both
 
     def go_on(self, elapsed: float) -> None:
-        """The offsets have gone on at their rate since the last frame."""
-        self.mean = self.mean + self.rate * min(max(elapsed, 0.0), 1.0)
+        """The offsets have gone on at their rate since the last frame; a rate is not known across a gap."""
+        if elapsed > GAP:
+            self.rate = np.zeros_like(self.rate)
+        self.mean = self.mean + self.rate * max(elapsed, 0.0)
 
     def _corrected(self, by: Floats, share: Floats) -> None:
         """Learn the rate from what a frame corrects, ``share`` of what it tells."""
@@ -197,6 +202,11 @@ class Offsets:
         self._both = np.zeros((2 * k, 2 * k))
         self._both[:k, :k] = (JUMP * self._scale) ** 2 * np.eye(k)
         self._model, self.rate = np.zeros(k), np.zeros(k)
+
+    def may_have_jumped(self, actual: Floats) -> bool:
+        """Whether readings (NaN where missing) are no larger than a contact on a zero that jumped could make them."""
+        largest = float(np.abs(actual[np.isfinite(actual)]).max(initial=0.0))
+        return self._largest == 0 or largest <= (1.0 + 2.0 * JUMP) * self._largest
 
     def plausible(self, before: Floats) -> bool:
         """Whether the offsets have changed by no more than a zero may jump."""

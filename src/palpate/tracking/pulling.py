@@ -56,6 +56,7 @@ class Pulling:
         slope = slope - np.tensordot(marginal.gain @ marginal.sums, equations.shared(unused), 1)
         score = np.abs(equations.score(slope.astype(np.float32))) / noise
         likely = score > max(LOST, LIKELY * float(score.max()))
+        likely[int(np.argmax(score))] = True  # nothing may be likely: noise alone
         wanted = self._around(likely)
         if self.cells is not None and np.isin(np.flatnonzero(likely), self.cells).all():
             kept = np.zeros(len(score), dtype=bool)

@@ -30,7 +30,7 @@ from palpate.inverse.contact.hypotheses import Hypothesis, Rough, hypothesis_of,
 from palpate.inverse.contact.model import ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
-from palpate.inverse.contact.posterior import AMBIGUOUS_FORCE, Posterior, posterior_factor, taken_by
+from palpate.inverse.contact.posterior import AMBIGUOUS_FORCE, AMBIGUOUS_SHEAR, Posterior, posterior_factor, taken_by
 from palpate.inverse.contact.quadratic import Penalty, formed_or_not
 from palpate.inverse.contact.screening import Ceilings, ceilings, outermost, screened
 from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
@@ -136,10 +136,11 @@ class ConstrainedEstimator:
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
         self._levels: dict[int, Level] = {}
         self._rounds = Rounds()
-        ambiguity = 0.0
-        if problem.ambiguous and not cone.coupled:
+        ambiguity = (0.0, 0.0)
+        if problem.ambiguous:
             acts = float(np.median(pressing(problem.pad, problem.planes, problem.components[:-1])))
-            ambiguity = AMBIGUOUS_FORCE * max(1.0, ACTS / max(acts, 1e-3))
+            normal = 0.0 if cone.coupled else AMBIGUOUS_FORCE * max(1.0, ACTS / max(acts, 1e-3))
+            ambiguity = (AMBIGUOUS_SHEAR, normal)
         self.posterior = Posterior(operator, columns, cone, self.inside, self.outside, self.reach, ambiguity=ambiguity)
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)

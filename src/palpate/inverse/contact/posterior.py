@@ -36,6 +36,8 @@ MODEL_FORCE = 5e-4
 #: a bonded gel reads 1.86 to 1.95 N at 1 % noise, sliding, twisted or neither, with markers in it; 1.35 to 1.72 N with markers on its surface,
 #: which pressure hardly moves (`benchmarks/in_plane.py`). There it is as much more as pressure acts less than `observability.ACTS`.
 AMBIGUOUS_FORCE = 0.04
+#: What pressure passes for shear there, whether friction is known or not, as a part of the normal force: errors of 0.1 to 0.8 % where nothing shears.
+AMBIGUOUS_SHEAR = 0.005
 
 
 def posterior_factor(solution: Solution, rows: Floats) -> Floats:
@@ -205,7 +207,8 @@ class Posterior:
     """What follows from the weighed contact models of a frame: means, closed-form errors, samples.
 
     ``inside`` are the cells of the operator's grid that the result is made of, ``outside`` those outside the outermost taxels; ``reach`` is
-    how many cells round those in contact beyond doubt share their error; ``ambiguity`` is the least error of the normal force, as a part of it.
+    how many cells round those in contact beyond doubt share their error; ``ambiguity`` is the least error of the shear
+    force and of the normal force, as parts of the normal force.
     """
 
     def __init__(
@@ -217,7 +220,7 @@ class Posterior:
         outside: Flags,
         reach: int,
         *,
-        ambiguity: float = 0.0,
+        ambiguity: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self.operator, self.columns, self.cone = operator, tuple(columns), cone
         self.inside, self.outside, self.reach = inside, outside, reach
@@ -244,9 +247,10 @@ class Posterior:
         std[list(self.columns)] = np.sqrt(widened(variance, self.reach))
         force = np.zeros(len(grid.components))
         total, variance = mixed(1)
-        least = np.full(len(total), MODEL_FORCE)
-        least[-1] = max(MODEL_FORCE, self.ambiguity)
-        force[list(self.columns)] = np.sqrt(variance + (least * total) ** 2)
+        hidden = np.full(len(total), self.ambiguity[0])
+        hidden[-1] = self.ambiguity[1]
+        least = np.maximum(MODEL_FORCE * np.abs(total), hidden * abs(total[-1]))
+        force[list(self.columns)] = np.sqrt(variance + least**2)
         reduction = np.full(shape, math.nan)
         reduction[list(self.columns)] = variance_reduction_of(members[0].contact or members[0], grid)
         errors = Errors(
