@@ -26,6 +26,10 @@ PROVISIONAL = 10.0
 DOUBTED_FRAMES, QUIETER = 4, 3.0
 
 
+#: The noise that a frame of a contact tells is believed up to so many times what was known: more is another frame's to say.
+LOUDER = 3.0
+
+
 def rough_noise(used: Floats) -> float:
     """Noise of the readings used in a frame before it is learned: robust, and no less than what a pad is known to."""
     return max(float(np.median(np.abs(used))) / NORMAL, MODEL_ERROR * float(np.abs(used).max(initial=0.0)))
@@ -105,5 +109,6 @@ class Learning:
         self.parameter, scale, self._energy, self._signal = found
         self.resolution = estimator.resolution(self.parameter)
         if self._from_contact:
-            self.noise = scale
+            # one frame of garbage must not make so much noise that contact hides in it
+            self.noise = scale if self.noise is None else min(scale, LOUDER * self.noise)
         return True
