@@ -7,11 +7,10 @@ import threading
 import numpy as np
 import pytest
 import scipy.linalg.blas  # noqa: F401
+import threadpoolctl
 
 import palpate as pp
 from palpate._threads import SMALL, few_threads
-
-threadpoolctl = pytest.importorskip("threadpoolctl")
 
 
 def counts() -> list[int]:

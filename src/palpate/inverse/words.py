@@ -27,7 +27,7 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
                 "pressure would move these readings too, and is then part of the shear: where something presses, seek it as well "
                 f"(components {', '.join(problem.surface.components)})"
             )
-    if problem.ambiguous:
+    if problem.ambiguous and method.narrows:
         found.append(
             "these channels alone cannot tell pressure from shear: that pressure pushes, and only where something touches, does; a pull, "
             "or an offset of the readings that is not named, would be taken for contact"

@@ -625,7 +625,7 @@ class ConstrainedEstimator:
             raise Unsupported(
                 f"the contact covers {unknowns} unknowns, too many (limit {LARGEST_UNKNOWNS}). Give a "
                 "coarser surface (Skin(..., surface=...)), or "
-                + ('seek shear alone (components=["x", "y"]).' if self.ambiguous else 'use method="tikhonov".')
+                + (f"seek {list(self.cone.components[:-1])} alone." if self.ambiguous else 'use method="tikhonov".')
             )
 
     def model(

@@ -8,6 +8,7 @@ as far as the array, but parities fall apart. Both have a spectrum in closed for
 
 from __future__ import annotations
 
+import abc
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -59,7 +60,7 @@ class _Lattice:
     size: tuple[int, ...]
 
 
-class _Common:
+class _Common(abc.ABC):
     def __init__(self, normal: Normal) -> None:
         self.normal = normal
         self.lattices = [self._lattice(members) for members in _members(normal, self._split)]
@@ -140,19 +141,21 @@ class _Common:
             out.append(np.ascontiguousarray(np.moveaxis(inverse, (-2, -1), (1, 2)), dtype=kind))
         return out
 
+    @abc.abstractmethod
     def _lattice(self, members: list[tuple[int, int]]) -> _Lattice:
-        raise NotImplementedError
+        """Symbol, eigenvalues and eigenvectors of the channels of one lattice."""
 
+    @abc.abstractmethod
     def _counts(self, lattice: _Lattice) -> Floats:
-        raise NotImplementedError
+        """How many modes each eigenvalue stands for."""
 
+    @abc.abstractmethod
     def _waves(self, planes: Sequence[Floats], g: _Lattice) -> Any:
         """Waves (frame, channel, *wave) of the channels of a lattice."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def _back(self, waves: Any, lattice: _Lattice, shape: Sequence[int]) -> Floats:
         """(frame, *array) of the waves of one channel."""
-        raise NotImplementedError
 
 
 class Padded(_Common):
