@@ -25,5 +25,6 @@ def test_senders_of_every_sort(name: str, kind: str) -> None:
     # a flipped bit may make another good frame; a sensor that restarts at once loses up to 19 frames, said
     damaged = name in ("flipped bits", "restarted")
     assert row["foreign"] == 0 or name == "flipped bits", row
-    assert row["taken"] == row["good"] or damaged, row
-    assert row["taken"] > 0, row
+    # where the machine pauses and a burst comes in at once, the listener lets the oldest waiting frames go, and counts them
+    assert row["taken"] + row["refused"].get("dropped", 0) == row["good"] or damaged, row
+    assert row["taken"] > (0 if damaged else row["good"] / 2), row
