@@ -21,6 +21,8 @@ __all__ = ["LinearEvidence", "linear_evidence", "log_evidence"]
 
 #: Combinations of patterns that are seen less than this part of the best one are not told apart: rounding of a normal matrix.
 LEAST_SEEN = 1e-10
+#: More patterns than this are made independent once; Cholesky factors then do, which take a twentieth of the time of eigenvalues.
+MANY = 16
 
 
 class LinearEvidence(NamedTuple):
@@ -102,6 +104,9 @@ def _with_patterns(
     values: Floats, c: Floats, patterns: Floats, parameter: float | None, certain: bool
 ) -> tuple[float, float, tuple[float, float], float, float, float]:
     """Parameter, noise variance, (objective of noise alone, objective), log determinant, that of noise alone, and count."""
+    count, own = float(len(c) - len(patterns)), 0.0
+    if len(patterns) > MANY:
+        patterns, own = _independent(patterns)
     if parameter is None:
         grid = candidates(values)
     else:
@@ -109,7 +114,6 @@ def _with_patterns(
     weights = grid[:, None] / (grid[:, None] + values[None, :])
     objective, logdet = _restricted(weights, c, patterns)
     (everything,), (base,) = _restricted(np.ones((1, len(c))), c, patterns)
-    count = float(len(c) - len(patterns))
     if certain:
         score = objective + logdet
     else:
@@ -119,21 +123,51 @@ def _with_patterns(
     best = float(grid[0]) if parameter is not None else float(refined(grid, score, place)[0])
     (left,), (there,) = _restricted(best / (best + values)[None], c, patterns)
     variance = 1.0 if certain else max(float(left), 0.0) / count
-    return best, variance, (float(everything), float(left)), float(there), float(base), count
+    return best, variance, (float(everything), float(left)), float(there) + own, float(base) + own, count
+
+
+def _independent(patterns: Floats) -> tuple[Floats, float]:
+    """Orthonormal rows that span the patterns, and what these add to the log determinant of their normal matrix."""
+    _, sizes, rows = np.linalg.svd(patterns, full_matrices=False)
+    seen = sizes**2 > LEAST_SEEN * sizes[0] ** 2
+    return rows[seen], 2.0 * float(np.log(sizes[seen]).sum())
 
 
 def _restricted(weights: Floats, c: Floats, patterns: Floats) -> tuple[Floats, Floats]:
     """(objective, log determinant) for rows of ``weights`` = 1/C, with the patterns marginalised."""
-    weighted = weights[:, None, :] * patterns[None]
-    values, vectors = np.linalg.eigh(weighted @ patterns.T)
-    # patterns that the weights no longer tell apart, or see at all, count as one, or as none
-    seen = values > LEAST_SEEN * np.maximum(values.max(axis=-1, keepdims=True), 1e-300)
-    right = ((weighted @ c)[:, None, :] @ vectors)[:, 0, :]
-    safe = np.where(seen, values, 1.0)
-    objective = weights @ c**2 - np.where(seen, right**2 / safe, 0.0).sum(axis=1)
+    if len(patterns) > MANY:
+        taken, more = np.array([_by_factor(patterns * np.sqrt(w), np.sqrt(w) * c) for w in weights]).T
+    else:
+        weighted = weights[:, None, :] * patterns[None]
+        taken, more = _by_eigenvalues(weighted @ patterns.T, weighted @ c)
     with np.errstate(divide="ignore"):
-        logdet = -np.log(weights).sum(axis=1) + np.log(safe).sum(axis=1)
-    return objective, logdet
+        logdet = -np.log(weights).sum(axis=1) + more
+    return weights @ c**2 - taken, logdet
+
+
+def _by_eigenvalues(gram: Floats, right: Floats) -> tuple[Floats, Floats]:
+    """right' gram^-1 right and log det gram of (*batch, pattern, pattern). Patterns that the weights no longer tell apart, or see at all,
+    count as one, or as none.
+    """
+    values, vectors = np.linalg.eigh(gram)
+    seen = values > LEAST_SEEN * np.maximum(values.max(axis=-1, keepdims=True), 1e-300)
+    along = (right[..., None, :] @ vectors)[..., 0, :]
+    safe = np.where(seen, values, 1.0)
+    return np.where(seen, along**2 / safe, 0.0).sum(axis=-1), np.log(safe).sum(axis=-1)
+
+
+def _by_factor(patterns: Floats, c: Floats) -> tuple[float, float]:
+    """The same of weighted patterns and coefficients, by a Cholesky factor where all is seen."""
+    from scipy.linalg import lapack
+
+    gram, right = patterns @ patterns.T, patterns @ c
+    factor, wrong = lapack.dpotrf(gram, lower=1)
+    # the estimate of the condition may be ten times too good
+    if not wrong and lapack.dpocon(factor, float(np.abs(gram).sum(axis=0).max()), uplo="L")[0] > 10.0 * LEAST_SEEN:
+        half = lapack.dtrtrs(factor, right, lower=1)[0]
+        return float(half @ half), 2.0 * float(np.log(np.diagonal(factor)).sum())
+    taken, more = _by_eigenvalues(gram, right)
+    return float(taken), float(more)
 
 
 def _without(values: Floats, c: Floats, patterns: Floats, parameter: float) -> tuple[Floats, Floats]:
