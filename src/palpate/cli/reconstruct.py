@@ -42,6 +42,7 @@ def reconstruct(
     from palpate.elastic import Viscoelastic
     from palpate.recordings import read_recording, read_stream, write_touch
     from palpate.recordings.formats import file_format
+    from palpate.sensing.readings import Layout
     from palpate.skin import Skin
     from palpate.touch import joined
 
@@ -71,7 +72,12 @@ def reconstruct(
     count = len(recording.readings)
     if not -count <= frame < count:
         raise InvalidInput(f"frame {frame} is not among the {count} frames of {recording_file}.")
-    step = count if isinstance(skin.pad, Viscoelastic) else 64  # creep remembers, so its frames stay together
+    # what is wrong with the last frame is said before the first is solved
+    creeps = isinstance(skin.pad, Viscoelastic)
+    Layout(skin.planes, skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad).checked(
+        recording.readings
+    )
+    step = count if creeps else 64  # creep remembers, so its frames stay together
     with busy("preparing the skin"):
         first = skin.reconstruct(recording.readings[:1], time=recording.time[:1], **options)
     # the touches one by one, joined, and as they are written, each with its error bars
@@ -80,9 +86,11 @@ def reconstruct(
         f"the touches of {count:,} frames",
         "Use palpate track --out, which writes each frame as it comes, or split the recording.",
     )
-    parts = [
+    # every frame is decided alone, so the first is done; only creep needs it again, with those that follow
+    done = [] if count > 1 and creeps else [first]
+    parts = done + [
         skin.reconstruct(recording.readings[i : i + step], time=recording.time[i : i + step], **options)
-        for i in progress(range(0, count, step), "reconstructing")
+        for i in progress(range(len(done), count, step), "reconstructing")
     ]
     touch = replace(joined(parts), time=recording.time)
     figure = touch.plot(frame=frame) if plot is not None else None
