@@ -73,8 +73,8 @@ class Tracker:
     layout : Layout
         How readings are checked and ordered.
     baseline : int or array
-        Frames at the start, without contact, whose mean is taken as zero; or the zero itself, one frame of readings; 0: the
-        readings are zero already.
+        Frames at the start, without contact, whose mean is taken as zero (of three and more, those that are far from most are
+        left out); or the zero itself, one frame of readings; 0: the readings are zero already.
     tolerance : float
         Change of traction, as a part of its peak, at which a frame's iteration ends.
     budget : float, optional

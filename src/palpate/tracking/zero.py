@@ -14,6 +14,9 @@ __all__ = ["Zero"]
 
 #: Frames from which the noise is taken with the zero: with 5, and some hundred readings that share it, it is known to a few per cent.
 FRAMES_FOR_NOISE = 5
+#: A frame that is so many times as far from the median of the frames as half of them are is no zero: a glitch, or a touch. (Noise: up to
+#: 1.5 times, of twenty readings; a drift in the meantime: twice.)
+FAR = 5.0
 #: Largest part of the time constant that one frame counts for, however long the pause before it: ten frames must agree on a new zero.
 ONE_FRAME = 0.1
 
@@ -57,13 +60,15 @@ class Zero:
         self._captured = []
         with np.errstate(invalid="ignore"):
             good = np.isfinite(frames)
+            far = _far(np.where(good, frames, math.nan))
+            good &= ~far[:, None]
             count = np.maximum(good.sum(axis=0), 1)
             mean = np.where(good, frames, 0.0).sum(axis=0) / count
             # a reading that never came has no zero yet, or keeps what it had
             old = np.full(len(mean), math.nan) if self.baseline is None else self.baseline
             taken = good.any(axis=0) if self._only is None else good.any(axis=0) & self._only
             self.baseline, self._only = np.where(taken, mean, old), None
-            self.variance = 1.0 / self._frames
+            self.variance = 1.0 / max(len(frames) - int(far.sum()), 1)
             if self._frames < FRAMES_FOR_NOISE:
                 return None
             square = np.where(good, (frames - mean) ** 2, 0.0).sum() / max((count - 1).sum(), 1)
@@ -85,3 +90,15 @@ class Zero:
         self.baseline[good] += share * change[good]
         self.variance = (1.0 - share) ** 2 * self.variance + share**2
         return True
+
+
+def _far(frames: Floats) -> Flags:
+    """Which of the frames (frame, reading) are unlike most of them; NaN where missing."""
+    there = frames[:, np.isfinite(frames).any(axis=0)]
+    if len(frames) < 3 or not there.size:
+        return np.zeros(len(frames), dtype=bool)
+    away = np.nan_to_num(there - np.nanmedian(there, axis=0))
+    with np.errstate(over="ignore"):
+        sizes = np.sqrt((away**2).mean(axis=1))
+    typical = float(np.median(sizes))
+    return np.asarray(sizes > FAR * typical) if typical > 0 else np.zeros(len(frames), dtype=bool)
