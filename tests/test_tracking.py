@@ -88,7 +88,7 @@ def test_tracker_agrees_with_the_batch(skin: pp.Skin, story: Any) -> None:
         if frame.stage == "rest" and i > 0:
             assert not touch.touching
             assert not np.asarray(touch.values).any()
-        if not touch.touching or i % 9:
+        if not touch.touching or i % 25:
             continue
         assert touch.converged
         assert touch.time == frame.time
@@ -97,7 +97,7 @@ def test_tracker_agrees_with_the_batch(skin: pp.Skin, story: Any) -> None:
             seen += 1
             worst = max(worst, float(np.linalg.norm(touch.values - same.values) / np.linalg.norm(same.values)))
             forces = max(forces, float(np.abs(touch.force - same.force).max() / same.force[2]))
-    assert seen > 15
+    assert seen > 5
     assert worst < 0.08  # weak patches of noise far from the contact, which only one of both may have
     assert forces < 0.04
     assert tracker.health.approximate == 0
@@ -158,23 +158,23 @@ def test_noise_is_learned_from_the_baseline(skin: pp.Skin) -> None:
 
 
 def test_drift_is_followed_only_without_contact() -> None:
-    """Thermal drift of ten times the noise in a minute goes into the zero; a contact held as long does not."""
+    """Thermal drift of five times the noise in half a minute goes into the zero; a contact held as long does not."""
     rng = np.random.default_rng(1)
     skin = pp.Skin(PAD, pp.AreaArray(shape=(9, 10), pitch=1.4e-3, depth=1.5e-3, channels=["stress_zz"]))
     pattern = rng.standard_normal((1, 9, 10))
     tracker = skin.track(baseline=20, rate=10.0, rezero=2.0)
     pressed = skin.sense(BALL)
-    for i in range(600):
+    for i in range(300):
         touch = tracker.step(20.0 * (i / 60.0) * pattern + 20.0 * rng.standard_normal(pattern.shape))
         assert not touch.touching or i < 20
-    drift = 200.0 * pattern
+    drift = 100.0 * pattern
     forces = [
         float(tracker.step(drift + pressed + 20.0 * rng.standard_normal(pattern.shape)).force[2]) for _ in range(200)
     ]
     assert np.mean(forces[100:]) == pytest.approx(1.0, abs=0.04)
     assert abs(np.mean(forces[150:]) - np.mean(forces[10:60])) < 0.01
     fixed = skin.track(baseline=20, rate=10.0, rezero=None)
-    last = [fixed.step(20.0 * (i / 60.0) * pattern + 20.0 * rng.standard_normal(pattern.shape)) for i in range(600)]
+    last = [fixed.step(20.0 * (i / 60.0) * pattern + 20.0 * rng.standard_normal(pattern.shape)) for i in range(300)]
     assert any(bool(t.touching) for t in last[-50:])  # what following the drift is for
 
 
@@ -242,7 +242,7 @@ def test_a_budget_blames_no_taxel(skin: pp.Skin, story: Any) -> None:
     readings = story[1]
     with skin.track(friction=MU, baseline=15, budget=2e-3, rate=50.0) as tracker:
         for _ in range(2):
-            for reading in readings:
+            for reading in readings[:90]:
                 tracker.step(reading)
         assert not tracker.health.left_out.any(), str(tracker.health)
 
@@ -290,7 +290,7 @@ def test_creep_is_taken_out_frame_by_frame() -> None:
 
 
 def test_budget_gives_an_answer_in_time_and_says_so(skin: pp.Skin, story: Any) -> None:
-    frames, readings = story
+    frames, readings = (part[:90] for part in story)
     with skin.track(friction=MU, baseline=15, budget=1e-5, rate=50.0) as tracker:
         for frame, reading in zip(frames, readings):
             touch = tracker.step(reading, frame.time)
@@ -309,12 +309,12 @@ def test_memory_is_bounded_and_reset_forgets(skin: pp.Skin, story: Any) -> None:
 
     frames, readings = story
     tracker = skin.track(friction=MU, baseline=15, rate=50.0)
-    first = [np.asarray(tracker.step(r, f.time).values) for f, r in zip(frames[:60], readings)]
+    first = [np.asarray(tracker.step(r, f.time).values) for f, r in zip(frames[:40], readings)]
     tracemalloc.start()
     sizes = []
     for _ in range(3):
         tracker.reset()
-        again = [np.asarray(tracker.step(r, f.time).values) for f, r in zip(frames[:60], readings)]
+        again = [np.asarray(tracker.step(r, f.time).values) for f, r in zip(frames[:40], readings)]
         sizes.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     np.testing.assert_array_equal(again[-1], first[-1])
