@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,26 +34,42 @@ __all__ = [
 CHECKSUM = "palpate_crc32"
 #: Entry of ``meta`` that says what was lost of a recording that was salvaged.
 SALVAGED = "salvaged"
+#: Bytes of a block in which numbers are read to be checked.
+BLOCK = 1 << 22
 #: The most that deflate can shrink (1032), and what small files may claim in any case.
 DEFLATE, SMALL = 1032, 1 << 20
 
 
-def checksum(dataset: xarray.Dataset) -> int:
+def checksum(dataset: xarray.Dataset, *, long: Mapping[str, tuple[int, Iterable[Any]]] | None = None) -> int:
     """CRC-32 of names, dimensions, values and attributes, whatever the file format: numbers count in double precision.
 
-    A CRC-32 tells every change of up to 32 neighbouring bits, and all but one of 4e9 other changes.
+    A CRC-32 tells every change of up to 32 neighbouring bits, and all but one of 4e9 other changes. Numbers are read in blocks, so that
+    a data set that lies in a file is never in memory as a whole. ``long``: variables of which ``dataset`` holds an excerpt; the count of
+    their frames and, one after another, their blocks.
     """
     crc = 0
     for name in sorted(map(str, dataset.variables)):
         variable = dataset.variables[name]
-        crc = zlib.crc32(json.dumps([name, *map(str, variable.dims), *variable.shape]).encode(), crc)
-        values = variable.values
-        for block in (
-            np.atleast_1d(values) if values.ndim > 1 else (values,)
-        ):  # frame by frame: no second copy of a recording
+        shape = variable.shape
+        blocks: Iterable[Any] = _blocks(variable)
+        if long is not None and name in long:
+            count, blocks = long[name]
+            shape = (count, *shape[1:])
+        crc = zlib.crc32(json.dumps([name, *map(str, variable.dims), *shape]).encode(), crc)
+        for block in blocks:
             crc = zlib.crc32(_canonical(block), crc)
     attributes = {str(k): _plain(v) for k, v in dataset.attrs.items() if k != CHECKSUM}
     return zlib.crc32(json.dumps(attributes, sort_keys=True).encode(), crc)
+
+
+def _blocks(variable: xarray.Variable) -> Iterator[Any]:
+    """The values in blocks of a few megabytes; text, which is short, at once."""
+    if not variable.ndim or variable.dtype.kind not in "fbiu":
+        yield variable.values
+        return
+    step = max(1, BLOCK // max(1, 8 * int(np.prod(variable.shape[1:], dtype=np.int64))))
+    for start in range(0, len(variable), step):
+        yield variable[start : start + step].values
 
 
 def _canonical(values: Any) -> bytes:

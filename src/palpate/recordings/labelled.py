@@ -46,11 +46,12 @@ _OWN = (
         "meta",
         "case",
         "found_by",
+        "methods",
     ),
     "reading_names",
     "nuisance_names",
 )
-#: Fields that are text by frame; kept as attributes, because Zarr 3 has no settled form of text.
+#: Fields that are text by frame; kept as codes of what an attribute lists, because Zarr 3 has no settled form of text.
 _TEXT = ("found_by",)
 
 
@@ -194,9 +195,11 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
             "meta": json.dumps(touch.meta),
         }
     )
-    # text by frame is an attribute: Zarr 3 has no settled form of it
     if touch.found_by is not None:
-        dataset.attrs["found_by"] = json.dumps(np.asarray(touch.found_by).tolist())
+        names = list(dict.fromkeys(np.ravel(touch.found_by).tolist()))
+        codes = np.array([names.index(n) for n in np.ravel(touch.found_by)], dtype=np.int8)
+        dataset["found_by"] = (batch, codes.reshape(touch.batch), {"long_name": "place among the attribute methods"})
+        dataset.attrs["methods"] = json.dumps(names)
     if touch.case is not None:
         dataset.attrs["case"] = json.dumps(asdict(touch.case))
     return dataset
@@ -226,7 +229,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
     if time is not None and time.attrs.get("units") == "frame":
         time = None
     fields_of: dict[str, Any] = {
-        key: dataset[key].values for key in _declared(Touch, without=("values", "time", "errors")) if key in dataset
+        key: dataset[key].values for key in _declared(Touch, without=("values", "time", "errors", *_TEXT)) if key in dataset
     }
     return Touch(
         values=values,
@@ -239,7 +242,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         time=None if time is None else time.values,
         meta=_meta(attrs.get("meta", "{}"), name),
         errors=errors,
-        found_by=np.array(_loaded(attrs["found_by"], name)) if "found_by" in attrs else None,
+        found_by=_found_by(dataset, name),
         case=_case(attrs["case"], name) if "case" in attrs else None,
         nuisance_names=tuple((str(a), str(b)) for a, b in _loaded(attrs.get("nuisance_names", "[]"), name)),
         **fields_of,
@@ -251,6 +254,16 @@ def _loaded(text: Any, name: str) -> Any:
         return json.loads(text)
     except (TypeError, ValueError, RecursionError) as error:
         raise InvalidInput(f"{name}: its attributes cannot be read; the file may be damaged.") from error
+
+
+def _found_by(dataset: xarray.Dataset, name: str) -> Any:
+    """The method of each frame, by its place among those that are listed."""
+    if "found_by" not in dataset:
+        return None
+    names, codes = np.array(_loaded(dataset.attrs.get("methods", "[]"), name)), dataset["found_by"].values
+    if not (0 <= codes.min(initial=0) and codes.max(initial=0) < len(names)):
+        raise InvalidInput(f"{name}: the methods that found its frames are not all listed; the file may be damaged.")
+    return names[codes]
 
 
 def _case(text: Any, name: str) -> Case:

@@ -16,7 +16,7 @@ from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.estimate import Errors
-from palpate.touch.words import pulling
+from palpate.touch.outcome import pulling
 from palpate.uncertainty import Calibration, Constants, constants
 
 if TYPE_CHECKING:

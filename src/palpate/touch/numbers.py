@@ -139,7 +139,7 @@ class Numbers:
 
     def _pulls(self) -> Any:
         """Frames (*batch) that pull as a whole, as an array of the caller's kind; None where none does."""
-        from palpate.touch.words import pulling
+        from palpate.touch.outcome import pulling
 
         found = pulling(self)  # type: ignore[arg-type]  # every Numbers is a Touch
         if not found.any():

@@ -1,0 +1,238 @@
+"""What became of many frames, counted, so that parts of a recording add up to what is said of the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import to_numpy
+from palpate.status import Status
+
+if TYPE_CHECKING:
+    from palpate.touch.result import Touch
+
+__all__ = ["POOR_FIT", "Nuisance", "Outcome", "pulling"]
+
+#: Below this misfit probability a frame says that the model does not explain it: one good frame in a hundred does.
+POOR_FIT = 0.01
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """One offset or rotation: frames that hold it and the largest, and frames whose contact hides it and its largest deviation."""
+
+    label: str
+    unit: str
+    found: int = 0
+    size: float = 0.0
+    std: float = 0.0
+    hidden: int = 0
+    hidden_std: float = 0.0
+
+    def __add__(self, other: Nuisance) -> Nuisance:
+        largest = self if abs(self.size) >= abs(other.size) else other
+        return Nuisance(
+            self.label,
+            self.unit,
+            self.found + other.found,
+            largest.size,
+            largest.std,
+            self.hidden + other.hidden,
+            max(self.hidden_std, other.hidden_std),
+        )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Counts over ``frames`` frames; ``batch`` False: of a single one, which is said in other words. Outcomes add.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.touch.outcome import Outcome
+    >>> touch = pp.Touch(np.zeros((3, 2, 4)), pp.LineGrid(count=4, spacing=1e-3), ("z",), "tikhonov", fit=np.array([0.5, 0.001, 0.2]))
+    >>> parts = Outcome.of(touch[:1]) + Outcome.of(touch[1:])
+    >>> parts.poor, parts == Outcome.of(touch), parts.words() == list(touch.notes)
+    (1, True, True)
+    """
+
+    frames: int
+    batch: bool
+    status: Mapping[int, int] = field(default_factory=dict)
+    pulls: int = 0
+    linear: int = 0
+    unexplained: int = 0
+    left_out: Mapping[int, str] = field(default_factory=dict)
+    at_limit: int = 0
+    most_at_limit: int = 0
+    nuisances: tuple[Nuisance, ...] = ()
+    poor: int = 0
+    worst_fit: float = 1.0
+
+    @classmethod
+    def of(cls, touch: Touch) -> Outcome:
+        """Counted in one touch."""
+        status: dict[int, int] = {}
+        if touch.status is not None:
+            codes, counts = np.unique(touch.status, return_counts=True)
+            status = {int(c): int(n) for c, n in zip(codes, counts)}
+        pulls = pulling(touch)
+        linear = unexplained = 0
+        if touch.pushing is not None:
+            by_line = (touch.methods != "adaptive") & (touch.methods != "constrained") & ~touch.pushing
+            linear = int(np.count_nonzero(by_line))
+            unexplained = int(np.count_nonzero(~touch.pushing & ~by_line & ~pulls))
+        left_out: dict[int, str] = {}
+        if touch.outliers is not None:
+            rows = np.flatnonzero(touch.outliers.reshape(-1, touch.outliers.shape[-1]).any(axis=0))
+            left_out = {int(r): touch.reading_names.get(int(r), f"reading {r}") for r in rows}
+        at_limit = most = 0
+        if touch.at_limit is not None and touch.at_limit.size:
+            ends = touch.at_limit.reshape(-1, touch.at_limit.shape[-1])
+            at_limit, most = int(np.count_nonzero(ends.any(axis=1))), int(ends.sum(axis=1).max())
+        poor, worst = 0, 1.0
+        if touch.fit is not None:
+            here = np.asarray(touch.fit) < POOR_FIT
+            poor = int(np.count_nonzero(here))
+            worst = float(np.min(np.asarray(touch.fit)[here])) if poor else 1.0
+        return cls(
+            int(np.prod(touch.batch, dtype=int)),
+            bool(touch.batch),
+            status,
+            int(np.count_nonzero(pulls)),
+            linear,
+            unexplained,
+            left_out,
+            at_limit,
+            most,
+            _nuisances(touch),
+            poor,
+            worst,
+        )
+
+    def __add__(self, other: Outcome) -> Outcome:
+        codes = sorted({*self.status, *other.status})
+        nuisances = self.nuisances or other.nuisances
+        if self.nuisances and other.nuisances:
+            nuisances = tuple(a + b for a, b in zip(self.nuisances, other.nuisances))
+        return Outcome(
+            self.frames + other.frames,
+            True,
+            {c: self.status.get(c, 0) + other.status.get(c, 0) for c in codes},
+            self.pulls + other.pulls,
+            self.linear + other.linear,
+            self.unexplained + other.unexplained,
+            dict(sorted({**self.left_out, **other.left_out}.items())),
+            self.at_limit + other.at_limit,
+            max(self.most_at_limit, other.most_at_limit),
+            nuisances,
+            self.poor + other.poor,
+            min(self.worst_fit, other.worst_fit),
+        )
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON takes it; `restored` is the way back."""
+        return asdict(self)
+
+    @classmethod
+    def restored(cls, plain: Mapping[str, Any]) -> Outcome:
+        """What `plain` gave, also after JSON, which makes text of whole numbers that are keys."""
+        return cls(
+            **{
+                **plain,
+                "status": {int(k): v for k, v in plain["status"].items()},
+                "left_out": {int(k): v for k, v in plain["left_out"].items()},
+                "nuisances": tuple(Nuisance(**n) for n in plain["nuisances"]),
+            }
+        )
+
+    def words(self) -> list[str]:
+        """One sentence for each thing that happened."""
+        said = []
+
+        def some(count: int) -> str:
+            """ " in 3 of 70 frames", or nothing for a single frame."""
+            return f" in {count} of {self.frames} frames" if self.batch else ""
+
+        for code, count in self.status.items():
+            status = Status.coded(code)
+            if status in (Status.SOLVED, Status.NOT_PUSHING):
+                continue
+            remedy = f"; {status.remedy}" if status.remedy and not self.batch else ""
+            said.append(f"{status.label}{some(count)}: {status.meaning}{remedy}")
+        if self.pulls:
+            said.append(f"the readings pull as a whole{some(self.pulls)}: adhesion, or a wrong sign of the readings?")
+        for count, what in (
+            (self.linear, "; the linear method was used"),
+            (self.unexplained, '; method="tikhonov" assumes nothing of the kind'),
+        ):
+            if count:
+                said.append(
+                    f"contact that only pushes does not explain the readings{some(count)} (adhesion, cells that pull, a wrong pad or "
+                    f"unit?){what}"
+                )
+        if self.left_out:
+            names = ", ".join(list(self.left_out.values())[:4])
+            more = f" and {len(self.left_out) - 4} more" if len(self.left_out) > 4 else ""
+            said.append(f"left out as unexplained by any contact (dead, stuck or saturated?): {names}{more}")
+        if self.at_limit:
+            up_to = "up to " if self.batch else ""
+            said.append(
+                f"{up_to}{self.most_at_limit} readings at the end of their range{some(self.at_limit)}: they count as at least that"
+            )
+        for n in self.nuisances:
+            if n.found and self.batch:
+                said.append(f"{n.label}{some(n.found)}: up to {abs(n.size):.3g} {n.unit}")
+            elif n.found:
+                said.append(f"{n.label}: {n.size:.3g} {n.unit} (+- {n.std:.2g})")
+            if n.hidden:
+                said.append(
+                    f"the whole edge of the array is loaded{some(n.hidden)}: the {n.label} cannot be told from contact; up to "
+                    f"{n.hidden_std:.2g} {n.unit} of it is in the error bars"
+                )
+        if self.poor:
+            how = "" if self.batch else f" (fit {self.worst_fit:.1g})"
+            said.append(
+                f"the model does not explain the readings{some(self.poor)}{how}: pad, depth, units, axes and signs of the channels may be "
+                "wrong, or taxels broken; the error bars do not know of this"
+            )
+        return said
+
+
+def pulling(touch: Touch) -> npt.NDArray[np.bool_]:
+    """Frames (*batch) that were found to pull as a whole."""
+    if touch.pushing is None:
+        return np.zeros(touch.batch, dtype=bool)
+    d = touch.surface.dimensions
+    total = np.take(to_numpy(touch.values), -1, axis=-1 - d).sum(axis=tuple(range(-d, 0)))
+    known = (touch.methods == "adaptive") | (touch.methods == "constrained")
+    return np.asarray(~touch.pushing & known & (total < 0))
+
+
+def _nuisances(touch: Touch) -> tuple[Nuisance, ...]:
+    """What readings hold besides contact, in their units."""
+    if touch.nuisance is None or touch.nuisance_std is None:
+        return ()
+    counted = []
+    for i, (label, unit) in enumerate(touch.nuisance_names):
+        size, std = np.ravel(touch.nuisance[..., i]), np.ravel(touch.nuisance_std[..., i])
+        found = size != 0
+        hidden = ~found & (std > 0)
+        largest = int(np.argmax(np.abs(size))) if len(size) else 0
+        counted.append(
+            Nuisance(
+                label,
+                unit,
+                int(np.count_nonzero(found)),
+                float(size[largest]) if found.any() else 0.0,
+                float(std[largest]) if found.any() else 0.0,
+                int(np.count_nonzero(hidden)),
+                float(np.max(std[hidden], initial=0.0)),
+            )
+        )
+    return tuple(counted)
