@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from palpate.recordings.formats import Format, read_recording, write_recording
+from palpate.recordings.formats import Format, open_recording, read_recording, write_recording
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recorder import Recorder, Sink, recorder
 from palpate.recordings.recording import Recording
@@ -20,6 +20,7 @@ __all__ = [
     "Recording",
     "Sink",
     "TopicMapping",
+    "open_recording",
     "read_recording",
     "read_skin",
     "read_stream",

@@ -22,6 +22,7 @@ __all__ = [
     "CHECKSUM",
     "SALVAGED",
     "affordable",
+    "agree",
     "checksum",
     "confirm",
     "confirm_recording",
@@ -89,13 +90,17 @@ def _plain(value: Any) -> Any:
 
 def confirm(dataset: xarray.Dataset, expected: Any, path: str | Path, remedy: str = "") -> None:
     """Refuse what is not what was written. ``expected`` None: the file says nothing (of another program, or a stream)."""
-    if expected is None:
-        return
+    if expected is not None:
+        agree(checksum(dataset), expected, path, remedy)
+
+
+def agree(found: int, expected: Any, path: str | Path, remedy: str = "") -> None:
+    """Refuse what has another checksum than was written down."""
     try:
         wanted = int(np.asarray(expected).item())
     except (TypeError, ValueError, OverflowError):
         wanted = -1
-    if wanted != checksum(dataset):
+    if wanted != found:
         raise InvalidInput(
             f"{path} was damaged or changed: what it holds does not agree with its checksum. {remedy or 'Take another copy.'}"
         )

@@ -9,7 +9,8 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.metadata
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -19,6 +20,7 @@ from palpate.errors import InvalidInput
 from palpate.recordings.checked import SALVAGED
 from palpate.recordings.files import atomically, in_place
 from palpate.recordings.mapping import TopicMapping
+from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -34,6 +36,7 @@ __all__ = [
     "file_format",
     "find_format",
     "formats",
+    "open_recording",
     "read_recording",
     "write_recording",
 ]
@@ -86,6 +89,11 @@ class Format:
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         """The recording in a file; ``salvage``: what is whole of a torn one."""
         raise self._cannot("read", path)
+
+    @contextmanager
+    def opened(self, path: Path, *, mapping: TopicMapping | None = None) -> Iterator[OpenRecording]:
+        """The recording in a file, to be read piece by piece; formats that cannot do that read it whole."""
+        yield OpenRecording.of(self.read(path, mapping=mapping), str(path))
 
     def write(self, recording: Recording, path: Path) -> None:
         """Write a whole recording."""
@@ -271,6 +279,34 @@ def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, sal
     if salvage and SALVAGED not in recording.meta:  # a format that reads all or nothing
         return replace(recording, meta={**recording.meta, SALVAGED: "nothing is lost"})
     return recording
+
+
+@contextmanager
+def open_recording(path: str | Path, *, mapping: TopicMapping | None = None) -> Iterator[OpenRecording]:
+    """A recording to be read piece by piece, as long as the ``with`` lasts: NetCDF, HDF5 and Zarr; the others are read whole.
+
+    Its checksum is that of all its frames, and is confirmed by `OpenRecording.survey`.
+
+    Raises
+    ------
+    InvalidInput
+        The file is not there, damaged, or does not hold a recording.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from palpate.recordings import Recording, open_recording, write_recording
+    >>> press = Recording(readings=[[[0.0, 1.0, 0.0]], [[0.0, 2.0, 0.0]]], channels=["stress_zz"])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_recording(press, f"{folder}/press.nc")
+    ...     with open_recording(f"{folder}/press.nc") as opened:
+    ...         count, last = len(opened), opened.frames(1, 2)
+    >>> count, last.readings.tolist()
+    (2, [[[0.0, 2.0, 0.0]]])
+    """
+    found, known = existing(path)
+    with known.opened(found, mapping=mapping) as recording:
+        yield recording
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:

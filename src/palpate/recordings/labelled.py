@@ -229,7 +229,9 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
     if time is not None and time.attrs.get("units") == "frame":
         time = None
     fields_of: dict[str, Any] = {
-        key: dataset[key].values for key in _declared(Touch, without=("values", "time", "errors", *_TEXT)) if key in dataset
+        key: dataset[key].values
+        for key in _declared(Touch, without=("values", "time", "errors", *_TEXT))
+        if key in dataset
     }
     return Touch(
         values=values,
@@ -261,7 +263,7 @@ def _found_by(dataset: xarray.Dataset, name: str) -> Any:
     if "found_by" not in dataset:
         return None
     names, codes = np.array(_loaded(dataset.attrs.get("methods", "[]"), name)), dataset["found_by"].values
-    if not (0 <= codes.min(initial=0) and codes.max(initial=0) < len(names)):
+    if not (codes.min(initial=0) >= 0 and codes.max(initial=0) < len(names)):
         raise InvalidInput(f"{name}: the methods that found its frames are not all listed; the file may be damaged.")
     return names[codes]
 

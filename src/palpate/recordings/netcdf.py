@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import mmap
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,12 +18,11 @@ from palpate.recordings.formats import Format
 from palpate.recordings.heldfile import write_netcdf
 from palpate.recordings.labelled import recording_dataset, text, touch_dataset
 from palpate.recordings.mapping import TopicMapping
+from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
-from palpate.recordings.stored import confirmed_touch, stored_recording, touch_group
+from palpate.recordings.stored import confirmed_touch, opened_recording, stored_recording, touch_group
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     import xarray
 
     from palpate.recordings.recorder import Recorder
@@ -75,20 +74,18 @@ class NetCDF(Format):
         return False
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
-        try:
-            with opened(path, salvage=salvage) as file:
-                missing = [n for n in ("readings", "channel", "time") if n not in file]
-                if missing:
-                    held = ", ".join(map(text, file)) or "nothing"
-                    raise InvalidInput(
-                        f"{path}: not a palpate recording: it lacks {', '.join(missing)} (it holds {held})."
-                    )
-                guard(file, path)
-                return stored_recording(file, file["channel"][()], path, salvage=salvage)
-        except InvalidInput:
-            raise
-        except DAMAGE as error:
-            raise damage(path, error) from error
+        with _readable(path), opened(path, salvage=salvage) as file:
+            _check_held(file, path)
+            return stored_recording(file, file["channel"][()], path, salvage=salvage)
+
+    @contextmanager
+    def opened(self, path: Path, *, mapping: TopicMapping | None = None) -> Iterator[OpenRecording]:
+        with ExitStack() as stack:
+            with _readable(path):
+                file = stack.enter_context(opened(path))
+                _check_held(file, path)
+                recording = opened_recording(file, file["channel"][()], path, _readable)
+            yield recording
 
     def write(self, recording: Recording, path: Path) -> None:
         _write(recording_dataset(recording), path)
@@ -161,6 +158,26 @@ def guard(group: Any, path: Path) -> None:
                 stored,
                 f"{path}, {name}",
             )
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """What the library raises while it reads is said of the file."""
+    try:
+        yield
+    except InvalidInput:
+        raise
+    except DAMAGE as error:
+        raise damage(path, error) from error
+
+
+def _check_held(file: Any, path: Path) -> None:
+    """Refuse a file that holds no recording, or claims more than it can hold."""
+    missing = [n for n in ("readings", "channel", "time") if n not in file]
+    if missing:
+        held = ", ".join(map(text, file)) or "nothing"
+        raise InvalidInput(f"{path}: not a palpate recording: it lacks {', '.join(missing)} (it holds {held}).")
+    guard(file, path)
 
 
 @contextmanager

@@ -10,10 +10,22 @@ import numpy.typing as npt
 
 from palpate._arrays import as_real
 from palpate.elastic.channels import channel_unit, find_channel
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.labels import is_labelled
 
-__all__ = ["Recording"]
+__all__ = ["Recording", "checked_time"]
+
+
+def checked_time(time: Any, count: int) -> Floats:
+    """Times of ``count`` frames [s], finite and increasing; None: frame numbers."""
+    found = np.arange(count, dtype=np.float64) if time is None else np.asarray(time, dtype=np.float64)
+    if found.shape != (count,) or not np.isfinite(found).all():
+        raise InvalidInput(f"time must be {count} finite seconds; got shape {found.shape}.")
+    if np.any(np.diff(found) <= 0):
+        first = int(np.argmax(np.diff(found) <= 0)) + 1
+        raise InvalidInput(f"time must increase; frame {first} is at {found[first]:g} s after {found[first - 1]:g} s.")
+    return found
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -86,16 +98,7 @@ class Recording:
             raise InvalidInput(f"{len(channels)} channels are named but readings have {readings.shape[1]}: {channels}.")
         if np.isinf(readings).any():
             raise InvalidInput("readings hold infinite values; mark missing readings as NaN.")
-        time = (
-            np.arange(len(readings), dtype=np.float64) if self.time is None else np.asarray(self.time, dtype=np.float64)
-        )
-        if time.shape != (len(readings),) or not np.isfinite(time).all():
-            raise InvalidInput(f"time must be {len(readings)} finite seconds; got shape {time.shape}.")
-        if np.any(np.diff(time) <= 0):
-            first = int(np.argmax(np.diff(time) <= 0)) + 1
-            raise InvalidInput(
-                f"time must increase; frame {first} is at {time[first]:g} s after {time[first - 1]:g} s."
-            )
+        time = checked_time(self.time, len(readings))
         positions = self.positions
         if positions is not None:
             positions = np.asarray(positions, dtype=np.float64)

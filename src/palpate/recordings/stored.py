@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,10 @@ import numpy as np
 from palpate.errors import InvalidInput
 from palpate.recordings.checked import CHECKSUM, confirm, confirm_recording, json_object, with_losses
 from palpate.recordings.labelled import text
-from palpate.recordings.recording import Recording
+from palpate.recordings.opened import OpenRecording
+from palpate.recordings.recording import Recording, checked_time
 
-__all__ = ["confirmed_touch", "stored_recording", "touch_group"]
+__all__ = ["confirmed_touch", "opened_recording", "stored_recording", "touch_group"]
 
 
 def stored_recording(held: Any, channels: Iterable[Any], path: Path, *, salvage: bool) -> Recording:
@@ -46,6 +48,34 @@ def stored_recording(held: Any, channels: Iterable[Any], path: Path, *, salvage:
         else "every frame is whole"
     )
     return with_losses(recording, expected, path, known)
+
+
+class _Guarded:
+    """Readings in a file; what goes wrong while they are read is said of the file."""
+
+    def __init__(self, readings: Any, path: Path, readable: Callable[[Path], AbstractContextManager[None]]) -> None:
+        self._readings, self._path, self._readable = readings, path, readable
+
+    def __getitem__(self, frames: slice) -> Any:
+        with self._readable(self._path):
+            return self._readings[frames]
+
+
+def opened_recording(
+    held: Any, channels: Iterable[Any], path: Path, readable: Callable[[Path], AbstractContextManager[None]]
+) -> OpenRecording:
+    """The same, read piece by piece as long as what holds it stays open; ``readable`` translates what the library raises."""
+    count = min(held["readings"].shape[0], held["time"].shape[0])
+    meta = json_object(text(held.attrs.get("meta", "{}")), f"{path}: meta")
+    time = checked_time(held["time"][:count], count)
+    head = Recording(
+        readings=held["readings"][: min(1, count)],
+        channels=tuple(text(c) for c in channels),
+        time=time[:1],
+        positions=held["positions"][...] if "positions" in held else None,
+        meta={str(k): str(v) for k, v in meta.items()},
+    )
+    return OpenRecording(head, time, _Guarded(held["readings"], path, readable), held.attrs.get(CHECKSUM), str(path))
 
 
 def touch_group(held: Any) -> str | None:

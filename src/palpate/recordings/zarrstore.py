@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +15,9 @@ from palpate.recordings.checked import CHECKSUM, affordable, checksum, recording
 from palpate.recordings.formats import Format
 from palpate.recordings.labelled import touch_dataset
 from palpate.recordings.mapping import TopicMapping
+from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
-from palpate.recordings.stored import confirmed_touch, stored_recording, touch_group
+from palpate.recordings.stored import confirmed_touch, opened_recording, stored_recording, touch_group
 
 if TYPE_CHECKING:
     from palpate.recordings.recorder import Recorder
@@ -52,19 +54,19 @@ class Zarr(Format):
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         zarr = stores.zarr_library()
-        try:
+        with _readable(path):
             root = zarr.open_group(str(path), mode="r", zarr_format=3)
-            missing = [n for n in ("readings", "time") if n not in root] + [
-                n for n in ("channel",) if n not in root.attrs
-            ]
-            if missing:
-                raise InvalidInput(f"{path}: not a palpate recording: it lacks {', '.join(missing)}.")
-            _guard(root, path)
+            _check_held(root, path)
             return stored_recording(root, root.attrs["channel"], path, salvage=salvage)
-        except InvalidInput:
-            raise
-        except _DAMAGE as error:
-            raise InvalidInput(f"{path}: cannot be read as a Zarr store; it is damaged or something else.") from error
+
+    @contextmanager
+    def opened(self, path: Path, *, mapping: TopicMapping | None = None) -> Iterator[OpenRecording]:
+        zarr = stores.zarr_library()
+        with _readable(path):
+            root = zarr.open_group(str(path), mode="r", zarr_format=3)
+            _check_held(root, path)
+            recording = opened_recording(root, root.attrs["channel"], path, _readable)
+        yield recording
 
     def write(self, recording: Recording, path: Path) -> None:
         with stores.ZarrRecorder(path, recording.channels, positions=recording.positions, meta=recording.meta) as out:
@@ -80,7 +82,7 @@ class Zarr(Format):
             root = zarr.open_group(str(path), mode="r", zarr_format=3)
             name = touch_group(root)
             _guard(root[name] if name else root, path)
-            found = xarray.open_zarr(path, group=name, consolidated=False, decode_times=False).load()
+            found = xarray.open_zarr(path, group=name, chunks=None, consolidated=False, decode_times=False).load()
             if "component" in found.attrs:
                 found = found.assign_coords(component=list(map(str, found.attrs.pop("component"))))
             return confirmed_touch(found, path)
@@ -102,6 +104,25 @@ class Zarr(Format):
 
     def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
         return stores.ZarrRecorder(path, channels, positions=positions, meta=meta)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """What the library raises while it reads is said of the store."""
+    try:
+        yield
+    except InvalidInput:
+        raise
+    except _DAMAGE as error:
+        raise InvalidInput(f"{path}: cannot be read as a Zarr store; it is damaged or something else.") from error
+
+
+def _check_held(root: Any, path: Path) -> None:
+    """Refuse a store that holds no recording, or claims more than is there."""
+    missing = [n for n in ("readings", "time") if n not in root] + [n for n in ("channel",) if n not in root.attrs]
+    if missing:
+        raise InvalidInput(f"{path}: not a palpate recording: it lacks {', '.join(missing)}.")
+    _guard(root, path)
 
 
 def _guard(group: Any, path: Path) -> None:
