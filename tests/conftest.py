@@ -53,6 +53,7 @@ NEEDS = {
     "test_robots.py": (*COMMANDS, *BAGS),
     "test_sinks.py": (*COMMANDS, *BAGS, "websockets", "zarr"),
     "test_stopped.py": COMMANDS,
+    "test_streaming_recordings.py": (*COMMANDS, "mcap", "zarr"),
     "test_stopped_stream.py": (*COMMANDS, "mcap", "zarr"),
     "test_trust.py": COMMANDS,
 }

@@ -171,9 +171,12 @@ def test_frames_that_do_not_fit_into_memory_are_refused_before_any_work(
     def full(_: float, what: str, remedy: str) -> None:
         raise pp.Unsupported(f"{what}: {remedy}")
 
-    monkeypatch.setattr("palpate._memory.require", full)
-    with pytest.raises(pp.Unsupported, match=r"the touches of 3 frames: Use palpate track --out"):
-        app(["reconstruct", "r.nc", "--skin", "skin.toml", "--method", "tikhonov"], standalone_mode=False)
+    monkeypatch.setattr("palpate.archives.run.require", full)
+    with pytest.raises(pp.Unsupported, match=r"the touches of 3 frames: Write .nc, .h5, .zarr, .csv or .mcap"):
+        app(
+            ["reconstruct", "r.nc", "--skin", "skin.toml", "--method", "tikhonov", "--out", "t.npz"],
+            standalone_mode=False,
+        )
 
 
 def test_a_component_named_twice_is_refused() -> None:

@@ -33,6 +33,7 @@ ROOMS = [
     "recordings",
     "network",
     "skin",
+    "archives",
     "simulation",
     "pads",
     "paper",

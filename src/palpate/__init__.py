@@ -41,6 +41,7 @@ _PUBLIC = {
     "Wiener": "inverse",
     "methods": "inverse",
     "register": "inverse",
+    "reconstruct_recording": "archives",
     "NotObservable": "errors",
     "PalpateError": "errors",
     "Recording": "recordings",
@@ -58,6 +59,7 @@ _PUBLIC = {
 
 if TYPE_CHECKING:
     from palpate import solutions
+    from palpate.archives import reconstruct_recording
     from palpate.elastic import (
         AREA_CHANNELS,
         LINE_CHANNELS,
@@ -137,6 +139,7 @@ __all__ = [
     "Wiener",
     "__version__",
     "methods",
+    "reconstruct_recording",
     "register",
     "solutions",
     "stress_from_strains",

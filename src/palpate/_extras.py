@@ -25,6 +25,8 @@ EXTRAS = {
     "websockets": "live",
     "zarr": "zarr",
     "rerun": "rerun",
+    "dask": "dask",
+    "distributed": "dask",
 }
 
 

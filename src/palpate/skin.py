@@ -321,11 +321,26 @@ class Skin:
         masks = [working] if len(self._planes) == 1 else list(working)  # type: ignore[arg-type]
         if len(masks) != len(self._planes):
             raise InvalidInput(f"working must hold one mask for each of {len(self._planes)} planes; got {len(masks)}.")
-        planes = [p.masked(m) for p, m in zip(self._planes, masks)]
-        # missing taxels do not move the surface, so that results stay comparable
+        return self._with(self._pad, [p.masked(m) for p, m in zip(self._planes, masks)])
+
+    def without_creep(self) -> Skin:
+        """The same skin with the instantaneous pad: for readings that the creep was taken out of.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> gel = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> array = pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["strain_zz"])
+        >>> pp.Skin(pp.Viscoelastic(gel, prony=[(0.3, 1.0)]), array).without_creep().pad is gel
+        True
+        """
+        return self._with(self._elastic, self._planes)
+
+    def _with(self, pad: Pad, planes: Sequence[Array]) -> Skin:
+        """On the same surface, so that results stay comparable."""
         kinds = self._problem.nuisance
         out = Skin(
-            self._pad,
+            pad,
             planes,
             surface=self._surface,
             boundary=self._boundary,
@@ -485,9 +500,7 @@ class Skin:
         times = frame_times(readings, parts, self._planes, time)
         if isinstance(self._pad, Viscoelastic):
             parts = with_creep(parts, self._planes, self._pad.prony, times, "remove")
-        names = chosen.seeks if chosen.seeks is not None and components is None else self._names(components)
-        chosen = chosen.resolved(self._problem.seeking(names))
-        prepared = self._prepared(chosen, names)
+        chosen, names, prepared = self._ready(chosen, components)
         estimate = prepared.solve(parts, rng)
         sought = chosen.returns(names)
         problem = self._problem.seeking(sought)
@@ -521,6 +534,31 @@ class Skin:
             at_limit=estimate.at_limit,
             reading_names={row: self._layout.reading_name(row) for row in estimate.left_out()},
         )
+
+    def prepare(
+        self, *, method: str | Method | None = None, components: Sequence[str] | None = None, **options: Any
+    ) -> None:
+        """Do now what the first `reconstruct` with the same method, components and options would do: refuse, or work out what all frames share.
+
+        Raises
+        ------
+        NotObservable, Unsupported
+            As `reconstruct`.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+        >>> skin.prepare(method="tikhonov")
+        """
+        self._ready(method_asked(method, options), components)
+
+    def _ready(self, chosen: Method, components: Sequence[str] | None) -> tuple[Method, tuple[str, ...], Any]:
+        """The method for this skin, what it seeks, and the method prepared for it."""
+        names = chosen.seeks if chosen.seeks is not None and components is None else self._names(components)
+        chosen = chosen.resolved(self._problem.seeking(names))
+        return chosen, names, self._prepared(chosen, names)
 
     def track(
         self,

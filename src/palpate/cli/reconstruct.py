@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.files import Force, check_output, provenance, save_figure, skin_files, written
+from palpate.cli.files import Force, check_output, provenance, save_figure, skin_files
 from palpate.cli.methods import chosen_method
 from palpate.cli.options import check_matching, check_picture
-from palpate.cli.progress import busy, progress
+from palpate.cli.progress import Frames
 from palpate.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from palpate.recordings import Recording
+    from palpate.recordings.opened import OpenRecording
+    from palpate.skin import Skin
 
 
 def reconstruct(
@@ -33,18 +40,29 @@ def reconstruct(
     drop_missing: Annotated[
         bool, typer.Option("--drop-missing", help="Leave out taxels with missing readings instead of refusing them.")
     ] = False,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes that share the work. The result is the same for any number.")
+    ] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            help="Where the work is done: processes, threads, or the address of a Dask scheduler (tcp://...); default: processes."
+        ),
+    ] = None,
+    chunk: Annotated[
+        int | None,
+        typer.Option(min=1, help="Frames that are read, solved and written at a time; default: up to 256, by size."),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a run into the same .zarr that was broken off, or begin it.")
+    ] = False,
     force: Force = False,
 ) -> None:
-    """Recover pressure and shear from a recording. Nothing to tune."""
-    from dataclasses import replace
-
-    from palpate._memory import require
-    from palpate.elastic import Viscoelastic
-    from palpate.recordings import read_recording, read_stream, write_touch
+    """Recover pressure and shear from a recording of any length. Nothing to tune."""
+    from palpate.archives import reconstruct_recording
+    from palpate.recordings import open_recording, read_stream
     from palpate.recordings.formats import file_format
-    from palpate.sensing.readings import Layout
     from palpate.skin import Skin
-    from palpate.touch import joined
 
     target = out if out is not None else recording_file.with_name(recording_file.stem + "-touch.nc")
     file_format(target)
@@ -54,55 +72,69 @@ def reconstruct(
         check_picture(plot)
         check_output(plot, inputs=inputs, force=force)
     method = chosen_method(ctx)
-    recording = read_recording(recording_file, mapping=read_stream(skin_file))
-    skin = Skin.from_file(skin_file, recording=recording)
-    check_matching(recording, skin)
-    if drop_missing and recording.missing.any():
-        if len(skin.planes) != 1:
-            raise InvalidInput("--drop-missing serves skins of one plane.")
-        skin = skin.masked(~recording.missing)
-        typer.echo(
-            f"left out {int(recording.missing.sum())} of {recording.missing.size} taxels with missing readings",
-            err=True,
-        )
-    options: dict[str, Any] = {
-        "method": method,
-        "components": None if components is None else [c.strip() for c in components.split(",")],
-    }
-    count = len(recording.readings)
-    if not -count <= frame < count:
-        raise InvalidInput(f"frame {frame} is not among the {count} frames of {recording_file}.")
-    # what is wrong with the last frame is said before the first is solved
-    creeps = isinstance(skin.pad, Viscoelastic)
-    Layout(skin.planes, skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad).checked(
-        recording.readings
-    )
-    step = count if creeps else 64  # creep remembers, so its frames stay together
-    with busy("preparing the skin"):
-        first = skin.reconstruct(recording.readings[:1], time=recording.time[:1], **options)
-    # the touches one by one, joined, and as they are written, each with its error bars
-    require(
-        (8 if first.errors is not None else 4) * count * first.values.nbytes,
-        f"the touches of {count:,} frames",
-        "Use palpate track --out, which writes each frame as it comes, or split the recording.",
-    )
-    # every frame is decided alone, so the first is done; only creep needs it again, with those that follow
-    done = [] if count > 1 and creeps else [first]
-    parts = done + [
-        skin.reconstruct(recording.readings[i : i + step], time=recording.time[i : i + step], **options)
-        for i in progress(range(len(done), count, step), "reconstructing")
-    ]
-    touch = replace(joined(parts), time=recording.time)
-    figure = touch.plot(frame=frame) if plot is not None else None
-    record = provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
-    written(target, lambda name: write_touch(touch, name, provenance=record))
-    if figure is not None and plot is not None:
-        save_figure(figure, plot)
+    with open_recording(recording_file, mapping=read_stream(skin_file)) as recording, _said_what_stays(target):
+        skin = Skin.from_file(skin_file, recording=recording.head)
+        check_matching(recording.head, skin)
+        if drop_missing:
+            skin = _without_missing(skin, recording)
+        with Frames("reconstructing", len(recording)) as bar:
+            done = reconstruct_recording(
+                skin,
+                recording,
+                target,
+                method=method,
+                components=None if components is None else [c.strip() for c in components.split(",")],
+                workers=workers,
+                scheduler=scheduler,
+                chunk=chunk,
+                resume=resume,
+                overwrite=force,
+                frame=frame,
+                provenance=provenance(skin_file.read_text(encoding="utf-8"), str(recording_file)),
+                progress=lambda finished, _: bar(finished),
+            )
+    touch = done.touch
+    if plot is not None:
+        save_figure(touch.plot(), plot)
     both = set(touch.components) == set(touch.surface.components)
     friction = getattr(method, "friction", None)
     slip = abs(friction) if friction is not None and both else None
-    typer.echo(f"frame {frame % count} of {count}")
-    typer.echo(touch.summary(friction=slip, frame=frame))
+    typer.echo(f"frame {frame % done.frames} of {done.frames}")
+    typer.echo(touch.summary(friction=slip))
     if touch.parameter is not None:
-        typer.echo(f"parameter       {float(touch.parameter[frame]):.4g}")
+        typer.echo(f"parameter       {float(touch.parameter):.4g}")
+    if done.before:
+        typer.echo(f"resumed         {done.before} frames were done before")
     typer.echo(f"wrote           {target}" + (f", {plot}" if plot else ""))
+
+
+@contextmanager
+def _said_what_stays(target: Path) -> Iterator[None]:
+    """Where a run is broken off: what it leaves, and how it goes on."""
+    from palpate.recordings.zarrstream import partial
+
+    before = partial(target).exists()
+    try:
+        yield
+    except BaseException:
+        if partial(target).exists() and not before:
+            typer.echo(f"{partial(target)} keeps what is done: --resume goes on with it.", err=True)
+        raise
+
+
+def _without_missing(skin: Skin, recording: OpenRecording) -> Skin:
+    """The skin without the taxels that have a missing reading in any frame."""
+    import numpy as np
+
+    missing = np.zeros(recording.head.readings.shape[2:], dtype=bool)
+
+    def look(part: Recording) -> None:
+        np.logical_or(missing, part.missing, out=missing)
+
+    recording.survey(look)
+    if not missing.any():
+        return skin
+    if len(skin.planes) != 1:
+        raise InvalidInput("--drop-missing serves skins of one plane.")
+    typer.echo(f"left out {int(missing.sum())} of {missing.size} taxels with missing readings", err=True)
+    return skin.masked(~missing)

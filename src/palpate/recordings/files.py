@@ -12,7 +12,7 @@ from pathlib import Path
 
 from palpate.errors import InvalidInput
 
-__all__ = ["atomically", "in_place", "is_store"]
+__all__ = ["atomically", "in_place", "is_store", "moved_into_place"]
 
 
 def is_store(path: str | Path) -> bool:
@@ -71,6 +71,24 @@ def atomically(path: str | Path, write: Callable[[str], None]) -> None:
     with in_place(path) as fresh:
         fresh.touch()
         write(str(fresh))
+
+
+def moved_into_place(fresh: Path, path: str | Path) -> None:
+    """Move a complete file or store, which lies on the same disk, to ``path``; it stays where it is if that fails.
+
+    Raises
+    ------
+    InvalidInput
+        The disk does not take it.
+    """
+    target = Path(os.path.realpath(path))
+    try:
+        _settle(fresh)
+        _move(fresh, target, fresh.with_name("before"))
+    except OSError as error:
+        raise InvalidInput(
+            f"{path}: writing failed ({error.strerror or error}); what was written is in {fresh}."
+        ) from error
 
 
 def _settle(path: Path) -> None:

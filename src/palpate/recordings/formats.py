@@ -25,6 +25,7 @@ from palpate.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from palpate.recordings.recorder import Recorder
+    from palpate.recordings.touchstream import TouchStream
     from palpate.touch import Touch
 
 __all__ = [
@@ -106,6 +107,40 @@ class Format:
     def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
         """Write a result; ``record`` is what it takes to make it again."""
         raise self._cannot("write_touch", path)
+
+    @contextmanager
+    def touch_stream(
+        self,
+        path: Path,
+        count: int,
+        record: Mapping[str, str],
+        *,
+        run: Mapping[str, Any] | None = None,
+        resume: bool = False,
+        replace: bool = False,
+    ) -> Iterator[TouchStream]:
+        """What takes the touches of ``count`` frames piece by piece; the result is at ``path`` when the ``with`` ends well.
+
+        ``run`` describes the run for formats whose broken-off runs can go on (``resume``); ``replace``: what is there may be replaced.
+        """
+        if resume:
+            raise InvalidInput(f"{path}: only a run into a Zarr store (.zarr) can go on after it was broken off.")
+        if not self.can("write_touch"):
+            raise self._cannot("write_touch", path)
+        with in_place(path) as fresh:
+            stream = self._touches(fresh, count, record)
+            try:
+                yield stream
+                stream.finish()
+            except BaseException:
+                stream.abandon()
+                raise
+
+    def _touches(self, path: Path, count: int, record: Mapping[str, str]) -> TouchStream:
+        """A stream of touches into a fresh file; without one of its own, a format writes all at the end."""
+        from palpate.recordings.touchstream import Collected
+
+        return Collected(path, count, record, self.write_touch)
 
     def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
         """What writes a stream while it happens."""

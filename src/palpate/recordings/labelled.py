@@ -25,7 +25,16 @@ from palpate.uncertainty import Case
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["CONVENTIONS", "STATUS_FLAGS", "recording_dataset", "recording_of", "touch_dataset", "touch_of"]
+__all__ = [
+    "CONVENTIONS",
+    "OWN",
+    "STATUS_FLAGS",
+    "missing_value",
+    "recording_dataset",
+    "recording_of",
+    "touch_dataset",
+    "touch_of",
+]
 
 CONVENTIONS = "palpate recording 1"
 #: What the codes of `Status` mean, as the CF conventions say it.
@@ -34,7 +43,7 @@ STATUS_FLAGS = {
     "flag_meanings": " ".join(s.label.replace(" ", "_") for s in Status),
 }
 #: Attributes of a result that are its own; the others are its provenance.
-_OWN = (
+OWN = (
     *(
         "Conventions",
         "method",
@@ -58,6 +67,12 @@ _TEXT = ("found_by",)
 def _declared(record: type, *, without: tuple[str, ...] = ()) -> dict[str, tuple[str, ...]]:
     """Field -> its dimensions after those of the batch, of every field with batch axes."""
     return {f.name: f.metadata["dims"] for f in fields(record) if f.metadata.get("per_frame") and f.name not in without}
+
+
+def missing_value(name: str) -> Any:
+    """What a variable of `touch_dataset` holds for frames that do not have it."""
+    found = {f.name: f.metadata["missing"] for f in fields(Touch) if f.metadata.get("per_frame")}
+    return 0 if name in _TEXT else found.get(name, np.nan)
 
 
 # -- recordings --------------------------------------------------------------------------------------------------------
@@ -181,7 +196,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
         dataset["status"].attrs = dict(STATUS_FLAGS)
     if touch.time is not None and "time" not in dataset.coords:
         dataset["time"] = (batch, np.asarray(touch.time), {"units": "s"})
-    dataset.attrs.update({k: str(v) for k, v in (provenance or {}).items() if k not in _OWN})
+    dataset.attrs.update({k: str(v) for k, v in (provenance or {}).items() if k not in OWN})
     dataset.attrs.update(
         {
             "method": touch.method,

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import xarray
 
     from palpate.recordings.recorder import Recorder
+    from palpate.recordings.touchstream import TouchStream
     from palpate.touch import Touch
 
 __all__ = ["NetCDF", "damage", "guard", "opened"]
@@ -108,6 +109,11 @@ class NetCDF(Format):
 
     def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
         _write(touch_dataset(touch, record), path)
+
+    def _touches(self, path: Path, count: int, record: Mapping[str, str]) -> TouchStream:
+        from palpate.recordings.netcdfstream import NetCDFStream
+
+        return NetCDFStream(path, count, record)
 
     def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
         from palpate.recordings.stores import HdfRecorder

@@ -16,6 +16,7 @@ from palpate.recordings.formats import Format
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.messages import READINGS, ros_types
 from palpate.recordings.recording import Recording
+from palpate.recordings.touchstream import Piece, TouchStream
 
 if TYPE_CHECKING:
     from palpate.recordings.recorder import Recorder
@@ -228,8 +229,31 @@ class Mcap(Format):
             for i in range(count):
                 out.touch(touch.frame(i), float(i) if touch.time is None else float(np.atleast_1d(touch.time)[i]))
 
+    def _touches(self, path: Path, count: int, record: Mapping[str, str]) -> TouchStream:
+        return _McapStream(path, count, record)
+
     def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
         return mcapfile.McapRecorder(path, channels, positions=positions, meta=meta)
+
+
+class _McapStream(TouchStream):
+    """Messages of each frame; the file's meta, which stands at its beginning, names the method and not what became of the frames."""
+
+    _out: Any = None
+
+    def _add(self, start: int, piece: Piece) -> None:
+        touch = piece.touch()
+        if self._out is None:
+            self._out = mcapfile.McapRecorder(self.path, (), meta={"method": touch.method, **self.record})
+        for one, time in zip(touch, piece.dataset["time"].values):
+            self._out.touch(one, float(time))
+
+    def _finish(self) -> None:
+        self._out.close()
+
+    def _abandon(self) -> None:
+        if self._out is not None:
+            self._out.close()
 
 
 class Bag(Format):

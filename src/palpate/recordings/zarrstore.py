@@ -21,12 +21,13 @@ from palpate.recordings.stored import confirmed_touch, opened_recording, stored_
 
 if TYPE_CHECKING:
     from palpate.recordings.recorder import Recorder
+    from palpate.recordings.touchstream import TouchStream
     from palpate.touch import Touch
 
-__all__ = ["Zarr"]
+__all__ = ["DAMAGE", "Zarr"]
 
 #: What zarr and its codecs raise where a store is damaged.
-_DAMAGE = (
+DAMAGE = (
     OSError,
     RuntimeError,
     KeyError,
@@ -88,7 +89,7 @@ class Zarr(Format):
             return confirmed_touch(found, path)
         except InvalidInput:
             raise
-        except _DAMAGE as error:
+        except DAMAGE as error:
             raise InvalidInput(
                 f"{path}: holds no touches that can be read; it is damaged, still being written, or of another format."
             ) from error
@@ -102,6 +103,23 @@ class Zarr(Format):
         # a block that is not there is damage, so that blocks of nothing but zeros are written too
         dataset.drop_vars("component").to_zarr(path, zarr_format=3, consolidated=False, write_empty_chunks=True)
 
+    @contextmanager
+    def touch_stream(
+        self,
+        path: Path,
+        count: int,
+        record: Mapping[str, str],
+        *,
+        run: Mapping[str, Any] | None = None,
+        resume: bool = False,
+        replace: bool = False,
+    ) -> Iterator[TouchStream]:
+        from palpate.recordings.zarrstream import growing
+
+        stores.zarr_library()
+        with growing(path, count, record, run or {}, resume=resume, replace=replace) as stream:
+            yield stream
+
     def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
         return stores.ZarrRecorder(path, channels, positions=positions, meta=meta)
 
@@ -113,7 +131,7 @@ def _readable(path: Path) -> Iterator[None]:
         yield
     except InvalidInput:
         raise
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise InvalidInput(f"{path}: cannot be read as a Zarr store; it is damaged or something else.") from error
 
 

@@ -23,6 +23,7 @@ from palpate.sensing.grids import Grid
 from palpate.sensing.labels import is_labelled, labelled_readings, labelled_time, labelled_traction
 
 __all__ = [
+    "Creep",
     "Layout",
     "check_finite",
     "check_size",
@@ -254,16 +255,29 @@ def with_creep(
     """Creep put into or taken out of the strains and displacements of each plane, frame by frame."""
     if time is None:
         raise InvalidInput("the pad creeps (Viscoelastic): give time=..., the time of each frame in seconds.")
-    out = []
-    for array, part in zip(planes, parts):
-        creeps = creeping(array)
-        if not creeps.any():
-            out.append(part)
-            continue
-        xp = namespace(part)
-        weight = from_numpy(creeps.astype(np.float64).reshape(-1, *(1,) * len(array.shape)), part)
-        one = CreepFilter(prony)
-        step = one.add if direction == "add" else one.remove
-        frames = [step(part[i, ...], float(t)) for i, t in enumerate(time)]
-        out.append(weight * xp.stack(frames, axis=0) + (1.0 - weight) * part)
-    return out
+    return Creep(planes, prony, direction)(parts, time)
+
+
+class Creep:
+    """Creep put into or taken out of readings, one stretch of frames after another: what is remembered goes on from call to call."""
+
+    def __init__(
+        self, planes: Sequence[Array], prony: Sequence[tuple[float, float]], direction: Literal["add", "remove"]
+    ) -> None:
+        self._planes, self._direction = tuple(planes), direction
+        self._filters = [CreepFilter(prony) for _ in planes]
+
+    def __call__(self, parts: Sequence[Any], time: Floats) -> list[Any]:
+        """Readings (frame, channel, *array) per plane at these times [s]."""
+        out = []
+        for array, part, one in zip(self._planes, parts, self._filters):
+            creeps = creeping(array)
+            if not creeps.any():
+                out.append(part)
+                continue
+            xp = namespace(part)
+            weight = from_numpy(creeps.astype(np.float64).reshape(-1, *(1,) * len(array.shape)), part)
+            step = one.add if self._direction == "add" else one.remove
+            frames = [step(part[i, ...], float(t)) for i, t in enumerate(time)]
+            out.append(weight * xp.stack(frames, axis=0) + (1.0 - weight) * part)
+        return out

@@ -1,0 +1,225 @@
+"""A recording of any length from one file into another."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import palpate
+from palpate._memory import require
+from palpate.archives.pools import in_order, pool_of
+from palpate.archives.work import Task, fingerprint
+from palpate.elastic import Viscoelastic
+from palpate.errors import InvalidInput
+from palpate.inverse.method import Method
+from palpate.inverse.registry import method_asked
+from palpate.recordings.formats import find_format, open_recording
+from palpate.recordings.opened import OpenRecording
+from palpate.recordings.recording import Recording
+from palpate.recordings.touchstream import Collected
+from palpate.sensing.readings import Creep, Layout, joined_planes
+from palpate.touch import Touch
+
+if TYPE_CHECKING:
+    from palpate.skin import Skin
+
+__all__ = ["Reconstructed", "piece_length", "reconstruct_recording"]
+
+#: Bytes of traction in a piece: enough that a batch is worth its overhead, little enough that many are in memory at a time.
+PIECE = 3_000_000
+#: Frames in a piece at the most: what a run that is broken off has to do again.
+LONGEST = 256
+
+
+@dataclass(frozen=True)
+class Reconstructed:
+    """What a run has made: the file, its frames (``before``: those that an earlier run had done), and the touch of one of them."""
+
+    path: Path
+    frames: int
+    before: int
+    touch: Touch
+
+
+def piece_length(skin: Skin) -> int:
+    """Frames in a piece where the user does not say; it depends on the skin alone, so that a run can be made again.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.archives import piece_length
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> small = pp.AreaArray(shape=(16, 16), pitch=1e-3, depth=2e-3, channels=["stress_zz"])
+    >>> large = pp.AreaArray(shape=(128, 128), pitch=1e-3, depth=2e-3, channels=["stress_zz"])
+    >>> piece_length(pp.Skin(pad, small)), piece_length(pp.Skin(pad, large))
+    (256, 6)
+    """
+    frame = 8 * len(skin.surface.components) * math.prod(skin.surface.shape)
+    return max(1, min(LONGEST, PIECE // frame))
+
+
+def reconstruct_recording(
+    skin: Skin,
+    recording: str | Path | Recording | OpenRecording,
+    out: str | Path,
+    *,
+    method: str | Method | None = None,
+    components: Sequence[str] | None = None,
+    workers: int = 1,
+    scheduler: str | None = None,
+    chunk: int | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    frame: int = -1,
+    provenance: Mapping[str, str] | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    **options: Any,
+) -> Reconstructed:
+    """`Skin.reconstruct` of a recording of any length, from file to file: memory does not grow with it.
+
+    Parameters
+    ----------
+    skin : Skin
+    recording : str, Path or Recording
+        NetCDF, HDF5 and Zarr are read piece by piece; other formats whole.
+    out : str or Path
+        NetCDF, HDF5, Zarr, CSV and MCAP are written piece by piece; the touches of other formats stay in memory until the end. A Zarr store grows
+        in ``NAME.partial`` beside it, which stays where the run is broken off; every other file is there when it is complete.
+    method, components, **options
+        As for `Skin.reconstruct`.
+    workers : int
+        Processes (or threads, as ``scheduler`` says) that share the work; each takes one thread for linear algebra. The result is the same.
+    scheduler : str, optional
+        "processes" (default with several workers), "threads", or the address of a Dask scheduler (``tcp://...``, extra ``dask``).
+    chunk : int, optional
+        Frames in a piece. Default: `piece_length`.
+    resume : bool
+        Go on with a run into the same Zarr store that was broken off, or begin it. It must be the same run: recording, skin, method, chunk.
+    overwrite : bool
+        Replace a result, or a run that was broken off.
+    frame : int
+        The frame whose touch is returned; -1 is the last.
+    provenance : mapping of str to str
+        Kept as attributes of the result.
+    progress : callable (done, frames)
+        Called after each piece.
+
+    Returns
+    -------
+    Reconstructed
+
+    Raises
+    ------
+    InvalidInput, NotObservable, Unsupported
+        As `Skin.reconstruct`, before anything is written: every frame is looked at first. A result that exists, or a run that was broken off;
+        workers that the system stops again and again; a Dask scheduler that does not answer.
+
+    Notes
+    -----
+    A worker that is killed changes nothing: its piece is given to another. With the same ``chunk`` the result is the same to the last bit for any number
+    of workers as long as the linear algebra takes as many threads: up to 4096 unknowns it takes one; beyond, set OMP_NUM_THREADS=1 to compare.
+    Where workers are processes, a script must guard its start with ``if __name__ == "__main__":``.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.recordings import read_touch, write_recording
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+    >>> press = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+    >>> readings = np.linspace(0.1, 1.0, 50)[:, None, None] * press
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_recording(pp.Recording(readings=readings, channels=["stress_zz"]), f"{folder}/press.nc")
+    ...     done = pp.reconstruct_recording(skin, f"{folder}/press.nc", f"{folder}/touch.nc", method="tikhonov", chunk=20)
+    ...     force = read_touch(f"{folder}/touch.nc").force.sel(component="z").values
+    >>> done.frames, force[[0, -1]].round().tolist()  # [N/m]
+    (50, [1.0, 10.0])
+    """
+    target = Path(out)
+    known = find_format(target)
+    chosen = method_asked(method, options)
+    length = piece_length(skin) if chunk is None else chunk
+    if isinstance(length, bool) or not isinstance(length, int) or length < 1:
+        raise InvalidInput(f"chunk must be a whole number of frames from 1 on; got {chunk!r}.")
+    if target.exists() and not overwrite:
+        raise InvalidInput(f"{target} exists. Give another name, or overwrite=True (--force) to replace it.")
+    with ExitStack() as stack:
+        source = stack.enter_context(_opened(recording))
+        count = len(source)
+        if not -count <= frame < count:
+            raise InvalidInput(f"frame {frame} is not among the {count} frames of {source.name}.")
+        elastic = skin.without_creep() if isinstance(skin.pad, Viscoelastic) else skin
+        crc = source.survey(lambda part: Layout(elastic.planes, elastic.pad).checked(part.readings))
+        settings: dict[str, Any] = {"method": chosen, "components": components}
+        # what cannot be served is refused before anything is written
+        elastic.prepare(**settings)
+        pool = pool_of(elastic, settings, workers=workers, scheduler=scheduler)
+        stack.enter_context(pool)
+        run = {
+            "palpate": palpate.__version__,
+            "recording": crc,
+            "frames": count,
+            "chunk": length,
+            "method": str(chosen),
+            "options": fingerprint([chosen, components]),
+            "skin": fingerprint(
+                [skin.pad, skin.planes, skin.surface, skin.boundary, skin.problem().nuisance, skin.uncertainty]
+            ),
+        }
+        stream = stack.enter_context(
+            known.touch_stream(target, count, dict(provenance or {}), run=run, resume=resume, replace=overwrite)
+        )
+        if isinstance(stream, Collected):
+            cells = 8 * len(skin.surface.components) * math.prod(skin.surface.shape)
+            require(
+                (8 if chosen.error_bars else 4) * count * cells,
+                f"the touches of {count:,} frames",
+                "Write .nc, .h5, .zarr, .csv or .mcap, which take them piece by piece.",
+            )
+        done = dict(getattr(stream, "done", {}))
+        before = finished = sum(done.values())
+        if progress is not None and before:
+            progress(finished, count)
+        watched: Touch | None = None
+        wanted = frame % count
+        for task, piece in in_order(pool, _tasks(source, skin, length, done)):
+            stream.add(task.start, piece)
+            if task.start <= wanted < task.stop:
+                watched = piece.touch()[wanted - task.start]
+            finished += task.stop - task.start
+            if progress is not None:
+                progress(finished, count)
+        if watched is None:  # an earlier run has done that frame
+            watched = stream.touch(wanted)
+    return Reconstructed(target, count, before, watched)
+
+
+def _opened(recording: str | Path | Recording | OpenRecording) -> Any:
+    from contextlib import nullcontext
+
+    if isinstance(recording, OpenRecording):
+        return nullcontext(recording)
+    if isinstance(recording, Recording):
+        return nullcontext(OpenRecording.of(recording))
+    return open_recording(recording)
+
+
+def _tasks(source: OpenRecording, skin: Skin, length: int, done: Mapping[int, int]) -> Iterator[Task]:
+    """What is still to be done, with the creep taken out: it remembers, so that it goes through all frames in turn."""
+    creep = Creep(skin.planes, skin.pad.prony, "remove") if isinstance(skin.pad, Viscoelastic) else None
+    layout = Layout(skin.planes, skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad)
+    for start, stop in source.pieces(length):
+        if done.get(start) == stop - start and creep is None:
+            continue
+        part = source.frames(start, stop)
+        readings = part.readings
+        if creep is not None:
+            readings = joined_planes(creep(layout.checked(readings), part.time), skin.planes)
+        if done.get(start) != stop - start:
+            yield Task(start, stop, readings, part.time)

@@ -1,0 +1,92 @@
+"""What a worker does with a piece of a recording, wherever it runs."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import pickle
+from dataclasses import dataclass, fields, is_dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import palpate
+from palpate.errors import Unsupported
+from palpate.recordings.touchstream import Piece, piece_of
+
+if TYPE_CHECKING:
+    from palpate.elastic.pad import Floats
+    from palpate.skin import Skin
+
+__all__ = ["Task", "fingerprint", "packed", "solve", "solve_packed"]
+
+
+@dataclass(frozen=True)
+class Task:
+    """Frames ``start`` to ``stop`` of a recording."""
+
+    start: int
+    stop: int
+    readings: Any
+    time: Floats
+
+
+def solve(skin: Skin, options: dict[str, Any], task: Task) -> Piece:
+    """The touches of a task's frames, as they are written."""
+    return piece_of(skin.reconstruct(task.readings, time=task.time, **options))
+
+
+def packed(skin: Skin, options: dict[str, Any]) -> bytes:
+    """Skin and options on their way to another process.
+
+    Raises
+    ------
+    Unsupported
+        Something in them cannot be sent.
+    """
+    try:
+        return pickle.dumps((palpate.__version__, skin, options))
+    except (pickle.PicklingError, TypeError, AttributeError) as error:
+        raise Unsupported(
+            f"this skin or method cannot be sent to another process ({error}): define its classes in a module, or use one worker."
+        ) from error
+
+
+def solve_packed(job: bytes, task: Task) -> Piece:
+    """The same in another process, where the skin is prepared once."""
+    return solve(*_unpacked(job), task)
+
+
+@functools.lru_cache(maxsize=2)
+def _unpacked(job: bytes) -> tuple[Skin, dict[str, Any]]:
+    version, skin, options = pickle.loads(job)
+    if version != palpate.__version__:
+        raise Unsupported(
+            f"a worker has palpate {palpate.__version__} and the command {version}: install the same version on both."
+        )
+    return skin, options
+
+
+def fingerprint(thing: Any) -> str:
+    """The same text for the same pad, array or method in every process; another for another."""
+    text = json.dumps(_described(thing), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _described(thing: Any) -> Any:
+    if thing is None or isinstance(thing, bool | int | float | str):
+        return repr(thing)
+    if isinstance(thing, np.ndarray):
+        return [str(thing.dtype), list(thing.shape), hashlib.sha256(np.ascontiguousarray(thing).tobytes()).hexdigest()]
+    if isinstance(thing, np.generic):
+        return repr(thing.item())
+    if isinstance(thing, list | tuple):
+        return [_described(v) for v in thing]
+    if isinstance(thing, dict):
+        return {str(k): _described(v) for k, v in thing.items()}
+    kind = f"{type(thing).__module__}.{type(thing).__qualname__}"
+    if is_dataclass(thing):
+        return [kind, {f.name: _described(getattr(thing, f.name)) for f in fields(thing)}]
+    held = {k: v for k, v in getattr(thing, "__dict__", {}).items() if not k.startswith("_")}
+    return [kind, _described(held) if held else repr(thing)]

@@ -1,0 +1,216 @@
+"""Touches of a long recording into a file, piece by piece: at the end it holds what one result of all frames would hold."""
+
+from __future__ import annotations
+
+import abc
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.errors import InvalidInput
+from palpate.recordings.heldfile import Apart
+from palpate.recordings.labelled import OWN, missing_value, touch_dataset, touch_of
+from palpate.touch import Touch, joined
+from palpate.touch.outcome import Outcome
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["Arrays", "Collected", "Piece", "TouchStream", "Whole", "piece_of"]
+
+#: Attributes that all pieces of a run have alike.
+_COMMON = ("sought", "unobservable_force", "surface", "case", "nuisance_names")
+
+
+@dataclass(frozen=True)
+class Piece:
+    """The touches of some frames as they are written, and what became of them."""
+
+    dataset: xarray.Dataset
+    outcome: Outcome
+    calibration: str
+
+    @property
+    def frames(self) -> int:
+        """How many there are."""
+        return int(self.dataset.sizes["time"])
+
+    def touch(self) -> Touch:
+        """As a result again."""
+        return touch_of(self.dataset)
+
+
+def piece_of(touch: Touch) -> Piece:
+    """The touches of a batch (frame, component, *surface), error bars and all, ready to be written or sent."""
+    return Piece(touch_dataset(touch), Outcome.of(touch), touch.calibration_note)
+
+
+class Whole:
+    """What is said of all pieces together: the attributes of the result."""
+
+    def __init__(self) -> None:
+        self.first: dict[str, Any] = {}
+        self.methods: list[str] = []
+        self._assumptions: dict[str, None] = {}
+        self._names: dict[str, str] = {}
+        self._meta: dict[str, str] = {}
+        self._outcome: Outcome | None = None
+        self._calibration = ""
+
+    def add(self, attrs: Mapping[str, Any], outcome: Outcome, calibration: str) -> None:
+        """Another piece: the attributes of its data set, what became of its frames, and whose constants its error bars use."""
+        if not self.first:
+            self.first = dict(attrs)
+        for name in _COMMON:
+            if attrs.get(name) != self.first.get(name):
+                raise InvalidInput("results of different skins cannot be written as one; begin anew.")
+        for name in json.loads(attrs.get("methods", json.dumps([attrs["method"]]))):
+            if name not in self.methods:
+                self.methods.append(name)
+        self._assumptions.update(dict.fromkeys(json.loads(attrs["assumptions"])))
+        self._names.update(json.loads(attrs["reading_names"]))
+        self._meta.update(json.loads(attrs["meta"]))
+        self._outcome = outcome if self._outcome is None else self._outcome + outcome
+        self._calibration = self._calibration or calibration
+
+    def attributes(self, record: Mapping[str, str]) -> dict[str, Any]:
+        """Those of the whole, with the provenance."""
+        own = {k: v for k, v in self.first.items() if k != "methods"}
+        if len(self.methods) > 1:
+            own["methods"] = json.dumps(self.methods)
+        return {
+            **{k: str(v) for k, v in {**self._meta, **record}.items() if k not in OWN},
+            **own,
+            "notes": self.notes,
+            "assumptions": json.dumps(list(self._assumptions)),
+            "reading_names": json.dumps(self._names),
+            "meta": json.dumps(self._meta),
+        }
+
+    @property
+    def notes(self) -> str:
+        """What was assumed and what became of the frames, in words."""
+        said = self._outcome.words() if self._outcome is not None else []
+        return "\n".join(
+            dict.fromkeys((*self._assumptions, *said, *([self._calibration] if self._calibration else [])))
+        )
+
+    def codes(self, piece: Piece) -> Any:
+        """The method of each frame of a piece, as its place among the methods of all pieces so far."""
+        names = json.loads(piece.dataset.attrs.get("methods", json.dumps([piece.dataset.attrs["method"]])))
+        places = np.array([self.methods.index(n) for n in names], dtype=np.int8)
+        held = piece.dataset.get("found_by")
+        return places[np.zeros(piece.frames, dtype=int) if held is None else held.values]
+
+
+class TouchStream(abc.ABC):
+    """A file that takes the touches of ``count`` frames in pieces; `finish` makes it a result. Nothing else may write to it.
+
+    One thread does the writing, so that Ctrl-C, which reaches the main thread, cannot break into it.
+    """
+
+    def __init__(self, path: Path, count: int, record: Mapping[str, str]) -> None:
+        self.path, self.count, self.record = path, count, dict(record)
+        self.whole = Whole()
+        #: pieces that are written: start -> frames
+        self.done: dict[int, int] = {}
+        self._apart = Apart()
+
+    def add(self, start: int, piece: Piece) -> None:
+        """The frames from ``start`` on."""
+        self.whole.add(piece.dataset.attrs, piece.outcome, piece.calibration)
+        self._apart(lambda: self._add(start, piece))
+
+    def finish(self) -> None:
+        """All frames are there: the result is made whole."""
+        self._apart(self._finish)
+        self._apart.end()
+
+    def touch(self, frame: int) -> Touch:
+        """One frame that an earlier run has written; only streams that go on have any."""
+        raise InvalidInput(f"{self.path}: frame {frame} is not there.")
+
+    def abandon(self) -> None:
+        """Let go without another word."""
+        self._apart(self._abandon)
+        self._apart.end()
+
+    @abc.abstractmethod
+    def _add(self, start: int, piece: Piece) -> None: ...
+
+    @abc.abstractmethod
+    def _finish(self) -> None: ...
+
+    def _abandon(self) -> None:  # noqa: B027  # most have nothing to let go of
+        pass
+
+
+class Collected(TouchStream):
+    """For formats that write a result at once: the touches stay in memory till the end."""
+
+    def __init__(self, path: Path, count: int, record: Mapping[str, str], write: Any) -> None:
+        super().__init__(path, count, record)
+        self._write = write
+        self._parts: dict[int, Touch] = {}
+
+    def _add(self, start: int, piece: Piece) -> None:
+        self._parts[start] = piece.touch()
+
+    def _finish(self) -> None:
+        touch = joined([self._parts[start] for start in sorted(self._parts)])
+        self._write(touch, self.path, {"method": touch.method, "notes": "\n".join(touch.notes), **self.record})
+
+
+class Arrays(TouchStream):
+    """Formats of named arrays: each grows piece by piece in its place, and one that appears late is filled up for the frames before."""
+
+    def __init__(self, path: Path, count: int, record: Mapping[str, str]) -> None:
+        super().__init__(path, count, record)
+        #: variables along time -> shape of a frame, type
+        self._long: dict[str, tuple[tuple[int, ...], Any]] = {}
+
+    def _add(self, start: int, piece: Piece) -> None:
+        variables = {str(n): v for n, v in piece.dataset.variables.items()}
+        variables.pop("found_by", None)
+        if not self._long:
+            self._begin({n: v for n, v in variables.items() if "time" not in v.dims}, piece.frames)
+        here = {n: v for n, v in variables.items() if "time" in v.dims}
+        codes = self.whole.codes(piece)
+        if "found_by" in self._long or codes.any():
+            here["found_by"] = here["time"].to_base_variable().copy(data=codes)
+            here["found_by"].attrs = {"long_name": "place among the attribute methods"}
+        for name, variable in here.items():
+            shape = variable.shape[1:]
+            if name not in self._long:
+                self._create(name, variable)
+                self._long[name] = shape, variable.dtype
+                for begun, frames in self.done.items():
+                    self._put(name, begun, self._nothing(name, frames))
+            elif shape != self._long[name][0]:
+                raise InvalidInput(
+                    f"results of different kinds cannot be written as one: {name} has the shapes {self._long[name][0]} and {shape}."
+                )
+            self._put(name, start, variable.values)
+        for name in set(self._long) - set(here):
+            self._put(name, start, self._nothing(name, piece.frames))
+        self.done[start] = piece.frames
+
+    def _nothing(self, name: str, frames: int) -> Any:
+        shape, dtype = self._long[name]
+        return np.full((frames, *shape), missing_value(name), dtype=dtype)
+
+    @abc.abstractmethod
+    def _begin(self, fixed: Mapping[str, xarray.Variable], frames: int) -> None:
+        """The file, with the variables that do not grow; most pieces will have so many ``frames``."""
+
+    @abc.abstractmethod
+    def _create(self, name: str, like: xarray.Variable) -> None:
+        """A variable over all frames, labelled like that of a piece."""
+
+    @abc.abstractmethod
+    def _put(self, name: str, start: int, values: Any) -> None:
+        """Some frames of a variable."""

@@ -1,0 +1,225 @@
+"""Touches of a long recording as a Zarr store, piece by piece, with a list of what is done: a run that was broken off goes on."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.errors import InvalidInput
+from palpate.recordings.checked import CHECKSUM, checksum
+from palpate.recordings.files import moved_into_place
+from palpate.recordings.labelled import touch_of
+from palpate.recordings.stores import zarr_library
+from palpate.recordings.touchstream import Arrays, Piece
+from palpate.recordings.zarrstore import DAMAGE
+from palpate.touch import Touch
+from palpate.touch.outcome import Outcome
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["ZarrStream", "growing", "partial"]
+
+
+def partial(path: str | Path) -> Path:
+    """The folder beside a store in which it grows."""
+    target = Path(os.path.realpath(path))
+    return target.with_name(f"{target.name}.partial")
+
+
+@contextmanager
+def growing(
+    path: Path, count: int, record: Mapping[str, str], run: Mapping[str, Any], *, resume: bool, replace: bool
+) -> Iterator[ZarrStream]:
+    """A store that grows in its folder and is moved to ``path`` when the block ends well; else the folder stays.
+
+    Raises
+    ------
+    InvalidInput
+        A run that was broken off is there, and ``resume`` and ``replace`` are not asked for; or it was another run.
+    """
+    folder = partial(path)
+    if folder.exists() and not (resume or replace):
+        raise InvalidInput(
+            f"{folder} holds a run that was broken off. Go on with it by --resume (resume=True), or begin anew with --force (overwrite=True)."
+        )
+    stream = ZarrStream(folder / folder.name.removesuffix(".partial"), count, record, run, resume=resume)
+    try:
+        yield stream
+        stream.finish()
+    except BaseException:
+        stream.abandon()
+        raise
+    moved_into_place(stream.path, path)
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+class ZarrStream(Arrays):
+    """Each piece is a block of its own in every array, so that writing it again harms no other.
+
+    ``path`` is the store in its folder beside the target; ``run`` describes the run (recording, skin, method), and only the same run goes on.
+    Line by line, ``pieces.jsonl`` beside the store says which pieces are there; each has its checksum.
+    """
+
+    def __init__(
+        self, path: Path, count: int, record: Mapping[str, str], run: Mapping[str, Any], *, resume: bool
+    ) -> None:
+        super().__init__(path, count, record)
+        self._list = path.parent / "pieces.jsonl"
+        self._arrays: dict[str, Any] = {}
+        if resume and self._list.exists():
+            self._apart(lambda: self._go_on(run))
+        else:
+            self._apart(lambda: self._fresh(run))
+
+    def _fresh(self, run: Mapping[str, Any]) -> None:
+        folder = self.path.parent
+        if folder.exists() and not self._list.exists() and any(folder.iterdir()):
+            raise InvalidInput(f"{folder} holds something else; move it away or give another name.")
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        self._log(dict(run))
+        self._root = zarr_library().create_group(store=str(self.path), zarr_format=3)
+
+    def _go_on(self, run: Mapping[str, Any]) -> None:
+        lines = []
+        for line in self._list.read_text(encoding="utf-8").splitlines():
+            try:
+                lines.append(json.loads(line))
+            except ValueError:
+                break  # the line that was being written
+        if not lines or not self.path.exists():
+            self._fresh(run)
+            return
+        self._list.write_text("".join(f"{json.dumps(line)}\n" for line in lines), encoding="utf-8")
+        begun = lines[0]
+        wanted = json.loads(json.dumps(dict(run)))
+        changed = [k for k in sorted({*begun, *wanted}) if begun.get(k) != wanted.get(k)]
+        if changed:
+            what = ", ".join(f"{k} (was {str(begun.get(k))[:60]}, is {str(wanted.get(k))[:60]})" for k in changed)
+            raise InvalidInput(
+                f"the run that was broken off was another one: {what}. Give what it was begun with, or begin anew with --force (overwrite=True)."
+            )
+        zarr = zarr_library()
+        with zarr.config.set({"array.write_empty_chunks": True}):  # the store does not say it
+            self._root = zarr.open_group(str(self.path), mode="r+", zarr_format=3)
+            held = list(self._root.arrays())
+        pieces = {line["start"]: line for line in lines[1:]}
+        known = set(lines[-1].get("variables", ())) if pieces else set()
+        for name, array in held:
+            if name not in known:
+                del self._root[name]
+            elif array.shape[:1] == (self.count,) and array.metadata.dimension_names[0] == "time":
+                self._arrays[name] = array
+                self._long[name] = array.shape[1:], array.dtype
+                self._frames = array.chunks[0]
+        for start in sorted(pieces):
+            line = pieces[start]
+            if self._whole(start, line):
+                self.whole.add(line["attrs"], Outcome.restored(line["outcome"]), line["calibration"])
+                self.done[start] = line["frames"]
+
+    def _whole(self, start: int, line: Mapping[str, Any]) -> bool:
+        """Whether a piece is in the store as it was written."""
+        try:
+            return self._checksum(start, line["frames"], line["variables"]) == line["crc"]
+        except DAMAGE:
+            return False
+
+    def _log(self, entry: dict[str, Any]) -> None:
+        with self._list.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(entry) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+
+    def _checksum(self, start: int, frames: int, names: Iterable[str]) -> int:
+        """That of some frames as the store holds them."""
+        import xarray
+
+        held = {n: self._arrays[n] for n in names if n in self._arrays}
+        return checksum(
+            xarray.Dataset(
+                {n: (a.metadata.dimension_names, a[start : start + frames]) for n, a in held.items()},
+            )
+        )
+
+    def _add(self, start: int, piece: Piece) -> None:
+        super()._add(start, piece)
+        names = sorted(self._long)
+        self._log(
+            {
+                "start": start,
+                "frames": piece.frames,
+                "variables": [*names, *(str(n) for n, v in piece.dataset.variables.items() if "time" not in v.dims)],
+                "crc": self._checksum(start, piece.frames, names),
+                "attrs": piece.dataset.attrs,
+                "outcome": piece.outcome.plain(),
+                "calibration": piece.calibration,
+            }
+        )
+
+    def _begin(self, fixed: Mapping[str, xarray.Variable], frames: int) -> None:
+        self._frames = frames
+        for name, variable in fixed.items():
+            if variable.dtype.kind in "OUT":
+                # text has no settled form in Zarr 3: names are attributes of what they name
+                self._root.attrs[name] = [str(v) for v in variable.values]
+                continue
+            made = self._root.create_array(
+                name,
+                shape=variable.shape,
+                chunks=variable.shape,
+                dtype=variable.dtype,
+                config={"write_empty_chunks": True},
+                dimension_names=variable.dims,
+                attributes=dict(variable.attrs),
+            )
+            made[...] = variable.values
+
+    def _create(self, name: str, like: xarray.Variable) -> None:
+        self._arrays[name] = self._root.create_array(
+            name,
+            shape=(self.count, *like.shape[1:]),
+            chunks=(min(self._frames, self.count), *like.shape[1:]),
+            dtype=like.dtype,
+            fill_value=np.nan if like.dtype.kind == "f" else None,
+            # a block that is not there is damage, so that blocks of nothing but zeros are written too
+            config={"write_empty_chunks": True},
+            dimension_names=like.dims,
+            attributes={k: v for k, v in like.attrs.items() if k != "_FillValue"},
+        )
+
+    def _put(self, name: str, start: int, values: Any) -> None:
+        self._arrays[name][start : start + len(values)] = values
+
+    def _finish(self) -> None:
+        for array in self._arrays.values():
+            if "notes" in array.attrs:
+                array.attrs["notes"] = self.whole.notes
+        text = {k: v for k, v in self._root.attrs.items() if k == "component"}
+        self._root.attrs.put({**self.whole.attributes(self.record), **text})
+        with self._opened() as found:
+            named = found.assign_coords(component=list(map(str, found.attrs.pop("component"))))
+            self._root.attrs[CHECKSUM] = checksum(named)
+
+    def _opened(self) -> xarray.Dataset:
+        """As it lies there, nothing of it in memory."""
+        import xarray
+
+        options = {"consolidated": False, "zarr_format": 3}
+        return xarray.open_dataset(
+            self.path, engine="zarr", chunks=None, cache=False, decode_times=False, backend_kwargs=options
+        )
+
+    def touch(self, frame: int) -> Touch:
+        with self._opened() as found:
+            one = found.isel(time=slice(frame, frame + 1)).load()
+            named = one.assign_coords(component=list(map(str, one.attrs["component"])))
+            return touch_of(named.assign_attrs(self.whole.attributes(self.record)))[0]
