@@ -142,7 +142,7 @@ def test_area_and_line_agree() -> None:
     pad = pp.BondedLayers([layer(0.5, 1.0, 0.4), layer(0.5, 0.2, 0.5)])
     names = ["displacement_x", "displacement_z", "stress_xx", "stress_zz", "stress_xz", "strain_zz"]
     x = np.array([-0.9, -0.2, 0.4, 1.3])
-    for depth in (0.2, 0.8, 1.0):
+    for depth in (0.2, 1.0):
         line = pp.Skin(
             pad, pp.ScatteredArray(positions=x, depth=depth, channels=names), surface=pp.LineGrid(count=4, spacing=0.25)
         )
@@ -191,7 +191,7 @@ def test_base_taxels() -> None:
     skin = pp.Skin(
         pad,
         pp.AreaArray(
-            shape=(14, 14), pitch=1e-3, depth="base", channels=["stress_xz", "stress_yz", "stress_zz"], noise=50.0
+            shape=(11, 11), pitch=1e-3, depth="base", channels=["stress_xz", "stress_yz", "stress_zz"], noise=50.0
         ),
     )
     assert skin.planes[0].depth == 2e-3
@@ -223,6 +223,25 @@ def test_friction_on_a_layer() -> None:
     traction[0] = solutions.strip(half_width=4.0, traction=0.05, component="x").averages(skin.surface.edges)[0]  # type: ignore[union-attr]
     touch = skin.reconstruct(skin.sense(traction), method="constant_friction", friction=0.4)
     np.testing.assert_allclose(touch.force, [0.4, 1.0], rtol=0.05)
+
+
+@pytest.mark.parametrize("aperture", [0.0, 0.6])
+def test_friction_on_a_layer_reads_the_kernel_off_a_table(aperture: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thousand contacts are tried in one frame; the table says of each what the kernel says."""
+    from palpate.inverse.paper import constant_friction
+
+    pad = pp.BondedLayers([layer(2.0, 1.0, 0.45)])
+    array = pp.LineArray(count=21, pitch=0.5, depth=0.8, channels=["stress_zz"], aperture=aperture)
+    problem = pp.Skin(pad, array)._problem.seeking(("z",))
+    tabulated = pp.ConstantFriction(friction=0.4).prepare(problem)
+    assert tabulated._under_half_of_the_plane is not None
+    monkeypatch.setattr(constant_friction, "POINTS", 0)
+    exact = pp.ConstantFriction(friction=0.4).prepare(problem)
+    assert exact._under_half_of_the_plane is None
+    for half_width, center in ((2.0, 0.1), (0.2, 1.0), (4.5, -3.0), (60.0, 0.0)):
+        known = exact._shear_reading(half_width, center)
+        found = tabulated._shear_reading(half_width, center)
+        np.testing.assert_allclose(found, known, atol=1e-6 * np.abs(known).max())
 
 
 def test_net_force_on_a_periodic_layer_is_known() -> None:
