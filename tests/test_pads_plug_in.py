@@ -101,7 +101,7 @@ def test_point_load_on_transverse_isotropy() -> None:
 def test_isotropic_limit(depth: float) -> None:
     """The error against a half-space falls with the anisotropy, and is its size."""
     half = pp.HalfSpace(youngs_modulus=2.0, poissons_ratio=0.3)
-    x, y = np.arange(-3, 4) * 0.5, np.arange(-2, 3) * 0.4
+    x, y = np.arange(-1, 3) * 0.5, np.arange(0, 2) * 0.4
     names = [c for c in AREA_CHANNELS if c != "rotation_z"]
     known = influence(half, [y, x], [0.4, 0.5], depth, names, [POINT] * 2)
     size = np.abs(known).max(axis=(1, 2, 3))
@@ -117,7 +117,7 @@ def test_isotropic_limit(depth: float) -> None:
 @pytest.mark.parametrize("nu", [0.3, 0.5])
 def test_quadrature_against_closed_form(nu: float, depth: float) -> None:
     half = pp.HalfSpace(youngs_modulus=2.0, poissons_ratio=nu)
-    x, y = np.arange(-4, 5) * 0.5, np.arange(-1, 2) * 0.4
+    x, y = np.arange(-1, 4) * 0.5, np.arange(0, 2) * 0.4
     names = ["displacement_x", "stress_xx", "stress_zz", "strain_xz", "rotation_z"]
     known, found = (influence(p, [y, x], [0.4, 0.5], depth, names, [POINT] * 2) for p in (half, Bare(half)))
     np.testing.assert_allclose(found, known, atol=3e-9 * np.abs(known).max())
@@ -136,7 +136,7 @@ def test_fields_of_a_cell_are_in_equilibrium(pad: Any) -> None:
 
     def at(dx: float, dy: float, dz: float) -> dict[str, np.ndarray]:
         names = ["stress_xx", "stress_yy", "stress_zz", "stress_xz", "stress_yz", "stress_xy"]
-        points = [np.array([0.3, 0.9]) + dy, np.array([-0.5, 0.2]) + dx]
+        points = [np.array([0.3]) + dy, np.array([-0.5, 0.2]) + dx]
         return dict(zip(names, influence(pad, points, [0.6, 0.7], z + dz, names, [POINT] * 2)))
 
     steps = {"x": (h, 0, 0), "y": (0, h, 0), "z": (0, 0, h)}
@@ -204,7 +204,7 @@ def test_layers_through_their_states_alone() -> None:
             pp.Layer(thickness=0.5, youngs_modulus=3.0, poissons_ratio=0.3),
         ]
     )
-    x = np.arange(-3, 4) * 0.4
+    x = np.arange(-1, 3) * 0.4
     names = ["stress_zz", "strain_xx", "displacement_x"]
     bare = Bare(layers)  # type: ignore[arg-type]
     bare.thickness = layers.thickness  # type: ignore[assignment]

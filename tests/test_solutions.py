@@ -101,7 +101,7 @@ def test_line_fields_are_in_equilibrium(contact: Any, nu: float) -> None:
 )
 def test_area_fields_are_in_equilibrium(contact: Any, nu: float) -> None:
     body = pp.HalfSpace(youngs_modulus=2.0, poissons_ratio=nu)
-    p = np.array([[0.3, 0.2, 0.6], [-1.2, 0.4, 0.5], [0.1, -2.0, 0.9]]).T
+    p = np.array([[0.3, 0.2, 0.6], [-1.2, 0.4, 0.5]]).T
     h = 1e-4
 
     def at(axis: int, step: float) -> dict[str, np.ndarray]:
