@@ -382,10 +382,13 @@ class ConstrainedEstimator:
         rounding = float(least.max(initial=0.0))
         if self.noise_known and rounding > 0.3:
             known = math.hypot(1.0, rounding)
-        if h.sign and (self._exceeded(h, data, usable) if self.noise_known else h.present.any() or self.ambiguous):
+        if h.sign and (self._exceeded(h, data, usable) if self.noise_known else h.present.any()):
             known = max(h.rough.left, self.least_noise(data))
         nothing = np.zeros((len(data), 0)), np.zeros(0)
         refined = 0
+        follows = self.ambiguous or self._follows(h, rows)
+        if follows and h.sign and not self.noise_known:
+            known = max(h.rough.left, self.least_noise(data))
         for attempt in range(MOST_ATTEMPTS):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
             gain, parameter, scale, linear = evidence[1][:4]
@@ -435,11 +438,11 @@ class ConstrainedEstimator:
             if not parts.noise_again or self.noise_known:
                 break
             # what pressure that only pushes cannot follow is noise, even where a linear model could
-            took = taken_by(leading) if self.ambiguous else None
+            took = taken_by(leading) if follows else None
             left = self.noise.left(leading, first, data / noise, observed, self.effective_freedom(parameter), took)
             left *= noise[0] / self.readings.std[0]
             change_of_noise = max(left, floor) / max(scale, floor)
-            if self.ambiguous and change_of_noise < 1.0:
+            if follows and change_of_noise < 1.0:
                 # it began with the largest noise that explains itself
                 change_of_noise = 1.0 / change_of_noise
             if learned == TURNS_OF_ALL or change_of_noise < limits.quieter:
@@ -466,6 +469,14 @@ class ConstrainedEstimator:
         deviation = 1.0 / np.sqrt(np.maximum((rows**2).sum(axis=0), 1e-300))
         out[h.present] = np.where(np.abs(step) > 0.5 * deviation, step, 0.0)
         return out
+
+    def _follows(self, h: Hypothesis, rows: Sequence[Floats]) -> bool:
+        """Whether the linear model follows any readings, noise too, so that its evidence tells nothing of noise: as many components as
+        channels, felt by shallow taxels.
+        """
+        if self.noise_known or not h.sign:
+            return False
+        return self.evidence(self.orders[1], rows, None).scale < self.thresholds.followed * h.rough.left
 
     def _exceeded(self, h: Hypothesis, data: Floats, usable: Flags) -> bool:
         """Whether what contact leaves is far more than the noise that was given: it is then taken for noise, and the fit says so."""

@@ -160,6 +160,9 @@ class Thresholds:
     unequal_errors: float = 3.0
     #: The noise is learned again where the constrained misfit is this many times what the linear model called noise: see the table.
     quieter: float = 1.2
+    #: A linear model that calls less than this part of what contact leaves noise follows noise too: 1e-6 where it can, with displacements along
+    #: all axes of shallow markers; 0.3 at least on the accuracy benchmark.
+    followed: float = 0.05
 
     # -- prior
 

@@ -43,6 +43,8 @@ FEWEST_READINGS = 6
 NEARLY, LOCAL = 1.5, 0.7
 #: The outermost taxels, by pitches from the edge, are broken only if they read this many times the largest of the others.
 OUTERMOST, TOO_MUCH = 1.0, 8.0
+#: A reading this many times all others counts as alone, whatever a linear model that follows any readings makes of it.
+ALONE = 4.0
 #: Taxels less deep than this part of the pitch feel next to nothing of what their neighbours do.
 SHALLOW = 0.6
 
@@ -228,11 +230,14 @@ class _Screening:
                 break
             column = self.single(chosen)
             after, rest, free = self.model([*held, column], total)
-            # all readings' size with it and without: what is ten times the others is broken on the smallest array
+            gain = free * math.log(left / rest)
             counts = observed & ~broken
-            without = math.sqrt(float(np.mean(scaled[counts & (np.arange(n) != chosen)] ** 2)))
-            with_it = math.sqrt(float(np.mean(scaled[counts] ** 2)))
-            gain = max(free * math.log(left / rest), counted * math.log(with_it / max(without, 1e-300)))
+            other = counts & (np.arange(n) != chosen)
+            if abs(scaled[chosen]) > ALONE * float(np.abs(scaled[other]).max(initial=0.0)):
+                # all readings' size with it and without: what is ten times the others is broken on the smallest array
+                without = math.sqrt(float(np.mean(scaled[other] ** 2)))
+                with_it = math.sqrt(float(np.mean(scaled[counts] ** 2)))
+                gain = max(gain, counted * math.log(with_it / max(without, 1e-300)))
             if self.known:
                 gain = max(
                     gain, self._evidence([*held, column]) - self._evidence(held) - math.log(3.0 * np.abs(scaled).max())

@@ -1,0 +1,43 @@
+"""All three displacements of shallow markers in a bonded gel: traction of its own for every reading, so that no linear model tells noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import palpate as pp
+
+GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=200e3, poissons_ratio=0.48)])
+CHANNELS = ["displacement_x", "displacement_y", "displacement_z"]
+BALL = pp.solutions.hertz_point(radius=2.5e-3, force=2.0).shifted(0.3e-3, -0.2e-3)
+
+
+def readings_of(contact: pp.solutions.AreaContact, depth: float) -> tuple[pp.Skin, np.ndarray, float]:
+    """A skin that does not know its noise, readings made on finer cells with 1 % noise, and that noise."""
+    array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=depth, channels=CHANNELS)
+    clean = pp.Skin(GEL, array, surface=pp.AreaGrid(shape=(32, 32), spacing=0.5e-3)).sense(contact)
+    noise = 0.01 * float(np.abs(clean).max())
+    return pp.Skin(GEL, array), clean + noise * np.random.default_rng(1).standard_normal(clean.shape), noise
+
+
+@pytest.mark.parametrize("depth", [0.0, pytest.param(0.5e-3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("friction", [None, 0.4])
+def test_a_ball_that_slides_is_told_from_noise(depth: float, friction: float | None) -> None:
+    """Evidence found no noise at all, took noise for traction, and read up to five times the load; the interval held nothing."""
+    skin, readings, noise = readings_of(BALL.sliding(0.4, direction=0.5), depth)
+    touch = skin.reconstruct(readings, **({} if friction is None else {"friction": friction}))
+    truth = np.array([0.8 * np.cos(0.5), 0.8 * np.sin(0.5), 2.0])
+    np.testing.assert_allclose(touch.force, truth, atol=0.3)
+    low, high = touch.interval(0.95, of="force")
+    assert low[2] < 2.0 < high[2]
+    assert 0.5 * noise < float(np.median(touch.noise_std)) < 2.0 * noise
+
+
+def test_contact_over_four_markers_is_not_taken_for_broken_markers() -> None:
+    """Markers at the surface tell nothing of their neighbours: the whole contact was left out, marker by marker, as readings that are wrong."""
+    skin, readings, _ = readings_of(BALL, 0.0)
+    touch = skin.reconstruct(readings, friction=0.4)
+    low, high = touch.interval(0.95, of="force")
+    assert low[2] < 2.0 < high[2]
+    assert not any("left out" in note for note in touch.notes)
+    assert not any("shift" in note for note in touch.notes)
