@@ -519,8 +519,8 @@ def test_each_channel_has_its_own_noise(loud: tuple[float, float, float]) -> Non
     def error(touch: Any) -> float:
         return float(np.linalg.norm(touch.values - truth) / np.linalg.norm(truth))
 
-    learned, best = skin.reconstruct(frames, friction=0.5), given.reconstruct(frames, friction=0.5)
-    assert error(learned) < 1.3 * error(best)
+    learned, best = skin.reconstruct(frames, friction=0.5), given.reconstruct(frames[:1], friction=0.5)
+    assert error(learned.frame(0)) < 1.3 * error(best)
     assert learned.noise_std.shape == (2, 3)
     np.testing.assert_allclose(learned.noise_std, np.broadcast_to(std, (2, 3)), rtol=0.25)
     np.testing.assert_allclose(skin.reconstruct(frames[1], friction=0.5).noise_std, learned.noise_std[1], rtol=1e-9)
@@ -677,10 +677,12 @@ def test_correlated_noise_in_mirror_blocks_and_whole(monkeypatch: pytest.MonkeyP
     from palpate.inverse.linear import spectrum
 
     array = pp.AreaArray(
-        shape=(27, 27), pitch=1e-3, depth=1.5e-3, channels=["stress_zz"], noise=30.0, noise_correlation=2e-3
+        shape=(15, 15), pitch=1e-3, depth=1.5e-3, channels=["stress_zz"], noise=30.0, noise_correlation=2e-3
     )
     rng = np.random.default_rng(0)
     readings = pp.Skin(PAD, array).sense(BALL, rng=rng)
+    monkeypatch.setattr(spectrum, "in_blocks", spectrum.mirrored)
+    assert len(pp.Tikhonov().prepare(pp.Skin(PAD, array).problem()).spectrum.blocks) == 4
     blocks = pp.Skin(PAD, array).reconstruct(readings, method="tikhonov")
     monkeypatch.setattr(spectrum, "in_blocks", lambda *_: False)
     whole = pp.Skin(PAD, array).reconstruct(readings, method="tikhonov")

@@ -85,7 +85,7 @@ def session(skin: pp.Skin, feed: Any, **options: Any) -> Session:
 
 
 def until(what: Any) -> None:
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while not what():
         assert time.monotonic() < deadline
         time.sleep(0.005)

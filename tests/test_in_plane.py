@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -11,13 +13,19 @@ GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=200e3, poissons
 MARKERS = {"shape": (8, 8), "pitch": 2e-3, "depth": 0.5e-3, "channels": ["displacement_x", "displacement_y"]}
 
 
+@functools.cache
+def skin_of(noise: float | None) -> pp.Skin:
+    return pp.Skin(GEL, pp.AreaArray(**MARKERS, noise=noise))
+
+
+@functools.cache
 def readings_of(contact: pp.solutions.AreaContact, *, known: bool = True) -> tuple[pp.Skin, np.ndarray]:
     """Readings with 1 % noise, made on a finer surface than the one sought, and the skin, which may know its noise."""
     fine = pp.Skin(GEL, pp.AreaArray(**MARKERS), surface=pp.AreaGrid(shape=(32, 32), spacing=0.5e-3))
     clean = fine.sense(contact)
     noise = 0.01 * float(np.abs(clean).max())
     readings = clean + noise * np.random.default_rng(0).standard_normal(clean.shape)
-    return pp.Skin(GEL, pp.AreaArray(**MARKERS, noise=noise if known else None)), readings
+    return skin_of(noise if known else None), readings
 
 
 BALL = pp.solutions.hertz_point(radius=3e-3, force=2.0).shifted(0.3e-3, -0.2e-3)

@@ -153,13 +153,15 @@ def test_websocket_is_not_for_web_pages() -> None:
             assert next(iter(listener))[0] == 0.5
 
 
-#: As `Limits`, in a hurry.
-FAST = Limits(quiet=0.3, hold=0.1, hello=0.3, stall=0.3, connections=4)
+#: As `Limits`, in a hurry; a machine with other things to do may still pause for half a second.
+FAST = Limits(quiet=0.8, hold=0.1, hello=0.8, stall=0.8, connections=4)
+#: Where nobody is to be too late, however long the machine pauses.
+PATIENT = Limits(quiet=60.0, hold=0.1, hello=60.0, stall=60.0, connections=4)
 
 
 @pytest.mark.parametrize("kind", ["tcp", "ws"])
 def test_a_second_connection_is_told_why_it_is_not_served(kind: str) -> None:
-    with FrameListener(SHAPE, kind=kind, limits=FAST) as listener, sending(kind, listener.port) as first:
+    with FrameListener(SHAPE, kind=kind, limits=PATIENT) as listener, sending(kind, listener.port) as first:
         first(frame_bytes(0, 0.0, np.zeros(SHAPE)))
         wait(lambda: listener.counts["frames"] == 1)
         with connected(kind, listener.port) as (second, received):
@@ -212,16 +214,16 @@ def test_a_dead_sender_whose_socket_stays_open_is_followed_by_its_successor() ->
 
 @pytest.mark.parametrize("kind", ["tcp", "ws"])
 def test_many_connections_that_say_nothing_leave_room_for_one_that_sends(kind: str) -> None:
-    with FrameListener(SHAPE, kind=kind, limits=FAST) as listener, contextlib.ExitStack() as stack:
+    with FrameListener(SHAPE, kind=kind, limits=PATIENT) as listener, contextlib.ExitStack() as stack:
         send = stack.enter_context(sending(kind, listener.port))
         send(frame_bytes(0, 0.0, np.zeros(SHAPE)))
         wait(lambda: listener.counts["frames"] == 1)
         for _ in range(40):
             stack.enter_context(socket.create_connection(("127.0.0.1", listener.port)))
-        wait(lambda: listener.counts["crowded"] >= 40 + 1 - FAST.connections)
+        wait(lambda: listener.counts["crowded"] >= 40 + 1 - PATIENT.connections)
         send(frame_bytes(1, 0.1, np.zeros(SHAPE)))
         wait(lambda: listener.counts["frames"] == 2)
-        assert len(listener._connections) <= FAST.connections
+        assert len(listener._connections) <= PATIENT.connections
 
 
 @pytest.mark.parametrize("kind", ["udp", "tcp", "ws"])

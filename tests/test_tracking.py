@@ -298,7 +298,7 @@ def test_budget_gives_an_answer_in_time_and_says_so(skin: pp.Skin, story: Any) -
                 assert np.isfinite(np.asarray(touch.values)).all()
                 assert (touch.values[2] >= 0).all()
         assert tracker.health.approximate > 0
-    with skin.track(friction=MU, baseline=15, budget=1.0, rate=50.0) as tracker:
+    with skin.track(friction=MU, baseline=15, budget=60.0, rate=50.0) as tracker:
         for frame, reading in zip(frames, readings):
             touch = tracker.step(reading, frame.time)
         assert tracker.health.approximate == 0
@@ -476,7 +476,7 @@ def test_correlated_noise_and_a_taxel_left_out() -> None:
 def test_a_new_contact_takes_nothing_over_from_the_last(skin: pp.Skin) -> None:
     rng = np.random.default_rng(0)
     left, right = (skin.sense(BALL.shifted(x, 0.0)) for x in (-3e-3, 3e-3))
-    with skin.track(friction=MU, baseline=10, budget=0.05) as tracker:
+    with skin.track(friction=MU, baseline=10, budget=60.0) as tracker:
         for i in range(160):
             if i == 80:  # work on the contact before, that ends when it is over
                 tracker._background._pending["move"] = Future()

@@ -34,11 +34,10 @@ def skin() -> pp.Skin:
 
 
 def until(condition: Callable[[], bool]) -> None:
-    for _ in range(3000):
-        if condition():
-            return
+    deadline = time.monotonic() + 120
+    while not condition():
+        assert time.monotonic() < deadline, "it did not come"
         time.sleep(0.01)
-    raise AssertionError("it did not come")
 
 
 def frames(count: int, offset: float = JUMP) -> Iterator[tuple[float, Any]]:
