@@ -36,6 +36,14 @@ def story(skin: pp.Skin) -> tuple[list[simulation.Frame], Any]:
     return frames, readings + noise
 
 
+@pytest.fixture(scope="module")
+def followed(skin: pp.Skin, story: Any) -> tuple[list[pp.Touch], Any]:
+    """The touches of the whole story, and the tracker's health after it."""
+    frames, readings = story
+    tracker = skin.track(friction=MU, baseline=15, rate=50.0)
+    return [tracker.step(reading, frame.time) for frame, reading in zip(frames, readings)], tracker.health
+
+
 # -- the simulator -------------------------------------------------------------------------------------------------------
 
 
@@ -78,13 +86,11 @@ def test_simulation_refuses(skin: pp.Skin, bad: dict[str, float]) -> None:
 # -- the tracker ---------------------------------------------------------------------------------------------------------
 
 
-def test_tracker_agrees_with_the_batch(skin: pp.Skin, story: Any) -> None:
+def test_tracker_agrees_with_the_batch(skin: pp.Skin, story: Any, followed: Any) -> None:
     """Contact made, rolled, twisted, slipped and lost: the same traction as frame-by-frame reconstruction."""
-    frames, readings = story
-    tracker = skin.track(friction=MU, baseline=15, rate=50.0)
+    (frames, readings), (touches, health) = story, followed
     worst, forces, seen = 0.0, 0.0, 0
-    for i, (frame, reading) in enumerate(zip(frames, readings)):
-        touch = tracker.step(reading, frame.time)
+    for i, (frame, reading, touch) in enumerate(zip(frames, readings, touches)):
         if frame.stage == "rest" and i > 0:
             assert not touch.touching
             assert not np.asarray(touch.values).any()
@@ -100,7 +106,7 @@ def test_tracker_agrees_with_the_batch(skin: pp.Skin, story: Any) -> None:
     assert seen > 5
     assert worst < 0.08  # weak patches of noise far from the contact, which only one of both may have
     assert forces < 0.04
-    assert tracker.health.approximate == 0
+    assert health.approximate == 0
 
 
 def test_tracker_solves_its_problem_exactly(skin: pp.Skin, story: Any) -> None:
@@ -127,12 +133,9 @@ def test_tracker_solves_its_problem_exactly(skin: pp.Skin, story: Any) -> None:
     assert np.abs(found - exact).max() < 1e-4 * exact.max()
 
 
-def test_tracker_is_as_right_as_the_truth_allows(skin: pp.Skin, story: Any) -> None:
-    frames, readings = story
-    tracker = skin.track(friction=MU, baseline=15, rate=50.0)
+def test_tracker_is_as_right_as_the_truth_allows(skin: pp.Skin, story: Any, followed: Any) -> None:
     inside = []
-    for frame, reading in zip(frames, readings):
-        touch = tracker.step(reading, frame.time)
+    for frame, touch in zip(story[0], followed[0]):
         true = frame.traction.sum(axis=(1, 2)) * skin.surface.cell
         if frame.stage in ("roll", "shear"):
             assert np.abs(np.asarray(touch.force) - true).max() < 0.06 * true[2]
@@ -363,8 +366,8 @@ def test_step_refuses_another_shape_and_goes_on(skin: pp.Skin) -> None:
 # -- the grasp -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("given", [MU, None])
-def test_slip_is_announced_before_it_happens(skin: pp.Skin, given: float | None) -> None:
+@pytest.fixture(scope="module")
+def slipping(skin: pp.Skin) -> list[simulation.Frame]:
     stages = [
         Stage("rest", 0.4, 0.0),
         Stage("press", 0.4, 1.2),
@@ -375,7 +378,14 @@ def test_slip_is_announced_before_it_happens(skin: pp.Skin, given: float | None)
         Stage("lift", 0.2, 0.0),
         Stage("rest", 0.2, 0.0),
     ]
-    frames = list(simulation.stream(skin, stages, friction=MU, radius=15e-3, rate=50.0))
+    return list(simulation.stream(skin, stages, friction=MU, radius=15e-3, rate=50.0))
+
+
+@pytest.mark.parametrize("given", [MU, None])
+def test_slip_is_announced_before_it_happens(
+    skin: pp.Skin, slipping: list[simulation.Frame], given: float | None
+) -> None:
+    frames = slipping
     rng = np.random.default_rng(0)
     size = 0.01 * max(float(np.abs(np.asarray(f.readings)).max()) for f in frames)
     received: list[Event] = []
