@@ -268,7 +268,7 @@ SEEDS = [0, *(pytest.param(i, marks=pytest.mark.long) for i in (1, 2))]
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("noise", [0.005, 0.03])
+@pytest.mark.parametrize("noise", [pytest.param(0.005, marks=pytest.mark.long), 0.03])
 def test_sliding_is_recognised(noise: float, seed: int) -> None:
     """A contact that slides: shear in one proportion to pressure, at the friction given, or at less where what is given is too high."""
     skin = skin_of(THREE)
@@ -721,6 +721,7 @@ def held_by_intervals(array: Any, contact: Any, frames: int) -> list[int]:
     return held
 
 
+@pytest.mark.long
 def test_error_bars_know_of_correlated_noise() -> None:
     """Taking correlated noise as independent makes the force's interval miss; saying so makes it hold."""
     array = pp.LineArray(
@@ -741,7 +742,10 @@ def test_error_bars_of_an_area_know_of_correlated_noise() -> None:
     assert naive <= 16
 
 
-@pytest.mark.parametrize(("kind", "width"), [("cylinder", 5.0), ("strip", 3.5), ("punch", 7.0)])
+LONG_ACROSS = [pytest.param(*case, marks=pytest.mark.long) for case in (("cylinder", 5.0), ("punch", 7.0))]
+
+
+@pytest.mark.parametrize(("kind", "width"), [("strip", 3.5), *LONG_ACROSS])
 def test_contact_across_the_edge(kind: str, width: float) -> None:
     """A wide contact, half of it beyond the array, comes out inside the array as well as it does in the middle."""
     layout = bench.LAYOUTS["line"]

@@ -290,7 +290,9 @@ def test_every_method_on_every_layout(method: Any, layout: str, rng: np.random.G
     assert touch.force[-1] == pytest.approx(1.0, rel=0.1)
 
 
-@pytest.mark.parametrize("method", ["tikhonov", "hilgers", "truncated", "wiener"])
+@pytest.mark.parametrize(
+    "method", ["tikhonov", "wiener", *(pytest.param(m, marks=pytest.mark.long) for m in ("hilgers", "truncated"))]
+)
 def test_periodic_and_free_agree_far_from_the_edge(method: Any, rng: np.random.Generator) -> None:
     array = pp.AreaArray(
         shape=(20, 21), pitch=0.5, depth=0.6, channels=["stress_xz", "stress_yz", "stress_zz"], noise=1e-3

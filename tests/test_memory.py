@@ -126,7 +126,12 @@ def test_the_remedy_is_accepted(name: str, monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.parametrize(
     "array",
-    [area(20, STRESS), area(28, ["stress_zz"]), without_one(area(18, STRESS)), scattered(22)],
+    [
+        area(20, STRESS),
+        area(28, ["stress_zz"]),
+        pytest.param(without_one(area(18, STRESS)), marks=pytest.mark.long),
+        scattered(22),
+    ],
     ids=["blocks", "one channel", "masked", "scattered"],
 )
 def test_the_estimate_is_what_is_allocated(array: Any) -> None:

@@ -95,8 +95,9 @@ def test_line_fields_are_in_equilibrium(contact: Any, nu: float) -> None:
         solutions.patch(half_widths=(0.7, 1.5), traction=1, component="x"),
         solutions.patch(half_widths=(0.7, 1.5), traction=1),
         solutions.point_load(force=1, component="y"),
-        solutions.hertz_point(radius=1, force=1).sliding(0.5, direction=1.0),
         solutions.flat_punch(radius=1, force=1),
+        # by quadrature: ten times as long
+        pytest.param(solutions.hertz_point(radius=1, force=1).sliding(0.5, direction=1.0), marks=pytest.mark.long),
     ],
 )
 def test_area_fields_are_in_equilibrium(contact: Any, nu: float) -> None:
