@@ -120,9 +120,9 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
             either = replace(table[of], shift=0.0).bounds(level, value, deviation, outside, np.asarray(-math.inf))
             low, high = np.where(free, either[0], low), np.where(free, either[1], high)
         if touch.touching is not None and not touch.touching.all():
-            # an empty frame's error is that of what would not show: nothing was found that could be biased
+            # an empty frame's error is that of what would not show: nothing was found that could be biased, and a pull would not show either
             empty = ~touch.touching.reshape((*touch.touching.shape, *(1,) * (low.ndim - touch.touching.ndim)))
-            plain = Calibration().bounds(level, value, deviation, outside, floor)
+            plain = Calibration().bounds(level, value, deviation, outside, np.asarray(-math.inf))
             low, high = np.where(empty, plain[0], low), np.where(empty, plain[1], high)
         if mirrored:
             low, high = np.where(turned, -high, low), np.where(turned, -low, high)

@@ -332,7 +332,7 @@ class ConstrainedEstimator:
     def _quiet(self, data: Floats, observed: Flags) -> Hypothesis | None:
         """The hypothesis of a frame that noise explains, alone or with offsets; None where there is more."""
         rows, limit = self.readings.planes(data), self.thresholds.contact
-        uneven = self.noise.uneven(data, observed, None) if self.parts.uneven_evidence else 0.0
+        uneven = self._uneven(data, observed, None)
         none = np.zeros(len(self.terms))
         flat = np.zeros((len(self.columns), math.prod(self.operator.surface.shape)))
         rough = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
@@ -357,6 +357,25 @@ class ConstrainedEstimator:
         sizes = np.linalg.lstsq(patterns.T, np.asarray(linear.spectrum.project(rows)), rcond=None)[0]
         present = np.abs(sizes) * unit > self.thresholds.nuisance * found.scale
         return Hypothesis(1, rough, np.where(present, sizes, 0.0), present)
+
+    def _uneven(self, data: Floats, observed: Flags, known: float | None) -> float:
+        """What noise of another level in each channel explains (`ChannelNoise.uneven`); nothing where the readings are in an order that
+        noise has seldom.
+        """
+        if not self.parts.uneven_evidence:
+            return 0.0
+        found = self.noise.uneven(data, observed, known)
+        if not found > 0.0:
+            return found
+        channel = self.noise.index[observed]
+        power, count = (
+            np.bincount(channel, data[observed] ** 2, self.noise.count),
+            np.bincount(channel, None, self.noise.count),
+        )
+        level = np.sqrt(power / np.maximum(count, 1))
+        relative = np.where(observed, data / np.maximum(level[self.noise.index], 1e-300), 0.0)
+        chance = misfit_probability(relative, observed, self.pairs, taken=0.0, known=False)
+        return 0.0 if chance < self.thresholds.ordered else found
 
     @cached_property
     def shifts(self) -> Floats:
@@ -392,7 +411,7 @@ class ConstrainedEstimator:
         for attempt in range(MOST_ATTEMPTS):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
             gain, parameter, scale, linear = evidence[1][:4]
-            uneven = self.noise.uneven(data, observed, known) if parts.uneven_evidence else 0.0
+            uneven = self._uneven(data, observed, known)
             floor = max(self.least_noise(data), rounding)
             noise = self.readings.std * np.maximum(scale if levels is None else levels[self.noise.index], floor)
             if not (gain > limits.contact + uneven and scale > 0):
@@ -544,9 +563,13 @@ class ConstrainedEstimator:
         """What a linear model makes of a frame; ``known`` fixes the noise scale where it is not the arrays' own."""
         return linear_evidence(linear, rows, self.parameter, known)
 
-    def undetected(self, scale: float) -> Errors:
+    def undetected(self, scale: float, data: Floats | None = None) -> Errors:
         """Errors of a frame without contact: what would not be noticed."""
-        return self.posterior.undetected(self.readings, self.depth, scale)
+        width = max(self.operator.surface.spacings)
+        # cells that are not finer than the array do not tell a place between shallow taxels
+        coarse = min(a.depth for a in self.operator.planes_of) < width and self.inside.sum() <= 2 * self.taxels
+        finer = self.level(2).operator if coarse else None
+        return self.posterior.undetected(self.readings, self.depth, scale, finer=finer, data=data)
 
     def summed_up(self, members: Sequence[ContactModel]) -> tuple[Floats, Errors]:
         """Mean traction (component, *grid) of contact models by their weights, and the errors of every quantity."""
@@ -558,7 +581,7 @@ class ConstrainedEstimator:
         shape = (len(names), *grid.shape)
         # from the readings themselves: the residual is all noise
         rms = float(np.sqrt(np.mean((data / self.readings.std) ** 2)))
-        errors = self.undetected(scale if self.noise_known else rms)
+        errors = self.undetected(scale if self.noise_known else rms, np.where(outliers, 0.0, data))
         empty = np.zeros((self.draws, *shape)) if self.draws else None
         noise = np.full(self.noise.count, scale)
         return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)

@@ -110,6 +110,9 @@ class Thresholds:
     #: plain sense of the word.
     most: float = 0.5
 
+    #: Noise of another level in each channel explains nothing where neighbours are so alike that noise is as seldom: one empty frame in a thousand.
+    ordered: float = 1e-3
+
     # -- what a frame is taken to be (`palpate.inverse.contact.hypotheses`)
 
     #: Other signs and offsets are tried where contact that pushes leaves this part of the readings ...

@@ -6,7 +6,7 @@ Variances are those on the face of the constraints that a solution lies on, in w
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -286,26 +286,46 @@ class Posterior:
             "outside_peak": np.asarray(outside[-1][top]),
         }
 
-    def undetected(self, readings: Readings, depth: float, scale: float) -> Errors:
-        """What would not be noticed: the error of the pressure of a patch as wide as the depth, the least that would show."""
+    def undetected(
+        self,
+        readings: Readings,
+        depth: float,
+        scale: float,
+        *,
+        finer: Operator | None = None,
+        data: Floats | None = None,
+    ) -> Errors:
+        """What would not be noticed: the error of the pressure of a patch as wide as the depth, the least that would show, over a taxel or
+        between taxels.
+
+        ``finer`` is an operator on cells that tell both places apart, where those of the surface do not. ``data`` are the frame's readings: a
+        patch that they speak for, if not loudly enough, may be as large as they say.
+        """
         grid, names = self.operator.surface, self.operator.surface.components
         shape = (len(names), *grid.shape)
-        radius = np.zeros(grid.shape)
-        for axis, x in enumerate(grid.axes):
-            offset = x - x[len(x) // 2]
-            radius = radius + (offset**2).reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
-        patch = radius <= max(depth, max(grid.spacings)) ** 2
-        response = self.operator.columns(self.columns, np.flatnonzero(patch)).sum(axis=2)
         noise = readings.std * scale
-        with np.errstate(divide="ignore", invalid="ignore"):
-            sharp = np.where(noise[:, None] > 0, response / noise[:, None], np.inf)
-        if np.isfinite(sharp).all():
-            sharp = readings.white(sharp, np.ones(len(noise), dtype=bool))
-        amplitude = 1.0 / np.sqrt((sharp**2).sum(axis=0))
-        area = float(patch.sum()) * grid.cell
         std, force = np.zeros(shape), np.zeros(len(names))
-        for i, c in enumerate(self.columns):
-            std[c], force[c] = amplitude[i], amplitude[i] * area
+        operator = finer or self.operator
+        every = np.ones(len(noise), dtype=bool)
+        slope = None
+        if data is not None and (noise > 0).all():
+            white = readings.white(readings.white(data / noise, every), every)
+            slope = operator.adjoint(readings.planes(white / noise))[list(self.columns)]
+        for patch, places in _patches(operator, depth):
+            response = operator.columns(self.columns, np.flatnonzero(patch)).sum(axis=2)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                sharp = np.where(noise[:, None] > 0, response / noise[:, None], np.inf)
+            if np.isfinite(sharp).all():
+                sharp = readings.white(sharp, every)
+            amplitude = 1.0 / np.sqrt((sharp**2).sum(axis=0))
+            if slope is not None:
+                import scipy.ndimage
+
+                near = np.abs(scipy.ndimage.correlate(slope, _cropped(patch)[None], mode="constant"))
+                amplitude = amplitude * (1.0 + 0.5 * amplitude * near[(slice(None), *places)].max(axis=1))
+            area = float(patch.sum()) * operator.surface.cell
+            for i, c in enumerate(self.columns):
+                std[c], force[c] = np.maximum(std[c], amplitude[i]), max(force[c], amplitude[i] * area)
         reach = max(float(np.abs(x).max()) for x in grid.axes)
         return Errors(
             std,
@@ -357,3 +377,32 @@ class Posterior:
             ray = ray + np.linalg.solve(factor.corner.T, rng.standard_normal(count)) @ changes
         shear = float(np.linalg.norm(ray[:-1]))
         return np.append(ray[:-1] * min(1.0, float(self.cone.friction or shear) / max(shear, 1e-300)), 1.0)
+
+
+def _patches(operator: Operator, depth: float) -> Iterator[tuple[Flags, tuple[Index, ...]]]:
+    """Cells (*grid) within the depth of the array's middle taxel, and of the place between it and the next ones; with either, the cells of
+    all such places.
+    """
+    grid = operator.surface
+    points = np.concatenate([a.points[np.ravel(a.valid)] for a in operator.planes_of])
+    middle = int(np.argmin(((points - points.mean(axis=0)) ** 2).sum(axis=1)))
+    away = np.sqrt(((points - points[middle]) ** 2).sum(axis=1))
+    next_to = float(away[away > 0].min(initial=math.inf))
+    for aside in (0.0, 0.5 * next_to):
+        if not math.isfinite(aside):
+            continue
+        radius, places = np.zeros(grid.shape), []
+        for axis, x in enumerate(grid.axes):
+            offset = (x - points[middle, axis] - aside) ** 2
+            radius = radius + offset.reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
+            places.append(np.abs(x[:, None] - points[:, axis] - aside).argmin(axis=0))
+        patch = radius <= max(depth**2, max(grid.spacings) ** 2, float(radius.min())) * (1.0 + 1e-9)
+        yield patch, tuple(places)
+
+
+def _cropped(patch: Flags) -> Floats:
+    """The part of a field that is not empty."""
+    where = [
+        np.flatnonzero(patch.any(axis=tuple(a for a in range(patch.ndim) if a != axis))) for axis in range(patch.ndim)
+    ]
+    return patch[tuple(slice(w[0], w[-1] + 1) for w in where)].astype(np.float64)
