@@ -208,7 +208,7 @@ def hypothesis_of(
         unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
         noise = max(best.rough.left, estimator.least_noise(data))
         # something is left over, or the edge of the array is loaded all round
-        doubt = (np.abs(rest) * unit > t.nuisance * noise).any() or best.rough.ring > t.ring
+        doubt = (np.abs(rest) * unit > t.nuisance * noise).any() or best.rough.ring > t.edge
         doubt |= _worth(best, t.doubt, total)
         if doubt:
             for sign in {h.sign for h in tried}:

@@ -117,7 +117,10 @@ class Thresholds:
 
     #: Other signs and offsets are tried where contact that pushes leaves this part of the readings ...
     doubt: float = 0.15
-    #: ... or where the outermost cells over the array are loaded on more than this part of its edge.
+    #: ... or where the outermost cells over the array are loaded on more than this part of its edge (one end of a line, two sides of an area):
+    #: that is what contact across the edge does, and what an offset is taken for.
+    edge: float = 0.4
+    #: Where they are loaded nearly all round, an offset may hide even if none was found.
     ring: float = 0.7
     #: A nuisance is there if its size is this many standard deviations (once in 16,000 frames without it).
     nuisance: float = 4.0
