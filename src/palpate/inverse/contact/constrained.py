@@ -26,17 +26,18 @@ from palpate.errors import Unsupported
 from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.frame import Frame, Run
-from palpate.inverse.contact.hypotheses import Hypothesis, Rough, hypothesis_of, rough_fit, without_outliers
+from palpate.inverse.contact.hypotheses import Hypothesis, hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.model import ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
 from palpate.inverse.contact.posterior import AMBIGUOUS_FORCE, AMBIGUOUS_SHEAR, Posterior, posterior_factor, taken_by
 from palpate.inverse.contact.quadratic import Penalty, formed_or_not
+from palpate.inverse.contact.quiet import explained_by_noise, uneven
 from palpate.inverse.contact.screening import Ceilings, ceilings, outermost, screened
 from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.fit import MODEL_DETAIL, misfit_probability, neighbours
-from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence, log_evidence
+from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.regularised import Decomposition
@@ -315,7 +316,7 @@ class ConstrainedEstimator:
             found = screened(self.orders[1], self.readings, data, alive & ~limits, self.shifts, self.thresholds)
             usable &= ~found.broken
             filled = np.where(usable, data, found.explained)
-        quiet = self._quiet(filled, usable)
+        quiet = explained_by_noise(self, filled, usable)
         h = quiet or hypothesis_of(self, filled, usable, self.terms, signs=self.signs)
         if self.parts.outliers and quiet is None:
             h, counted = without_outliers(self, h, filled, usable)
@@ -328,54 +329,6 @@ class ConstrainedEstimator:
             if chance < self.thresholds.structured_chance or everywhere:
                 return self._unexplained(data, ~usable, chance)
         return self._framed(self._run(h, filled, alive, usable, ends), data, ends, rng)
-
-    def _quiet(self, data: Floats, observed: Flags) -> Hypothesis | None:
-        """The hypothesis of a frame that noise explains, alone or with offsets; None where there is more."""
-        rows, limit = self.readings.planes(data), self.thresholds.contact
-        uneven = self._uneven(data, observed, None)
-        none = np.zeros(len(self.terms))
-        flat = np.zeros((len(self.columns), math.prod(self.operator.surface.shape)))
-        rough = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
-        linear = self.orders[1]
-        plain = self.evidence(linear, rows, None)
-        if not plain.gain > limit + uneven:
-            return Hypothesis(1, rough, none, none > 0)
-        if not self.terms:
-            return None
-        patterns = np.stack([np.asarray(linear.spectrum.project(self.readings.planes(c))) for c in self.shifts.T])
-        found = linear_evidence(linear, rows, self.parameter, None, patterns)
-        if found.gain > limit + uneven:
-            return None
-        noise = 1.0 if self.noise_known else None
-        reach = [np.abs(data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in self.shifts.T]
-        prior = float(np.log(np.maximum(np.array(reach) * self.thresholds.largest_nuisance, 1e-300)).sum())
-        alone = log_evidence(found.objective, found.logdet, found.freedom, noise) - found.gain - prior
-        if alone < log_evidence(plain.objective, plain.logdet, plain.freedom, noise):
-            return None
-        # noise alone, about an offset
-        unit = np.sqrt((patterns**2).sum(axis=1))
-        sizes = np.linalg.lstsq(patterns.T, np.asarray(linear.spectrum.project(rows)), rcond=None)[0]
-        present = np.abs(sizes) * unit > self.thresholds.nuisance * found.scale
-        return Hypothesis(1, rough, np.where(present, sizes, 0.0), present)
-
-    def _uneven(self, data: Floats, observed: Flags, known: float | None) -> float:
-        """What noise of another level in each channel explains (`ChannelNoise.uneven`); nothing where the readings are in an order that
-        noise has seldom.
-        """
-        if not self.parts.uneven_evidence:
-            return 0.0
-        found = self.noise.uneven(data, observed, known)
-        if not found > 0.0:
-            return found
-        channel = self.noise.index[observed]
-        power, count = (
-            np.bincount(channel, data[observed] ** 2, self.noise.count),
-            np.bincount(channel, None, self.noise.count),
-        )
-        level = np.sqrt(power / np.maximum(count, 1))
-        relative = np.where(observed, data / np.maximum(level[self.noise.index], 1e-300), 0.0)
-        chance = misfit_probability(relative, observed, self.pairs, taken=0.0, known=False)
-        return 0.0 if chance < self.thresholds.ordered else found
 
     @cached_property
     def shifts(self) -> Floats:
@@ -411,10 +364,10 @@ class ConstrainedEstimator:
         for attempt in range(MOST_ATTEMPTS):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
             gain, parameter, scale, linear = evidence[1][:4]
-            uneven = self._uneven(data, observed, known)
+            loud = uneven(self, data, observed, known)
             floor = max(self.least_noise(data), rounding)
             noise = self.readings.std * np.maximum(scale if levels is None else levels[self.noise.index], floor)
-            if not (gain > limits.contact + uneven and scale > 0):
+            if not (gain > limits.contact + loud and scale > 0):
                 return Run(h, [], data, noise, observed, parameter, scale, levels, True, math.inf, nothing)
             first, explained = self.fit(linear, data / noise, noise, observed, parameter / scale**2)
             if high is not None and attempt < ROUNDS_OF_OUTLIERS:

@@ -91,6 +91,8 @@ def ceilings(
             rounded = bool(np.abs(steps - np.round(steps)).max() < 1e-6 * max(1.0, float(steps.max())))
         if rounded:
             step[a:b] = smallest
+        if not rounded and _symmetric(values, size):
+            continue
         fewest = FEWEST_ROUNDED if rounded else FEWEST_AT_CEILING
         for flags, end in ((upper, levels[-1]), (lower, levels[0])):
             there = np.abs(values - end) <= 1e-12 * size
@@ -104,6 +106,14 @@ def ceilings(
         beside[pairs[0][both]] = beside[pairs[1][both]] = True
         flags &= beside
     return Ceilings(upper, lower, step)
+
+
+def _symmetric(values: Floats, size: float) -> bool:
+    """Whether most readings between the ends have a twin, as those made without noise for a contact in the middle have: not a ceiling."""
+    inner = np.sort(values[(values < values.max() - 1e-12 * size) & (values > values.min() + 1e-12 * size)])
+    same = np.diff(inner) <= 1e-12 * size
+    twin = np.append(same, False) | np.insert(same, 0, False)
+    return bool(len(inner) >= FEWEST_READINGS and twin.mean() > 0.5)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,69 @@
+"""Whether noise explains a frame, alone or about offsets: "no contact" is a claim."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.hypotheses import Hypothesis, Rough
+from palpate.inverse.fit import misfit_probability
+from palpate.inverse.linear.evidence import linear_evidence, log_evidence
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.constrained import ConstrainedEstimator
+
+__all__ = ["explained_by_noise", "uneven"]
+
+Flags = npt.NDArray[np.bool_]
+
+
+def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: Flags) -> Hypothesis | None:
+    """The hypothesis of a frame that noise explains, alone or with offsets; None where there is more."""
+    rows, limit = estimator.readings.planes(data), estimator.thresholds.contact
+    loud = uneven(estimator, data, observed, None)
+    none = np.zeros(len(estimator.terms))
+    flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
+    rough = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
+    linear = estimator.orders[1]
+    plain = estimator.evidence(linear, rows, None)
+    if not plain.gain > limit + loud:
+        return Hypothesis(1, rough, none, none > 0)
+    if not estimator.terms:
+        return None
+    patterns = np.stack([np.asarray(linear.spectrum.project(estimator.readings.planes(c))) for c in estimator.shifts.T])
+    found = linear_evidence(linear, rows, estimator.parameter, None, patterns)
+    if found.gain > limit + loud:
+        return None
+    noise = 1.0 if estimator.noise_known else None
+    reach = [np.abs(data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in estimator.shifts.T]
+    prior = float(np.log(np.maximum(np.array(reach) * estimator.thresholds.largest_nuisance, 1e-300)).sum())
+    alone = log_evidence(found.objective, found.logdet, found.freedom, noise) - found.gain - prior
+    if alone < log_evidence(plain.objective, plain.logdet, plain.freedom, noise):
+        return None
+    # noise alone, about an offset
+    unit = np.sqrt((patterns**2).sum(axis=1))
+    sizes = np.linalg.lstsq(patterns.T, np.asarray(linear.spectrum.project(rows)), rcond=None)[0]
+    present = np.abs(sizes) * unit > estimator.thresholds.nuisance * found.scale
+    return Hypothesis(1, rough, np.where(present, sizes, 0.0), present)
+
+
+def uneven(estimator: ConstrainedEstimator, data: Floats, observed: Flags, known: float | None) -> float:
+    """What noise of another level in each channel explains (`ChannelNoise.uneven`); nothing where the readings are in an order that
+    noise has seldom.
+    """
+    if not estimator.parts.uneven_evidence:
+        return 0.0
+    found = estimator.noise.uneven(data, observed, known)
+    if not found > 0.0:
+        return found
+    channel = estimator.noise.index[observed]
+    power = np.bincount(channel, data[observed] ** 2, estimator.noise.count)
+    count = np.bincount(channel, None, estimator.noise.count)
+    level = np.sqrt(power / np.maximum(count, 1))
+    relative = np.where(observed, data / np.maximum(level[estimator.noise.index], 1e-300), 0.0)
+    chance = misfit_probability(relative, observed, estimator.pairs, taken=0.0, known=False)
+    return 0.0 if chance < estimator.thresholds.ordered else found
