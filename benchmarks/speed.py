@@ -1,9 +1,12 @@
 """Time and memory of palpate's main paths, as ratios within one run (machines are noisy; compare columns, not runs).
 
-    python benchmarks/speed.py [--large | --pads | --methods N | --frames N ... [--against SRC]]
+    python benchmarks/speed.py [--large | --transforms | --pads | --methods N | --frames N ... [--against SRC]]
 
 For each skin: preparing the operator, one forward application against a bare FFT of the same padded size, preparing the
 default reconstruction, one frame and one frame of a batch of 64. --large adds 64 x 64 x 3 (about a minute, 3 GB).
+
+--transforms: forward and adjoint, all three components loaded or one, against the zero-padded FFTs that they cannot do without;
+with --write into docs/_generated/transforms.md.
 
 --frames: processor time of one frame by the automatic method on N x N x 3, small contacts and large, with friction given and without; with
 --against, in turn with another copy of the library (the folder that holds its "palpate"), each in a process of its own.
@@ -26,17 +29,18 @@ import scipy.fft
 
 import palpate as pp
 
+TRANSFORMS = Path(__file__).parent.parent / "docs" / "_generated" / "transforms.md"
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 THREE = ["stress_xz", "stress_yz", "stress_zz"]
 
 
-def best(run: Callable[[], Any], repeats: int = 20) -> float:
+def best(run: Callable[[], Any], repeats: int = 20, clock: Callable[[], float] = time.perf_counter) -> float:
     run()
     times = []
     for _ in range(repeats):
-        start = time.perf_counter()
+        start = clock()
         run()
-        times.append(time.perf_counter() - start)
+        times.append(clock() - start)
     return min(times)
 
 
@@ -77,6 +81,46 @@ def report(name: str, skin: pp.Skin, dtype: Any) -> None:
         f"{1e3 * frame:>11.2f}{1e3 * many:>11.2f}{memory:>9.1f}",
         flush=True,
     )
+
+
+def transforms(write: bool) -> None:
+    """Forward and adjoint against the least that FFTs ask for: what is loaded to the padded size, and what is read back."""
+    table = [
+        "| skin | components loaded | | padded to | FFT pair, ms | forward | adjoint |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    print("\n".join(table), flush=True)
+    for n in (16, 32, 64, 128, 256):
+        for channels, loaded in ((THREE, (0, 1, 2)), (THREE, (2,)), (THREE[2:], (2,))):
+            skin = area(n, channels)
+            operator, size = skin.operator, skin.operator.planes[0].size  # type: ignore[attr-defined]
+            for dtype in (np.float64, np.float32):
+                rng = np.random.default_rng(0)
+                traction = rng.standard_normal((len(loaded), *skin.surface.shape)).astype(dtype)
+                readings = rng.standard_normal((len(channels), n, n)).astype(dtype)
+                repeats = max(5, 4_000_000 // n**2 // 40)
+
+                spectra = scipy.fft.rfftn(rng.standard_normal((3, *size)).astype(dtype), axes=(1, 2))
+
+                def pair(there: Any, back: int, spectra: Any = spectra, size: Any = size) -> None:
+                    scipy.fft.rfftn(there, s=size, axes=(1, 2))
+                    scipy.fft.irfftn(spectra[:back], s=size, axes=(1, 2))
+
+                rows, columns = len(channels), len(loaded)
+                runs: list[Callable[[], Any]] = [
+                    lambda t=traction, b=rows: pair(t, b),
+                    lambda o=operator, t=traction, c=loaded: o.forward(t, c),
+                    lambda r=readings, b=columns: pair(r, b),
+                    lambda o=operator, r=readings, c=loaded: o.adjoint([r], c),
+                ]
+                floor, forward, back, adjoint = (best(run, repeats, time.process_time) for run in runs)
+                table.append(
+                    f"| {n} x {n} x {rows} | {columns} of 3 | {np.dtype(dtype).name} | {' x '.join(map(str, size))} | {1e3 * floor:.3f} | "
+                    f"{forward / floor:.2f} | {adjoint / back:.2f} |"
+                )
+                print(table[-1], flush=True)
+    if write:
+        TRANSFORMS.write_text("\n".join(table) + "\n", encoding="utf-8")
 
 
 def pads() -> None:
@@ -226,6 +270,8 @@ def frames(sizes: list[int], against: str | None, repeats: int = 3) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--large", action="store_true")
+    parser.add_argument("--transforms", action="store_true", help="forward and adjoint against bare FFTs instead")
+    parser.add_argument("--write", action="store_true", help="these into docs/_generated/transforms.md")
     parser.add_argument("--pads", action="store_true", help="layered pads against the half-space instead")
     parser.add_argument("--methods", type=int, metavar="N", help="every method on N x N x 3 instead")
     parser.add_argument("--only", metavar="TEXT", help="of these, the ones whose name has this in it")
@@ -237,6 +283,9 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.worker:
         worker(arguments.worker)
+        return
+    if arguments.transforms:
+        transforms(arguments.write)
         return
     if arguments.frames:
         frames(arguments.frames, arguments.against)

@@ -345,3 +345,25 @@ def test_columns_are_those_of_the_matrix(layout: str, boundary: str, rng: np.ran
     wanted = [count - 1, 0]
     dense = op.dense().reshape(-1, count, cells)[:, wanted][:, :, some]
     np.testing.assert_allclose(op.columns(wanted, some), dense, rtol=0, atol=1e-13 * np.abs(dense).max())
+
+
+@pytest.mark.parametrize("boundary", ["free", "periodic"])
+def test_components_in_any_order(boundary: str, rng: np.random.Generator) -> None:
+    """Some components, also out of order, in batches and in single precision: the same as all of them with zeros."""
+    array = pp.AreaArray(shape=(5, 6), pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"])
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.45)
+    operator = pp.Skin(pad, array, boundary=boundary).operator  # type: ignore[arg-type]
+    for among in ((0,), (2,), (0, 2), (2, 0), (1, 0, 2)):
+        for dtype, within in ((np.float64, 1e-12), (np.float32, 1e-5)):
+            traction = rng.standard_normal((2, len(among), *operator.surface.shape)).astype(dtype)
+            whole = np.zeros((2, 3, *operator.surface.shape), dtype=dtype)
+            whole[:, list(among)] = traction
+            (found,), (expected,) = operator.forward(traction, among), operator.forward(whole)
+            assert found.dtype == dtype
+            np.testing.assert_allclose(found, expected, atol=within * np.abs(expected).max())
+            readings = rng.standard_normal((2, 2, 5, 6)).astype(dtype)
+            kept = readings.copy()
+            back = operator.adjoint([readings], among)
+            np.testing.assert_array_equal(readings, kept)
+            all_of_it = operator.adjoint([readings])[:, list(among)]
+            np.testing.assert_allclose(back, all_of_it, atol=within * np.abs(all_of_it).max())

@@ -161,23 +161,33 @@ def from_numpy(a: npt.NDArray[Any], like: Any) -> Any:
 
 
 def rfftn(x: Any, shape: Sequence[int]) -> Any:
-    """Real FFT over the last ``len(shape)`` axes, zero-padded to ``shape``."""
+    """Real FFT over the last ``len(shape)`` axes, zero-padded to ``shape``. Rows of zeros are not transformed."""
     axes = tuple(range(-len(shape), 0))
     if is_numpy(x):
         import scipy.fft
 
-        return scipy.fft.rfftn(x, s=tuple(shape), axes=axes)
+        if len(shape) != 2:
+            return scipy.fft.rfftn(x, s=tuple(shape), axes=axes)
+        rows = scipy.fft.rfft(x, n=shape[1], axis=-1)
+        return scipy.fft.fft(rows, n=shape[0], axis=-2, overwrite_x=True)
     return namespace(x).fft.rfftn(x, s=tuple(shape), axes=axes)
 
 
-def irfftn(x: Any, shape: Sequence[int]) -> Any:
-    """Inverse of `rfftn`."""
+def irfftn(x: Any, shape: Sequence[int], keep: Sequence[slice] | None = None, *, overwrite: bool = False) -> Any:
+    """Inverse of `rfftn`; ``keep``: the part of the result that is wanted, one slice for each axis; ``overwrite``: ``x`` may be used up."""
     axes = tuple(range(-len(shape), 0))
     if is_numpy(x):
         import scipy.fft
 
-        return scipy.fft.irfftn(x, s=tuple(shape), axes=axes)
-    return namespace(x).fft.irfftn(x, s=tuple(shape), axes=axes)
+        if len(shape) != 2:
+            full = scipy.fft.irfftn(x, s=tuple(shape), axes=axes)
+            return full if keep is None else full[(..., *keep)]
+        rows = scipy.fft.ifft(x, axis=-2, overwrite_x=overwrite)
+        if keep is None:
+            return scipy.fft.irfft(rows, n=shape[1], axis=-1)
+        return scipy.fft.irfft(rows[..., keep[0], :], n=shape[1], axis=-1)[..., keep[1]]
+    full = namespace(x).fft.irfftn(x, s=tuple(shape), axes=axes)
+    return full if keep is None else full[(..., *keep)]
 
 
 def fftn(x: npt.NDArray[Any], axes: int) -> npt.NDArray[np.complex128]:

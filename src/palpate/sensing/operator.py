@@ -18,7 +18,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from palpate._arrays import device_of, from_numpy, irfftn, namespace, rfftn
+from palpate._arrays import device_of, from_numpy, irfftn, is_numpy, namespace, rfftn
 from palpate._memory import require
 from palpate.elastic.channels import find_channel
 from palpate.elastic.half_space import HalfSpace
@@ -40,6 +40,8 @@ LARGEST_DENSE = 3_000_000_000
 
 #: Up to so many readings at positions that fit no lattice their map is a matrix, which is exact.
 LARGEST_MATRIX = 4096
+#: Bytes of a block of wavevectors in products of spectra: what the processor's second cache holds beside its sources.
+NEAR = 1 << 17
 #: Places of the components that a traction holds; None: all of them.
 Among = Sequence[int] | None
 
@@ -59,14 +61,21 @@ class _Cached:
         self._copies: dict[tuple[Any, ...], Any] = {}
 
     def like(self, x: Any) -> Any:
-        key = (namespace(x).__name__, str(x.dtype), str(getattr(x, "device", "")))
+        key: tuple[Any, ...] = (x.dtype,)
+        if not is_numpy(x):
+            key = (namespace(x).__name__, str(x.dtype), str(getattr(x, "device", "")))
         if key not in self._copies:
             self._copies[key] = from_numpy(self.value, x)
         return self._copies[key]
 
 
 def _multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
-    """Apply ``columns`` of (rows, all columns, *k) to (..., columns, *k), or their conjugate transpose to (..., rows, *k)."""
+    """Apply ``columns`` of (rows, all columns, *k) to (..., columns, *k), or their conjugate transpose to (..., rows, *k).
+
+    ``spectrum`` is used up.
+    """
+    if is_numpy(spectrum):
+        return _multiplied(matrix, spectrum, rows, columns, d, adjoint=adjoint)
     tail = (slice(None),) * d
     if adjoint:  # conj(K) y = conj(K conj(y)): fewer entries than those of K
         spectrum = xp.conj(spectrum)
@@ -80,6 +89,40 @@ def _multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[
         out.append(total)
     stacked = xp.stack(out, axis=-1 - d)
     return xp.conj(stacked) if adjoint else stacked
+
+
+def _multiplied(matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
+    """The same for NumPy, a block of wavevectors at a time, so that what is added up stays near the processor."""
+    lead, waves = spectrum.shape[: -1 - d], spectrum.shape[-d:]
+    step = columns[1] - columns[0] if len(columns) > 1 else 1
+    taken: Any = slice(columns[0], columns[-1] + 1, step or 1)
+    if list(range(matrix.shape[1]))[taken] != list(columns):  # a copy, where they are in no order
+        taken = list(columns)
+    if adjoint:  # conj(K) y = conj(K conj(y)): fewer entries than those of K
+        np.conjugate(spectrum, out=spectrum)
+        matrix = np.swapaxes(matrix[:, taken], 0, 1)
+    else:
+        matrix = matrix[:, taken]
+    count, sources = matrix.shape[:2]
+    out: Any = np.empty((*lead, count, *waves), dtype=spectrum.dtype)
+    each = spectrum.itemsize * max(1, math.prod(lead)) * count * math.prod(waves[1:])
+    block = min(waves[0], max(1, NEAR // each))
+    term: Any = np.empty((*lead, count, block, *waves[1:]), dtype=spectrum.dtype)
+    tail = (slice(None),) * (d - 1)
+    for start in range(0, waves[0], block):
+        here: tuple[Any, ...] = (slice(start, min(start + block, waves[0])), *tail)
+        part = term[(..., slice(0, here[0].stop - start), *tail)]
+        total = out[(..., *here)]
+        for source in range(sources):
+            entry, wave = matrix[(slice(None), source, *here)], spectrum[(..., source, None, *here)]
+            if source == 0:
+                np.multiply(entry, wave, out=total)
+            else:
+                np.multiply(entry, wave, out=part)
+                np.add(total, part, out=total)
+    if adjoint:
+        np.conjugate(out, out=out)
+    return out
 
 
 def commensurate(array: Array, grid: Grid) -> tuple[tuple[int, ...], tuple[float, ...]] | None:
@@ -147,8 +190,8 @@ class Convolution:
         product = _multiply(
             xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, columns, d, adjoint=False
         )
-        full = irfftn(product, self.size)
-        return full[(..., *(slice(0, (m - 1) * r + 1, r) for m, r in zip(self.taxels, self.ratios)))]
+        keep = [slice(0, (m - 1) * r + 1, r) for m, r in zip(self.taxels, self.ratios)]
+        return irfftn(product, self.size, keep, overwrite=True)
 
     def adjoint(self, readings: Any, among: Among = None) -> Any:
         xp, d = namespace(readings), len(self.size)
@@ -159,7 +202,7 @@ class Convolution:
         product = _multiply(
             xp, self.spectrum.like(readings), rfftn(upsampled, self.size), self.rows, columns, d, adjoint=True
         )
-        return irfftn(product, self.size)[(..., *(slice(0, n) for n in self.cells))]
+        return irfftn(product, self.size, [slice(0, n) for n in self.cells], overwrite=True)
 
     def dense(self) -> Floats:
         """(channel, *taxels, component, *cells)."""
@@ -318,7 +361,7 @@ class _Periodic:
         product = _multiply(
             xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, columns, d, adjoint=False
         )
-        return irfftn(product, self.size)
+        return irfftn(product, self.size, overwrite=True)
 
     def adjoint(self, readings: Any, among: Among = None) -> Any:
         xp, d = namespace(readings), len(self.size)
@@ -326,7 +369,7 @@ class _Periodic:
         product = _multiply(
             xp, self.spectrum.like(readings), rfftn(readings, self.size), self.rows, columns, d, adjoint=True
         )
-        return irfftn(product, self.size)
+        return irfftn(product, self.size, overwrite=True)
 
     def dense(self) -> Floats:
         """(channel, *taxels, component, *cells)."""
