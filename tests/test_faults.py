@@ -335,3 +335,19 @@ def test_a_contact_right_in_the_middle_without_noise_is_not_at_a_ceiling() -> No
     low, high = touch.interval(0.95, of="force")
     assert 0.95 < low[2] < high[2] < 1.05
     assert not any("end of their range" in note for note in touch.notes)
+
+
+def test_a_dead_taxel_under_a_narrow_contact_is_left_out() -> None:
+    """A reading of exactly zero beside 17, 25, 21 and 9 kPa made so much noise that nothing was said to touch."""
+    array = pp.LineArray(count=28, pitch=5e-3, depth=4.6e-3, channels=["stress_zz"])
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=3e5, poissons_ratio=0.45), array)
+    fine = pp.Skin(skin.pad, array, surface=pp.LineGrid(count=280, spacing=0.5e-3))
+    readings = fine.sense(pp.solutions.hertz_line(half_width=8e-3, force=500.0).shifted(-12e-3))
+    readings = readings + 0.01 * readings.max() * np.random.default_rng(3).standard_normal(readings.shape)
+    dead = int(np.argmax(readings[0]))
+    readings[0, dead] = 0.0
+    touch = skin.reconstruct(readings)
+    low, high = touch.interval(0.95, of="force")
+    assert low[1] < 500.0 < high[1]
+    assert float(touch.force[1]) == pytest.approx(500.0, rel=0.1)
+    assert any(f"taxel ({dead},)" in note for note in touch.notes)

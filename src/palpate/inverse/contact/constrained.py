@@ -33,7 +33,7 @@ from palpate.inverse.contact.parts import Parts, Thresholds
 from palpate.inverse.contact.posterior import AMBIGUOUS_FORCE, AMBIGUOUS_SHEAR, Posterior, posterior_factor, taken_by
 from palpate.inverse.contact.quadratic import Penalty, formed_or_not
 from palpate.inverse.contact.quiet import explained_by_noise, uneven
-from palpate.inverse.contact.screening import Ceilings, ceilings, outermost, screened
+from palpate.inverse.contact.screening import Ceilings, ceilings, outermost, screened, silent
 from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.fit import MODEL_DETAIL, misfit_probability, neighbours
@@ -308,6 +308,8 @@ class ConstrainedEstimator:
         """Contact in one frame of readings, (channel, *array) per plane."""
         data = self.readings.flat(self.operator.observed(readings))
         alive = self.noise.alive(data)
+        if self.parts.screening:
+            alive &= ~silent(data, self.noise.index, self.pairs)
         ends = ceilings(data, self.noise.index, self.pairs) if self.parts.screening else None
         usable = alive.copy()
         filled = data
@@ -359,7 +361,8 @@ class ConstrainedEstimator:
         nothing = np.zeros((len(data), 0)), np.zeros(0)
         refined = 0
         follows = self.ambiguous or self._follows(h, rows)
-        if follows and h.sign and not self.noise_known:
+        if (follows or not usable.all()) and h.sign and not self.noise_known:
+            # a linear model makes noise of the edges of what is filled in
             known = max(h.rough.left, self.least_noise(data))
         for attempt in range(MOST_ATTEMPTS):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}

@@ -22,7 +22,7 @@ from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence, log
 from palpate.inverse.linear.regularised import Decomposition
 from palpate.inverse.linear.whitening import Readings
 
-__all__ = ["TOO_MUCH", "Ceilings", "Screened", "ceilings", "linear_noise", "outermost", "screened"]
+__all__ = ["TOO_MUCH", "Ceilings", "Screened", "ceilings", "linear_noise", "outermost", "screened", "silent"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -32,6 +32,8 @@ FIRST_NOISE, SETTLED, ROUNDS = 0.3, 1.2, 10
 #: Readings at one value that is the largest (or smallest) of their channel, so many at least, lie at a ceiling; where all readings are
 #: rounded to a step, neighbours of a peak often share its value, and it takes more.
 FEWEST_AT_CEILING, FEWEST_ROUNDED = 2, 4
+#: A reading of exactly zero is dead where its neighbours read this part of the channel's largest on average.
+BESIDE = 0.1
 #: Readings count as rounded where the largest is this many steps at most (12 bits).
 MOST_STEPS = 4096
 #: Candidates that are looked at closely in each round.
@@ -106,6 +108,27 @@ def ceilings(
         beside[pairs[0][both]] = beside[pairs[1][both]] = True
         flags &= beside
     return Ceilings(upper, lower, step)
+
+
+def silent(
+    data: Floats, index: npt.NDArray[np.intp], pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
+) -> Flags:
+    """Readings of exactly zero among neighbours that read as one: dead taxels, which noise would have moved."""
+    zero = data == 0.0
+    out = np.zeros(len(data), dtype=bool)
+    if not zero.any() or zero.all():
+        return out
+    largest = np.zeros(int(index[-1]) + 1)
+    np.maximum.at(largest, index, np.abs(data))
+    total, count = np.zeros(len(data)), np.zeros(len(data))
+    for i, j in (pairs, pairs[::-1]):
+        there = ~zero[j]
+        np.add.at(total, i[there], data[j][there])
+        np.add.at(count, i[there], 1.0)
+    out[zero] = (np.abs(total) > BESIDE * count * largest[index])[zero] & (count > 0)[zero]
+    # a channel most of which reads zero has a threshold, not dead taxels
+    often = np.bincount(index, zero) > 0.5 * np.bincount(index)
+    return out & ~often[index]
 
 
 def _symmetric(values: Floats, size: float) -> bool:
