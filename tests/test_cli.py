@@ -30,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("cli")
     (path / "skin.toml").write_text(SKIN)
     (path / "line.toml").write_text(LINE_SKIN)
-    for skin, force, frames in (("skin", "0.2 N", "2"), ("line", "20 N/m", "1")):
+    for skin, force, frames in (("skin", "0.4 N", "2"), ("line", "20 N/m", "1")):
         out = run(
             "simulate",
             "--skin",
@@ -100,8 +100,8 @@ def test_simulate_and_reconstruct(folder: Path, tmp_path: Path) -> None:
     assert out.returncode == 0, out.stderr
     assert "slip margin" in out.stdout
     data = read_touch(tmp_path / "touch.nc")
-    np.testing.assert_allclose(data["force"].values[:, 2], [0.1, 0.2], atol=0.005)
-    np.testing.assert_allclose(data["force"].values[:, 0], [0.03, 0.06], atol=0.005)
+    np.testing.assert_allclose(data["force"].values[:, 2], [0.2, 0.4], atol=0.005)
+    np.testing.assert_allclose(data["force"].values[:, 0], [0.06, 0.12], atol=0.005)
     assert data.attrs["skin"] == SKIN
     assert "reconstruct" in data.attrs["command"]
     assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
@@ -165,7 +165,7 @@ def test_a_run_can_be_made_again(folder: Path, tmp_path: Path) -> None:
         "--out",
         str(again),
         "--force",
-        "0.2 N",
+        "0.4 N",
         "--size",
         "2 mm",
         "--friction",
