@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
 import io
 import signal
@@ -12,8 +13,12 @@ from pathlib import Path
 from unittest import mock
 
 import pytest
+import typer.main
 
 from palpate.cli import main
+
+#: The tree of commands: made once in a process, as it is where a user starts one.
+tree = functools.cache(typer.main.get_command)
 
 
 def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -30,6 +35,7 @@ def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
             contextlib.redirect_stdout(out),
             contextlib.redirect_stderr(err),
             mock.patch.object(sys, "argv", ["palpate", *arguments]),
+            mock.patch.object(typer.main, "get_command", tree),
         ):
             main()
     except SystemExit as left:

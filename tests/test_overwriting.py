@@ -14,6 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import palpate as pp
+from command_line import tree
 from palpate.cli import app
 from palpate.recordings import read_recording, write_recording, write_touch
 from palpate.recordings.files import atomically, in_place
@@ -24,7 +25,7 @@ SKIN = skin_text(16, noise="5 Pa")
 
 
 def palpate(*arguments: str) -> None:
-    app(list(arguments), standalone_mode=False)
+    tree(app)(list(arguments), standalone_mode=False)
 
 
 @pytest.fixture
