@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import multiprocessing
 import os
@@ -412,6 +413,34 @@ def test_other_files_are_there_when_they_are_whole(name: str, folder: Path, skin
     broken_off(skin, folder, tmp_path / name, pieces=2, method="dft", overwrite=True)
     assert (tmp_path / name).read_text() == "old"
     assert os.listdir(tmp_path) == [name]
+
+
+@pytest.mark.parametrize("name", ["t.nc", "t.zarr"])
+def test_a_disk_that_is_full_is_said_at_once(
+    name: str, folder: Path, skin: pp.Skin, plain: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from palpate.recordings.heldfile import HeldFile
+    from palpate.recordings.zarrstream import ZarrStream
+
+    seen: list[int] = []
+    for of, write in ((HeldFile, "_put"), (ZarrStream, "_put")):
+        before = getattr(of, write)
+
+        def put(self: Any, *arguments: Any, before: Any = before) -> None:
+            if len(seen) == 2:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            before(self, *arguments)
+
+        monkeypatch.setattr(of, write, put)
+    options: dict[str, Any] = {"method": "dft", "chunk": CHUNK, "progress": lambda now, _: seen.append(now)}
+    with pytest.raises(pp.InvalidInput, match=r"writing failed \(No space left on device\)"):
+        pp.reconstruct_recording(skin, folder / "r.zarr", tmp_path / name, **options)
+    assert seen == [6, 12]
+    assert os.listdir(tmp_path) == (["t.zarr.partial"] if name == "t.zarr" else [])
+    if name == "t.zarr":
+        seen.append(0)  # there is room again
+        assert pp.reconstruct_recording(skin, folder / "r.zarr", tmp_path / name, resume=True, **options).before == 12
+        same(read_touch(tmp_path / name), plain)
 
 
 # -- what is refused ---------------------------------------------------------------------------------------------------

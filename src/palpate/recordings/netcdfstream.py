@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.recordings.checked import CHECKSUM, checksum
 from palpate.recordings.heldfile import HELD, HeldFile
-from palpate.recordings.touchstream import Arrays
+from palpate.recordings.touchstream import Arrays, Piece
 
 if TYPE_CHECKING:
     import xarray
@@ -46,6 +46,10 @@ class NetCDFStream(Arrays):
             else:
                 made = self._file.create_variable(name, variable.dims, data=variable.values, fletcher32=True)
             made.attrs.update(variable.attrs)
+
+    def _add(self, start: int, piece: Piece) -> None:
+        super()._add(start, piece)
+        self._held.commit()  # a disk that is full is said now, and not after hours
 
     def _dimension(self, name: Any, size: int) -> None:
         if name not in self._file.dimensions:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -110,6 +110,8 @@ class Whole:
 class TouchStream(abc.ABC):
     """A file that takes the touches of ``count`` frames in pieces; `finish` makes it a result. Nothing else may write to it.
 
+    `InvalidInput` where the disk does not take a piece.
+
     One thread does the writing, so that Ctrl-C, which reaches the main thread, cannot break into it.
     """
 
@@ -123,12 +125,18 @@ class TouchStream(abc.ABC):
     def add(self, start: int, piece: Piece) -> None:
         """The frames from ``start`` on."""
         self.whole.add(piece.dataset.attrs, piece.outcome, piece.calibration)
-        self._apart(lambda: self._add(start, piece))
+        self._written(lambda: self._add(start, piece))
 
     def finish(self) -> None:
         """All frames are there: the result is made whole."""
-        self._apart(self._finish)
+        self._written(self._finish)
         self._apart.end()
+
+    def _written(self, act: Callable[[], None]) -> None:
+        try:
+            self._apart(act)
+        except OSError as error:
+            raise InvalidInput(f"{self.path}: writing failed ({error.strerror or error}).") from error
 
     def touch(self, frame: int) -> Touch:
         """One frame that an earlier run has written; only streams that go on have any."""
