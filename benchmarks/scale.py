@@ -1,9 +1,11 @@
-"""Preparation, a frame, a batch and memory of the linear method from 8 x 8 taxels to a camera's image, and how they grow.
+"""Preparation, a frame, a batch and memory of the linear method from 8 x 8 taxels to a camera's image, and how they grow; the same of the
+automatic method.
 
-    python benchmarks/scale.py [--large] [--only NAME ...] [--write]
+    python benchmarks/scale.py [--automatic] [--large] [--only NAME ...] [--write]
 
 Processor seconds of one thread (set OMP_NUM_THREADS=1), each layout in a process of its own, so that its peak of memory is its own. The first frame
-includes what is prepared when it is first needed. ``--large`` adds 480 x 640; ``--write`` writes docs/_generated/scale.md.
+includes what is prepared when it is first needed. ``--large`` adds 480 x 640; ``--write`` writes docs/_generated/scale.md, with ``--automatic``
+docs/_generated/scale_automatic.md.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ import palpate as pp
 
 STRESS, SHIFT = ["stress_xz", "stress_yz", "stress_zz"], ["displacement_x", "displacement_y"]
 TABLE = Path(__file__).parent.parent / "docs" / "_generated" / "scale.md"
+AUTOMATIC = TABLE.with_name("scale_automatic.md")
 #: Frames of a batch, and the processor seconds that a batch may take: larger frames come in fewer.
 BATCH, LONGEST = 50, 8.0
 
@@ -111,6 +114,86 @@ def measure(name: str) -> dict[str, Any]:
     }
 
 
+SHIFTS = ["displacement_x", "displacement_y", "displacement_z"]
+#: Layouts of the automatic method: a ball over 15 % of the array's side and a smaller one beside it, both dragged, 2 % noise.
+TOUCHED: dict[str, Any] = {
+    **{f"{n} x {n} x 3": (lambda n=n: area(n, n, channels=STRESS)) for n in (8, 16, 32, 64, 128)},
+    **{
+        f"{n} x {n} x 3, displacement": (
+            lambda n=n: pp.AreaArray(shape=(n, n), pitch=1e-3, depth=1e-3, channels=SHIFTS)
+        )
+        for n in (64, 128)
+    },
+}
+
+
+def touched(skin: pp.Skin, n: int) -> Any:
+    """Two balls, with shear in proportion."""
+    grid = skin.surface
+    y, x = np.meshgrid(*grid.axes, indexing="ij")
+    out = np.zeros((3, *grid.shape))
+    for radius, x0, y0, shear in ((0.15, 0.12, 0.05, 0.3), (0.08, -0.22, -0.15, -0.2)):
+        r2 = ((x - 1e-3 * n * x0) ** 2 + (y - 1e-3 * n * y0) ** 2) / (1e-3 * n * radius) ** 2
+        pressure = 1000.0 * np.sqrt(np.maximum(1.0 - r2, 0.0))
+        out[0] += shear * pressure
+        out[2] += pressure
+    return out
+
+
+def measure_automatic(name: str) -> dict[str, Any]:
+    """Times, memory and errors of the automatic method on one layout."""
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), TOUCHED[name]())
+    traction = touched(skin, skin.planes[0].shape[0])
+    readings = skin.sense(traction)
+    noise = 0.02 * np.abs(readings).max()
+    many = readings + noise * np.random.default_rng(0).standard_normal((3, *readings.shape))
+    begun = time.process_time()
+    pp.Automatic().prepare(skin.problem())
+    prepared = time.process_time()
+    skin.reconstruct(many[0])
+    first = time.process_time()
+    touch = skin.reconstruct(many[1])
+    warm = time.process_time()
+    skin.reconstruct(many[2])
+    again = time.process_time()
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    other = skin.reconstruct(many[1], method="tikhonov")
+    size = np.linalg.norm(traction)
+    force = traction.reshape(3, -1).sum(axis=1) * skin.surface.cell
+    low, high = touch.interval(0.95, "force")
+    return {
+        "name": name,
+        "readings": int(readings.size),
+        "prepare": prepared - begun,
+        "first": first - prepared,
+        "frame": min(warm - first, again - warm),
+        "memory": memory,
+        "error": float(np.linalg.norm(np.asarray(touch.traction) - traction) / size),
+        "linear": float(np.linalg.norm(np.asarray(other.traction) - traction) / size),
+        "noise": float(np.mean(np.asarray(touch.noise_std)) / noise),
+        "inside": int(((low <= force) & (force <= high)).sum()),
+        "solved": bool(np.asarray(touch.status) == 0),
+    }
+
+
+def table_automatic(rows: list[dict[str, Any]]) -> str:
+    lines = [
+        "| layout | readings | prepare [s] | first frame [s] | frame [s] | memory [GB] | error | of tikhonov | noise found | forces within 95 % |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for r in rows:
+        lines.append(
+            f"| {r['name']} | {r['readings']} | {r['prepare']:.2f} | {r['first']:.2f} | {r['frame']:.2f} | {r['memory']:.2f} | {r['error']:.3f} | "
+            f"{r['linear']:.3f} | {r['noise']:.3f} | {r['inside']} of 3{'' if r['solved'] else ' (not solved)'} |"
+        )
+    known = {r["name"]: r for r in rows}
+    some = [known[n] for n in ("32 x 32 x 3", "64 x 64 x 3", "128 x 128 x 3") if n in known]
+    if len(some) > 1:
+        slope = np.polyfit(np.log([r["readings"] for r in some]), np.log([r["frame"] for r in some]), 1)[0]
+        lines += ["", f"Frame time of stress, 32 to 128, grows with the readings to the power {slope:.2f}."]
+    return "\n".join(lines) + "\n"
+
+
 def table(rows: list[dict[str, Any]]) -> str:
     lines = [
         "| layout | readings | prepare [s] | first frame [s] | frame [s] | in a batch [s] | force and its error [s] | memory [GB] | error | noise found |",
@@ -136,22 +219,31 @@ def main() -> None:
     parser.add_argument("--large", action="store_true")
     parser.add_argument("--only", nargs="*", default=[])
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--automatic", action="store_true", help="the automatic method rather than the linear one")
     parser.add_argument("--one", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
-        print(json.dumps(measure(given.one)))
+        print(json.dumps((measure_automatic if given.automatic else measure)(given.one)))
         return
-    names = given.only or [*LAYOUTS, *(LARGE if given.large else {})]
+    names = given.only or (list(TOUCHED) if given.automatic else [*LAYOUTS, *(LARGE if given.large else {})])
+    said = table_automatic if given.automatic else table
+    mode = ["--automatic"] if given.automatic else []
     rows = []
     for name in names:
-        done = subprocess.run([sys.executable, __file__, "--one", name], capture_output=True, text=True)
+        done = subprocess.run([sys.executable, __file__, *mode, "--one", name], capture_output=True, text=True)
         if done.returncode:
             print(f"{name}: {done.stderr.strip().splitlines()[-1]}", flush=True)
             continue
         rows.append(json.loads(done.stdout.splitlines()[-1]))
-        print(table(rows).splitlines()[1 + len(rows)], flush=True)
-    print(table(rows))
-    if given.write:
+        print(said(rows).splitlines()[1 + len(rows)], flush=True)
+    print(said(rows))
+    if given.write and given.automatic:
+        AUTOMATIC.write_text(
+            "Written by `benchmarks/scale.py --automatic`: processor seconds of one thread, the default method, two balls that are dragged, "
+            "2 % noise.\n\n" + said(rows),
+            encoding="utf-8",
+        )
+    elif given.write:
         heading = '# Size\n\nWritten by `benchmarks/scale.py`: processor seconds of one thread, `method="tikhonov"`, evidence.\n\n'
         TABLE.write_text(heading + table(rows), encoding="utf-8")
 

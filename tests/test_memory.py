@@ -44,8 +44,8 @@ CASES: dict[str, tuple[Any, dict[str, Any], float, str]] = {
     "96 x 96 displacements, little free": (area(96, DISPLACEMENT), {}, 1e8, "every 2nd taxel"),
     "the same, constrained": (area(96, STRESS), {"method": "constrained"}, 23e9, "tikhonov"),
     "the same, nnls": (area(96, STRESS), {"method": "nnls"}, 23e9, "tikhonov"),
-    "64 x 64 stresses, 2 GB free": (area(64, STRESS), {}, 2e9, "every 2nd taxel"),
-    "60 x 60 stresses, one dead": (without_one(area(60, STRESS)), {}, 23e9, "2nd taxel"),
+    "64 x 64 stresses, 50 MB free": (area(64, STRESS), {}, 5e7, "every 2nd taxel"),
+    "60 x 60 stresses, one dead": (without_one(area(60, STRESS)), {"method": "constrained"}, 23e9, "2nd taxel"),
     "4900 beads": (scattered(70), {"method": "truncated"}, 23e9, '"tikhonov" serves it. Or: Grid the recording'),
     "22500 beads": (scattered(150), {}, 5e8, "rid the recording"),
     "correlated noise": (area(96, STRESS, noise=5.0, noise_correlation=2e-3), {}, 23e9, "2nd taxel"),
@@ -95,7 +95,7 @@ def test_the_remedies_serve_that_input() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["64 x 64 stresses, 2 GB free", "60 x 60 stresses, one dead", "4900 beads", "correlated noise"]
+    "name", ["64 x 64 stresses, 50 MB free", "60 x 60 stresses, one dead", "4900 beads", "correlated noise"]
 )
 def test_the_remedy_is_accepted(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the message proposes passes the same checks."""

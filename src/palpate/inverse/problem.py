@@ -132,13 +132,18 @@ class Problem:
         return self.kept.get("operator", lambda: Operator(self.pad, self.planes, self.surface, self.boundary))
 
     @property
+    def wide_surface(self) -> Grid:
+        """The surface that `wide` starts from."""
+        return self.surface if self.fixed else default_surface(self.planes, depths=WIDE)
+
+    @property
     def wide(self) -> Operator:
         """The same from a surface that reaches far enough to explain what presses beyond the array's edge."""
         if self.fixed:
             return self.operator
         return self.kept.get(
             "wide operator",
-            lambda: Operator(self.pad, self.planes, default_surface(self.planes, depths=WIDE), self.boundary),
+            lambda: Operator(self.pad, self.planes, self.wide_surface, self.boundary),
         )
 
     def doubtful(self, traction: Floats, *, wide: bool = False) -> tuple[Floats, Floats]:

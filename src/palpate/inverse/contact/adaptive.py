@@ -37,7 +37,8 @@ from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.factors import cholesky
 from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, scattered
 from palpate.inverse.contact.posterior import variance_of
-from palpate.inverse.contact.sliding import expanded, ways_of_sliding
+from palpate.inverse.contact.products import Applied
+from palpate.inverse.contact.sliding import expanded, in_blocks, ways_of_sliding
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.sensing.grids import repeated
 
@@ -58,6 +59,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
     """The adaptive estimator, prepared once for a problem and its constraints."""
 
     past_the_surface = True
+    any_size = True
 
     derivatives = (1, 2)
     reach = 1
@@ -148,7 +150,10 @@ class AdaptiveEstimator(ConstrainedEstimator):
         if self.cone.coupled and self.parts.sliding:
             coarse = data if ratio == 1 else refined(1)[0]
             precisions = self.precisions(coarse.level, 1, parameter / scale**2)
-            slides = ways_of_sliding(coarse, first, self.cone, precisions, self.thresholds)
+            told = coarse, first, precisions
+            if isinstance(coarse.matrix, Applied):
+                told = in_blocks(*told)
+            slides = ways_of_sliding(told[0], told[1], self.cone, told[2], self.thresholds)
         rest = max(1.0 - sum(chance for _, _, chance in slides), 0.0)
         # what is as good as excluded is not worth its local weights
         whole = rest >= self.thresholds.slides or not self.parts.skipped
@@ -157,7 +162,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield m
         alone = copy.copy(self)
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
-        if slides:
+        if slides and not isinstance(coarse.matrix, Applied):
             # pressure alone has fewer unknowns than the data tell: a finer grid pays sooner
             freedom = alone._freedom_along(coarse.along(slides[0][0]), parameter / scale**2)
             finer = self._ratio(count, freedom, count)
@@ -273,7 +278,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         if variance:
             touched, rows = level.differences.touching(member.cells)
             c = len(self.columns)
-            unsure = variance_of(member, rows.each(c, len(member.cells))).reshape(c, -1)
+            unsure = variance_of(member, rows.each(c, len(member.cells)), few=True).reshape(c, -1)
             parts = np.cumsum([len(edges) for edges in touched])[:-1]
         for i, values in enumerate(member.solution.traction):
             field = scattered(values, member.cells, level.grid.shape).ravel()

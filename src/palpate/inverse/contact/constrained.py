@@ -25,22 +25,26 @@ from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
-from palpate.inverse.contact.frame import Frame, Run
+from palpate.inverse.contact.edges import outside_taxels, ring_of
+from palpate.inverse.contact.frame import Frame, Run, said_of
 from palpate.inverse.contact.hypotheses import Hypothesis, hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.model import ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
-from palpate.inverse.contact.posterior import AMBIGUOUS_FORCE, AMBIGUOUS_SHEAR, Posterior, posterior_factor, taken_by
-from palpate.inverse.contact.quadratic import Penalty, formed_or_not
+from palpate.inverse.contact.posterior import AMBIGUOUS_FORCE, AMBIGUOUS_SHEAR, Posterior, taken_by
+from palpate.inverse.contact.products import AT_SIZE, FIRST_AT_SIZE, Applied, Products
+from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven
-from palpate.inverse.contact.screening import Ceilings, ceilings, outermost, screened, silent
-from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
+from palpate.inverse.contact.screening import Ceilings, ceilings, outermost, silent
+from palpate.inverse.contact.start import LinearStart, linear_models
+from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share
+from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.fit import MODEL_DETAIL, misfit_probability, neighbours
-from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence
+from palpate.inverse.linear.evidence import LinearEvidence
+from palpate.inverse.linear.matrix_free.path import LinearModel, contact_at_size
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.inverse.linear.priors import DifferencePrior
-from palpate.inverse.linear.regularised import Decomposition
 from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.observability import ACTS, pressing
 from palpate.inverse.problem import Problem
@@ -91,6 +95,8 @@ class ConstrainedEstimator:
     derivatives: tuple[int, ...] = (1,)
     #: Whether contact is sought on a wider grid than the surface.
     past_the_surface = False
+    #: Whether arrays too large for matrices are served.
+    any_size = False
 
     def __init__(
         self,
@@ -116,22 +122,17 @@ class ConstrainedEstimator:
         self.inside = np.zeros(grid.shape, dtype=bool)
         self.inside[self.window] = True
         # outside the outermost taxels
-        points = np.concatenate([a.points[np.ravel(a.valid)] for a in operator.planes_of])
-        self.outside = np.zeros(grid.shape, dtype=bool)
-        for axis, (x, dx) in enumerate(zip(grid.axes, grid.spacings)):
-            low, high = points[:, axis].min() - 0.5 * dx, points[:, axis].max() + 0.5 * dx
-            outside = (x < low - 1e-9 * dx) | (x > high + 1e-9 * dx)
-            self.outside |= outside.reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
+        self.outside = outside_taxels(operator)
         # shear varies less than pressure, by what friction allows, shared between its components
         shear = 0.5 * (cone.friction or self.thresholds.shear) ** 2
         self.variances = [1.0 if c == len(columns) - 1 else shear for c in range(len(columns))]
         readings = sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)
         second = readings <= SECOND_ORDER_READINGS and self.parts.second_derivative
         orders = self.derivatives if second else (1,)
-        self.orders = {
-            order: problem.decomposition([DifferencePrior(grid, order, v) for v in self.variances], wide=self.wide)
-            for order in orders
-        }
+        #: Whether the linear model is matrix-free, and so is contact where that is sooner.
+        self.at_size = self.any_size and contact_at_size(problem, wide=self.wide)
+        priors = {order: [DifferencePrior(grid, order, v) for v in self.variances] for order in orders}
+        self.orders = linear_models(problem, priors, wide=self.wide, any_size=self.any_size)
         self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
         self.readings = Readings(operator, self.scales)
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
@@ -149,24 +150,13 @@ class ConstrainedEstimator:
         self.ambiguous = problem.ambiguous
         kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else DEFAULT_NUISANCES
         self.terms = nuisances(operator.planes_of, kinds) if self.parts.nuisances else []
-        self.ring = self._ring()
+        windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
+        self.start = LinearStart(self.orders, self.readings, parameter, self._rounds, windows)
+        self.ring = ring_of(self.outside)
         self.outermost = outermost(self.orders[1])
         self.far = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
         #: What contact may do (`hypotheses`): push (1), pull as a whole (-1), both (0; the linear method's then).
         self.signs: tuple[int, ...] = (1,)
-
-    def _ring(self) -> Flags:
-        """The cells over the outermost taxels (cell,)."""
-        grid = self.operator.surface
-        inside = ~self.outside
-        edge = np.zeros(grid.shape, dtype=bool)
-        for axis in range(grid.dimensions):
-            lines = np.flatnonzero(inside.any(axis=tuple(a for a in range(grid.dimensions) if a != axis)))
-            for line in (lines[0], lines[-1]):
-                place: list[Any] = [slice(None)] * grid.dimensions
-                place[axis] = line
-                edge[tuple(place)] = True
-        return np.asarray((edge & inside).ravel())
 
     def ring_load(self, pressure: Floats) -> float:
         """The part of the cells over the outermost taxels that are loaded."""
@@ -241,8 +231,7 @@ class ConstrainedEstimator:
 
     def effective_freedom(self, parameter: float) -> float:
         """How many degrees of freedom of the traction the data tell, rather than the penalty."""
-        spectrum = self.orders[1].spectrum
-        return float(spectrum.multiplicity @ (spectrum.eigenvalues / (spectrum.eigenvalues + parameter)))
+        return self.start.freedom(parameter)
 
     def resolution(self, parameter: float) -> float:
         """Finest detail that the data tell [m]: the side of the area (length on a line) that has one degree of freedom."""
@@ -290,6 +279,7 @@ class ConstrainedEstimator:
             pushed=numbers("pushed", bool),
             resolution=np.array([self.resolution(f.parameter) for f in frames]).reshape(batch),
             sliding=numbers("sliding") if self.finds_sliding else None,
+            said=said_of(frames, batch),
             noise_std=noise * np.concatenate(self.scales),
             fit=numbers("fit"),
             sign=numbers("sign", int),
@@ -315,7 +305,7 @@ class ConstrainedEstimator:
         filled = data
         if self.parts.screening:
             limits = ends.upper | ends.lower if ends is not None else np.zeros(len(data), dtype=bool)
-            found = screened(self.orders[1], self.readings, data, alive & ~limits, self.shifts, self.thresholds)
+            found = self.start.screened(data, alive & ~limits, self.shifts, self.thresholds)
             usable &= ~found.broken
             filled = np.where(usable, data, found.explained)
         quiet = explained_by_noise(self, filled, usable)
@@ -395,7 +385,7 @@ class ConstrainedEstimator:
             models = self.models(first, data / noise, noise, observed, evidence)
             leading = next(models)
             if h.present.any() and refined < ROUNDS_OF_OFFSETS:
-                change = self._change(h, leading, data, noise, observed)
+                change = change_of_nuisances(self, h, leading, data, noise, observed)
                 refined += 1
                 if change.any():
                     h = replace(h, sizes=h.sizes + (h.sign or 1) * change)
@@ -431,19 +421,6 @@ class ConstrainedEstimator:
         limit = max(limits.unexplained, limits.unexplained_signal * float(np.sqrt(np.mean(signal**2))))
         members = [leading, *models] if first[-1].any() else []
         return Run(h, members, data, noise, observed, parameter, scale, levels, left <= limit, limit, nothing)
-
-    def _change(self, h: Hypothesis, model: ContactModel, data: Floats, noise: Floats, observed: Flags) -> Floats:
-        """How the sizes of the nuisances that are there change when contact and they are solved together, on the face of the contact."""
-        out = np.zeros(len(self.terms))
-        columns = (self.shifts[:, h.present] / noise[:, None])[observed]
-        rows = self.readings.white(columns, observed)
-        misfit = self.readings.white((data / noise)[observed], observed)
-        misfit = misfit - model.data.matrix @ model.solution.traction.ravel()
-        z = posterior_factor(model.solution, rows.T @ model.data.matrix)
-        step = np.linalg.lstsq(rows.T @ rows - z.T @ z, rows.T @ misfit, rcond=1e-6)[0]
-        deviation = 1.0 / np.sqrt(np.maximum((rows**2).sum(axis=0), 1e-300))
-        out[h.present] = np.where(np.abs(step) > 0.5 * deviation, step, 0.0)
-        return out
 
     def _follows(self, h: Hypothesis, rows: Sequence[Floats]) -> bool:
         """Whether the linear model follows any readings, noise too, so that its evidence tells nothing of noise: as many components as
@@ -515,9 +492,9 @@ class ConstrainedEstimator:
         """Readings that are neighbours."""
         return neighbours(self.operator.planes_of)
 
-    def evidence(self, linear: Decomposition, rows: Sequence[Floats], known: float | None) -> LinearEvidence:
+    def evidence(self, linear: LinearModel, rows: Sequence[Floats], known: float | None) -> LinearEvidence:
         """What a linear model makes of a frame; ``known`` fixes the noise scale where it is not the arrays' own."""
-        return linear_evidence(linear, rows, self.parameter, known)
+        return self.start.evidence(linear, rows, known)
 
     def undetected(self, scale: float, data: Floats | None = None) -> Errors:
         """Errors of a frame without contact: what would not be noticed."""
@@ -574,8 +551,13 @@ class ConstrainedEstimator:
         reference = self.quiet(y) * float(np.abs(slope).max())
         for _ in range(ROUNDS_OF_CELLS):
             cells = np.flatnonzero(region)
-            self.check_size(len(cells) * len(self.columns))
-            member = self.model(self.normal(level, cells, y, noise, observed), precisions, start[:, cells])
+            data = self.normal(level, cells, y, noise, observed)
+            tolerance = TOLERANCE
+            if isinstance(data.matrix, Applied):
+                tolerance = FIRST_AT_SIZE
+            else:
+                self.check_size(len(cells) * len(self.columns))
+            member = self.model(data, precisions, start[:, cells], tolerance=tolerance)
             traction = np.zeros((len(self.columns), math.prod(grid.shape)))
             traction[:, cells] = member.solution.traction
             explained = self.explained_by(traction)
@@ -629,12 +611,14 @@ class ConstrainedEstimator:
     ) -> ContactModel:
         each = [precision] * len(self.columns) if isinstance(precision, scipy.sparse.csr_array) else precision
         penalty = Penalty(data.cells, each, data.level.grid.shape)
-        hessian = formed_or_not(data.matrix.T, lambda: data.gram, penalty)
+        hessian = data.quadratic(penalty)
+        if isinstance(hessian, Products):
+            tolerance = max(tolerance, AT_SIZE)
         solution = minimise(hessian, data.linear, self.cone, start, tolerance=tolerance, keep_face=keep_face)
         return ContactModel(data, hessian, penalty, solution)
 
     def normal(self, level: Level, cells: Index, y: Floats, noise: Floats, observed: Flags) -> Normal:
-        return level.normal(cells, y, noise, observed, self._rounds.kept)
+        return level.normal(cells, y, noise, observed, self._rounds.kept, products=self.any_size)
 
     def _combined(
         self, members: Sequence[ContactModel], run: Run, noise: Floats, rng: np.random.Generator | None
@@ -664,4 +648,5 @@ class ConstrainedEstimator:
             sampled,
             sliding=sum(m.weight for m in members if m.ray is not None),
             fit=self._fit(run, residual, taken, float(np.abs(y[observed]).max(initial=0.0))),
+            sampled=any(isinstance(m.data.matrix, Applied) for m in members),
         )

@@ -185,6 +185,15 @@ class Chain:
             here[...] = blas.dtrsm(1.0, self.upper[k], here, side=1, trans_a=1, overwrite_b=1)
         return out
 
+    def coloured(self, white: Floats) -> Floats:
+        """white L', of rows (k, size)."""
+        out = np.empty_like(white)
+        for k, place in enumerate(self.slices):
+            out[:, place] = white[:, place] @ np.triu(self.upper[k])
+            if k:
+                out[:, place] += white[:, self.slices[k - 1]] @ self.below[k - 1].T
+        return out
+
     @cached_property
     def _near(self) -> tuple[Floats, Floats]:
         """Blocks of the inverse: on the diagonal, and below it."""

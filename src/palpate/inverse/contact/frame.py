@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,17 +11,18 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.hypotheses import Hypothesis
+from palpate.inverse.contact.iterative import SAMPLES
 from palpate.inverse.contact.model import ContactModel
 from palpate.inverse.estimate import Errors
 
-__all__ = ["Frame", "Run"]
+__all__ = ["Frame", "Run", "said_of"]
 
 Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame's result."""
+    """One frame's result; ``sampled``: the contact was too large for matrices, and errors of its cells are those of samples."""
 
     traction: Floats
     errors: Errors
@@ -38,6 +40,7 @@ class Frame:
     nuisance: Floats = field(default_factory=lambda: np.zeros(0))
     nuisance_std: Floats = field(default_factory=lambda: np.zeros(0))
     at_limit: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    sampled: bool = False
 
 
 @dataclass
@@ -55,3 +58,14 @@ class Run:
     pushed: bool
     limit: float
     doubtful: tuple[Floats, Floats]
+
+
+def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
+    """What is approximated in frames whose contact is too large for matrices."""
+    large = sum(f.sampled for f in frames)
+    if not large:
+        return ()
+    where = f" in {large} of {len(frames)} frames" if batch else ""
+    return (
+        f"large contact{where}: the errors of its cells are those of {SAMPLES} samples and known to about 10 %, the others to 1 %",
+    )

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.parts import Thresholds
-from palpate.inverse.contact.screening import FIRST_NOISE, ROUNDS, SETTLED, TOO_MUCH, linear_noise
+from palpate.inverse.contact.screening import FIRST_NOISE, ROUNDS, SETTLED, TOO_MUCH
 from palpate.inverse.fit import misfit_probability
 from palpate.sensing.arrays import ScatteredArray
 from palpate.sensing.nuisance import Nuisance
@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 __all__ = ["Hypothesis", "Rough", "hypothesis_of", "rough", "rough_fit", "without_outliers"]
 
 Flags = npt.NDArray[np.bool_]
+
+#: What is half as large as what counts is looked at closely: it hides behind itself.
+HALF = 0.5
 
 
 @dataclass(frozen=True)
@@ -197,7 +200,7 @@ def hypothesis_of(
     plain = Hypothesis(1, rough(estimator, data, observed, total), none, none > 0)
     tried = [plain]
     # displacement is felt far away: what pulls in the middle looks much like what pushes all round
-    if -1 in signs and (estimator.far or _worth(plain, t.doubt, total)):
+    if -1 in signs and (estimator.far or _worth(estimator, plain, data, total)):
         tried.append(Hypothesis(-1, rough(estimator, -data, observed, total), none, none > 0))
     if terms:
         levels = quiet_levels(estimator, data, observed, terms)
@@ -208,8 +211,12 @@ def hypothesis_of(
         unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
         noise = max(best.rough.left, estimator.least_noise(data))
         # something is left over, or the edge of the array is loaded all round
-        doubt = (np.abs(rest) * unit > t.nuisance * noise).any() or best.rough.ring > t.edge
-        doubt |= _worth(best, t.doubt, total)
+        seen = np.abs(rest) * unit > t.nuisance * noise
+        if estimator.at_size:
+            # so many readings tell an offset that is far too small to be looked for
+            seen &= np.abs(rest) > HALF * t.smallest_nuisance * _reach(columns, data)
+        doubt = seen.any() or best.rough.ring > t.edge
+        doubt |= _worth(estimator, best, data, total)
         if doubt:
             for sign in {h.sign for h in tried}:
                 found, sizes, _ = with_nuisance(estimator, data, observed, total, terms, sign, levels)
@@ -262,8 +269,9 @@ def without_outliers(
         residual = np.where(may, np.abs(clean - best.explained) / readings.std, 0.0)
         worst = int(np.argmax(residual))
         largest = float(np.abs(best.explained / readings.std).max(initial=0.0))
-        # one reading among n raises what is left to its own size over sqrt(n)
-        if not residual[worst] > max(0.5 * t.outlier * best.left, t.gross * largest):
+        # one reading among n raises what is left to its own size over sqrt(n): it hides behind itself where there are few
+        part = 1.0 if estimator.at_size else HALF
+        if not residual[worst] > max(part * t.outlier * best.left, t.gross * largest):
             break
         fewer = counted.copy()
         fewer[worst] = False
@@ -285,29 +293,26 @@ def _reach(columns: Floats, data: Floats) -> Floats:
     )
 
 
-def _worth(h: Hypothesis, doubt: float, total: float) -> bool:
-    """Whether others are worth trying: this one leaves much of the readings."""
-    return h.rough.left > doubt * total
+def _worth(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, total: float) -> bool:
+    """Whether others are worth trying: this one leaves much of the readings, and of a large array, most of which nothing touches, more than
+    the linear model, which may pull, calls noise.
+    """
+    t = estimator.thresholds
+    if not h.rough.left > t.doubt * total:
+        return False
+    if not estimator.at_size or estimator.noise_known:
+        return True
+    linear = estimator.evidence(estimator.orders[1], estimator.readings.planes(data), None)
+    return h.rough.left > t.quieter * linear.scale
 
 
 def _both(
     estimator: ConstrainedEstimator, data: Floats, observed: Flags, total: float, none: Floats
 ) -> Hypothesis | None:
     """Traction of either sign, by the linear model."""
-    readings, n = estimator.readings, len(data)
-    spectrum = estimator.orders[1].spectrum
-    missing = np.flatnonzero(~observed)
-    if len(missing) > n // 2:
+    if (~observed).sum() > len(data) // 2:
         return None
-    patterns = None
-    if len(missing):
-        patterns = np.stack(
-            [
-                np.asarray(spectrum.project(readings.planes(np.where(np.arange(n) == i, readings.std, 0.0))))
-                for i in missing
-            ]
-        )
-    found, left, free = linear_noise(estimator.orders[1], readings.planes(data), total, patterns)
+    found, left, free = estimator.start.noise(data, total, observed)
     floor = estimator.least_noise(data)
     gain = free * math.log(total / max(left, floor, 1e-300))
     flat = found.traction.reshape(len(found.traction), -1)

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,9 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import Solution
 from palpate.inverse.contact.differences import Differences
-from palpate.inverse.contact.quadratic import Penalty, Quadratic
+from palpate.inverse.contact.products import Applied, Boxes, Products, by_products
+from palpate.inverse.contact.quadratic import Penalty, Quadratic, formed_or_not
+from palpate.inverse.linear.matrix_free.evidence import FrameAtSize, LinearAtSize
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import refined
 from palpate.sensing.operator import Operator
@@ -43,6 +46,7 @@ class Level:
         self.operator, self.ratio, self.columns, self.readings = operator, ratio, columns, readings
         self.grid = operator.surface
         self.differences = Differences(self.grid)
+        self.boxes = Boxes(operator, columns)
 
     def matrix(self, cells: Index, noise: Floats, observed: Flags) -> Floats:
         """Whitened columns (reading, component * cell) of the readings that are observed."""
@@ -50,9 +54,23 @@ class Level:
         return self.readings.white(full.reshape(len(full), -1) / noise[observed, None], observed)
 
     def normal(
-        self, cells: Index, y: Floats, noise: Floats, observed: Flags, kept: dict[int, Columns] | None = None
+        self,
+        cells: Index,
+        y: Floats,
+        noise: Floats,
+        observed: Flags,
+        kept: dict[int, Columns] | None = None,
+        *,
+        products: bool = False,
     ) -> Normal:
-        """The normal equations of some cells, for readings ``y`` in units of the noise; ``kept`` is that of `Rounds`."""
+        """The normal equations of some cells, for readings ``y`` in units of the noise; ``kept`` is that of `Rounds`;
+        ``products``: large contacts need no matrix.
+        """
+        if products and by_products(self.operator, cells, len(self.columns), int(observed.sum())):
+            box = self.boxes.around(cells)
+            applied = Applied(box, self.readings, self.grid.shape, cells, noise, observed)
+            linear = self.readings.white(y[observed], observed) @ applied
+            return Normal(self, cells, applied, linear.reshape(-1, len(cells)))
         recent = None if kept is None else kept.get(self.ratio)
         scale = None if recent is None else recent.scale_of(noise, observed)
         position = None if recent is None or scale is None else recent.places(cells)
@@ -72,16 +90,23 @@ class Level:
 class Rounds(threading.local):
     """While a frame is solved: columns of the cells that its rounds have asked for so far, by the ratio of the level.
 
-    They are let go of at its end, so that no frame's answer depends on another's.
+    They are let go of at its end, so that no frame's answer depends on another's. So is what a matrix-free linear model makes of the frame.
     """
 
     kept: dict[int, Columns] | None = None
+    linear: FrameAtSize | None = None
 
     def __enter__(self) -> None:
-        self.kept = {}
+        self.kept, self.linear = {}, None
 
     def __exit__(self, *error: object) -> None:
-        self.kept = None
+        self.kept = self.linear = None
+
+    def of(self, linear: LinearAtSize) -> FrameAtSize:
+        """What a matrix-free linear model makes of the frame."""
+        if self.linear is None or self.linear.linear is not linear:
+            self.linear = linear.frame()
+        return self.linear
 
 
 class Columns:
@@ -146,7 +171,7 @@ class Normal:
 
     level: Level
     cells: Index
-    matrix: Floats
+    matrix: Any  # an array, or `Applied`
     linear: Floats
     known: Floats | None = None
     source: Callable[[], Floats] | None = None
@@ -160,6 +185,8 @@ class Normal:
 
     def part(self, position: Index) -> Normal:
         """The same for some of the cells."""
+        if isinstance(self.matrix, Applied):
+            return Normal(self.level, self.cells[position], self.matrix.part(position), self.linear[:, position])
         c, n = self.linear.shape
         picks = (np.arange(c)[:, None] * n + position[None, :]).ravel()
         known = self.gram[np.ix_(picks, picks)] if self._formed else None
@@ -167,6 +194,8 @@ class Normal:
 
     def along(self, ray: Floats) -> Normal:
         """The same for traction that is ``ray`` (component,) times what is sought (1, cell)."""
+        if isinstance(self.matrix, Applied):
+            return Normal(self.level, self.cells, self.matrix.along(ray), (ray @ self.linear)[None])
         n = self.linear.shape[1]
         matrix = sum(a * self.matrix[:, i * n : (i + 1) * n] for i, a in enumerate(ray))
         known = None
@@ -174,6 +203,12 @@ class Normal:
             blocks = self.gram.reshape(len(ray), n, len(ray), n)
             known = np.einsum("c,cidj,d->ij", ray, blocks, ray, optimize=True)
         return Normal(self.level, self.cells, np.asarray(matrix), (ray @ self.linear)[None], known)
+
+    def quadratic(self, penalty: Penalty) -> Quadratic:
+        """The normal matrix with a penalty."""
+        if isinstance(self.matrix, Applied):
+            return Products(self.matrix, penalty)
+        return formed_or_not(self.matrix.T, lambda: self.gram, penalty)
 
     @property
     def _formed(self) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -135,6 +135,25 @@ class Penalty:
     def product(self, x: Floats) -> Floats:
         """P x, of (component, cell)."""
         return np.asarray(self._whole @ x.ravel()).reshape(x.shape)
+
+    def many(self, x: Any) -> Any:
+        """P x, of (k, component, cell)."""
+        return np.asarray((self._whole @ x.reshape(len(x), -1).T).T, dtype=x.dtype).reshape(x.shape)
+
+    def perturbed(self, rng: np.random.Generator, count: int) -> Floats:
+        """Samples (count, component, cell) of a Gaussian whose covariance is P."""
+        n = len(self.cells)
+        out = np.empty((count, len(self.values), n))
+        order = np.argsort(self.rank)
+        lower = self._lower
+        row, col = self.rank[self.row[lower]], self.rank[self.col[lower]]
+        chain: Chain | None = None
+        for i, value in enumerate(self.values):
+            if chain is None or not _in_proportion(self.values[0], value):
+                chain, unit = Chain(n, row, col, value[lower]), value
+            scale = np.sqrt(value[0] / unit[0]) if len(value) else 1.0
+            out[:, i, order] = scale * chain.coloured(rng.standard_normal((count, n)))
+        return out
 
     def diagonal(self) -> Floats:
         return self.values[:, self.row == self.col].ravel()

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.hypotheses import Hypothesis, Rough
 from palpate.inverse.fit import misfit_probability
-from palpate.inverse.linear.evidence import linear_evidence, log_evidence
+from palpate.inverse.linear.evidence import log_evidence
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
@@ -34,8 +34,8 @@ def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: 
         return Hypothesis(1, rough, none, none > 0)
     if not estimator.terms:
         return None
-    patterns = np.stack([np.asarray(linear.spectrum.project(estimator.readings.planes(c))) for c in estimator.shifts.T])
-    found = linear_evidence(linear, rows, estimator.parameter, None, patterns)
+    patterns = np.stack([estimator.start.projected(estimator.readings.planes(c)) for c in estimator.shifts.T])
+    found = estimator.start.evidence(linear, rows, None, patterns)
     if found.gain > limit + loud:
         return None
     noise = 1.0 if estimator.noise_known else None
@@ -46,7 +46,7 @@ def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: 
         return None
     # noise alone, about an offset
     unit = np.sqrt((patterns**2).sum(axis=1))
-    sizes = np.linalg.lstsq(patterns.T, np.asarray(linear.spectrum.project(rows)), rcond=None)[0]
+    sizes = np.linalg.lstsq(patterns.T, estimator.start.projected(rows), rcond=None)[0]
     present = np.abs(sizes) * unit > estimator.thresholds.nuisance * found.scale
     return Hypothesis(1, rough, np.where(present, sizes, 0.0), present)
 

@@ -19,10 +19,22 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence, log_evidence
+from palpate.inverse.linear.matrix_free.evidence import FrameAtSize
+from palpate.inverse.linear.matrix_free.path import LinearModel
 from palpate.inverse.linear.regularised import Decomposition
 from palpate.inverse.linear.whitening import Readings
 
-__all__ = ["TOO_MUCH", "Ceilings", "Screened", "ceilings", "linear_noise", "outermost", "screened", "silent"]
+__all__ = [
+    "TOO_MUCH",
+    "Ceilings",
+    "Screened",
+    "ceilings",
+    "linear_noise",
+    "noise_at_size",
+    "outermost",
+    "screened",
+    "silent",
+]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -166,6 +178,21 @@ def linear_noise(
     return found, left, free
 
 
+def noise_at_size(linear: FrameAtSize, rows: Sequence[Floats], total: float) -> tuple[LinearEvidence, float, float]:
+    """`linear_noise` on a matrix-free system."""
+    certain = linear.linear.noise_known
+    known = 1.0 if certain else FIRST_NOISE * total
+    for _ in range(ROUNDS):
+        found, misfit, free = linear.noise(rows, None, known)
+        left = math.sqrt(max(misfit, 0.0) / free)
+        if left > known / SETTLED and (left < known * SETTLED or not certain):
+            break
+        if certain and left <= known:
+            break
+        known = max(left, 1e-6 * total, 1.0 if certain else 0.0)
+    return found, left, free
+
+
 def _misfit(linear: Decomposition, rows: Sequence[Floats], found: LinearEvidence, patterns: Floats | None) -> float:
     """Squared misfit in units of the whitening."""
     c = np.asarray(linear.spectrum.project(rows))
@@ -187,7 +214,7 @@ def screened(
     return _Screening(linear, readings, data, shifts).run(observed, thresholds)
 
 
-def outermost(linear: Decomposition) -> Flags:
+def outermost(linear: LinearModel) -> Flags:
     """Readings of taxels within `OUTERMOST` pitches of the array's edge."""
     parts = []
     for array in linear.operator.planes_of:

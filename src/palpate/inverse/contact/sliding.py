@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
+import scipy.sparse
 import scipy.special
 
 from palpate.elastic.pad import Floats
@@ -15,8 +17,16 @@ from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.factors import Bordered, cholesky
 from palpate.inverse.contact.model import ContactModel, Normal
 from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.contact.products import Applied
 
-__all__ = ["expanded", "ways_of_sliding"]
+__all__ = ["expanded", "in_blocks", "ways_of_sliding"]
+
+Index = npt.NDArray[np.intp]
+
+#: Unknowns up to which a large contact is looked at for sliding: in blocks of cells, as what tells of it is as wide as the contact.
+MOST_UNKNOWNS = 900
+#: Blocks that are multiplied at a time.
+AT_A_TIME = 32
 
 
 def log_evidence(hessian: Floats, linear: Floats, prior: Sequence[Floats]) -> float:
@@ -43,6 +53,43 @@ def expanded(one: ContactModel, data: Normal, ray: Floats, changes: Floats) -> C
     factor = Bordered.of(one.solution.factor, border.T, pull @ turned.T)
     solution = replace(one.solution, traction=ray[:, None] * pressure, face=Ray(ray, free, turned), factor=factor)
     return ContactModel(part, one.hessian, one.penalty, solution, ray=ray, changes=changes)
+
+
+def in_blocks(data: Normal, first: Floats, precisions: Sequence[Sparse]) -> tuple[Normal, Floats, list[Sparse]]:
+    """A contact that is known by products, in blocks of cells: its normal equations, first traction and penalties.
+
+    Steps between blocks of b cells have b times the energy of the slopes that they stand for.
+    """
+    matrix = data.matrix
+    if not isinstance(matrix, Applied):
+        raise TypeError("a contact that has a matrix needs no blocks")
+    shape, c = data.level.grid.shape, matrix.components
+    places = np.unravel_index(data.cells, shape)
+    side = 1
+    while True:
+        counts = tuple(-(-n // side) for n in shape)
+        flat = np.ravel_multi_index(tuple(p // side for p in places), counts)
+        blocks, inverse = np.unique(flat, return_inverse=True)
+        if c * len(blocks) <= MOST_UNKNOWNS:
+            break
+        side += 1
+    n, k = len(data.cells), len(blocks)
+    sums = scipy.sparse.csr_array((np.ones(n), (inverse, np.arange(n))), shape=(k, n))
+    gram = np.empty((c, k, c, k))
+    for column in range(c):
+        for start in range(0, k, AT_A_TIME):
+            some = np.arange(start, min(start + AT_A_TIME, k))
+            unit = np.zeros((len(some), c, n), dtype=np.float32)
+            unit[:, column] = inverse[None, :] == some[:, None]
+            seen = matrix.together(unit)
+            gram[:, :, column, some] = np.stack([sums @ seen[:, i].T for i in range(c)])
+    known = gram.reshape(c * k, c * k)
+    linear = (sums @ data.linear.T).T
+    spread = scipy.sparse.csr_array((np.ones(n), (data.cells, inverse)), shape=(math.prod(shape), k))
+    coarse = [scipy.sparse.csr_array(spread.T @ q @ spread) / side for q in precisions]
+    means = (sums @ first[:, data.cells].T).T / sums.sum(axis=1)
+    cells = np.arange(k)
+    return Normal(data.level, cells, np.zeros((0, c * k)), linear, 0.5 * (known + known.T)), means, coarse
 
 
 def ways_of_sliding(

@@ -10,15 +10,17 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.frame import Run
+from palpate.inverse.contact.hypotheses import Hypothesis
 from palpate.inverse.contact.model import ContactModel, scattered
 from palpate.inverse.contact.parts import STATED
 from palpate.inverse.contact.posterior import posterior_factor, shared_errors
+from palpate.inverse.contact.products import Applied
 from palpate.sensing.grids import block_means
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["doubtful", "nuisance_errors", "share"]
+__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "share"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -36,6 +38,22 @@ def nuisance_errors(estimator: ConstrainedEstimator, run: Run) -> Floats:
         offsets = np.array([t.kind == "offset" for t in estimator.terms])
         deviation = np.maximum(deviation, np.where(offsets, estimator.thresholds.hidden_offset * reach, 0.0))
     return np.asarray(deviation)
+
+
+def change_of_nuisances(
+    estimator: ConstrainedEstimator, h: Hypothesis, model: ContactModel, data: Floats, noise: Floats, observed: Flags
+) -> Floats:
+    """How the sizes of the nuisances that are there change when contact and they are solved together, on the face of the contact."""
+    out = np.zeros(len(estimator.terms))
+    columns = (estimator.shifts[:, h.present] / noise[:, None])[observed]
+    rows = estimator.readings.white(columns, observed)
+    misfit = estimator.readings.white((data / noise)[observed], observed)
+    misfit = misfit - model.data.matrix @ model.solution.traction.ravel()
+    z = posterior_factor(model.solution, rows.T @ model.data.matrix)
+    step = np.linalg.lstsq(rows.T @ rows - z.T @ z, rows.T @ misfit, rcond=1e-6)[0]
+    deviation = 1.0 / np.sqrt(np.maximum((rows**2).sum(axis=0), 1e-300))
+    out[h.present] = np.where(np.abs(step) > 0.5 * deviation, step, 0.0)
+    return out
 
 
 def doubtful(estimator: ConstrainedEstimator, run: Run) -> tuple[Floats, Floats]:
@@ -68,12 +86,14 @@ def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviat
     gain = estimator.problem.uncertainty.gain / STATED
     if not columns.shape[1] and not gain:
         return
-    rows = estimator.readings.white(columns[observed], observed)
+    white = estimator.readings.white(columns[observed], observed)
     for one in (model, model.contact):
         if one is None:
             continue
-        parts = [shared_errors(one, rows, prior)] if columns.shape[1] else []
+        parts = [shared_errors(one, white, prior)] if columns.shape[1] else []
         if gain:
             each = gain * np.abs(run.data / noise)[observed]
-            parts.append(posterior_factor(one.solution, each[:, None] * one.data.matrix))
+            matrix = one.data.matrix
+            rows = matrix.sketched(each) if isinstance(matrix, Applied) else each[:, None] * matrix
+            parts.append(posterior_factor(one.solution, rows))
         one.shared = np.concatenate(parts, axis=1)

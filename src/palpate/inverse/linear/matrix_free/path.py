@@ -4,19 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from palpate.inverse.linear.matrix_free.evidence import LinearAtSize
 from palpate.inverse.linear.matrix_free.memory import check_system, on_lattice, servable
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
 from palpate.inverse.linear.matrix_free.system import System
 from palpate.inverse.linear.memory import block_size
 from palpate.inverse.linear.parameter import Filter, tikhonov
 from palpate.inverse.linear.priors import DifferencePrior, Prior
-from palpate.inverse.linear.regularised import Regularised
+from palpate.inverse.linear.regularised import Decomposition, Regularised
 from palpate.inverse.problem import Problem
 from palpate.sensing.operator import LARGEST_MATRIX
 
-__all__ = ["LARGEST_DENSE_BLOCK", "Linear", "linear_method", "matrix_free"]
+__all__ = [
+    "LARGEST_DENSE_BLOCK",
+    "Linear",
+    "LinearModel",
+    "contact_at_size",
+    "linear_method",
+    "linear_model",
+    "matrix_free",
+]
 
 Linear = Regularised | MatrixFree
+#: What methods that know contact start from.
+LinearModel = Decomposition | LinearAtSize
 
 #: Readings in the largest symmetry block up to which the decomposition is dense: about ten seconds of preparation, once, after which a frame
 #: takes milliseconds and is exact. Beyond, it takes minutes and gigabytes, and a matrix-free frame takes as long as a few hundred FFTs.
@@ -34,12 +45,32 @@ def linear_method(
     """The method prepared for a problem, with one prior for each component sought."""
     if matrix_free(problem, filter_factors, priors):
         check_system(problem.pad, problem.planes, problem.surface, len(problem.columns))
-        key = ("matrix-free system", problem.columns, tuple(p.key for p in priors))
+        key = ("matrix-free system", False, problem.columns, tuple(p.key for p in priors))
         system = problem.kept.get(key, lambda: System(problem.operator, priors, problem.columns))
         return MatrixFree(system, parameter, absolute=absolute, nuisance=problem.nuisance)
     return Regularised(
         problem.decomposition(priors), filter_factors, parameter, absolute=absolute, nuisance=problem.nuisance
     )
+
+
+def contact_at_size(problem: Problem, *, wide: bool) -> bool:
+    """Whether a method that knows contact is to start from a matrix-free system: of a regular array whose taxels have noise of their own."""
+    surface = problem.wide_surface if wide else problem.surface
+    if problem.boundary != "free" or any(a.noise_correlation for a in problem.planes):
+        return False
+    regular = on_lattice(problem.planes, surface)
+    return regular and block_size(problem.pad, problem.planes, surface) > LARGEST_DENSE_BLOCK
+
+
+def linear_model(problem: Problem, priors: Sequence[Prior], *, wide: bool) -> LinearModel:
+    """The linear model that a method that knows contact starts from, with one prior for each component sought."""
+    if not contact_at_size(problem, wide=wide):
+        return problem.decomposition(priors, wide=wide)
+    surface = problem.wide_surface if wide else problem.surface
+    check_system(problem.pad, problem.planes, surface, len(problem.columns))
+    operator = problem.wide if wide else problem.operator
+    key = ("matrix-free system", wide and not problem.fixed, problem.columns, tuple(p.key for p in priors))
+    return LinearAtSize(problem.kept.get(key, lambda: System(operator, priors, problem.columns)))
 
 
 def matrix_free(problem: Problem, filter_factors: Filter, priors: Sequence[Prior]) -> bool:

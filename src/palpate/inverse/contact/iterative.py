@@ -1,0 +1,192 @@
+"""What is asked of a factor (`palpate.inverse.contact.factors.Factor`) of a normal matrix that is known by products alone.
+
+Solutions are by conjugate gradients, scaled by the diagonal; square roots by Lanczos' method (Y. Saad, SIAM J. Numer. Anal. 29, 1992,
+209-228); variances are those of samples: H x = G'e + P^(1/2) e with e white has the covariance H^-1 (G. Papandreou, A. Yuille, NIPS 23, 2010).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.rows import Rows
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.cone import Face
+    from palpate.inverse.contact.products import Products
+
+__all__ = ["SAMPLES", "Iterative"]
+
+#: One Newton step is solved to this part of its right side: the next one goes on from there. Samples are solved to this part of their size.
+STEP, SAMPLE = 1e-2, 2e-2
+#: Most steps of conjugate gradients, and of Lanczos' method.
+MOST, LANCZOS = 400, 80
+#: A square root has converged when a step changes it by less than this.
+ROOT = 1e-3
+#: Samples that variances are made of, and where they are only to be added to squared gradients and smoothed.
+SAMPLES, FEW = 16, 8
+
+
+class Iterative:
+    """Of W'HW + diag(more) on the free directions W of a face."""
+
+    def __init__(self, hessian: Products, face: Face, more: Floats) -> None:
+        self.hessian, self.face, self.more = hessian, face, more
+        c, n = face.free.shape
+        self._shape = (c, n)
+        diagonal = hessian.diagonal().reshape(c, n)
+        if face.mixed:
+            diagonal = np.einsum("idk,di->ki", face.basis**2, diagonal)
+        self.diagonal = diagonal.ravel()[face.index] + more
+        self._drawn: Floats = np.zeros((0, len(self.diagonal)))
+
+    def _apply(self, v: Any, *, about: bool = False) -> Any:
+        """(k, free); ``about`` as for `Products.many`: a Newton step is followed by an exact residual, and errors need no more."""
+        face = self.face
+        whole = np.zeros((len(v), self._shape[0] * self._shape[1]), dtype=v.dtype)
+        whole[:, face.index] = v
+        x = whole.reshape(len(v), *self._shape)
+        if face.mixed:
+            x = np.einsum("idk,ski->sdi", face.basis.astype(v.dtype), x, optimize=True)
+        out = self.hessian.many(x, about=about)
+        if face.mixed:
+            out = np.einsum("idk,sdi->ski", face.basis.astype(v.dtype), out, optimize=True)
+        return out.reshape(len(v), -1)[:, face.index] + self.more.astype(v.dtype) * v
+
+    def solve(self, right: Floats) -> Floats:
+        return np.asarray(self._solved(right[None], STEP)[0])
+
+    def _solved(self, right: Floats, tolerance: float) -> Floats:
+        """H^-1 right (k, free), in single precision, relative to the size of each."""
+        inverse = (1.0 / self.diagonal).astype(np.float32)
+        size = np.sqrt((right**2 / self.diagonal).sum(axis=1))
+        there = np.flatnonzero(size > 0)
+        out = np.zeros(right.shape)
+        if not len(there) or not right.shape[1]:
+            return out
+        r = (right[there] / size[there, None]).astype(np.float32)
+        x = np.zeros_like(r)
+        here = np.arange(len(there))
+        z = inverse * r
+        direction, rz = z.copy(), _dots(r, z)
+        for _ in range(MOST):
+            moved = self._apply(direction, about=True)
+            curvature = _dots(direction, moved)
+            good = curvature > 0
+            step = np.where(good, rz / np.where(good, curvature, 1.0), 0.0)[:, None].astype(np.float32)
+            x[here] += step * direction
+            r = r - step * moved
+            z = inverse * r
+            new = _dots(r, z)
+            going = (new > tolerance**2) & good
+            if not going.all():
+                here, r, z, direction, rz, new = (
+                    here[going],
+                    r[going],
+                    z[going],
+                    direction[going],
+                    rz[going],
+                    new[going],
+                )
+                if not len(here):
+                    break
+            direction = z + (new / rz)[:, None].astype(np.float32) * direction
+            rz = new
+        out[there] = x.astype(np.float64) * size[there, None]
+        return out
+
+    def squares(self, rows: Floats) -> Floats:
+        """Diagonal of rows H^-1 rows', of (k, free): known to the square of what solutions are."""
+        return np.asarray((rows * self._solved(rows, SAMPLE)).sum(axis=1))
+
+    # -- square roots: F = (D^-1/2 H D^-1/2)^-1/2 D^-1/2, with D the diagonal
+
+    def half(self, right: Floats) -> Floats:
+        scale = 1.0 / np.sqrt(self.diagonal)
+        return self._root((scale[:, None] * right).T).T
+
+    def back(self, half: Floats) -> Floats:
+        scale = 1.0 / np.sqrt(self.diagonal)
+        return np.asarray(scale[:, None] * self._root(half.T).T)
+
+    def _root(self, rows: Floats) -> Floats:
+        """(D^-1/2 H D^-1/2)^-1/2 of rows (k, free)."""
+        import scipy.linalg
+
+        size = np.sqrt((rows**2).sum(axis=1))
+        out = np.zeros(rows.shape)
+        there = np.flatnonzero(size > 0)
+        if not len(there) or not rows.shape[1]:
+            return out
+        scale = 1.0 / np.sqrt(self.diagonal)
+        v = rows[there] / size[there, None]
+        basis, before, beta = [v], np.zeros_like(v), np.zeros(len(v))
+        alphas: list[Floats] = []
+        betas: list[Floats] = []
+        last: Floats | None = None
+        for k in range(min(LANCZOS, rows.shape[1])):
+            w = scale * self._apply(scale * v) - beta[:, None] * before
+            alpha = (w * v).sum(axis=1)
+            w = w - alpha[:, None] * v
+            alphas.append(alpha)
+            beta = np.sqrt((w**2).sum(axis=1))
+            if k % 4 == 3 or (beta < 1e-12).all() or k + 1 == min(LANCZOS, rows.shape[1]):
+                weights = np.zeros((len(v), k + 1))
+                for i in range(len(v)):
+                    values, vectors = scipy.linalg.eigh_tridiagonal(
+                        np.array([a[i] for a in alphas]), np.array([b[i] for b in betas])
+                    )
+                    weights[i] = vectors @ (vectors[0] / np.sqrt(np.maximum(values, 1e-12)))
+                if last is not None:
+                    change = weights.copy()
+                    change[:, : last.shape[1]] -= last
+                    if (np.linalg.norm(change, axis=1) < ROOT * np.linalg.norm(weights, axis=1)).all():
+                        break
+                last = weights
+                if (beta < 1e-12).all():
+                    break
+            betas.append(beta)
+            before, v = v, w / np.maximum(beta, 1e-300)[:, None]
+            basis.append(v)
+        for i, b in enumerate(basis[: weights.shape[1]]):
+            out[there] += weights[:, i, None] * b
+        out[there] *= size[there, None]
+        return out
+
+    # -- samples
+
+    def samples(self, count: int = SAMPLES) -> Floats:
+        """(sample, free) of a Gaussian of mean 0 and covariance H^-1, made `FEW` at a time: the first ones are always the same."""
+        while len(self._drawn) < count:
+            rng = np.random.default_rng(len(self._drawn))
+            shaken = self.hessian.perturbed(rng, FEW)
+            if self.face.mixed:
+                shaken = np.einsum("idk,sdi->ski", self.face.basis, shaken, optimize=True)
+            right = shaken.reshape(FEW, -1)[:, self.face.index]
+            right = right + np.sqrt(self.more) * rng.standard_normal(right.shape)
+            self._drawn = np.concatenate([self._drawn, self._solved(right, SAMPLE)])
+        return self._drawn[:count]
+
+    def variances(self, rows: Rows, *, few: bool = False) -> Floats:
+        if not len(self.diagonal):
+            return np.zeros(rows.count)
+        return np.asarray((rows.times(self.samples(FEW if few else SAMPLES).T) ** 2).mean(axis=1))
+
+    def taken(self) -> Floats:
+        """Degrees of freedom of each reading that H takes up."""
+        matrix, face = self.hessian.matrix, self.face
+        if not len(self.diagonal):
+            return np.zeros(matrix.shape[0])
+        whole = np.zeros((FEW, self._shape[0] * self._shape[1]))
+        whole[:, face.index] = self.samples(FEW)
+        x = whole.reshape(FEW, *self._shape)
+        if face.mixed:
+            x = np.einsum("idk,ski->sdi", face.basis, x, optimize=True)
+        seen = matrix.forward(x * self.hessian.scales[None, :, None])
+        return np.asarray((seen**2).mean(axis=0))
+
+
+def _dots(a: Any, b: Any) -> Floats:
+    return np.array([float(np.dot(x, y)) for x, y in zip(a, b)])

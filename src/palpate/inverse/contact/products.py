@@ -1,0 +1,424 @@
+"""Normal matrices of large contacts: known by products alone, made of FFTs over the contact's bounding box.
+
+A contact of thousands of cells on an array of thousands of readings has a matrix of influences that is slow to form and slower to
+factorise. Its products are convolutions with the influence of one cell (`palpate.sensing.operator.Convolution`), and its normal matrix is well enough
+conditioned, smooth by the penalty and seen through noise, for conjugate gradients (`palpate.inverse.contact.iterative`).
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections import OrderedDict
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import irfftn, rfftn
+from palpate.elastic.channels import find_channel
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.factors import Factor
+from palpate.inverse.contact.iterative import Iterative
+from palpate.inverse.contact.quadratic import Penalty
+from palpate.inverse.linear.whitening import Readings
+from palpate.sensing.operator import Convolution, Operator
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.cone import Face
+
+__all__ = ["AT_SIZE", "FIRST_AT_SIZE", "Applied", "Boxes", "Products", "by_products"]
+
+Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
+
+#: Boxes are cut to multiples of this many cells, so that the rounds of a frame share them; so many are kept.
+STEP, KEPT = 8, 6
+#: Cells this many depths inside an array feel its edges to a hundredth: influences of stress fall like the fourth power of the distance, and
+#: what two cells have in common beyond the edge like its sixth.
+FROM_EDGE = 2.0
+#: Where so few cells of a contact lie nearer, as patches of noise do, and so few readings are left out, the rest is what counts.
+FEW_NEAR, FEW_MISSING = 0.01, 8
+#: Combinations of readings that stand for all of them where each has an error of its own.
+SKETCH = 32
+#: Fewer unknowns than this are always solved with a matrix.
+FEWEST = 900
+#: Products that solving, learning local weights and error bars take in all, and what one entry of a padded transform costs against one
+#: multiplication of a matrix product, both measured.
+PRODUCTS, ENTRY = 150.0, 60.0
+#: Relative residual at which a solution by products counts as exact, a hundredth of what noise makes of it or less, and that of the
+#: first solutions, which tell noise and region.
+AT_SIZE, FIRST_AT_SIZE = 1e-4, 1e-3
+#: Factorisations that a model takes.
+FACTORS = 3.0
+
+
+def by_products(operator: Operator, cells: Index, components: int, readings: int) -> bool:
+    """Whether products serve the contact sooner than matrices: by the work of both."""
+    unknowns = components * len(cells)
+    if unknowns < FEWEST or not all(isinstance(p, Convolution) for p in operator.planes):
+        return False
+    if any(a.noise_correlation for a in operator.planes_of):
+        return False
+    formed = readings * unknowns**2 + FACTORS * unknowns**3 / 3.0
+    box = box_of(cells, operator.surface.shape)
+    padded = 0.0
+    for plane in operator.planes:
+        size = [(m - 1) * r + b.stop - b.start for m, r, b in zip(plane.taxels, plane.ratios, box)]  # type: ignore[attr-defined]
+        padded += math.prod(size) * (components + plane.rows)  # type: ignore[attr-defined]
+    return PRODUCTS * ENTRY * padded < formed
+
+
+def box_of(cells: Index, shape: tuple[int, ...]) -> tuple[slice, ...]:
+    """The bounding box of cells, out to multiples of `STEP`."""
+    places = np.unravel_index(cells, shape)
+    low = [int(p.min()) // STEP * STEP for p in places]
+    high = [min(-(-(int(p.max()) + 1) // STEP) * STEP, n) for p, n in zip(places, shape)]
+    return tuple(slice(a, b) for a, b in zip(low, high))
+
+
+class Boxes:
+    """Convolutions from boxes of an operator's surface to all its readings; the last ones are kept."""
+
+    def __init__(self, operator: Operator, columns: Sequence[int]) -> None:
+        self.operator, self.columns = operator, tuple(columns)
+        self._kept: OrderedDict[tuple[tuple[int, int], ...], Box] = OrderedDict()
+
+    def around(self, cells: Index) -> Box:
+        """The one that holds some cells."""
+        place = box_of(cells, self.operator.surface.shape)
+        key = tuple((s.start, s.stop) for s in place)
+        found = self._kept.get(key)
+        if found is None:
+            found = Box(self.operator, self.columns, place)
+            self._kept[key] = found
+            while len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+        return found
+
+
+class Box:
+    """Products with the influences of the cells of a box."""
+
+    def __init__(self, operator: Operator, columns: tuple[int, ...], place: tuple[slice, ...]) -> None:
+        from scipy.fft import next_fast_len
+
+        self.place, self.columns = place, columns
+        self.shape = tuple(s.stop - s.start for s in place)
+        self.arrays, self.axes = operator.planes_of, operator.surface.axes
+        self.valid = [np.flatnonzero(np.tile(a.valid.ravel(), len(a.channels))) for a in operator.planes_of]
+        self.planes: list[tuple[Convolution, tuple[int, ...], list[Any], Any]] = []
+        for plane in operator.planes:
+            if not isinstance(plane, Convolution):
+                raise TypeError("products by boxes need a regular array")
+            kernel = plane.kernel[:, list(columns)]
+            for axis, (s, n, m, r) in enumerate(zip(place, plane.cells, plane.taxels, plane.ratios)):
+                here = slice(n - s.stop, (m - 1) * r - s.start + n)
+                kernel = kernel[(slice(None),) * (2 + axis) + (here,)]
+            size = tuple(next_fast_len(n, real=True) for n in kernel.shape[2:])
+            spectra = [self._spectrum(k, size) for k in (kernel, kernel**2)]
+            self.planes.append((plane, size, [spectra[0], spectra[0].astype(np.complex64)], spectra[1]))
+
+    def _spectrum(self, kernel: Floats, size: tuple[int, ...]) -> Any:
+        d = len(size)
+        padded = np.zeros((*kernel.shape[:2], *size))
+        padded[(slice(None), slice(None), *(slice(0, n) for n in kernel.shape[2:]))] = kernel
+        return rfftn(np.roll(padded, [-(n - 1) for n in self.shape], axis=tuple(range(2, 2 + d))), size)
+
+    @cached_property
+    def correlated(self) -> list[tuple[tuple[int, ...], Any]] | None:
+        """Of each plane, the transform (channel, component, component, *k) of what influences of two cells have in common, were there taxels for
+        ever, and its size; None where that is far from what there is: cells are finer than the pitch, or displacement is measured, which is felt
+        everywhere.
+        """
+        out = []
+        for array, (plane, _, _, _) in zip(self.arrays, self.planes):
+            if any(r != 1 for r in plane.ratios) or any(find_channel(c).kind.absolute for c in array.channels):
+                return None
+            out.append(self._correlated(plane))
+        return out
+
+    def _correlated(self, plane: Convolution) -> tuple[tuple[int, ...], Any]:
+        from scipy.fft import next_fast_len
+
+        d = len(self.shape)
+        kernel = plane.kernel[:, list(self.columns)]
+        whole = tuple(next_fast_len(n + b, real=True) for n, b in zip(kernel.shape[2:], self.shape))
+        waves = rfftn(kernel, whole)
+        size = tuple(next_fast_len(2 * n - 1, real=True) for n in self.shape)
+        c = len(self.columns)
+        out = np.empty((plane.rows, c, c, *size[:-1], size[-1] // 2 + 1), dtype=np.complex64)
+        for i in range(c):
+            for j in range(c):
+                # of cells j and j': sum over taxels i of K(i - j) K(i - j')
+                found = irfftn(np.conj(waves[:, i]) * waves[:, j], whole)
+                kept = np.zeros((plane.rows, *size))
+                for corner in np.ndindex(*(2,) * d):
+                    here = tuple(
+                        slice(0, n) if low == 0 else slice(-(n - 1), None) for low, n in zip(corner, self.shape)
+                    )
+                    kept[(slice(None), *here)] = found[(slice(None), *here)]
+                out[:, i, j] = rfftn(kept, size)
+        return size, out
+
+    def together(self, x: Any, spectra: Sequence[tuple[tuple[int, ...], Any]]) -> Any:
+        """(k, component, *box) of the same, by transforms (component, component, *k) of each plane."""
+        total: Any = 0.0
+        for size, spectrum in spectra:
+            waves = rfftn(x, size)
+            out = np.empty_like(waves)
+            for i in range(len(self.columns)):
+                np.multiply(spectrum[i, 0], waves[:, 0], out=out[:, i])
+                for j in range(1, len(self.columns)):
+                    out[:, i] += spectrum[i, j] * waves[:, j]
+            total = total + irfftn(out, size)[(..., *(slice(0, n) for n in self.shape))]
+        return total
+
+    def forward(self, x: Any) -> Any:
+        """Readings (k, reading) of (k, component, *box), in its precision."""
+        parts = []
+        for (plane, size, spectra, _), valid in zip(self.planes, self.valid):
+            spectrum = spectra[x.dtype == np.float32]
+            waves = rfftn(x, size)
+            rows = np.empty((len(x), plane.rows, *waves.shape[2:]), dtype=waves.dtype)
+            for i in range(plane.rows):
+                np.multiply(spectrum[i, 0], waves[:, 0], out=rows[:, i])
+                for j in range(1, len(self.columns)):
+                    rows[:, i] += spectrum[i, j] * waves[:, j]
+            full = irfftn(rows, size)[
+                (..., *(slice(0, (m - 1) * r + 1, r) for m, r in zip(plane.taxels, plane.ratios)))
+            ]
+            parts.append(full.reshape(len(x), -1)[:, valid])
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+    def adjoint(self, rows: Any, *, squared: bool = False) -> Any:
+        """Its transpose: (k, component, *box) of readings (k, reading); ``squared``: with the squares of all influences."""
+        total: Any = 0.0
+        start = 0
+        for (plane, size, spectra, squares), valid in zip(self.planes, self.valid):
+            spectrum = squares if squared else spectra[rows.dtype == np.float32]
+            part = np.zeros((len(rows), plane.rows * math.prod(plane.taxels)), dtype=rows.dtype)
+            part[:, valid] = rows[:, start : start + len(valid)]
+            start += len(valid)
+            image = part.reshape(len(rows), plane.rows, *plane.taxels)
+            if any(r > 1 for r in plane.ratios):
+                spread = np.zeros(
+                    (len(rows), plane.rows, *((m - 1) * r + 1 for m, r in zip(plane.taxels, plane.ratios))),
+                    dtype=rows.dtype,
+                )
+                every: Any = (..., *(slice(None, None, r) for r in plane.ratios))
+                spread[every] = image
+                image = spread
+            waves = np.conj(rfftn(image, size))
+            out = np.empty((len(rows), len(self.columns), *waves.shape[2:]), dtype=waves.dtype)
+            for j in range(len(self.columns)):
+                np.multiply(spectrum[0, j], waves[:, 0], out=out[:, j])
+                for i in range(1, plane.rows):
+                    out[:, j] += spectrum[i, j] * waves[:, i]
+            total = total + irfftn(np.conj(out), size)[(..., *(slice(0, n) for n in self.shape))]
+        return total
+
+
+class Applied:
+    """The whitened influences (observed reading, component * cell) of some cells, as products.
+
+    It stands where a matrix would: ``matrix @ x``, ``rows @ matrix`` and ``matrix.T`` are what is asked of it.
+    """
+
+    #: Arrays leave products with it to it.
+    __array_ufunc__ = None
+
+    def __init__(
+        self, box: Box, readings: Readings, shape: tuple[int, ...], cells: Index, noise: Floats, observed: Flags
+    ) -> None:
+        self.box, self.surface, self.observed = box, shape, observed
+        self.readings, self.weight = readings, 1.0 / noise
+        self.ray: Floats | None = None
+        self._place(cells)
+
+    def _place(self, cells: Index) -> None:
+        places = np.unravel_index(cells, self.surface)
+        self.cells = cells
+        self.inside = np.ravel_multi_index(tuple(p - s.start for p, s in zip(places, self.box.place)), self.box.shape)
+
+    @property
+    def components(self) -> int:
+        return 1 if self.ray is not None else len(self.box.columns)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return int(self.observed.sum()), self.components * len(self.cells)
+
+    def part(self, position: Index) -> Applied:
+        """The same of some of the cells."""
+        out = self._copy()
+        out._place(self.cells[position])
+        return out
+
+    def along(self, ray: Floats) -> Applied:
+        """Of traction that is ``ray`` (component,) times what is sought."""
+        out = self._copy()
+        out.ray = np.asarray(ray)
+        return out
+
+    def _copy(self) -> Applied:
+        out = copy.copy(self)
+        for name in ("squares", "endless"):
+            out.__dict__.pop(name, None)
+        return out
+
+    @cached_property
+    def endless(self) -> list[tuple[tuple[int, ...], Any]] | None:
+        """Transforms of the normal matrix that there would be were there taxels for ever; None where that is another one."""
+        if np.count_nonzero(~self.observed) > FEW_MISSING:
+            return None
+        found = None if self._near_an_edge() else self.box.correlated
+        if found is None:
+            return None
+        out, start = [], 0
+        for (size, spectrum), array in zip(found, self.box.arrays):
+            n = int(array.valid.sum())
+            if array.valid.size - n > FEW_MISSING:
+                return None
+            weights = self.weight[start : start + n * len(array.channels)].reshape(len(array.channels), n)
+            start += weights.size
+            if (np.ptp(weights, axis=1) > 1e-9 * weights.max()).any():
+                return None
+            out.append((size, np.tensordot((weights[:, 0] ** 2).astype(np.float32), spectrum, 1)))
+        return out
+
+    def _near_an_edge(self) -> bool:
+        places = np.unravel_index(self.cells, self.surface)
+        for array in self.box.arrays:
+            near = np.zeros(len(self.cells), dtype=bool)
+            for place, cells, taxels in zip(places, self.box.axes, array.grid.axes):  # type: ignore[union-attr]
+                x, reach = cells[place], FROM_EDGE * array.depth
+                near |= (x - taxels[0] < reach) | (taxels[-1] - x < reach)
+            if near.mean() > FEW_NEAR:
+                return True
+        return False
+
+    def together(self, x: Any) -> Any:
+        """About G'G x, of (k, component, cell) in single precision: twice as fast, or the same as by products."""
+        if self.endless is None:
+            return self.adjoint(self.forward(x))
+        if self.ray is not None:
+            x = self.ray.astype(x.dtype)[None, :, None] * x
+        whole = np.zeros((len(x), len(self.box.columns), math.prod(self.box.shape)), dtype=x.dtype)
+        whole[:, :, self.inside] = x
+        out = self.box.together(whole.reshape(len(x), -1, *self.box.shape), self.endless)
+        out = out.reshape(len(x), len(self.box.columns), -1)[:, :, self.inside]
+        if self.ray is not None:
+            out = np.tensordot(out, self.ray.astype(x.dtype), (1, 0))[:, None]
+        return out
+
+    def forward(self, x: Any) -> Any:
+        """(k, observed reading) of (k, component, cell)."""
+        if self.ray is not None:
+            x = self.ray.astype(x.dtype)[None, :, None] * x
+        whole = np.zeros((len(x), len(self.box.columns), math.prod(self.box.shape)), dtype=x.dtype)
+        whole[:, :, self.inside] = x
+        out = self.box.forward(whole.reshape(len(x), -1, *self.box.shape))
+        out *= self.weight.astype(x.dtype)
+        return out if self.observed.all() else out[:, self.observed]
+
+    def adjoint(self, rows: Any) -> Any:
+        """(k, component, cell) of (k, observed reading)."""
+        if not self.observed.all():
+            whole = np.zeros((len(rows), len(self.observed)), dtype=rows.dtype)
+            whole[:, self.observed] = rows
+            rows = whole
+        out = self.box.adjoint(rows * self.weight.astype(rows.dtype))
+        out = out.reshape(len(rows), len(self.box.columns), -1)[:, :, self.inside]
+        if self.ray is not None:
+            out = np.tensordot(out, self.ray.astype(rows.dtype), (1, 0))[:, None]
+        return out
+
+    @cached_property
+    def squares(self) -> Floats:
+        """The diagonal (component * cell,) of the normal matrix."""
+        if self.ray is not None:
+            # of rays, as if components were told apart: it only makes iterations short
+            whole = copy.copy(self)
+            whole.ray = None
+            each = Applied.squares.func(whole).reshape(len(self.ray), -1)  # type: ignore[attr-defined]
+            return np.asarray((self.ray**2) @ each)
+        rows = np.where(self.observed, self.weight**2, 0.0)[None]
+        found = self.box.adjoint(rows, squared=True).reshape(len(self.box.columns), -1)[:, self.inside]
+        return np.asarray(np.maximum(found, 1e-9 * float(found.max())).ravel())
+
+    def __matmul__(self, x: Floats) -> Floats:
+        many = x.reshape(len(x), -1).T.reshape(-1, self.components, len(self.cells))
+        out = self.forward(many)
+        return np.asarray(out[0] if x.ndim == 1 else out.T)
+
+    def __rmatmul__(self, rows: Floats) -> Floats:
+        out = self.adjoint(np.atleast_2d(rows))
+        out = out.reshape(len(out), -1)
+        return np.asarray(out[0] if rows.ndim == 1 else out)
+
+    def sketched(self, each: Floats) -> Floats:
+        """Rows whose squares add up to those of every reading's row times ``each``, on average: combinations of random signs."""
+        rng = np.random.default_rng(0)
+        signs = np.where(rng.random((SKETCH, len(each))) < 0.5, -1.0, 1.0)
+        return (signs * each) @ self / math.sqrt(SKETCH)
+
+    @property
+    def T(self) -> Transposed:
+        return Transposed(self)
+
+
+class Transposed:
+    """G' of `Applied`."""
+
+    __array_ufunc__ = None
+
+    def __init__(self, of: Applied) -> None:
+        self.T = of
+
+    def __matmul__(self, x: Floats) -> Floats:
+        return np.asarray((x.T @ self.T).T)
+
+    def __rmatmul__(self, rows: Floats) -> Floats:
+        return np.asarray((self.T @ rows.T).T)
+
+
+class Products:
+    """A normal matrix G'G + P (`palpate.inverse.contact.quadratic.Quadratic`) as products."""
+
+    def __init__(self, matrix: Applied, penalty: Penalty, scales: Floats | None = None) -> None:
+        self.matrix, self.penalty = matrix, penalty
+        self.scales = np.ones(matrix.components) if scales is None else scales
+
+    def product(self, x: Floats) -> Floats:
+        return np.asarray(self.many(x[None])[0])
+
+    def many(self, x: Any, *, about: bool = False) -> Any:
+        """H x, of (k, component, cell), in its precision; ``about``: of taxels for ever, where that is next to the same."""
+        scales = self.scales.astype(x.dtype)[None, :, None]
+        x = x * scales
+        out = self.matrix.together(x) if about else self.matrix.adjoint(self.matrix.forward(x))
+        out += self.penalty.many(x)
+        out *= scales
+        return out
+
+    def diagonal(self) -> Floats:
+        return (self.matrix.squares + self.penalty.diagonal()) * np.repeat(self.scales**2, len(self.matrix.cells))
+
+    def scaled(self, scales: Floats) -> Products:
+        return Products(self.matrix, self.penalty, self.scales * scales)
+
+    def factor(self, face: Face, more: Floats) -> Factor:
+        return Iterative(self, face, more)
+
+    def perturbed(self, rng: np.random.Generator, count: int) -> Floats:
+        """Samples (count, component, cell) of a Gaussian whose covariance is H."""
+        seen = self.matrix.adjoint(rng.standard_normal((count, self.matrix.shape[0])))
+        prior = self.penalty.perturbed(rng, count)
+        return np.asarray((seen + prior) * self.scales[None, :, None])
+
+    def dense(self) -> Floats:
+        n = self.matrix.components * len(self.matrix.cells)
+        return np.asarray(self.many(np.eye(n).reshape(n, self.matrix.components, -1)).reshape(n, n))

@@ -1,0 +1,92 @@
+"""The linear model that contact is sought from: a dense decomposition, or matrix-free; and the broken readings that it finds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.model import Rounds
+from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.contact.screening import Screened, linear_noise, noise_at_size, screened
+from palpate.inverse.contact.windows import Windows
+from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence
+from palpate.inverse.linear.matrix_free.evidence import LinearAtSize
+from palpate.inverse.linear.matrix_free.path import LinearModel, linear_model
+from palpate.inverse.linear.priors import Prior
+from palpate.inverse.linear.whitening import Readings
+from palpate.inverse.problem import Problem
+
+__all__ = ["LinearStart", "linear_models"]
+
+Flags = npt.NDArray[np.bool_]
+
+
+def linear_models(
+    problem: Problem, priors: Mapping[int, Sequence[Prior]], *, wide: bool, any_size: bool
+) -> dict[int, Any]:
+    """The linear model of each order of the penalty; a matrix-free one only where ``any_size``."""
+    if any_size:
+        return {order: linear_model(problem, each, wide=wide) for order, each in priors.items()}
+    return {order: problem.decomposition(each, wide=wide) for order, each in priors.items()}
+
+
+class LinearStart:
+    """What the linear models say of a frame."""
+
+    def __init__(
+        self,
+        orders: Mapping[int, LinearModel],
+        readings: Readings,
+        parameter: float | None,
+        rounds: Rounds,
+        windows: Windows,
+    ) -> None:
+        self.orders, self.readings, self.parameter = orders, readings, parameter
+        self._rounds, self._windows = rounds, windows
+
+    def freedom(self, parameter: float) -> float:
+        """How many degrees of freedom of the traction the data tell, rather than the penalty."""
+        linear = self.orders[1]
+        if isinstance(linear, LinearAtSize):
+            return linear.freedom(parameter)
+        spectrum = linear.spectrum
+        return float(spectrum.multiplicity @ (spectrum.eigenvalues / (spectrum.eigenvalues + parameter)))
+
+    def evidence(
+        self, linear: LinearModel, rows: Sequence[Floats], known: float | None, patterns: Floats | None = None
+    ) -> LinearEvidence:
+        """What a linear model makes of a frame; ``known`` fixes the noise scale where it is not the arrays' own."""
+        if isinstance(linear, LinearAtSize):
+            return self._rounds.of(linear).evidence(rows, self.parameter, known, patterns)
+        return linear_evidence(linear, rows, self.parameter, known, patterns)
+
+    def noise(self, data: Floats, total: float, observed: Flags) -> tuple[LinearEvidence, float, float]:
+        """The linear model whose noise explains itself, the noise, and the freedom left.
+
+        Readings that are not observed have sizes of their own; a matrix-free model takes them as they are filled.
+        """
+        linear, rows, n = self.orders[1], self.readings.planes(data), len(data)
+        if isinstance(linear, LinearAtSize):
+            return noise_at_size(self._rounds.of(linear), rows, total)
+        patterns = None
+        missing = np.flatnonzero(~observed)
+        if len(missing):
+            each = [np.where(np.arange(n) == i, self.readings.std, 0.0) for i in missing]
+            patterns = np.stack([self.projected(self.readings.planes(e)) for e in each])
+        return linear_noise(linear, rows, total, patterns)
+
+    def projected(self, rows: Sequence[Floats]) -> Floats:
+        """Readings in the basis of the linear model."""
+        linear = self.orders[1]
+        return np.asarray(linear.project(rows) if isinstance(linear, LinearAtSize) else linear.spectrum.project(rows))
+
+    def screened(self, data: Floats, observed: Flags, shifts: Floats, thresholds: Thresholds) -> Screened:
+        """Broken readings of a frame, and what is said in their place; ``shifts`` as in `screening.screened`."""
+        linear = self.orders[1]
+        if isinstance(linear, LinearAtSize):
+            return self._windows.screened(self.readings, data, observed, thresholds)
+        return screened(linear, self.readings, data, observed, shifts, thresholds)

@@ -1,0 +1,180 @@
+"""Broken readings of large arrays: what is suspicious is looked at in a window of its neighbours, as a small array's readings are.
+
+A broken taxel differs from what its neighbours along an axis tell by cubic interpolation, and they agree with theirs. So does a sharp contact, now
+and then: whether it is broken is decided by `palpate.inverse.contact.screening` on the window alone, whose contact may lie anywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.noise import MEDIAN
+from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.contact.screening import Screened, screened
+from palpate.inverse.linear.priors import DifferencePrior
+from palpate.inverse.linear.regularised import Decomposition
+from palpate.inverse.linear.whitening import Readings
+from palpate.inverse.problem import Problem
+from palpate.sensing.arrays import AreaArray, Array, LineArray
+from palpate.sensing.nuisance import nuisances
+from palpate.sensing.operator import Operator
+from palpate.sensing.surface import WIDE, default_surface
+
+__all__ = ["Windows"]
+
+Flags = npt.NDArray[np.bool_]
+
+#: Half the taxels of a window along an axis, on an area and on a line.
+HALF = {2: 6, 1: 20}
+#: A reading nearer than this to an edge of its window that is none of the array's is left to another window.
+INNER = 3
+#: Suspicious is what differs from its neighbours by this many robust standard deviations, and this many times as much as the readings a little
+#: farther away do from theirs.
+SUSPICIOUS, ALONE = 5.0, 1.5
+#: Windows that are looked at in each round, the most suspicious ones; rounds, as each finds what larger ones hid.
+MOST, ROUNDS = 24, 3
+
+
+class Windows:
+    """The windows of a problem; the decompositions of those met are kept with it."""
+
+    def __init__(
+        self, problem: Problem, columns: tuple[int, ...], variances: Sequence[float], kinds: Sequence[str]
+    ) -> None:
+        self.problem, self.columns, self.variances, self.kinds = problem, columns, tuple(variances), tuple(kinds)
+        first = problem.planes[0]
+        #: Planes that do not lie over each other have no windows in common.
+        self.serves = all(isinstance(a, AreaArray | LineArray) and a.grid == first.grid for a in problem.planes)  # type: ignore[union-attr]
+
+    def screened(self, readings: Readings, data: Floats, observed: Flags, thresholds: Thresholds) -> Screened:
+        """Broken readings of a frame, and what the windows say in their place."""
+        broken, explained = np.zeros(len(data), dtype=bool), np.zeros(len(data))
+        if not self.serves:
+            return Screened(broken, explained)
+        filled = data
+        for _ in range(ROUNDS):
+            found = False
+            planes = readings.planes(filled)
+            working = readings.planes(np.where(observed, 1.0, 0.0))
+            told = readings.planes(np.where(observed & ~broken, 1.0, 0.0))
+            for place in _suspicious([p / s for p, s in zip(planes, self._scales(readings))], told):
+                window = self._window(place, planes, working, thresholds)
+                for rows, value in window:
+                    flat = readings.flat(rows) > 0
+                    flat &= ~broken
+                    if flat.any():
+                        found = True
+                        broken |= flat
+                        explained = np.where(flat, readings.flat(value), explained)
+            if not found:
+                break
+            filled = np.where(broken, explained, data)
+        return Screened(broken, explained)
+
+    def _scales(self, readings: Readings) -> list[Floats]:
+        return [np.where(s > 0, s, 1.0) for s in readings.planes(readings.std)]
+
+    def _window(
+        self, place: tuple[int, ...], planes: Sequence[Floats], working: Sequence[Floats], thresholds: Thresholds
+    ) -> list[tuple[list[Floats], list[Floats]]]:
+        """What is broken in the window round a taxel, and what the window says of it, over all planes; nothing where nothing is."""
+        shape = planes[0].shape[1:]
+        half = HALF[len(shape)]
+        start = [max(0, min(p - half, n - 2 * half - 1)) for p, n in zip(place, shape)]
+        stop = [min(n, s + 2 * half + 1) for s, n in zip(start, shape)]
+        here = (slice(None), *(slice(a, b) for a, b in zip(start, stop)))
+        counts = tuple(b - a for a, b in zip(start, stop))
+        linear, shifts = self._prepared(counts)
+        own = Readings(linear.operator, linear.scales)
+        data = own.flat([p[here] for p in planes])
+        there = own.flat([w[here] for w in working]) > 0
+        found = screened(linear, own, data, there, shifts, thresholds)
+        inner = np.ones(counts, dtype=bool)
+        for axis, (a, b, n) in enumerate(zip(start, stop, shape)):
+            index = np.arange(a, b)
+            kept = (index >= (a + INNER if a > 0 else 0)) & (index < (b - INNER if b < n else n))
+            inner &= kept.reshape([-1 if i == axis else 1 for i in range(len(shape))])
+        sure = own.planes(np.where(found.broken, 1.0, 0.0))
+        if not any((s * inner).any() for s in sure):
+            return []
+        rows: list[Floats] = []
+        values: list[Floats] = []
+        for plane, s, value in zip(planes, sure, own.planes(found.explained)):
+            row: Floats = np.zeros(plane.shape)
+            filled: Floats = np.zeros(plane.shape)
+            row[here], filled[here] = s * inner, value
+            rows.append(row)
+            values.append(filled)
+        return [(rows, values)]
+
+    def _prepared(self, counts: tuple[int, ...]) -> tuple[Decomposition, Floats]:
+        """The linear model of a window of so many taxels, and its offsets."""
+        return self.problem.kept.get(("window", counts, self.columns, self.variances), lambda: self._made(counts))
+
+    def _made(self, counts: tuple[int, ...]) -> tuple[Decomposition, Floats]:
+        from palpate.inverse.linear.regularised import decompose
+
+        planes = [_cut(a, counts) for a in self.problem.planes]
+        operator = Operator(self.problem.pad, planes, default_surface(planes, depths=WIDE), self.problem.boundary)
+        priors = [DifferencePrior(operator.surface, 1, v) for v in self.variances]
+        linear = decompose(operator, priors, self.columns)
+        terms = nuisances(planes, [k for k in self.kinds if k == "offset"])
+        n = sum(math.prod(a.shape) * len(a.channels) for a in planes)
+        shifts = np.stack([t.rows for t in terms], axis=1) if terms else np.zeros((n, 0))
+        return linear, shifts
+
+
+def _cut(array: Array, counts: tuple[int, ...]) -> Array:
+    """As many taxels of an array."""
+    if isinstance(array, LineArray):
+        return replace(array, count=counts[0], mask=None, center=0.0)
+    if isinstance(array, AreaArray):
+        return replace(array, shape=(counts[0], counts[1]), mask=None, center=(0.0, 0.0))
+    raise TypeError("only regular arrays have windows")
+
+
+def _suspicious(planes: Sequence[Floats], working: Sequence[Floats]) -> list[tuple[int, ...]]:
+    """Taxels whose readings stand out from their neighbours', the worst first, each at the head of its neighbourhood."""
+    import scipy.ndimage
+
+    worst: Floats | None = None
+    for plane, works in zip(planes, working):
+        for values, there in zip(plane, works > 0):
+            total, count = np.zeros(values.shape), np.zeros(values.shape)
+            for axis in range(values.ndim):
+                told, known = _interpolated(values, there, axis)
+                total += np.where(known, told, 0.0)
+                count += known
+            known = there & (count > 0)
+            if known.sum() < 25:
+                continue
+            off = np.where(known, np.abs(values - total / np.maximum(count, 1.0)), 0.0)
+            size = off / max(float(np.median(off[known])) / MEDIAN, 1e-300)
+            # how much those a little farther away stand out: their largest, beyond what this one does to its neighbours
+            ring = np.ones((9,) * values.ndim, dtype=bool)
+            ring[(slice(2, 7),) * values.ndim] = False
+            around = scipy.ndimage.maximum_filter(size, footprint=ring, mode="constant")
+            out = np.where((size > SUSPICIOUS) & (size > ALONE * np.minimum(around, size.max() / ALONE)), size, 0.0)
+            worst = out if worst is None else np.maximum(worst, out)
+    if worst is None or not worst.any():
+        return []
+    heads = (worst > 0) & (worst == scipy.ndimage.maximum_filter(worst, size=5))
+    places = np.argwhere(heads)
+    order = np.argsort(-worst[heads], kind="stable")[:MOST]
+    return [tuple(int(i) for i in places[k]) for k in order]
+
+
+def _interpolated(values: Floats, there: Flags, axis: int) -> tuple[Floats, Flags]:
+    """What the two neighbours on each side along an axis tell of each reading, by a cubic through them, and where they are all there."""
+    moved, works = np.moveaxis(values, axis, 0), np.moveaxis(there, axis, 0)
+    out, known = np.zeros(moved.shape), np.zeros(works.shape, dtype=bool)
+    if len(moved) > 4:
+        out[2:-2] = (4.0 * (moved[1:-3] + moved[3:-1]) - moved[:-4] - moved[4:]) / 6.0
+        known[2:-2] = works[:-4] & works[1:-3] & works[3:-1] & works[4:]
+    return np.moveaxis(out, 0, axis), np.moveaxis(known, 0, axis)

@@ -1,0 +1,213 @@
+"""Marginal likelihood of one frame at any size: what `palpate.inverse.linear.evidence` is, on a matrix-free system.
+
+The approximation has misfit and penalty for all parameters at once, solutions move them to where they are exact (`rules.Corrected`), and a
+noise that is given only scales them: the rounds in which contact and noise are found in turn ask for the same readings over and over, so
+that the last ones are kept.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.linear.evidence import LinearEvidence
+from palpate.inverse.linear.matrix_free.rules import Corrected
+from palpate.inverse.linear.matrix_free.system import System
+from palpate.inverse.linear.parameter import pick
+
+__all__ = ["LinearAtSize"]
+
+#: A parameter is found when evidence points this near to a solution (in log lambda): contact begins there and finds the rest.
+NEAR = 0.5
+#: From a solution evidence moves on by no more than this; most solutions on the way.
+STEP, ROUNDS = 3.5, 6
+#: Solutions on the way: quadratic forms are known to the square of this.
+TOLERANCE, MOST = 1e-3, 300
+#: Readings whose curves are kept.
+KEPT = 6
+
+
+class LinearAtSize:
+    """The linear model of a system, in the place of a `palpate.inverse.linear.regularised.Decomposition`.
+
+    Coefficients of readings are the whitened readings themselves.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.system, self.operator, self.columns = system, system.operator, system.columns
+        self.scales, self.noise_known = system.scales, system.noise_known
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        return self.system.nbytes
+
+    def project(self, rows: Sequence[Any]) -> Floats:
+        """Whitened readings (n,) of one frame, (channel, *array) per plane."""
+        return self.system.normal.rows([np.asarray(r)[None] for r in rows])[0]
+
+    def freedom(self, parameter: float) -> float:
+        """Degrees of freedom of the traction that the data tell."""
+        return float(self.system.freedom.curve(np.array([parameter]))[0])
+
+    def frame(self) -> FrameAtSize:
+        """One frame, while it is solved."""
+        return FrameAtSize(self)
+
+
+class _Solved:
+    """Curves of one row, and its solutions."""
+
+    def __init__(self, system: System, row: Floats) -> None:
+        self.system, self.row = system, row
+        self.curves = Corrected.of(system, row[None])
+        self.solutions: list[tuple[float, Floats]] = []
+        self._traction: tuple[float, Floats] | None = None
+
+    def solve(self, parameter: float, start: Floats | None) -> None:
+        lam = np.array([parameter])
+        u = self.system.solve(
+            self.row[None],
+            lam,
+            tolerance=TOLERANCE,
+            most=MOST,
+            start=None if start is None else start[None],
+            checked=False,
+        ).rows
+        self.curves.add(np.array([0]), lam, self.row[None], u, None)
+        self.solutions.append((parameter, u[0]))
+
+    def nearest(self, parameter: float) -> tuple[float, Floats] | None:
+        return min(self.solutions, key=lambda s: abs(math.log(s[0] / parameter)), default=None)
+
+    def traction(self, parameter: float) -> Floats:
+        """About that of the linear model: it is where contact is looked for first."""
+        found = self.nearest(parameter)
+        if found is None:
+            grid = self.system.operator.surface
+            return np.zeros((len(self.system.columns), *grid.shape))
+        if self._traction is None or self._traction[0] != found[0]:
+            self._traction = found[0], self.system.normal.traction(found[1][None])[0]
+        return self._traction[1]
+
+
+class _Scaled:
+    """Curves of readings divided by a noise."""
+
+    def __init__(self, curves: Corrected, unit: float) -> None:
+        self.grid, self.count, self.inside = curves.grid, curves.count, curves.inside
+        self.explained = curves.explained / unit**2
+        self.residual = curves.residual / unit**2
+        self.penalty = curves.penalty / unit**2
+        self.free, self.logdet = curves.free, curves.logdet
+
+    def at(self, parameter: float) -> tuple[float, float, float, float]:
+        """explained, residual, log determinant and freedom left at a parameter."""
+        log, place = np.log(self.grid)[::-1], math.log(parameter)
+
+        def between(values: Floats, *, logarithm: bool = True) -> float:
+            known = np.log(np.maximum(values, 1e-300)) if logarithm else values
+            found = float(np.interp(place, log, known[::-1]))
+            return math.exp(found) if logarithm else found
+
+        return (
+            between(self.explained[0]),
+            between(self.residual[0]),
+            between(self.logdet, logarithm=False),
+            between(self.free, logarithm=False),
+        )
+
+
+class FrameAtSize:
+    """Evidence of one frame's readings, as they are changed while contact is sought."""
+
+    def __init__(self, linear: LinearAtSize) -> None:
+        self.linear = linear
+        self._kept: OrderedDict[bytes, _Solved] = OrderedDict()
+
+    def _of(self, row: Floats) -> _Solved:
+        key = row.tobytes()
+        found = self._kept.get(key)
+        if found is None:
+            found = self._kept[key] = _Solved(self.linear.system, row)
+            while len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+        else:
+            self._kept.move_to_end(key)
+        return found
+
+    def _start(self, parameter: float) -> Floats | None:
+        """A solution of other readings near by."""
+        near = [s for kept in self._kept.values() if (s := kept.nearest(parameter)) is not None]
+        best = min(near, key=lambda s: abs(math.log(s[0] / parameter)), default=None)
+        return None if best is None or abs(math.log(best[0] / parameter)) > STEP else best[1]
+
+    def evidence(
+        self, rows: Sequence[Floats], parameter: float | None, known: float | None, patterns: Floats | None = None
+    ) -> LinearEvidence:
+        """See `palpate.inverse.linear.evidence.linear_evidence`; patterns are taken out by least squares first."""
+        return self._found(self.linear.project(rows), parameter, known, patterns)[0]
+
+    def _found(
+        self, row: Floats, parameter: float | None, known: float | None, patterns: Floats | None
+    ) -> tuple[LinearEvidence, float, float]:
+        """And the misfit in units of the whitening, and the freedom left."""
+        system = self.linear.system
+        certain = self.linear.noise_known or known is not None
+        unit = known or 1.0
+        sizes: Floats = np.zeros(0)
+        base, fewer = 0.0, 0
+        if patterns is not None and len(patterns):
+            gram = patterns @ patterns.T
+            sizes = np.linalg.lstsq(gram, patterns @ row, rcond=1e-10)[0]
+            row = row - sizes @ patterns
+            base, fewer = float(np.linalg.slogdet(gram)[1]), len(patterns)
+        size = float(row @ row)
+        if size <= 0.0:
+            flat = np.zeros((len(system.columns), *system.operator.surface.shape))
+            top = system.freedom.top
+            return LinearEvidence(0.0, top, 0.0, flat, base, 0.0, float(system.normal.count - fewer), sizes), 0.0, 1.0
+        solved = self._of(row)
+        floor: Floats | None = None if certain else np.zeros(1)
+        best = parameter or system.freedom.top
+        for turn in range(ROUNDS):
+            curves = _Scaled(solved.curves, unit)
+            if parameter is None:
+                best = float(solved.curves.within(pick("evidence", curves, floor).parameter, STEP)[0])
+                if turn == 0 and not solved.solutions and system.space.first is not None:
+                    best = max(best, system.space.first)
+            near = solved.nearest(best)
+            if near is not None and abs(math.log(near[0] / best)) < NEAR:
+                break
+            solved.solve(best, near[1] if near is not None else self._start(best))
+            system.freedom.of(np.array([best]))
+        curves = _Scaled(solved.curves, unit)
+        left, residual, logdet, free = curves.at(best)
+        count, everything = curves.count - fewer, size / unit**2
+        variance = 1.0 if certain else left / count
+        if certain:
+            gain = 0.5 * (everything - left - logdet)
+        else:
+            gain = 0.5 * (count * math.log(everything / max(left, 1e-300)) - logdet)
+        found = LinearEvidence(
+            gain,
+            best,
+            math.sqrt(variance) * unit,
+            solved.traction(best),
+            logdet + base,
+            left * unit**2,
+            count,
+            sizes,
+        )
+        return found, residual * unit**2, max(free - fewer, 1.0)
+
+    def noise(
+        self, rows: Sequence[Floats], parameter: float | None, known: float
+    ) -> tuple[LinearEvidence, float, float]:
+        """Evidence with a noise, the misfit that it leaves in units of the whitening, and the freedom left."""
+        return self._found(self.linear.project(rows), parameter, known, None)

@@ -1,0 +1,154 @@
+"""The automatic method where matrices do not serve: the same answers as with them, and everything else that it says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate.inverse.contact import products
+from palpate.inverse.contact.adaptive import AdaptiveEstimator
+from palpate.inverse.contact.methods import cone_of
+from palpate.inverse.contact.model import Level
+from palpate.inverse.contact.parts import Parts
+from palpate.inverse.contact.products import Applied, Boxes
+from palpate.inverse.linear.matrix_free import path
+from palpate.inverse.linear.whitening import Readings
+
+STRESS = ["stress_xz", "stress_yz", "stress_zz"]
+PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
+
+
+def skin_of(n: int, **options: Any) -> pp.Skin:
+    options = {"shape": (n, n), "pitch": 1e-3, "depth": 2e-3, "channels": STRESS, **options}
+    return pp.Skin(PAD, pp.AreaArray(**options))
+
+
+def ball(skin: pp.Skin, radius: float, x: float = 0.0, y: float = 0.0, shear: float = 0.3) -> Any:
+    """Hertz's pressure (1 kPa at its peak) and shear in proportion."""
+    grid = skin.surface
+    places = np.meshgrid(*grid.axes, indexing="ij")
+    pressure = 1e3 * np.sqrt(np.maximum(1.0 - ((places[1] - x) ** 2 + (places[0] - y) ** 2) / radius**2, 0.0))
+    traction = np.zeros((3, *grid.shape))
+    traction[0], traction[2] = shear * pressure, pressure
+    return traction
+
+
+def noisy(skin: pp.Skin, traction: Any, part: float = 0.02, seed: int = 0) -> tuple[Any, float]:
+    """Readings with noise of that part of the largest, and the noise."""
+    readings = skin.sense(traction)
+    noise = part * float(np.abs(readings).max())
+    return readings + noise * np.random.default_rng(seed).standard_normal(readings.shape), noise
+
+
+def without_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Everything without matrices."""
+    monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
+    monkeypatch.setattr(products, "FEWEST", 10)
+    monkeypatch.setattr(products, "PRODUCTS", 0.0)
+
+
+@pytest.mark.parametrize("ratio", [1, 2])
+def test_products_are_those_of_the_matrix(ratio: int) -> None:
+    from palpate.inverse.contact.model import level_operator
+
+    skin = skin_of(9, mask=np.arange(81).reshape(9, 9) != 12)
+    operator = level_operator(skin.problem().wide, ratio)
+    readings = Readings(operator, [np.array([1.0, 2.0, 3.0])])
+    level = Level(operator, ratio, (0, 2), readings)
+    rng = np.random.default_rng(0)
+    cells = np.sort(rng.choice(level.grid.shape[0] * level.grid.shape[1], 40, replace=False))
+    noise, observed = readings.std * rng.uniform(0.5, 1.0, len(readings.std)), rng.random(len(readings.std)) < 0.9
+    matrix = level.matrix(cells, noise, observed)
+    applied = Applied(level.boxes.around(cells), readings, level.grid.shape, cells, noise, observed)
+    x, rows = rng.standard_normal(matrix.shape[1]), rng.standard_normal((3, matrix.shape[0]))
+    assert np.abs(applied @ x - matrix @ x).max() < 1e-11 * np.abs(matrix @ x).max()
+    assert np.abs(rows @ applied - rows @ matrix).max() < 1e-11 * np.abs(rows @ matrix).max()
+    assert np.abs(applied.T @ rows[0] - matrix.T @ rows[0]).max() < 1e-11 * np.abs(matrix.T @ rows[0]).max()
+    squares = (matrix**2).sum(axis=0)
+    assert np.abs(applied.squares - squares).max() < 1e-8 * squares.max()
+    part = applied.part(np.arange(5, 20))
+    picks = np.concatenate([np.arange(5, 20), 40 + np.arange(5, 20)])
+    assert np.abs(rows @ part - rows @ matrix[:, picks]).max() < 1e-11 * np.abs(rows @ matrix).max()
+    ray = np.array([0.3, 1.0])
+    along = 0.3 * matrix[:, :40] + matrix[:, 40:]
+    assert np.abs(rows @ applied.along(ray) - rows @ along).max() < 1e-11 * np.abs(rows @ along).max()
+
+
+def test_taxels_for_ever_are_next_to_the_same_inside_an_array() -> None:
+    skin = skin_of(40, depth=1e-3)
+    operator = skin.problem().wide
+    readings = Readings(operator, [np.array([1.0, 2.0, 3.0])])
+    grid = operator.surface
+    y, x = np.meshgrid(*grid.axes, indexing="ij")
+    everything = np.ones(len(readings.std), dtype=bool)
+    inside = np.flatnonzero((x**2 + y**2 < 8e-3**2).ravel())
+    boxes = Boxes(operator, (0, 1, 2))
+    applied = Applied(boxes.around(inside), readings, grid.shape, inside, readings.std, everything)
+    v = np.random.default_rng(0).standard_normal((2, 3, len(inside))).astype(np.float32)
+    exact, about = applied.adjoint(applied.forward(v)), applied.together(v)
+    assert applied.endless is not None
+    assert np.abs(about - exact).max() < 1e-3 * np.abs(exact).max()
+    # not at the edge, nor where readings are left out
+    edge = np.flatnonzero((x > 15e-3).ravel())
+    assert Applied(boxes.around(edge), readings, grid.shape, edge, readings.std, everything).endless is None
+    some = everything.copy()
+    some[7:20] = False
+    assert Applied(boxes.around(inside), readings, grid.shape, inside, readings.std, some).endless is None
+
+
+def framed(skin: pp.Skin, readings: Any, friction: float | None) -> Any:
+    """A frame on cells of the surface alone: no array too large for matrices is worth finer ones."""
+    problem = skin.problem()
+    parts = Parts(finer_grid=False, finer_sliding=False, second_derivative=False)
+    return AdaptiveEstimator(problem, cone_of(problem.components, friction), parts=parts).frame([readings])
+
+
+@pytest.mark.parametrize("friction", [None, 0.6])
+def test_same_answer_without_matrices(friction: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    skin = skin_of(12)
+    readings, _ = noisy(skin, ball(skin, 3e-3, 1e-3))
+    exact = framed(skin, readings, friction)
+    without_matrices(monkeypatch)
+    found = framed(skin_of(12), readings, friction)
+    assert found.sampled
+    assert not exact.sampled
+    std = exact.errors.traction
+    there = std[2] > 0.3 * std[2].max()
+    # what is left between them is the noise, which is learned from random rows there
+    assert np.sqrt(np.mean(((found.traction - exact.traction)[:, there] / std[:, there]) ** 2)) < 0.1
+    assert found.noise == pytest.approx(exact.noise, rel=0.01)
+    assert found.fit == pytest.approx(exact.fit, abs=0.02)
+    if friction is not None:
+        assert found.sliding == pytest.approx(exact.sliding, abs=0.05)
+    for name in ("force", "moment", "center"):
+        assert getattr(found.errors, name) == pytest.approx(getattr(exact.errors, name), rel=0.05)
+    ratio = found.errors.traction[2][there] / std[2][there]
+    assert abs(np.mean(ratio) - 1.0) < 0.15
+    assert np.std(ratio) < 0.3
+
+
+@pytest.mark.long
+def test_a_hertzian_ball_on_128_x_128_taxels() -> None:
+    """Closed form: p = p0 sqrt(1 - r^2/a^2), p0 = 3 P/(2 pi a^2)."""
+    skin, radius, force = skin_of(128), 30e-3, 2.0
+    contact = pp.solutions.hertz_point(radius=radius, force=force)
+    readings = skin.sense(contact)
+    readings = readings + 0.02 * np.abs(readings).max() * np.random.default_rng(0).standard_normal(readings.shape)
+    touch = skin.reconstruct(readings)
+    assert touch.status == pp.Status.SOLVED
+    grid = skin.surface
+    y, x = np.meshgrid(*grid.axes, indexing="ij")
+    truth = 1.5 * force / (np.pi * radius**2) * np.sqrt(np.maximum(1.0 - (x**2 + y**2) / radius**2, 0.0))
+    error = np.linalg.norm(touch.pressure.values - truth) / np.linalg.norm(truth)
+    assert error < 0.05
+    other = skin.reconstruct(readings, method="tikhonov")
+    assert error < 0.5 * np.linalg.norm(other.pressure.values - truth) / np.linalg.norm(truth)
+    for of, true in (("force", force), ("peak_pressure", truth.max())):
+        low, high = (np.ravel(v)[-1] for v in touch.interval(0.95, of))
+        assert low <= true <= high
+    assert float(touch.force[2]) == pytest.approx(force, rel=2e-3)
+    area = float(touch.contact_area())
+    assert np.sqrt(area / np.pi) == pytest.approx(radius, rel=0.03)
