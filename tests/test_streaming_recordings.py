@@ -499,6 +499,37 @@ def test_an_opened_recording_is_the_recording(folder: Path) -> None:
                 assert crc == int(np.asarray(opened.expected).item())
 
 
+def test_a_long_table_is_read_line_by_line(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate.recordings.csvfile.LONG", 0)
+    whole, text = read_recording(folder / "r.csv"), (folder / "r.csv").read_text()
+    for lines in (text, text.replace("\n", "\r\n"), "\ufeff" + text):
+        (tmp_path / "r.csv").write_bytes(lines.encode())
+        with open_recording(tmp_path / "r.csv") as opened:
+            assert (opened.head.meta, opened.head.channels) == (whole.meta, whole.channels)
+            np.testing.assert_array_equal(opened.time, whole.time)
+            np.testing.assert_array_equal(opened.frames(3, FRAMES).readings, whole.readings[3:])
+            opened.survey()
+    own = text.splitlines(keepends=True)
+    for harmed, what in (
+        ("".join(own[:-1]), "is truncated: its last line, the checksum"),
+        (text.replace("0.01,", "0.02,", 1), "time must increase"),
+        (text.replace("e", "x", 40), "first column must be"),
+        ("".join(own[:3]), "no frames"),
+        (text + "\0", "NUL"),
+    ):
+        (tmp_path / "r.csv").write_text(harmed)
+        with pytest.raises(pp.InvalidInput, match=what), open_recording(tmp_path / "r.csv"):
+            pass
+    changed = own.copy()
+    changed[5] = changed[5].replace(changed[5].split(",")[2], "1.5")
+    (tmp_path / "r.csv").write_text("".join(changed))
+    with open_recording(tmp_path / "r.csv") as opened, pytest.raises(pp.InvalidInput, match="delete its last line"):
+        opened.survey()
+    (tmp_path / "r.csv").write_text("".join(own[2:-1])[:-1])  # another program's, perhaps cut
+    with pytest.warns(pp.errors.UncheckedInput, match="no line break"), open_recording(tmp_path / "r.csv") as opened:
+        assert len(opened) == FRAMES
+
+
 def test_the_command_takes_it_all(folder: Path, plain: Any, tmp_path: Path) -> None:
     command = ["reconstruct", str(folder / "r.zarr"), "--skin", str(folder / "skin.toml"), "--method", "dft"]
     options = ["--workers", "2", "--scheduler", "threads", "--chunk", str(CHUNK), "--resume"]

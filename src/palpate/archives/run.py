@@ -85,7 +85,7 @@ def reconstruct_recording(
     ----------
     skin : Skin
     recording : str, Path or Recording
-        NetCDF, HDF5 and Zarr are read piece by piece; other formats whole.
+        NetCDF, HDF5 and Zarr are read piece by piece, a long CSV once into a temporary file; other formats whole.
     out : str or Path
         NetCDF, HDF5, Zarr, CSV and MCAP are written piece by piece; the touches of other formats stay in memory until the end. A Zarr store grows
         in ``NAME.partial`` beside it, which stays where the run is broken off; every other file is there when it is complete.

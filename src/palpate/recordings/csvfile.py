@@ -11,19 +11,24 @@ import csv
 import io
 import json
 import re
+import tempfile
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palpate.elastic.channels import channel_unit, is_channel
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, UncheckedInput
 from palpate.recordings.checked import CHECKSUM, confirm_recording, json_object, recording_checksum, with_losses
 from palpate.recordings.formats import Format
 from palpate.recordings.mapping import TopicMapping
-from palpate.recordings.recording import Recording
+from palpate.recordings.opened import OpenRecording
+from palpate.recordings.recording import Recording, checked_time
 from palpate.recordings.touchstream import Piece, TouchStream
 from palpate.units import convert_factor
 
@@ -34,6 +39,13 @@ __all__ = ["Csv", "cells", "number", "text_of", "warn_of_a_cut"]
 
 _TITLE = "# palpate recording 2"
 _EDITED = "If you edited it on purpose, delete its last line (# palpate_crc32 ...), and it is read as it is."
+_NO_FRAMES = "{path}: no frames; a CSV recording has a header line and one line per frame."
+_TRUNCATED = (
+    "{path} is truncated: its last line, the checksum, is missing. palpate convert --salvage takes the whole lines; "
+    f'if you deleted it on purpose, delete the first line ("{_TITLE}") too.'
+)
+#: Bytes from which on a table is not read into memory but, once, into a temporary file of numbers.
+LONG = 1 << 26
 _COLUMN = re.compile(r"^(?P<name>\w+?)(?:\[(?P<index>\d{1,7}(?:;\d{1,7})?)\])?(?:\s*\((?P<unit>[^)]*)\))?$", re.ASCII)
 _NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?\s*", re.ASCII)
 
@@ -50,42 +62,34 @@ class Csv(Format):
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         lines, ended = text_of(path)
-        meta: dict[str, str] = {}
-        positions: Any = None
-        expected: str | None = None
-        body = []
-        for count, line in enumerate(lines, 1):
-            where = f"{path}, line {count}"
-            if line.startswith("# positions (m): "):
-                positions = _positions(line.removeprefix("# positions (m): "), where)
-            elif line.startswith("# meta: "):
-                found = json_object(line.removeprefix("# meta: "), f"{where}: meta")
-                meta = {str(k): str(v) for k, v in found.items()}
-            elif line.startswith(f"# {CHECKSUM} "):
-                expected = line.removeprefix(f"# {CHECKSUM} ").strip(" ,")
-            elif line.strip() and not line.startswith("#"):
-                body.append((count, line))
+        head = _Head(path)
+        body = [(count, line) for count, line in enumerate(lines, 1) if not head.takes(count, line)]
+        own, expected = lines[0].strip(" ,") == _TITLE, head.expected
         torn = not ended and salvage and bool(body) and body[-1][0] == len(lines)
         if torn:
             body.pop()  # torn within a line
         if len(body) < 2:
-            raise InvalidInput(f"{path}: no frames; a CSV recording has a header line and one line per frame.")
-        own = lines[0].strip(" ,") == _TITLE
+            raise InvalidInput(_NO_FRAMES.format(path=path))
         if expected is None and not salvage:
             if own:
-                raise InvalidInput(
-                    f"{path} is truncated: its last line, the checksum, is missing. palpate convert --salvage takes the whole lines; "
-                    f'if you deleted it on purpose, delete the first line ("{_TITLE}") too.'
-                )
+                raise InvalidInput(_TRUNCATED.format(path=path))
             if not ended:
                 warn_of_a_cut(path, lines[-1])
-        recording = _table(path, body, positions, meta)
+        recording = _table(path, body, head.positions, head.meta)
         if not salvage:
             return confirm_recording(recording, expected, path, _EDITED)
         lost = "the last line is torn and lost" if torn else "every line is whole"
         if own and expected is None:
             lost += ", and its end is missing: lines may have followed"
         return with_losses(recording, expected, path, lost)
+
+    @contextmanager
+    def opened(self, path: Path, *, mapping: TopicMapping | None = None) -> Iterator[OpenRecording]:
+        if path.stat().st_size < LONG:
+            yield OpenRecording.of(self.read(path), str(path))
+            return
+        with tempfile.TemporaryFile(prefix="palpate-") as held:
+            yield _spooled(path, held)
 
     def write(self, recording: Recording, path: Path) -> None:
         if len(set(recording.channels)) != len(recording.channels):
@@ -218,49 +222,154 @@ def _positions(text: str, where: str) -> Any:
         raise InvalidInput(f"{problem}; got {text[:40]!r}.") from error
 
 
-def _table(path: Path, body: list[tuple[int, str]], positions: Any, meta: dict[str, str]) -> Recording:
-    start = f"{path}, line {body[0][0]}"
-    header = cells(body[0][1], start)
-    columns = []
-    for title in header:
-        match = _COLUMN.match(title.strip())
-        if match is None:
-            raise InvalidInput(f'{start}: column {title[:40]!r} is not like "stress_zz[0;1] (Pa)".')
-        columns.append(match)
-    if columns[0]["name"] != "time":
-        raise InvalidInput(f'{start}: the first column must be "time (s)"; got {header[0][:40]!r}.')
-    if len(columns) < 2:
-        raise InvalidInput(f'{start}: no column of readings, like "stress_zz[0;1] (Pa)", follows the time.')
-    channels: list[str] = []
-    places: list[tuple[int, ...]] = []
-    factors = [convert_factor(columns[0]["unit"] or "", "s", f"{path}: time")]
-    for match, title in zip(columns[1:], header[1:]):
-        name = match["name"]
-        if match["index"] is None or not is_channel(name):
-            raise InvalidInput(f'{start}: column {title[:40]!r} is not like "stress_zz[0;1] (Pa)".')
-        if match["unit"] is None:
-            raise InvalidInput(f'{start}: column {title!r} has no unit: write "{title} (Pa)" or the like.')
-        if name not in channels:
-            channels.append(name)
-        place = tuple(int(i) for i in match["index"].split(";"))
-        places.append((channels.index(name), *place))
-        factors.append(convert_factor(match["unit"], channel_unit(name), f"{path}: {title}"))
-    if len({len(p) for p in places}) != 1:
-        raise InvalidInput(f"{path}: columns mix one and two indices.")
-    shape = tuple(int(m) + 1 for m in np.max(places, axis=0))
-    if len(set(places)) != len(places) or len(places) != int(np.prod(shape)):
-        raise InvalidInput(
-            f"{path}: {len(places)} columns do not fill {len(channels)} channels of {shape[1:]} taxels once each."
-        )
-    data = np.full((len(body) - 1, *shape), np.nan)
-    time = np.empty(len(body) - 1)
-    index = tuple(np.array(places).T)
-    for row, (count, line) in enumerate(body[1:]):
-        where = f"{path}, line {count}"
+@dataclass(frozen=True)
+class _Columns:
+    """What the header of a table says: channels, the shape of a frame, the place of each column in it, and factors to SI units."""
+
+    channels: tuple[str, ...]
+    shape: tuple[int, ...]
+    index: tuple[Any, ...]
+    factors: list[float]
+
+    @classmethod
+    def of(cls, path: Path, count: int, line: str) -> _Columns:
+        """From the header, which stands in line ``count``."""
+        start = f"{path}, line {count}"
+        header = cells(line, start)
+        columns = []
+        for title in header:
+            match = _COLUMN.match(title.strip())
+            if match is None:
+                raise InvalidInput(f'{start}: column {title[:40]!r} is not like "stress_zz[0;1] (Pa)".')
+            columns.append(match)
+        if columns[0]["name"] != "time":
+            raise InvalidInput(f'{start}: the first column must be "time (s)"; got {header[0][:40]!r}.')
+        if len(columns) < 2:
+            raise InvalidInput(f'{start}: no column of readings, like "stress_zz[0;1] (Pa)", follows the time.')
+        channels: list[str] = []
+        places: list[tuple[int, ...]] = []
+        factors = [convert_factor(columns[0]["unit"] or "", "s", f"{path}: time")]
+        for match, title in zip(columns[1:], header[1:]):
+            name = match["name"]
+            if match["index"] is None or not is_channel(name):
+                raise InvalidInput(f'{start}: column {title[:40]!r} is not like "stress_zz[0;1] (Pa)".')
+            if match["unit"] is None:
+                raise InvalidInput(f'{start}: column {title!r} has no unit: write "{title} (Pa)" or the like.')
+            if name not in channels:
+                channels.append(name)
+            place = tuple(int(i) for i in match["index"].split(";"))
+            places.append((channels.index(name), *place))
+            factors.append(convert_factor(match["unit"], channel_unit(name), f"{path}: {title}"))
+        if len({len(p) for p in places}) != 1:
+            raise InvalidInput(f"{path}: columns mix one and two indices.")
+        shape = tuple(int(m) + 1 for m in np.max(places, axis=0))
+        if len(set(places)) != len(places) or len(places) != int(np.prod(shape)):
+            raise InvalidInput(
+                f"{path}: {len(places)} columns do not fill {len(channels)} channels of {shape[1:]} taxels once each."
+            )
+        return cls(tuple(channels), shape, tuple(np.array(places).T), factors)
+
+    def frame(self, line: str, where: str) -> tuple[float, Floats]:
+        """Time and readings (channel, *array) of a line."""
         values = cells(line, where)
-        if len(values) != len(header):
-            raise InvalidInput(f"{where}: {len(values)} values for {len(header)} columns; the file may be truncated.")
+        if len(values) != len(self.factors):
+            raise InvalidInput(
+                f"{where}: {len(values)} values for {len(self.factors)} columns; the file may be truncated."
+            )
         numbers = [number(v, where) for v in values]
-        time[row] = numbers[0] * factors[0]
-        data[(row, *index)] = np.array(numbers[1:]) * factors[1:]
-    return Recording(readings=data, channels=tuple(channels), time=time, positions=positions, meta=meta)
+        readings = np.full(self.shape, np.nan)
+        readings[self.index] = np.array(numbers[1:]) * self.factors[1:]
+        return numbers[0] * self.factors[0], readings
+
+
+def _table(path: Path, body: list[tuple[int, str]], positions: Any, meta: dict[str, str]) -> Recording:
+    columns = _Columns.of(path, *body[0])
+    frames = [columns.frame(line, f"{path}, line {count}") for count, line in body[1:]]
+    return Recording(
+        readings=np.stack([readings for _, readings in frames]),
+        channels=columns.channels,
+        time=np.array([time for time, _ in frames]),
+        positions=positions,
+        meta=meta,
+    )
+
+
+class _Spooled:
+    """Frames in a file of their own, as they are in memory."""
+
+    def __init__(self, held: Any, shape: tuple[int, ...]) -> None:
+        self._held, self._shape, self._size = held, shape, 8 * int(np.prod(shape))
+
+    def __getitem__(self, frames: slice) -> Floats:
+        self._held.seek(frames.start * self._size)
+        data = np.frombuffer(self._held.read((frames.stop - frames.start) * self._size))
+        return data.reshape(-1, *self._shape)
+
+
+def _spooled(path: Path, held: Any) -> OpenRecording:
+    """A table that is too long for memory: read once, line by line, into ``held``."""
+    head = _Head(path)
+    columns: _Columns | None = None
+    times: list[float] = []
+    for count, line in enumerate(_lines(path), 1):
+        if head.takes(count, line):
+            continue
+        if columns is None:
+            columns = _Columns.of(path, count, line)
+            continue
+        time, readings = columns.frame(line, f"{path}, line {count}")
+        times.append(time)
+        held.write(readings.tobytes())
+    if columns is None or not times:
+        raise InvalidInput(_NO_FRAMES.format(path=path))
+    head.check_end(path)
+    spooled = _Spooled(held, columns.shape)
+    checked = checked_time(times, len(times))
+    first = Recording(
+        readings=spooled[0:1], channels=columns.channels, time=checked[:1], positions=head.positions, meta=head.meta
+    )
+    return OpenRecording(first, checked, spooled, head.expected, str(path), _EDITED)
+
+
+def _lines(path: Path) -> Iterator[str]:
+    """The lines of a text file, each with its end; a file that is not text is refused."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            for line in file:
+                if "\0" in line:
+                    raise InvalidInput(f"{path}: holds NUL characters; it is damaged or not text.")
+                yield line
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: cannot be read as text in UTF-8; save it as CSV in UTF-8.") from error
+
+
+class _Head:
+    """What the comments of a table say, and how its last line ends."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._own, self._last = path, False, ""
+        self.meta: dict[str, str] = {}
+        self.positions: Any = None
+        self.expected: str | None = None
+
+    def takes(self, count: int, line: str) -> bool:
+        """Whether a line is a comment or empty, and what it says."""
+        where = f"{self._path}, line {count}"
+        if count == 1:
+            self._own = line.strip(" ,\n") == _TITLE
+        self._last = line if line.strip() else self._last
+        if line.startswith("# positions (m): "):
+            self.positions = _positions(line.removeprefix("# positions (m): "), where)
+        elif line.startswith("# meta: "):
+            found = json_object(line.removeprefix("# meta: "), f"{where}: meta")
+            self.meta = {str(k): str(v) for k, v in found.items()}
+        elif line.startswith(f"# {CHECKSUM} "):
+            self.expected = line.removeprefix(f"# {CHECKSUM} ").strip(" ,\n")
+        return not line.strip() or line.startswith("#")
+
+    def check_end(self, path: Path) -> None:
+        """Refuse a table of ours without its checksum, and warn of one of others that may be cut."""
+        if self.expected is None and self._own:
+            raise InvalidInput(_TRUNCATED.format(path=path))
+        if self.expected is None and not self._last.endswith("\n"):
+            warn_of_a_cut(path, self._last)

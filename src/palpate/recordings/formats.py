@@ -318,7 +318,7 @@ def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, sal
 
 @contextmanager
 def open_recording(path: str | Path, *, mapping: TopicMapping | None = None) -> Iterator[OpenRecording]:
-    """A recording to be read piece by piece, as long as the ``with`` lasts: NetCDF, HDF5 and Zarr; the others are read whole.
+    """A recording to be read piece by piece, as long as the ``with`` lasts: NetCDF, HDF5, Zarr and long CSV; the others are read whole.
 
     Its checksum is that of all its frames, and is confirmed by `OpenRecording.survey`.
 

@@ -35,6 +35,8 @@ class OpenRecording:
         The checksum that the file holds.
     name : str
         What messages call it.
+    remedy : str
+        What to do where it is not what its checksum says.
 
     Examples
     --------
@@ -54,6 +56,7 @@ class OpenRecording:
     readings: Any
     expected: Any = None
     name: str = "the recording"
+    remedy: str = ""
 
     @classmethod
     def of(cls, recording: Recording, name: str = "the recording") -> OpenRecording:
@@ -94,5 +97,5 @@ class OpenRecording:
         whole = {"readings": (len(self), blocks()), "time": (len(self), iter([self.time]))}
         found = checksum(recording_dataset(self.head), long=whole)
         if self.expected is not None:
-            agree(found, self.expected, self.name)
+            agree(found, self.expected, self.name, self.remedy)
         return found
