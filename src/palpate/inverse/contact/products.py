@@ -43,8 +43,8 @@ FROM_EDGE = 2.0
 FEW_NEAR, FEW_MISSING = 0.01, 8
 #: Combinations of readings that stand for all of them where each has an error of its own.
 SKETCH = 32
-#: Fewer unknowns than this are always solved with a matrix.
-FEWEST = 900
+#: Fewer unknowns than this are always solved with a matrix: exactly, so that mirror images have mirror images.
+FEWEST = 1500
 #: Products that solving, learning local weights and error bars take in all, and what one entry of a padded transform costs against one
 #: multiplication of a matrix product, both measured.
 PRODUCTS, ENTRY = 150.0, 60.0
