@@ -45,3 +45,17 @@ def test_an_empty_frame_stays_narrow_where_taxels_feel_every_place() -> None:
     high = touch.interval(0.95, of="force")[1][..., 2]
     assert (high > 1.9 * least).all()
     assert (high < 6.0 * least).all()
+
+
+def test_strips_that_push_and_pull_alike_are_not_one_push_and_broken_taxels() -> None:
+    """Three taxels in a row that read a pull were left out as broken, and the rest read 14 N/m where the net force is nothing."""
+    array = pp.LineArray(count=16, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
+    skin = pp.Skin(PAD, array)
+    x = skin.surface.axes[0]
+    traction = np.zeros((2, len(x)))
+    traction[1] = 5e3 * (np.abs(x + 3e-3) <= 1.5e-3) - 5e3 * (np.abs(x - 3e-3) <= 1.5e-3)
+    readings = skin.sense(traction)
+    touch = skin.reconstruct(readings + 5.0 * np.random.default_rng(0).standard_normal(readings.shape))
+    low, high = touch.interval(0.95, of="force")
+    assert low[1] < float(traction[1].sum()) * skin.surface.cell < high[1]
+    assert any("only pushes does not explain" in note for note in touch.notes)

@@ -35,7 +35,7 @@ from palpate.inverse.contact.posterior import AMBIGUOUS_FORCE, AMBIGUOUS_SHEAR, 
 from palpate.inverse.contact.products import AT_SIZE, FIRST_AT_SIZE, Applied, Products
 from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven
-from palpate.inverse.contact.screening import Ceilings, ceilings, outermost, silent
+from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, silent
 from palpate.inverse.contact.start import LinearStart, linear_models
 from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share
 from palpate.inverse.contact.windows import Windows
@@ -371,7 +371,9 @@ class ConstrainedEstimator:
                     rows = self.readings.planes(np.where(observed, data, explained))
                     continue
             wrong = self.noise.outliers(data, explained, noise) & ~limited
-            few = (wrong | ~observed)[alive].mean() <= limits.most_outliers
+            few = (wrong | ~observed)[alive].mean() <= limits.most_outliers and not loaded(
+                wrong, data, explained, self.pairs
+            )
             found = few and parts.outliers and (wrong & observed).any()
             if (attempt < ROUNDS_OF_OUTLIERS and found) or (attempt < ROUNDS_OF_BROKEN and not alive.all()):
                 if few and parts.outliers:

@@ -46,6 +46,8 @@ FIRST_NOISE, SETTLED, ROUNDS = 0.3, 1.2, 10
 FEWEST_AT_CEILING, FEWEST_ROUNDED = 2, 4
 #: A reading of exactly zero is dead where its neighbours read this part of the channel's largest on average.
 BESIDE = 0.1
+#: So many neighbours that are not explained are no broken taxels.
+FEWEST_LOADED = 3
 #: Readings count as rounded where the largest is this many steps at most (12 bits).
 MOST_STEPS = 4096
 #: Candidates that are looked at closely in each round.
@@ -141,6 +143,26 @@ def silent(
     # a channel most of which reads zero has a threshold, not dead taxels
     often = np.bincount(index, zero) > 0.5 * np.bincount(index)
     return out & ~often[index]
+
+
+def loaded(
+    wrong: Flags, data: Floats, explained: Floats, pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
+) -> bool:
+    """Whether several neighbours of those that are not explained read more than is explained, to the same side: something acts there that the
+    model does not have, a pull or another contact. Broken taxels stand alone, or read too little.
+    """
+    more = wrong & (np.abs(data) > np.abs(explained))
+    if more.sum() < FEWEST_LOADED:
+        return False
+    import scipy.sparse
+    import scipy.sparse.csgraph
+
+    i, j = pairs
+    joined = more[i] & more[j] & (np.sign((data - explained)[i]) == np.sign((data - explained)[j]))
+    n = len(data)
+    graph = scipy.sparse.coo_array((np.ones(int(joined.sum())), (i[joined], j[joined])), shape=(n, n))
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    return bool(np.bincount(label[more]).max() >= FEWEST_LOADED)
 
 
 def _symmetric(values: Floats, size: float) -> bool:
