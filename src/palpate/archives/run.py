@@ -149,18 +149,20 @@ def reconstruct_recording(
         raise InvalidInput(f"chunk must be a whole number of frames from 1 on; got {chunk!r}.")
     if target.exists() and not overwrite:
         raise InvalidInput(f"{target} exists. Give another name, or overwrite=True (--force) to replace it.")
+    if resume and not known.can("touch_stream"):
+        raise InvalidInput(f"{target}: only a run into a Zarr store (.zarr) can go on after it was broken off.")
     with ExitStack() as stack:
         source = stack.enter_context(_opened(recording))
         count = len(source)
         if not -count <= frame < count:
             raise InvalidInput(f"frame {frame} is not among the {count} frames of {source.name}.")
         elastic = skin.without_creep() if isinstance(skin.pad, Viscoelastic) else skin
-        crc = source.survey(lambda part: Layout(elastic.planes, elastic.pad).checked(part.readings))
         settings: dict[str, Any] = {"method": chosen, "components": components}
-        # what cannot be served is refused before anything is written
-        elastic.prepare(**settings)
         pool = pool_of(elastic, settings, workers=workers, scheduler=scheduler)
         stack.enter_context(pool)
+        crc = source.survey(lambda part: Layout(elastic.planes, elastic.pad).checked(part.readings))
+        # what cannot be served is refused before anything is written
+        elastic.prepare(**settings)
         run = {
             "palpate": palpate.__version__,
             "recording": crc,

@@ -124,7 +124,7 @@ class Format:
         ``run`` describes the run for formats whose broken-off runs can go on (``resume``); ``replace``: what is there may be replaced.
         """
         if resume:
-            raise InvalidInput(f"{path}: only a run into a Zarr store (.zarr) can go on after it was broken off.")
+            raise InvalidInput(f"{path}: a run into {self.name} cannot go on after it was broken off.")
         if not self.can("write_touch"):
             raise self._cannot("write_touch", path)
         with in_place(path) as fresh:
