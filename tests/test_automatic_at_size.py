@@ -106,7 +106,7 @@ def framed(skin: pp.Skin, readings: Any, friction: float | None) -> Any:
     return AdaptiveEstimator(problem, cone_of(problem.components, friction), parts=parts).frame([readings])
 
 
-@pytest.mark.parametrize("friction", [None, 0.6])
+@pytest.mark.parametrize("friction", [None, pytest.param(0.6, marks=pytest.mark.long)])
 def test_same_answer_without_matrices(friction: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
     skin = skin_of(12)
     readings, _ = noisy(skin, ball(skin, 3e-3, 1e-3))
@@ -128,6 +128,41 @@ def test_same_answer_without_matrices(friction: float | None, monkeypatch: pytes
     ratio = found.errors.traction[2][there] / std[2][there]
     assert abs(np.mean(ratio) - 1.0) < 0.15
     assert np.std(ratio) < 0.3
+
+
+def test_broken_readings_are_found_in_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
+    skin = skin_of(16)
+    problem = skin.problem()
+    estimator = AdaptiveEstimator(problem, cone_of(problem.components, None))
+    readings, _ = noisy(skin, ball(skin, 4e-3, 1e-3))
+    everything = np.ones(3 * 256, dtype=bool)
+
+    def broken(rows: Any) -> Any:
+        data = estimator.readings.flat([rows])
+        return estimator.start.screened(data, everything, estimator.shifts, estimator.thresholds).broken.reshape(
+            3, 16, 16
+        )
+
+    assert not broken(readings).any()
+    readings[2, 8, 7] = 0.0  # dead, under the ball
+    readings[0, 4, 12] = 3.0 * np.abs(readings).max()  # railed
+    assert [tuple(int(i) for i in place) for place in np.argwhere(broken(readings))] == [(0, 4, 12), (2, 8, 7)]
+
+
+@pytest.mark.long
+def test_nothing_and_pulls_at_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
+    skin = skin_of(10)
+    rng = np.random.default_rng(0)
+    nothing = skin.reconstruct(rng.standard_normal((3, 10, 10)))
+    assert nothing.status == pp.Status.NO_CONTACT
+    readings, _ = noisy(skin, ball(skin, 3e-3))
+    pushed, pulled = skin.reconstruct(readings), skin.reconstruct(-readings)
+    assert pulled.method == pushed.method == "adaptive"
+    # the linear model's degrees of freedom are worked out where they are first asked for
+    np.testing.assert_allclose(pulled.values, -pushed.values, atol=5e-3 * np.abs(pushed.values).max())
+    assert any("pull" in note for note in pulled.notes)
 
 
 @pytest.mark.long
