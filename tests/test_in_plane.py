@@ -80,3 +80,18 @@ def test_shear_alone_is_as_asked() -> None:
     touch = skin.reconstruct(readings, components=["x", "y"])
     assert touch.components == ("x", "y")
     assert touch.method == "tikhonov"
+
+
+def test_markers_on_the_surface_of_a_thick_gel_read_the_force_too() -> None:
+    """Pressure moves them by a fiftieth of what shear does: it was taken as zero, and the interval of the normal force was 0 to 0 N."""
+    pad = pp.BondedLayers([pp.Layer(thickness=3.7e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    markers = {"shape": (10, 10), "pitch": 1.1e-3, "depth": 0.0, "channels": ["displacement_x", "displacement_y"]}
+    skin = pp.Skin(pad, pp.AreaArray(**markers))
+    assert skin.components == ("x", "y", "z")
+    fine = pp.Skin(pad, pp.AreaArray(**markers), surface=pp.AreaGrid(shape=(40, 40), spacing=0.275e-3))
+    clean = fine.sense(pp.solutions.hertz_point(radius=2e-3, force=2.0).sliding(0.4))
+    noise = 0.01 * float(np.abs(clean).max())
+    touch = skin.reconstruct(clean + noise * np.random.default_rng(0).standard_normal(clean.shape), friction=0.4)
+    low, high = touch.interval(0.95, of="force")
+    assert low[2] < 2.0 < high[2]
+    assert float(touch.force[2]) == pytest.approx(2.0, rel=0.2)
