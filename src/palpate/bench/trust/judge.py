@@ -235,7 +235,8 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
     slack = _EXACT * load
     outside = [_beyond(true[i], low[i], high[i]) > FAR * 0.5 * (high[i] - low[i]) + slack for i in asked]
     inside_force = [_beyond(true[i], low[i], high[i]) <= slack for i in asked if np.isfinite(low[i])]
-    peak = float(truth[-1].max())
+    # of what pulls as a whole, the strongest pull
+    peak = float(truth[-1].max() if (truth[-1] > 0).any() else truth[-1].min())
     strongest = float(np.abs(typical).max())
     beyond = _beyond(peak, peak_low, peak_high)
     inside = {
