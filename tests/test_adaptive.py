@@ -509,7 +509,8 @@ def test_a_contact_across_the_edge_is_said() -> None:
 @pytest.mark.parametrize("loud", [(1.0, 1.0, 8.0), pytest.param((8.0, 8.0, 1.0), marks=pytest.mark.long)])
 def test_each_channel_has_its_own_noise(loud: tuple[float, float, float]) -> None:
     """Learned from the readings, it makes nearly as good a use of them as noise that is given; of one frame and of some."""
-    skin = skin_of(THREE, (14, 14) if loud[0] > loud[2] else None)  # pressure takes up much of a quiet channel of its own
+    # pressure takes up much of a quiet channel of its own
+    skin = skin_of(THREE, (14, 14) if loud[0] > loud[2] else None)
     truth = skin.sample(BALL.sliding(0.3))
     clean = skin.sense(truth)
     std = 0.005 * float(np.abs(clean).max()) * np.array(loud)
