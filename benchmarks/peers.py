@@ -114,8 +114,8 @@ def palpate_of(kind: str, boundary: str = "free", **options: Any) -> Callable[[i
 
 def fttc_matrix(size: int) -> np.ndarray:
     """Boussinesq's and Cerruti's half-space in the plane for each wavevector of a real transform (Butler et al., Am. J. Physiol. 282, 2002)."""
-    kx = 2 * np.pi * np.fft.rfftfreq(size, PITCH)[None, :]
-    ky = 2 * np.pi * np.fft.fftfreq(size, PITCH)[:, None]
+    kx = 2 * np.pi * scipy.fft.rfftfreq(size, PITCH)[None, :]
+    ky = 2 * np.pi * scipy.fft.fftfreq(size, PITCH)[:, None]
     k = np.hypot(kx, ky)
     k[0, 0] = 1.0
     nu, young = GEL.poissons_ratio, GEL.youngs_modulus

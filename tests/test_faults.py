@@ -351,3 +351,20 @@ def test_a_dead_taxel_under_a_narrow_contact_is_left_out() -> None:
     assert low[1] < 500.0 < high[1]
     assert float(touch.force[1]) == pytest.approx(500.0, rel=0.1)
     assert any(f"taxel ({dead},)" in note for note in touch.notes)
+
+
+def test_a_threshold_of_the_sensor_makes_no_dead_taxels() -> None:
+    """Readings below a threshold come as zero: at the contact's edge they lie beside large ones, and say that little presses there."""
+    from palpate.inverse.contact.screening import silent
+    from palpate.inverse.fit import neighbours
+
+    array = pp.AreaArray(shape=(10, 10), pitch=2e-3, depth=2e-3, channels=["stress_zz"])
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), array)
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(radius=8e-3, force=2.0)))[0]
+    rng = np.random.default_rng(0)
+    readings = (clean + 0.01 * clean.max() * rng.standard_normal(clean.shape)).ravel()
+    cut = np.where(readings < np.quantile(readings, 0.4), 0.0, readings)
+    index = np.zeros(len(cut), dtype=np.intp)
+    assert not silent(cut, index, neighbours([array])).any()
+    cut[44] = 0.0
+    assert np.flatnonzero(silent(cut, index, neighbours([array]))).tolist() == [44]

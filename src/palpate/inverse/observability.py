@@ -21,7 +21,8 @@ BLIND = 1e-9
 #: What presses acts on readings that do not tell it from shear where it moves them by this part of what shear does.
 ACTS = 0.1
 #: On a bonded pad, which is a sensor's, pressure is sought by default where it moves them by this part: to take it as zero would say 0 N of whatever
-#: presses. Markers on the surface of an incompressible gel (Poisson's ratio 0.48) feel 0.02 to 0.09, and their force comes out within 20 %.
+#: presses. Markers on the surface of an incompressible gel (Poisson's ratio 0.48) feel 0.02 to 0.09. What is not known of
+#: the force is in its interval, which is wide there.
 FELT = 0.01
 #: Readings up to which pressure is then sought by default: a frame of more takes minutes.
 NARROWED_READINGS = 1100

@@ -46,6 +46,8 @@ FIRST_NOISE, SETTLED, ROUNDS = 0.3, 1.2, 10
 FEWEST_AT_CEILING, FEWEST_ROUNDED = 2, 4
 #: A reading of exactly zero is dead where its neighbours read this part of the channel's largest on average.
 BESIDE = 0.1
+#: At most this part of a dead taxel's neighbours reads zero too: at the edge of what a threshold cuts off, half of them do.
+ALIKE = 0.25
 #: So many neighbours that are not explained are no broken taxels.
 FEWEST_LOADED = 3
 #: Readings count as rounded where the largest is this many steps at most (12 bits).
@@ -127,19 +129,23 @@ def ceilings(
 def silent(
     data: Floats, index: npt.NDArray[np.intp], pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
 ) -> Flags:
-    """Readings of exactly zero among neighbours that read as one: dead taxels, which noise would have moved."""
+    """Readings of exactly zero among neighbours that read as one: dead taxels, which noise would have moved. Zeros side by side are a sensor's
+    threshold, below which it says nothing.
+    """
     zero = data == 0.0
     out = np.zeros(len(data), dtype=bool)
     if not zero.any() or zero.all():
         return out
     largest = np.zeros(int(index[-1]) + 1)
     np.maximum.at(largest, index, np.abs(data))
-    total, count = np.zeros(len(data)), np.zeros(len(data))
+    total, count, alike = np.zeros(len(data)), np.zeros(len(data)), np.zeros(len(data))
     for i, j in (pairs, pairs[::-1]):
-        there = ~zero[j]
-        np.add.at(total, i[there], data[j][there])
-        np.add.at(count, i[there], 1.0)
-    out[zero] = (np.abs(total) > BESIDE * count * largest[index])[zero] & (count > 0)[zero]
+        np.add.at(total, i, data[j])
+        np.add.at(count, i, 1.0)
+        np.add.at(alike, i, zero[j])
+    out[zero] = (
+        (np.abs(total) > BESIDE * count * largest[index])[zero] & (alike <= ALIKE * count)[zero] & (count > 0)[zero]
+    )
     # a channel most of which reads zero has a threshold, not dead taxels
     often = np.bincount(index, zero) > 0.5 * np.bincount(index)
     return out & ~often[index]
