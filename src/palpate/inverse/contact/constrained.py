@@ -620,7 +620,9 @@ class ConstrainedEstimator:
         return ContactModel(data, hessian, penalty, solution)
 
     def normal(self, level: Level, cells: Index, y: Floats, noise: Floats, observed: Flags) -> Normal:
-        return level.normal(cells, y, noise, observed, self._rounds.kept, products=self.any_size)
+        # what readings hardly tell apart is too badly conditioned for products
+        products = self.any_size and not self.ambiguous
+        return level.normal(cells, y, noise, observed, self._rounds.kept, products=products)
 
     def _combined(
         self, members: Sequence[ContactModel], run: Run, noise: Floats, rng: np.random.Generator | None
