@@ -31,7 +31,7 @@ from palpate.inverse.contact.hypotheses import Hypothesis, hypothesis_of, rough_
 from palpate.inverse.contact.model import ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
-from palpate.inverse.contact.posterior import AMBIGUOUS_FORCE, AMBIGUOUS_SHEAR, Posterior, taken_by
+from palpate.inverse.contact.posterior import AMBIGUOUS_COUPLED, AMBIGUOUS_FORCE, AMBIGUOUS_SHEAR, Posterior, taken_by
 from palpate.inverse.contact.products import AT_SIZE, FIRST_AT_SIZE, Applied, Products
 from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven
@@ -141,7 +141,8 @@ class ConstrainedEstimator:
         ambiguity = (0.0, 0.0)
         if problem.ambiguous:
             acts = float(np.median(pressing(problem.pad, problem.planes, problem.components[:-1])))
-            normal = 0.0 if cone.coupled else AMBIGUOUS_FORCE * max(1.0, ACTS / max(acts, 1e-3))
+            least = AMBIGUOUS_COUPLED if cone.coupled else AMBIGUOUS_FORCE
+            normal = least * max(1.0, ACTS / max(acts, 1e-3))
             ambiguity = (AMBIGUOUS_SHEAR, normal)
         self.posterior = Posterior(operator, columns, cone, self.inside, self.outside, self.reach, ambiguity=ambiguity)
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
