@@ -22,7 +22,7 @@ from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.factors import Factor
 from palpate.inverse.contact.iterative import Iterative
-from palpate.inverse.contact.quadratic import Penalty
+from palpate.inverse.contact.quadratic import WORTH, Penalty, work_of_few
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Convolution, Operator
 
@@ -57,14 +57,16 @@ FACTORS = 3.0
 
 
 def by_products(operator: Operator, cells: Index, components: int, readings: int) -> bool:
-    """Whether products serve the contact sooner than matrices: by the work of both."""
+    """Whether products serve the contact sooner than matrices, formed or left as readings and penalty: by the work of each."""
     unknowns = components * len(cells)
     if unknowns < FEWEST or not all(isinstance(p, Convolution) for p in operator.planes):
         return False
     if any(a.noise_correlation for a in operator.planes_of):
         return False
-    formed = readings * unknowns**2 + FACTORS * unknowns**3 / 3.0
     box = box_of(cells, operator.surface.shape)
+    row = min(b.stop - b.start for b in box) if len(box) > 1 else 1
+    formed = readings * unknowns**2 + FACTORS * unknowns**3 / 3.0
+    formed = min(formed, FACTORS / WORTH * work_of_few(unknowns, readings, components * row))
     padded = 0.0
     for plane in operator.planes:
         size = [(m - 1) * r + b.stop - b.start for m, r, b in zip(plane.taxels, plane.ratios, box)]  # type: ignore[attr-defined]

@@ -21,7 +21,7 @@ from palpate.inverse.contact.factors import BLOCK, Chain, Dense, Factor, FewRead
 if TYPE_CHECKING:
     from palpate.inverse.contact.cone import Face
 
-__all__ = ["Formed", "Penalty", "Quadratic", "Unformed", "formed_or_not", "prior_factor"]
+__all__ = ["Formed", "Penalty", "Quadratic", "Unformed", "formed_or_not", "prior_factor", "work_of_few"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -257,12 +257,15 @@ def formed_or_not(columns: Floats, gram: Callable[[], Floats], penalty: Penalty)
     size, readings = columns.shape
     c = len(penalty.values)
     if size >= FEWEST and readings < size:
-        reach = max(c * penalty.reach, BLOCK)
-        chain = size * reach * (2.4 * reach + 2.0 * readings)
-        few = chain + size * readings**2 + readings**3 / 3.0
-        if few < WORTH * size**3 / 3.0:
+        if work_of_few(size, readings, c * penalty.reach) < WORTH * size**3 / 3.0:
             return Unformed(np.ascontiguousarray(columns), penalty)
     return Formed(penalty.added(gram().copy()))
+
+
+def work_of_few(unknowns: int, readings: int, reach: int) -> float:
+    """Multiplications that a factor of `Unformed` takes, where the penalty ties unknowns ``reach`` apart."""
+    wide = max(reach, BLOCK)
+    return unknowns * wide * (2.4 * wide + 2.0 * readings) + unknowns * readings**2 + readings**3 / 3.0
 
 
 def prior_factor(penalty: Penalty, face: Face) -> Factor:
