@@ -256,9 +256,9 @@ def formed_or_not(columns: Floats, gram: Callable[[], Floats], penalty: Penalty)
     """H of G' (component * cell, reading) and a penalty; ``gram()`` gives G'G where it is better formed."""
     size, readings = columns.shape
     c = len(penalty.values)
-    if size >= FEWEST and readings < size:
-        if work_of_few(size, readings, c * penalty.reach) < WORTH * size**3 / 3.0:
-            return Unformed(np.ascontiguousarray(columns), penalty)
+    few = work_of_few(size, readings, c * penalty.reach)
+    if size >= FEWEST and readings < size and few < WORTH * size**3 / 3.0:
+        return Unformed(np.ascontiguousarray(columns), penalty)
     return Formed(penalty.added(gram().copy()))
 
 
