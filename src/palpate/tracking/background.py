@@ -40,6 +40,10 @@ class Background:
         left = max(deadline - clock.perf_counter(), 0.0)
         return bool(pending) and not wait(pending, None if math.isinf(left) else left).not_done
 
+    def drop(self, name: str) -> None:
+        """Drop the result of this work, if it is under way."""
+        self._pending.pop(name, None)
+
     def forget(self) -> None:
         """Drop the results of what is under way."""
         self._pending.clear()

@@ -18,6 +18,7 @@ from palpate.inverse.estimate import Errors
 from palpate.tracking.background import Background
 from palpate.tracking.errors import ErrorBars
 from palpate.tracking.health import Flags, Index, ReadingCheck
+from palpate.tracking.interim import interim, unconverged
 from palpate.tracking.iteration import Iteration
 from palpate.tracking.learning import NORMAL, Learning
 from palpate.tracking.misfit import Misfit
@@ -45,6 +46,9 @@ JUMPS = 4
 #: A frame is explained where no more is left than so many standard deviations (known from many frames here), and the part of the signal
 #: that the batch allows: a root mean square of 1.5 of a hundred readings is seven standard deviations of its own.
 EXCESS = 1.5
+#: After so many frames in a row whose time was over before their iteration, one is finished whatever it takes: a penalty learned with a hole in the
+#: readings, or a zero that drifts, is found in finished frames only, and 1 N read 290 N after a minute of unfinished ones.
+PATIENCE = 32
 #: Work under way after which the solution will be another.
 MOVING = ("learn", "move")
 #: A zero that jumped is told from contact where that covers no more than this part of the surface.
@@ -119,6 +123,9 @@ class Contact:
         self._marginal: Marginal | None = None
         self._energy = self._objective = 0.0
         self._fresh = True
+        self._bars: Errors | None = None
+        self._behind = 0  # frames in a row that were not finished
+        self._since_learned = 0
 
     # -- what was found ------------------------------------------------------------------------------------------------
 
@@ -141,7 +148,7 @@ class Contact:
 
     @property
     def errors(self) -> Errors | None:
-        return self._errors.errors
+        return self._bars
 
     def undetected(self, noise: float | None) -> Errors | None:
         """Errors of a frame without contact: what would not be detected."""
@@ -156,6 +163,10 @@ class Contact:
         """
         self.jumped = False
         regular = regular or self._fresh or restarted
+        late = self._behind >= PATIENCE
+        if late:
+            frame, regular, self._behind = frame._replace(deadline=math.inf), True, 0
+            self._background.wait(MOVING, frame.deadline)
         learned = self._learn(frame)
         used = self._check.unused
         noise = frame.noise if self._learning.noise is None else self._learning.noise
@@ -179,23 +190,31 @@ class Contact:
                 unusual = self._beyond(noise, self._tolerated)
             if regular or unusual:
                 moving = any(name in self._background for name in MOVING)
-                if (converged or not self._background.threaded) and not moving:
+                if (converged or late or not self._background.threaded) and not moving:
                     converged = self._weigh(frame, restarted)
                 elif unusual:
                     converged = False  # on its way: the cells are about to move
         unused = self._check.unused
         holes = unused.any() if self._fresh else not np.array_equal(unused, used)
-        if self.pushing and learned and holes and not self._background.threaded:
+        if self.pushing and holes and self._background.threaded and self._since_learned < PATIENCE:
+            self._background.drop("learn")
+            self._learn_again(frame, unused)
+        elif self.pushing and learned and holes and not self._background.threaded:
             # a hole looks like detail: the penalty is learned again, from readings filled by a smooth contact
-            largest = float(self._equations.diagonal.max())
-            self._learning.again(np.where(unused, 0.0, frame.actual), frame.noise, largest)
+            self._learn_again(frame, unused)
             self._push(frame)
             if self._learn(frame):
                 self._push(frame)
                 converged = self._weigh(frame, restarted)
         self._fresh = False
-        self._finish(frame)
+        self._behind = 0 if converged or late else self._behind + 1
+        self._finish(frame, converged)
         return converged
+
+    def _learn_again(self, frame: Frame, unused: Flags) -> None:
+        """Forget a penalty that was learned from readings that are left out now."""
+        largest = float(self._equations.diagonal.max())
+        self._learning.again(np.where(unused, 0.0, frame.actual), frame.noise, largest)
 
     def _learn(self, frame: Frame, *, misfit: bool = False) -> bool:
         """Penalty and noise, where the load is another; whether there is something new."""
@@ -210,22 +229,29 @@ class Contact:
             energy=float(came @ came),
             misfit=misfit,
         )
+        self._since_learned = 0 if new else self._since_learned + 1
         if new:
             self._errors.outdate(later=True)
         return new
 
-    def _finish(self, frame: Frame) -> None:
+    def _finish(self, frame: Frame, converged: bool) -> None:
         """Offsets and error bars."""
         unused, marginal = self._check.unused, self._marginal
         if marginal is None:
             raise RuntimeError("the frame was not solved")
         y = np.where(unused, 0.0, frame.actual)
+        if not converged and self.pushing:
+            self._level(self._here(frame), frame.noise)
         if self.fits:
             self._offsets.seen(y, frame.noise)
         if self.pushing:
             self._errors.refresh(self._solution, y, self.noise, unused, self._background, self._offsets)
         else:
             self._errors.refresh_pulling(self._pulling, y, self.noise, unused, self._parameter, self._offsets)
+        self._bars = self._errors.errors
+        if self.pushing:
+            bars = self._bars or interim(self._estimator, self._solution, self.noise)
+            self._bars = bars if converged or bars is None else unconverged(self._estimator, self._solution, bars)
         if self._looked is not None:
             self.fit, self._looked = self._fit(self._looked, frame), None
         told = self._errors.told
@@ -268,9 +294,14 @@ class Contact:
         return self._learning.parameter or 1.0
 
     def _filled(self, frame: Frame) -> Floats:
-        """The readings, with what contact explains in place of those that are not used."""
-        unused = self._check.unused
-        return np.where(unused, self._explained() if unused.any() else 0.0, frame.actual)
+        """The readings, with what contact explains in place of those that are not used; at an end of their range at least what they say."""
+        unused, clipped = self._check.unused, self._check.clipped
+        if not unused.any():
+            return frame.actual
+        explained = self._explained()
+        least = np.where(clipped, frame.actual, 0.0)
+        more = np.where(least < 0.0, np.minimum(explained, least), np.maximum(explained, least))
+        return np.where(unused, np.where(clipped, more, explained), frame.actual)
 
     def _explained(self) -> Floats:
         """The readings that the present solution explains, in units of their standard deviations."""
@@ -295,6 +326,12 @@ class Contact:
         if gain is not None:
             slope = slope - equations.of_offsets(gain @ marginal.sums, unused)
         self._renew()
+        if solution.region is None and self._check.clipped.any():
+            # where readings are at an end of their range is where it presses most
+            score = equations.score(
+                equations.adjoint(np.where(self._check.clipped, frame.actual, y), unused & ~self._check.clipped)
+            )
+            score = score / frame.noise
         self._move(score)
         converged = solution.solve(slope, gain, tolerance=self._tolerance, deadline=frame.deadline)
         self._marginal = marginal
@@ -329,6 +366,11 @@ class Contact:
         signal = float(np.sqrt(np.mean(frame.actual[used] ** 2)))
         fits = left <= math.hypot(EXCESS * frame.noise, self._limits.unexplained_signal * signal)
         return _Found(rest, left, unused.copy(), fits)
+
+    def _here(self, frame: Frame) -> _Found:
+        """What the present contact that pushes leaves of a frame."""
+        solution = self._solution
+        return self._left(frame, self._equations.explained(solution.region, solution.traction), solution.shared())
 
     def _wrong(self, frame: Frame, found: _Found) -> tuple[Flags, float]:
         """Readings that the solution does not explain, the worst first; and beyond what they are wrong."""
@@ -379,11 +421,7 @@ class Contact:
         self._marginal = marginal
         if not np.array_equal(check.unused, pushed.unused) or self._solution.region is None:
             converged = self._push(frame)
-            pushed = self._left(
-                frame,
-                self._equations.explained(self._solution.region, self._solution.traction),
-                self._solution.shared(),
-            )
+            pushed = self._here(frame)
         return self._accept_push(frame, pushed, converged)
 
     def _jumped(self, frame: Frame) -> tuple[_Found | None, bool]:
@@ -423,6 +461,10 @@ class Contact:
 
     def _take(self, found: _Found, noise: float) -> None:
         self.fits, self.residual, self._looked = found.fits, found.left, found
+        self._level(found, noise)
+
+    def _level(self, found: _Found, noise: float) -> None:
+        """The noise that error bars go by."""
         level = noise if found.fits else max(noise, found.left)
         if not 0.8 * level < self.noise < 1.25 * level:
             self._errors.outdate()
@@ -438,7 +480,7 @@ class Contact:
             converged = True
         pulls = False
         for turn in range(TURNS):
-            found = self._left(frame, equations.explained(solution.region, solution.traction), solution.shared())
+            found = self._here(frame)
             wrong, _ = self._wrong(frame, found)
             few = bool(wrong.mean() <= MOST)
             wrong = wrong & few & ~check.health.left_out
@@ -462,7 +504,7 @@ class Contact:
             region = solution.region
             converged = self._push(frame)
             if not new and solution.region is region:
-                found = self._left(frame, equations.explained(region, solution.traction), solution.shared())
+                found = self._here(frame)
                 break
         return found, converged, pulls
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
 from palpate.inverse.contact.factors import cholesky
 from palpate.inverse.contact.model import ContactModel, Normal
+from palpate.inverse.contact.systematic import owe
 from palpate.inverse.estimate import Errors
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background
@@ -20,6 +22,8 @@ from palpate.tracking.pulling import Pulling, firm
 from palpate.tracking.region import NormalEquations
 
 __all__ = ["ErrorBars"]
+
+Shrink = Callable[[Floats], Floats]
 
 #: Error bars are made again after so many frames (a second at 200 Hz), or when the number of cells in contact has changed by this
 #: part: the standard deviation of a force goes about with the square root of it, by an eighth.
@@ -94,10 +98,10 @@ class ErrorBars:
             level = estimator.level(1)
             std, data, white = self._data(cells, y, noise, unused)
             shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
-            model = estimator.model(
-                marginalised(data, white, shared, cov), estimator.precisions(level, 1, weight), start, keep_face=True
-            )
+            known, shrink = marginalised(data, white, shared, cov)
+            model = estimator.model(known, estimator.precisions(level, 1, weight), start, keep_face=True)
             model.weight = 1.0
+            self._owe(model, shrink, y, std, unused)
             told = self._told(data, shared, model.penalty.dense(), std, unused)
             return estimator.summed_up([model])[1], told, _taken(model), len(cells)
 
@@ -116,7 +120,10 @@ class ErrorBars:
         std, data, white = self._data(cells, y, noise, unused)
         shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
         weight = parameter / noise**2 if noise > 0 else 0.0
-        self.errors = pulling.errors(marginalised(data, white, shared, offsets.cov), weight)
+        known, shrink = marginalised(data, white, shared, offsets.cov)
+        either = pulling.model(known, weight)
+        self._owe(either, shrink, y, std, unused)
+        self.errors = estimator.summed_up([either])[1]
         model = pulling.model(data, weight)
         self.told, self.taken = self._told(data, shared, model.penalty.dense(), std, unused), _taken(model)
         self._cells, self._age = len(cells), 0
@@ -139,6 +146,19 @@ class ErrorBars:
         ]
         return Told(0.5 * (counts + counts.T), data.cells, parts, np.stack(left), unused.copy())
 
+    def _owe(self, model: ContactModel, shrink: Shrink, y: Floats, std: float, unused: Flags) -> None:
+        """What is stated of modulus, depth, thickness and gains does to a model's errors; ``std`` is the unit of its readings."""
+        estimator, used = self._estimator, ~unused
+        problem = estimator.problem
+        if not problem.uncertainty.any:
+            return
+        grid = estimator.operator.surface
+        full = np.zeros((len(grid.components), math.prod(grid.shape)))
+        full[np.asarray(estimator.columns)[:, None], model.cells[None, :]] = model.solution.traction
+        columns, prior = problem.doubtful(full.reshape(-1, *grid.shape), wide=estimator.wide)
+        columns = estimator.readings.white((columns / (estimator.readings.std * std)[:, None])[used], used)
+        owe(model, shrink(columns), prior, problem.uncertainty.gain * np.abs(y[used] / std))
+
     def _due(self, count: int) -> bool:
         self._age += 1
         stale = self.errors is None or self._age > REFRESH
@@ -159,14 +179,19 @@ def _taken(model: ContactModel) -> float:
     return float(np.trace(factor.back(factor.half(face.restrict(model.data.gram)))))
 
 
-def marginalised(data: Normal, white: Floats, shared: Floats, cov: Floats) -> Normal:
-    """The data with offsets marginalised: whitened by (1 + B V B')^(-1/2), B = ``shared`` (reading, channel) and V = ``cov``.
+def marginalised(data: Normal, white: Floats, shared: Floats, cov: Floats) -> tuple[Normal, Shrink]:
+    """The data with offsets marginalised: whitened by (1 + B V B')^(-1/2), B = ``shared`` (reading, channel) and V = ``cov``; and what
+    does the same to other rows (reading, ...).
 
     ``white`` are the whitened readings.
     """
     values, vectors = np.linalg.eigh(cov)
     u, s, _ = np.linalg.svd(shared @ (vectors * np.sqrt(np.maximum(values, 0.0))), full_matrices=False)
     shrunk = u * (1.0 - 1.0 / np.sqrt(1.0 + s**2))
-    matrix = data.matrix - shrunk @ (u.T @ data.matrix)
-    linear = matrix.T @ (white - shrunk @ (u.T @ white))
-    return Normal(data.level, data.cells, matrix, linear.reshape(data.linear.shape))
+
+    def shrink(rows: Floats) -> Floats:
+        return np.asarray(rows - shrunk @ (u.T @ rows))
+
+    matrix = shrink(data.matrix)
+    linear = matrix.T @ shrink(white)
+    return Normal(data.level, data.cells, matrix, linear.reshape(data.linear.shape)), shrink

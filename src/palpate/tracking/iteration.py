@@ -37,6 +37,9 @@ class Iteration:
         self.region: Region | None = None
         self.z: Single = np.zeros((self._components, 0), dtype=np.float32)
         self.u = self.z.copy()
+        self.missing: Floats | None = (
+            None  # change of traction [Pa] (component, cell) that is still to come, where the iteration did not end
+        )
         self._corrected: tuple[Region, Floats, Single, Single] | None = None
         self.product = 0.0  # t'A'y of the last frame
 
@@ -55,6 +58,7 @@ class Iteration:
             whole[0][:, self.region.cells], whole[1][:, self.region.cells] = self.z, self.u
         self.region = region
         self.z, self.u = whole[0][:, region.cells], whole[1][:, region.cells]
+        self.missing = None
 
     @property
     def pressure(self) -> Single:
@@ -84,12 +88,17 @@ class Iteration:
             if self._corrected is None or self._corrected[0] is not region or self._corrected[1] is not gain:
                 self._corrected = region, gain, *region.correction(gain)
             left, right = self._corrected[2:]
-        for _ in range(ITERATIONS):
-            b = (h + rho * (z - u)).ravel()
-            x = inverse @ b
+
+        def solved(b: Single) -> Single:
+            x = inverse @ b.ravel()
             if left is not None and right is not None:
-                x = x + left @ (right @ b)
-            x = x.reshape(shape)
+                x = x + left @ (right @ b.ravel())
+            return np.asarray(x.reshape(shape))
+
+        x, before, pushed = z, z, u
+        for _ in range(ITERATIONS):
+            before, pushed = z, u
+            x = solved(h + rho * (z - u))
             relaxed = np.float32(RELAXATION) * x - np.float32(RELAXATION - 1.0) * z
             new = cone.project(relaxed + u).astype(np.float32, copy=False)
             u = u + relaxed - new
@@ -101,7 +110,11 @@ class Iteration:
                 break
             if clock.perf_counter() > deadline:
                 break
-        self.z, self.u = z, u
+        self.z, self.u, self.missing = z, u, None
+        if not converged:
+            # -(H + rho)^-1 (H z - h + rho u), with (H + rho) x = h + rho (z - u) of the step before
+            left_over = x - z - rho * solved(before - z + u - pushed)
+            self.missing = np.asarray(left_over * cone.scales[:, None], dtype=np.float64)
         self.product = float((z * h).sum(dtype=np.float64))
         if not np.isfinite(z).all():
             raise np.linalg.LinAlgError("the iteration has no finite result")

@@ -18,7 +18,6 @@ from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.factors import Dense, cholesky
 from palpate.inverse.contact.model import ContactModel, Normal, dilated
 from palpate.inverse.contact.quadratic import Formed, Penalty
-from palpate.inverse.estimate import Errors
 from palpate.tracking.health import Flags, Index
 from palpate.tracking.offsets import Marginal
 from palpate.tracking.region import SMALLEST, NormalEquations
@@ -131,7 +130,3 @@ class Pulling:
         face = Face(np.broadcast_to(np.eye(c), (n, c, c)), np.ones((c, n)), False)
         solution = Solution(self.traction, 0.0, 1, True, face, Dense(cholesky(firm(hessian.copy()))))
         return ContactModel(data, Formed(hessian), penalty, solution, weight=1.0)
-
-    def errors(self, data: Normal, parameter: float) -> Errors:
-        """Standard deviations of every quantity."""
-        return self._estimator.summed_up([self.model(data, parameter)])[1]

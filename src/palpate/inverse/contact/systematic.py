@@ -20,7 +20,7 @@ from palpate.sensing.grids import block_means
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "share"]
+__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -81,19 +81,23 @@ def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviat
         excess = np.where(at_limit & observed, run.data / noise, 0.0)[:, None]
         columns, prior = np.concatenate([columns, excess], axis=1), np.append(prior, estimator.thresholds.excess)
     columns = np.concatenate([columns, run.doubtful[0]], axis=1)
-    # what was named or assumed is no error of the method, which its constants make smaller
-    prior = np.concatenate([prior, run.doubtful[1]]) / STATED
-    gain = estimator.problem.uncertainty.gain / STATED
-    if not columns.shape[1] and not gain:
-        return
+    prior = np.concatenate([prior, run.doubtful[1]])
     white = estimator.readings.white(columns[observed], observed)
+    each = estimator.problem.uncertainty.gain * np.abs(run.data / noise)[observed]
     for one in (model, model.contact):
-        if one is None:
-            continue
-        parts = [shared_errors(one, white, prior)] if columns.shape[1] else []
-        if gain:
-            each = gain * np.abs(run.data / noise)[observed]
-            matrix = one.data.matrix
-            rows = matrix.sketched(each) if isinstance(matrix, Applied) else each[:, None] * matrix
-            parts.append(posterior_factor(one.solution, rows))
-        one.shared = np.concatenate(parts, axis=1)
+        if one is not None:
+            owe(one, white, prior, each)
+
+
+def owe(model: ContactModel, columns: Floats, prior: Floats, gains: Floats) -> None:
+    """Let a model's errors know of unknowns that act on many readings, ``columns`` (reading, unknown), whitened, with standard deviations
+    ``prior``; and of readings that are wrong by ``gains`` (reading,), each by itself.
+    """
+    # what was named or assumed is no error of the method, which its constants make smaller
+    parts = [shared_errors(model, columns, prior / STATED)] if columns.shape[1] else []
+    if gains.any():
+        matrix, each = model.data.matrix, gains / STATED
+        rows = matrix.sketched(each) if isinstance(matrix, Applied) else each[:, None] * matrix
+        parts.append(posterior_factor(model.solution, rows))
+    if parts:
+        model.shared = np.concatenate(parts, axis=1)
