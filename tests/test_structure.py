@@ -35,6 +35,7 @@ ROOMS = [
     "skin",
     "archives",
     "simulation",
+    "camera",
     "pads",
     "paper",
     "bench",

@@ -25,6 +25,9 @@ EXTRAS = {
     "websockets": "live",
     "zarr": "zarr",
     "rerun": "rerun",
+    "av": "camera",
+    "cv2": "camera",
+    "tifffile": "camera",
     "dask": "dask",
     "distributed": "dask",
 }

@@ -1,0 +1,33 @@
+"""From pictures to touch: a video, a folder, a stack or a camera in; displacements of printed markers with their errors; what touches.
+
+Needs palpate[camera] (OpenCV, PyAV, tifffile).
+"""
+
+from palpate.camera.dots import Found, Print, fault_of, find_dots
+from palpate.camera.markers import Markers, Moved
+from palpate.camera.pictures import Picture, Pictures, grey, is_pictures, open_pictures, write_video
+from palpate.camera.render import Dots, Looks, Scene, Texture, Truth, dot_grid
+from palpate.camera.view import Lens, View
+
+__all__ = [
+    "Dots",
+    "Found",
+    "Lens",
+    "Looks",
+    "Markers",
+    "Moved",
+    "Picture",
+    "Pictures",
+    "Print",
+    "Scene",
+    "Texture",
+    "Truth",
+    "View",
+    "dot_grid",
+    "fault_of",
+    "find_dots",
+    "grey",
+    "is_pictures",
+    "open_pictures",
+    "write_video",
+]

@@ -1,0 +1,256 @@
+"""Printed dots found in one picture: where, how large, and how much of each is there. No grid is assumed.
+
+A dot of radius r is an extremum of the scale-normalised Laplacian s^2 (laplace of the picture blurred by s) in place and scale, at s = r / sqrt(2) (Lindeberg
+1998). The size that most strong extrema share is the print's; scratches are finer, light is coarser.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.camera.pictures import grey
+from palpate.camera.view import opencv
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+
+__all__ = ["Found", "Print", "fault_of", "find_dots", "levelled"]
+
+#: Smallest blur in which dots are sought [pixels], the factor from one to the next, and the largest as a part of the picture.
+FINEST, FACTOR, COARSEST = 1.0, 1.2, 1.0 / 14.0
+#: A dot's response over that of the typical one: below it is not all there; below the second it is none.
+WHOLE, SOME = 0.62, 0.3
+#: Contrast of a dot against its surroundings below which it cannot be told from noise (of the light there), and over the noise.
+FAINTEST, NOISES = 0.04, 6.0
+#: Fewest dots that make a print.
+FEWEST = 5
+
+
+@dataclass(frozen=True)
+class Print:
+    """What the dots of a print share: the blur that fits them [pixels], dark (1) or bright (-1), and their typical response."""
+
+    blur: float
+    sign: int
+    response: float
+
+    @property
+    def radius(self) -> float:
+        """[pixels]."""
+        return math.sqrt(2.0) * self.blur
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Dots of one picture.
+
+    Attributes
+    ----------
+    positions : array (n, 2)
+        (column, row) [pixels].
+    strength : array (n,)
+        Response over that of the typical dot: 1 for a whole one.
+    print : Print
+    """
+
+    positions: Floats
+    strength: Floats
+    print: Print
+
+    @property
+    def whole(self) -> npt.NDArray[np.bool_]:
+        """Whether all of a dot is there, as far as can be seen."""
+        return self.strength >= WHOLE
+
+
+def fault_of(image: npt.NDArray[Any]) -> str:
+    """Why a grey picture shows nothing; "" for a good one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.camera import fault_of
+    >>> fault_of(np.zeros((20, 20), dtype=np.uint8))
+    'the picture is black'
+    """
+    full = {"uint8": 255.0, "uint16": 65535.0}.get(image.dtype.name)
+    values = image[:: max(1, image.shape[0] // 80), :: max(1, image.shape[1] // 80)].astype(np.float64)
+    if not np.isfinite(values).all():
+        return "the picture holds values that are not finite"
+    low, middle, high = np.quantile(values, [0.01, 0.5, 0.99])
+    if full is not None:
+        if high < 0.04 * full and image.dtype == np.uint8:
+            return "the picture is black"
+        if np.mean(values >= 0.99 * full) > 0.5:
+            return "the picture is saturated: most of it is white"
+    if high <= 0:
+        return "the picture is black"
+    if high - low < 0.01 * abs(middle):
+        return "the picture is empty: it has one grey level"
+    return ""
+
+
+def levelled(image: npt.NDArray[Any], width: float) -> npt.NDArray[np.float32]:
+    """The picture over its light, about 1 between dots: the light is the mean over about ``width`` pixels to every side."""
+    cv2 = opencv()
+    plain = image.astype(np.float32)
+    side = max(3, 2 * int(width) + 1)
+    light = plain
+    for _ in range(2):  # two boxes: smooth, at a cost that does not grow with the width
+        light = cv2.blur(light, (side, side), borderType=cv2.BORDER_REFLECT)
+    least = 0.02 * float(light.max())
+    return np.asarray(plain / np.maximum(light, max(least, 1e-6)), dtype=np.float32)
+
+
+def _response(flat: npt.NDArray[np.float32], blur: float) -> npt.NDArray[np.float32]:
+    """Scale-normalised Laplacian, positive on dark dots; 1 is about the contrast of a black dot on white."""
+    cv2 = opencv()
+    soft = cv2.GaussianBlur(flat, (0, 0), blur, borderType=cv2.BORDER_REFLECT)
+    return np.asarray(blur * blur * cv2.Laplacian(soft, cv2.CV_32F, ksize=1, borderType=cv2.BORDER_REFLECT))
+
+
+def _peaks(
+    response: npt.NDArray[np.float32], least: float, apart: float
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Rows and columns of maxima above ``least`` that are ``apart``."""
+    cv2 = opencv()
+    side = 2 * max(1, round(apart)) + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    rows, columns = np.nonzero((response >= cv2.dilate(response, kernel)) & (response > least))
+    return rows, columns
+
+
+def _subpixel(response: npt.NDArray[np.float32], rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]) -> Floats:
+    """(column, row) of each peak by a parabola along each axis."""
+    out = []
+    height, width = response.shape
+    for axis, at, size in ((1, columns, width), (0, rows, height)):
+        inner = np.clip(at, 1, size - 2)
+        around = [response[rows, inner + d] if axis == 1 else response[inner + d, columns] for d in (-1, 0, 1)]
+        before, here, after = (a.astype(np.float64) for a in around)
+        curve = before - 2.0 * here + after
+        move = np.where(curve < 0, 0.5 * (before - after) / np.where(curve < 0, curve, -1.0), 0.0)
+        out.append(inner + np.clip(move, -1.0, 1.0))
+    return np.stack(out, axis=-1)
+
+
+def find_dots(
+    image: npt.ArrayLike, print: Print | None = None, *, level: npt.NDArray[np.float32] | None = None
+) -> Found:
+    """Dots of a picture, dark or bright, of any size that most of them share.
+
+    Parameters
+    ----------
+    image : array (row, column) or (row, column, 3)
+    print : Print, optional
+        Of an earlier picture of the same gel (`Found.print`): its size and brightness are taken as known, which is faster and finds what is left of
+        a print that is partly hidden.
+    level : array (row, column), optional
+        The picture over its light, where it is known already.
+
+    Returns
+    -------
+    Found
+
+    Raises
+    ------
+    InvalidInput
+        A black, white or empty picture, or one without dots.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.camera import Dots, Scene, dot_grid, find_dots
+    >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    >>> scene = Scene(pad=gel, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
+    >>> found = find_dots(scene.picture())
+    >>> len(found.positions), found.positions.min(axis=0).round().tolist()  # the upper left dot
+    (35, [19.0, 20.0])
+    """
+    plain = grey(image)
+    fault = fault_of(plain)
+    if fault:
+        raise InvalidInput(f"{fault}; no dots can be found in it. Check light, exposure and lens cap.")
+    if print is None:
+        print = _print_of(plain)
+    if level is None:
+        level = levelled(plain, 4.0 * print.blur)
+    response = print.sign * _response(level, print.blur)
+    rows, columns = _peaks(response, SOME * print.response, 0.9 * print.blur)
+    positions = _subpixel(response, rows, columns)
+    strength = response[rows, columns] / print.response
+    # a dot that touches the edge has no middle that can be told
+    height, width = plain.shape
+    reach = 0.8 * print.radius
+    inside = (
+        (positions[:, 0] >= reach)
+        & (positions[:, 0] <= width - 1 - reach)
+        & (positions[:, 1] >= reach)
+        & (positions[:, 1] <= height - 1 - reach)
+    )
+    kept = inside & _compact(response, positions, print)
+    return Found(positions[kept], strength[kept].astype(np.float64), print)
+
+
+def _compact(response: npt.NDArray[np.float32], positions: Floats, print: Print) -> npt.NDArray[np.bool_]:
+    """Whether the response falls on all sides of a peak: a line or an edge of light has a ridge instead."""
+    cv2 = opencv()
+    if not len(positions):
+        return np.zeros(0, dtype=bool)
+    angles = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    ring = positions[:, None, :] + 1.5 * print.radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    at = ring.astype(np.float32)
+    around = cv2.remap(response, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    middle = cv2.remap(
+        response, positions[:, None, 0].astype(np.float32), positions[:, None, 1].astype(np.float32), cv2.INTER_LINEAR
+    )
+    # a neighbour that touches fills two of twelve directions
+    return np.asarray(np.quantile(around, 0.75, axis=1) < 0.5 * middle[:, 0])
+
+
+def _print_of(plain: npt.NDArray[Any]) -> Print:
+    """Size, sign and strength of the dots that most strong extrema agree on."""
+    coarsest = COARSEST * min(plain.shape)
+    count = int(math.log(max(coarsest / FINEST, 1.0)) / math.log(FACTOR)) + 1
+    blurs = FINEST * FACTOR ** np.arange(count)
+    cv2 = opencv()
+    kernel = np.ones((3, 3), np.uint8)
+    best: tuple[float, Print] | None = None
+    # white noise of 1 has the Laplacian sqrt(20), and sqrt(2 pi) s times less than itself in the response at s
+    rough = cv2.Laplacian(plain.astype(np.float32), cv2.CV_32F, ksize=1)
+    noise = float(np.median(np.abs(rough))) / 0.6745 / math.sqrt(20.0) / max(float(plain.mean()), 1e-9)
+    stack = np.stack([_response(levelled(plain, 4.0 * b), b) for b in blurs])
+    for sign in (1, -1):
+        signed = sign * stack
+        local = np.stack([cv2.dilate(r, kernel) for r in signed])
+        around = local.copy()
+        around[1:] = np.maximum(around[1:], local[:-1])
+        around[:-1] = np.maximum(around[:-1], local[1:])
+        level, rows, columns = np.nonzero((signed >= around) & (signed > FAINTEST))
+        if len(level) < FEWEST:
+            continue
+        strength = signed[level, rows, columns]
+        # the size whose extrema weigh most, as many as they are and as strong; squares, so that many faint ones are no print
+        weight = np.bincount(level, strength.astype(np.float64) ** 2, minlength=count)
+        joined = np.convolve(weight, [0.5, 1.0, 0.5], mode="same")
+        at = int(np.argmax(joined))
+        near = np.abs(level - at) <= 1
+        if np.count_nonzero(near) < FEWEST:
+            continue
+        typical = float(np.median(strength[near & (strength > 0.5 * np.quantile(strength[near], 0.9))]))
+        blur = float(np.exp(np.average(np.log(blurs[level[near]]), weights=strength[near] ** 2)))
+        if typical < max(NOISES * noise / (2.5 * blur), 2.0 * FAINTEST):
+            continue
+        score = typical * joined[at]
+        if best is None or score > best[0]:
+            best = (score, Print(blur, sign, typical))
+    if best is None:
+        raise InvalidInput(
+            "no dots found: no spots of one size stand out from the picture. Focus, light evenly, and see that five dots or more are in it."
+        )
+    return best[1]

@@ -1,0 +1,156 @@
+"""Which dot is which: those of one picture matched to those of the reference, across moves that are longer than the pitch.
+
+Neighbours move alike, because the print does not tear: the change of displacement from dot to dot is less than half their distance. So the largest set of dots
+that move continuously is taken first (far from the contact, where little moves), and the others are grown from it, each where a plane through its
+neighbours' displacements says.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+
+__all__ = ["Neighbours", "matched", "predicted"]
+
+Index = npt.NDArray[np.intp]
+
+#: A dot is taken where it is expected within this part of the distance to its neighbours.
+REACH = 0.4
+#: Change of displacement between neighbours, over their distance, that an unbroken print can have.
+TORN = 0.5
+
+
+class Neighbours:
+    """The nearest dots of each dot at rest."""
+
+    def __init__(self, positions: Floats, count: int = 8) -> None:
+        from scipy.spatial import cKDTree
+
+        self.positions = positions
+        distance, index = cKDTree(positions).query(positions, k=min(count + 1, len(positions)))
+        self.distance, self.index = np.asarray(distance)[:, 1:], np.asarray(index)[:, 1:].astype(np.intp)
+        self.pitch = float(np.median(self.distance[:, 0]))
+
+
+def predicted(near: Neighbours, displacement: Floats, dots: npt.ArrayLike) -> Floats:
+    """Displacement (k, 2) of some dots from that of their neighbours: a plane through those known (NaN: not known), weighted by distance."""
+    which = np.atleast_1d(np.asarray(dots, dtype=np.intp))
+    out = np.full((len(which), 2), np.nan)
+    index = near.index[which]
+    known = np.asarray(np.isfinite(displacement[index]).all(axis=2))
+    weight = known / (near.distance[which] + 0.1 * near.pitch) ** 2
+    enough = known.sum(axis=1)
+    some = enough > 0
+    if not some.any():
+        return out
+    arms = (near.positions[index] - near.positions[which][:, None, :]) / near.pitch
+    values = np.where(known[..., None], displacement[index], 0.0)
+    design = np.concatenate([np.ones((*arms.shape[:2], 1)), arms], axis=2)
+    normal = np.einsum("dni,dn,dnj->dij", design, weight, design)
+    # a little stiffness of the slopes: a mean where neighbours are few or lie on one side
+    scale = weight.sum(axis=1)
+    normal[:, [1, 2], [1, 2]] += (0.3 * scale)[:, None] / np.maximum(enough, 1)[:, None] + 1e-12
+    right = np.einsum("dni,dn,dnk->dik", design, weight, values)
+    out[some] = np.linalg.solve(normal[some], right[some])[:, 0]
+    return out
+
+
+def _torn(near: Neighbours, displacement: Floats) -> npt.NDArray[np.bool_]:
+    """Pairs (dot, neighbour) between which displacement changes more than a print does; False where one is not known."""
+    change = displacement[near.index] - displacement[:, None, :]
+    return np.asarray(np.hypot(change[..., 0], change[..., 1]) > TORN * near.distance)
+
+
+def _largest(near: Neighbours, displacement: Floats) -> npt.NDArray[np.bool_]:
+    """The largest set of dots that move continuously."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    n = len(displacement)
+    good = np.asarray(np.isfinite(displacement).all(axis=1))
+    tied = good[:, None] & good[near.index] & ~_torn(near, displacement)
+    # of the nearest six only: those beyond may lie across a tear
+    tied[:, 6:] = False
+    rows, columns = np.nonzero(tied)
+    graph = coo_array((np.ones(len(rows)), (rows, near.index[rows, columns])), shape=(n, n))
+    count, label = connected_components(graph, directed=False)
+    size = np.bincount(label[good], minlength=count)
+    return good & (label == int(np.argmax(size)))
+
+
+def matched(near: Neighbours, expected: Floats, found: Floats) -> Index:
+    """The dot of ``found`` (m, 2) that each dot of the reference is now; -1 for none.
+
+    ``expected``: displacement (n, 2) that each is likely to have, such as that in the picture before; NaN where nothing is known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.camera.matching import Neighbours, matched
+    >>> rest = np.stack(np.meshgrid(np.arange(6) * 10.0, np.arange(5) * 10.0), -1).reshape(-1, 2)
+    >>> now = rest * 1.15  # stretched: the last dot has moved by 8 and 6 pixels, nearer to where another was
+    >>> bool((matched(Neighbours(rest), np.zeros_like(rest), now) == np.arange(30)).all())
+    True
+    """
+    from scipy.spatial import cKDTree
+
+    n = len(near.positions)
+    out = np.full(n, -1, dtype=np.intp)
+    if not len(found):
+        return out
+    tree = cKDTree(found)
+    start = np.where(np.isfinite(expected), expected, 0.0)
+    at = near.positions + start
+    distance, nearest = tree.query(at)
+    # mutual: no two dots are one
+    order = np.argsort(distance)
+    taken = np.zeros(len(found), dtype=bool)
+    first = np.zeros(n, dtype=bool)
+    for i in order:
+        if distance[i] < REACH * near.pitch and not taken[nearest[i]]:
+            taken[nearest[i]] = first[i] = True
+    displacement = np.full((n, 2), np.nan)
+    displacement[first] = found[nearest[first]] - near.positions[first]
+    kept = _largest(near, displacement)
+    # where neighbours agree on something else, a dot is out of step
+    for _ in range(2):
+        trial = np.where(kept[:, None], displacement, np.nan)
+        off = trial - predicted(near, trial, np.arange(n))
+        kept &= ~(np.hypot(off[:, 0], off[:, 1]) > REACH * near.pitch)
+    out[kept] = nearest[kept]
+    displacement[~kept] = np.nan
+    owner = np.full(len(found), -1, dtype=np.intp)
+    owner[out[kept]] = np.flatnonzero(kept)
+    _grow(near, displacement, out, owner, tree, found)
+    return out
+
+
+def _grow(near: Neighbours, displacement: Floats, out: Index, owner: Index, tree: object, found: Floats) -> None:
+    """Match the rest, those with most matched neighbours first."""
+    tried = np.zeros(len(out), dtype=np.int64)
+    while True:
+        known = (out[near.index[:, :6]] >= 0).sum(axis=1)
+        ready = (out < 0) & (known >= 2) & (known > tried)
+        if not ready.any():
+            return
+        best = known[ready].max()
+        now = np.flatnonzero(ready & (known == best))
+        tried[now] = best
+        guess = near.positions[now] + predicted(near, displacement, now)
+        distance, nearest = tree.query(guess)  # type: ignore[attr-defined]
+        for i, d, j in zip(now, distance, nearest):
+            move = found[j] - near.positions[i] if d < REACH * near.pitch else None
+            if move is None or owner[j] >= 0 or _tears(near, displacement, int(i), move):
+                continue
+            out[i], owner[j] = j, i
+            displacement[i] = move
+
+
+def _tears(near: Neighbours, displacement: Floats, dot: int, move: Floats) -> bool:
+    """Whether this move would tear the print from most of the neighbours that are known."""
+    others = displacement[near.index[dot]]
+    known = np.isfinite(others).all(axis=1)
+    change = np.hypot(*(others[known] - move).T)
+    return bool(np.mean(change > TORN * near.distance[dot][known]) > 0.5)

@@ -1,0 +1,471 @@
+"""Pictures in, one after another: a video, a folder, a TIFF stack, a camera, or arrays; each with its time.
+
+A picture that cannot be used (it cannot be decoded, or its size differs from that of the first) comes as a `Picture` without an image that says why, so
+that nothing before or after it is lost.
+"""
+
+from __future__ import annotations
+
+import re
+import time as clock
+from collections.abc import Callable, Iterable, Iterator, Sized
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._extras import missing
+from palpate.camera.view import opencv
+from palpate.errors import InvalidInput
+
+__all__ = ["Picture", "Pictures", "grey", "is_pictures", "open_pictures", "write_video"]
+
+Image = npt.NDArray[Any]
+
+#: Endings of single pictures, of stacks and of videos.
+STILLS = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".webp")
+STACKS = (".tif", ".tiff")
+VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg", ".wmv")
+CODEC = "Convert it once, such as with: ffmpeg -i IN -c:v libx264 -crf 12 OUT.mp4"
+
+
+def is_pictures(name: str | Path) -> bool:
+    """Whether a file name or folder is one that `open_pictures` reads: by its ending, or a folder that holds pictures.
+
+    Examples
+    --------
+    >>> from palpate.camera import is_pictures
+    >>> is_pictures("press.mp4"), is_pictures("press.nc")
+    (True, False)
+    """
+    path = Path(name)
+    if path.suffix.lower() in (*STILLS, *STACKS, *VIDEOS) or re.fullmatch(r"/dev/video\d+", str(name)):
+        return True
+    return path.is_dir() and any(p.suffix.lower() in (*STILLS, *STACKS) for p in path.iterdir())
+
+
+def grey(image: npt.ArrayLike) -> Image:
+    """A picture as grey levels (row, column): of colour its luminance; depth and type are kept.
+
+    Raises
+    ------
+    InvalidInput
+        An array that is no picture.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.camera import grey
+    >>> grey(np.full((2, 3, 3), 7, dtype=np.uint8)).tolist()
+    [[7, 7, 7], [7, 7, 7]]
+    """
+    values = np.asarray(image)
+    if values.dtype == np.float64:
+        values = values.astype(np.float32)
+    if values.dtype not in (np.uint8, np.uint16, np.float32) or 0 in values.shape:
+        raise InvalidInput(
+            f"a picture must hold 8 or 16 bit grey levels, or floats; got {values.dtype} of shape {values.shape}."
+        )
+    if values.ndim == 2:
+        return np.ascontiguousarray(values)
+    if values.ndim == 3 and values.shape[-1] in (1, 3, 4):
+        if values.shape[-1] == 1:
+            return np.ascontiguousarray(values[..., 0])
+        cv2 = opencv()
+        return np.asarray(cv2.cvtColor(np.ascontiguousarray(values[..., :3]), cv2.COLOR_RGB2GRAY))
+    raise InvalidInput(
+        f"a picture must have shape (rows, columns) or (rows, columns, 3) with red, green, blue; got {values.shape}."
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """One picture of a stream.
+
+    Attributes
+    ----------
+    index : int
+        Its number in the source, from 0.
+    time : float
+        [s], as the source gives it.
+    image : array (row, column) or (row, column, 3), or None
+        Grey, or red, green, blue; None where it could not be read.
+    fault : str
+        Why there is no image; "" where there is one.
+    """
+
+    index: int
+    time: float
+    image: Image | None
+    fault: str = ""
+
+
+class Pictures:
+    """A source of pictures; iterate over it once, ``with`` closes it.
+
+    Attributes
+    ----------
+    name : str
+        Of the source, for messages.
+    size : (int, int)
+        Columns and rows of the first picture.
+    count : int or None
+        Of pictures as the source claims; None where it cannot say.
+    timed : bool
+        Whether times come from the source; otherwise they are the number of the picture over ``rate``, or the number itself.
+    notes : list of str
+        What went wrong at the end: a file that was cut off.
+    """
+
+    def __init__(
+        self,
+        frames: Iterator[tuple[float | None, Image | None, str]],
+        *,
+        name: str,
+        count: int | None = None,
+        rate: float | None = None,
+        timed: bool = False,
+        close: Callable[[], None] | None = None,
+        notes: list[str] | None = None,
+    ) -> None:
+        self.name, self.count, self.timed = name, count, timed
+        self.notes: list[str] = [] if notes is None else notes
+        self._frames, self._rate, self._close = frames, rate, close
+        self._first = self._next_raw()
+        if self._first is None or self._first[1] is None:
+            why = self._first[2] if self._first is not None else "it holds no pictures"
+            self.close()
+            raise InvalidInput(f"{name}: {why}. {' '.join(self.notes)}".strip())
+        grey(self._first[1])
+        rows, columns = self._first[1].shape[:2]
+        self.size = (int(columns), int(rows))
+
+    def _next_raw(self) -> tuple[float | None, Image | None, str] | None:
+        return next(self._frames, None)
+
+    def __iter__(self) -> Iterator[Picture]:
+        index, raw, last = 0, self._first, -np.inf
+        self._first = None
+        while raw is not None:
+            given, image, fault = raw
+            at = given if given is not None else index / self._rate if self._rate else float(index)
+            if at <= last:  # two with one time, or a clock that went back: one picture later
+                at = last + (1.0 / self._rate if self._rate else 1e-3)
+            last = at
+            if image is not None and image.shape[1::-1] != self.size:
+                fault = (
+                    f"the picture is {image.shape[1]} x {image.shape[0]}, the first was {self.size[0]} x {self.size[1]}"
+                )
+                image = None
+            yield Picture(index, at, image, fault)
+            index += 1
+            raw = self._next_raw()
+        if self.count is not None and index < self.count and not self.notes:
+            self.notes.append(f"{self.name} ends early: {index} of {self.count} pictures could be read.")
+
+    def close(self) -> None:
+        """Close the file or camera."""
+        if self._close is not None:
+            self._close()
+            self._close = None
+
+    def __enter__(self) -> Pictures:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def open_pictures(source: Any, *, rate: float | None = None) -> Pictures:
+    """Pictures from a video, a folder, a TIFF stack, a camera, or arrays.
+
+    Parameters
+    ----------
+    source : str, Path, int, or iterable of arrays
+        A video (.mp4, .avi, .mkv, .mov, .webm, ...); a folder of pictures, taken in the order of the numbers in their names; a .tif stack, or a single picture;
+        the number of a camera, or /dev/video0; an array (picture, row, column[, 3]) or any iterable of arrays.
+    rate : float, optional
+        Pictures a second, for sources that do not know their times: folders, stacks, arrays. Without it these are numbered: 0, 1, 2, ... s.
+
+    Returns
+    -------
+    Pictures
+        Iterate over it for `Picture` objects.
+
+    Raises
+    ------
+    InvalidInput
+        No such file, nothing in it, a file that is no video, a rate for a source that has times.
+    Unsupported
+        A library is not installed, or a codec is missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.camera import open_pictures
+    >>> with open_pictures(np.zeros((3, 20, 30), dtype=np.uint8), rate=10.0) as pictures:
+    ...     print(pictures.size, [picture.time for picture in pictures])
+    (30, 20) [0.0, 0.1, 0.2]
+    """
+    if rate is not None and (isinstance(rate, bool) or not (np.isfinite(rate) and rate > 0)):
+        raise InvalidInput(f"rate must be a positive number of pictures a second; got {rate!r}.")
+    device = isinstance(source, int) or (isinstance(source, str) and re.fullmatch(r"/dev/video\d+", source))
+    if isinstance(source, bool):
+        raise InvalidInput("a source of pictures is a path, the number of a camera, or arrays; got a bool.")
+    if device:
+        return _camera(source, rate)
+    if not isinstance(source, str | Path):
+        return _arrays(source, rate)
+    path = Path(source)
+    if not path.exists():
+        raise InvalidInput(f"{path}: no such file or folder. A camera is named by its number (0) or /dev/video0.")
+    if path.is_dir():
+        return _folder(path, rate)
+    ending = path.suffix.lower()
+    if path.stat().st_size == 0:
+        raise InvalidInput(f"{path} is empty: the recording was not finished. Record it again.")
+    if ending in STACKS:
+        return _stack(path, rate)
+    if ending in STILLS:
+        return Pictures(_read([path]), name=str(path), count=1, rate=rate)
+    if ending in VIDEOS:
+        if rate is not None:
+            raise InvalidInput(f"{path} has times of its own: leave out rate.")
+        return _video(path)
+    raise InvalidInput(
+        f"{path}: not an ending of pictures. Accepted: videos ({', '.join(VIDEOS)}), pictures ({', '.join(STILLS)}), stacks "
+        f"({', '.join(STACKS)}), or a folder of pictures."
+    )
+
+
+# -- one kind of source after another ---------------------------------------------------------------------------------------
+
+
+def _arrays(source: Any, rate: float | None) -> Pictures:
+    if isinstance(source, np.ndarray) and source.ndim < 3:
+        raise InvalidInput(f"an array of pictures has shape (picture, row, column[, 3]); got {source.shape}.")
+    if not isinstance(source, Iterable):
+        raise InvalidInput(
+            f"a source of pictures is a path, the number of a camera, or arrays; got {type(source).__name__}."
+        )
+    count = len(source) if isinstance(source, Sized) else None
+    return Pictures(((None, np.asarray(image), "") for image in source), name="pictures", count=count, rate=rate)
+
+
+def _natural(path: Path) -> list[Any]:
+    """frame2 before frame10."""
+    return [int(part) if part.isdigit() else part.lower() for part in re.split(r"(\d+)", path.name)]
+
+
+def _folder(path: Path, rate: float | None) -> Pictures:
+    found = sorted((p for p in path.iterdir() if p.suffix.lower() in (*STILLS, *STACKS)), key=_natural)
+    if not found:
+        raise InvalidInput(f"{path} holds no pictures ({', '.join((*STILLS, *STACKS))}).")
+    return Pictures(_read(found), name=str(path), count=len(found), rate=rate)
+
+
+def _read(paths: list[Path]) -> Iterator[tuple[None, Image | None, str]]:
+    cv2 = opencv()
+    for path in paths:
+        # not imread: it prints on stderr, and does not open every name on Windows
+        data = np.fromfile(path, dtype=np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+        if image is None:
+            yield None, None, f"{path.name} cannot be decoded as a picture: it is damaged or cut off"
+            continue
+        if image.ndim == 3:
+            image = image[..., :1] if image.shape[-1] == 2 else image[..., 2::-1]
+        yield None, np.ascontiguousarray(image), ""
+
+
+def _stack(path: Path, rate: float | None) -> Pictures:
+    try:
+        import tifffile
+    except ImportError as error:
+        raise missing("TIFF stacks", error) from error
+    try:
+        file = tifffile.TiffFile(path)
+        pages = file.pages
+        count = len(pages)
+    except (tifffile.TiffFileError, OSError, ValueError) as error:
+        raise InvalidInput(f"{path}: cannot be read as TIFF ({error}).") from error
+    described = file.imagej_metadata or {}
+    interval = described.get("finterval")
+    if rate is None and interval:
+        rate = 1.0 / float(interval)
+
+    def frames() -> Iterator[tuple[None, Image | None, str]]:
+        for number in range(count):
+            try:
+                image = np.asarray(pages[number].asarray())
+            except (tifffile.TiffFileError, OSError, ValueError, IndexError, TypeError) as error:
+                yield None, None, f"page {number} cannot be read ({error})"
+                continue
+            yield None, image, ""
+
+    return Pictures(frames(), name=str(path), count=count, rate=rate, close=file.close)
+
+
+def _video(path: Path) -> Pictures:
+    try:
+        import av
+    except ImportError as error:
+        raise missing("videos", error) from error
+    try:
+        container = av.open(str(path))
+    except (av.error.FFmpegError, OSError) as error:
+        raise InvalidInput(
+            f"{path}: cannot be opened as a video ({_plain(error)}). A recording that was cut off has no index: record .mkv, which needs none, or "
+            "repair it."
+        ) from error
+    if not container.streams.video:
+        container.close()
+        raise InvalidInput(f"{path} holds no pictures, only {len(container.streams)} other streams.")
+    stream = container.streams.video[0]
+    if stream.codec_context is None:
+        container.close()
+        raise InvalidInput(f"{path}: no codec for this video is installed. {CODEC}")
+    stream.thread_type = "AUTO"
+    notes: list[str] = []
+    rate = float(stream.average_rate) if stream.average_rate else None
+
+    def frames() -> Iterator[tuple[float | None, Image | None, str]]:
+        number = 0
+        try:
+            for frame in container.decode(stream):
+                plain = frame.format.name in ("gray", "gray8", "gray10le", "gray12le", "gray16le")
+                image = frame.to_ndarray(format="gray" if plain else "rgb24")
+                # AVI has no times, only an order in which to decode: it is as even as its rate
+                at = None if frame.time is None or container.format.name == "avi" else float(frame.time)
+                yield at, image, ""
+                number += 1
+        except (av.error.FFmpegError, OSError) as error:
+            notes.append(
+                f"{path} cannot be decoded after {number} pictures ({_plain(error)}): it is damaged or was cut off; those before are used."
+            )
+
+    return Pictures(
+        frames(), name=str(path), count=stream.frames or None, rate=rate, timed=True, close=container.close, notes=notes
+    )
+
+
+def _plain(error: BaseException) -> str:
+    return str(getattr(error, "strerror", None) or error)
+
+
+def _camera(source: Any, rate: float | None) -> Pictures:
+    cv2 = opencv()
+    if rate is not None:
+        raise InvalidInput("a camera has times of its own: leave out rate.")
+    capture = cv2.VideoCapture(source)
+    if not capture.isOpened():
+        capture.release()
+        raise InvalidInput(
+            f"camera {source}: cannot be opened. Is it connected, is another program using it, and may you read it (group video)?"
+        )
+
+    def frames() -> Iterator[tuple[float | None, Image | None, str]]:
+        started = None
+        failed = 0
+        while True:
+            there, image = capture.read()
+            now = clock.monotonic()
+            started = now if started is None else started
+            if not there:
+                failed += 1
+                if failed > 10:
+                    return
+                yield now - started, None, "the camera gave no picture"
+                continue
+            failed = 0
+            yield now - started, np.ascontiguousarray(image[..., ::-1] if image.ndim == 3 else image), ""
+
+    return Pictures(frames(), name=f"camera {source}", timed=True, close=capture.release)
+
+
+# -- out --------------------------------------------------------------------------------------------------------------------
+
+
+def write_video(path: str | Path, images: Iterable[Image], *, rate: float = 30.0, quality: int = 14) -> None:
+    """Write 8-bit pictures as a video; the container follows the file name (.mp4, .mkv, .avi).
+
+    Parameters
+    ----------
+    path : str or Path
+    images : iterable of array (row, column) or (row, column, 3)
+    rate : float
+        Pictures a second.
+    quality : int
+        Constant rate factor of H.264, 0 (nothing lost) to 51.
+
+    Raises
+    ------
+    InvalidInput
+        No pictures, or pictures of different sizes.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from palpate.camera import open_pictures, write_video
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_video(f"{folder}/press.mp4", np.full((4, 48, 64), 90, dtype=np.uint8), rate=20.0)
+    ...     with open_pictures(f"{folder}/press.mp4") as pictures:
+    ...         times = [round(picture.time, 3) for picture in pictures]
+    >>> times
+    [0.0, 0.05, 0.1, 0.15]
+    """
+    try:
+        import av
+    except ImportError as error:
+        raise missing("videos", error) from error
+    from palpate.recordings.files import atomically
+
+    def write(name: str) -> None:
+        size = None
+        with av.open(name, mode="w", format=_container(path)) as container:
+            stream: Any = None
+            for image in images:
+                values = np.asarray(image)
+                if values.dtype != np.uint8 or values.ndim not in (2, 3):
+                    raise InvalidInput(f"a video takes 8-bit pictures; got {values.dtype} of shape {values.shape}.")
+                if stream is None:
+                    size = values.shape[:2]
+                    stream = _h264(container, rate, quality)
+                    stream.height, stream.width = size
+                    # halved colour needs even sides
+                    stream.pix_fmt = "yuv444p" if size[0] % 2 or size[1] % 2 else "yuv420p"
+                elif values.shape[:2] != size:
+                    raise InvalidInput(f"the pictures of a video have one size; got {size} and {values.shape[:2]}.")
+                frame = av.VideoFrame.from_ndarray(
+                    np.ascontiguousarray(values), format="gray" if values.ndim == 2 else "rgb24"
+                )
+                container.mux(stream.encode(frame))
+            if stream is None:
+                raise InvalidInput("there are no pictures to write.")
+            container.mux(stream.encode(None))
+
+    atomically(path, write)
+
+
+def _container(path: str | Path) -> str:
+    known = {".mp4": "mp4", ".mkv": "matroska", ".avi": "avi", ".mov": "mov"}
+    ending = Path(path).suffix.lower()
+    if ending not in known:
+        raise InvalidInput(f"{path}: a video is written as {', '.join(known)}.")
+    return known[ending]
+
+
+def _h264(container: Any, rate: float, quality: int) -> Any:
+    import av
+
+    exact = Fraction(rate).limit_denominator(1000)
+    try:
+        return container.add_stream("libx264", rate=exact, options={"crf": str(quality), "preset": "fast", "bf": "0"})
+    except (av.error.FFmpegError, ValueError):  # built without it
+        stream = container.add_stream("mpeg4", rate=exact, options={"qscale": "3"})
+        stream.bit_rate = 8_000_000
+        return stream

@@ -1,0 +1,317 @@
+"""Where a picture lies: pixels to metres and back.
+
+A pixel is (column, row), counted from the middle of the first one in the upper left corner, as OpenCV counts. Places on the gel are (x, y) in
+metres: x to the right of the picture and y UP, so that every plot looks as the picture does, and x, y and the z that grows into the pad,
+towards a camera behind it, are right-handed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._extras import missing
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+
+__all__ = ["Lens", "View", "opencv"]
+
+
+def opencv() -> Any:
+    """The module cv2, or what to install."""
+    try:
+        import cv2
+    except ImportError as error:
+        raise missing("pictures", error) from error
+    return cv2
+
+
+def _pairs(values: npt.ArrayLike, what: str) -> Floats:
+    found = np.asarray(values, dtype=np.float64)
+    if found.ndim < 1 or found.shape[-1] != 2 or not np.isfinite(found).all():
+        raise InvalidInput(f"{what} must be finite pairs of shape (..., 2); got shape {found.shape}.")
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """A camera's matrix and distortion, as OpenCV's calibration gives them.
+
+    Parameters
+    ----------
+    matrix : array (3, 3)
+        [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels.
+    distortion : sequence of float
+        k1, k2, p1, p2[, k3, ...]: 4, 5, 8, 12 or 14 numbers.
+    error : float, optional
+        Root mean square of what the calibration leaves [pixels].
+
+    Examples
+    --------
+    >>> from palpate.camera import Lens
+    >>> lens = Lens([[500.0, 0.0, 160.0], [0.0, 500.0, 120.0], [0.0, 0.0, 1.0]], [-0.2, 0.0, 0.0, 0.0])
+    >>> lens.distorted(lens.undistorted([[300.0, 200.0]])).round(3).tolist()
+    [[300.0, 200.0]]
+    """
+
+    matrix: Any
+    distortion: Any
+    error: float = 0.0
+
+    def __post_init__(self) -> None:
+        matrix = np.asarray(self.matrix, dtype=np.float64)
+        distortion = np.asarray(self.distortion, dtype=np.float64).ravel()
+        if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
+            raise InvalidInput(
+                "a lens needs its camera matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, with fx and fy above 0."
+            )
+        if len(distortion) not in (4, 5, 8, 12, 14) or not np.isfinite(distortion).all():
+            raise InvalidInput(
+                f"distortion must be OpenCV's 4, 5, 8, 12 or 14 numbers (k1, k2, p1, p2, ...); got {len(distortion)}."
+            )
+        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "distortion", distortion)
+
+    def undistorted(self, pixels: npt.ArrayLike) -> Floats:
+        """Where the same points would lie without distortion."""
+        given = _pairs(pixels, "pixels")
+        flat = np.ascontiguousarray(given.reshape(-1, 1, 2))
+        if not flat.size:
+            return given
+        cv2 = opencv()
+        # the default of five steps leaves hundredths of a pixel in the corners
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-12)
+        found = np.asarray(cv2.undistortPoints(flat, self.matrix, self.distortion, None, None, None, criteria))
+        found = found.reshape(-1, 2) @ self.matrix[:2, :2].T + self.matrix[:2, 2]
+        return np.asarray(found).reshape(given.shape)
+
+    def distorted(self, pixels: npt.ArrayLike) -> Floats:
+        """Where the lens puts undistorted points."""
+        given = _pairs(pixels, "pixels")
+        flat = given.reshape(-1, 2)
+        if not flat.size:
+            return given
+        rays = np.linalg.solve(self.matrix, np.column_stack([flat, np.ones(len(flat))]).T).T
+        found, _ = opencv().projectPoints(
+            np.ascontiguousarray(rays.reshape(-1, 1, 3)), np.zeros(3), np.zeros(3), self.matrix, self.distortion
+        )
+        return np.asarray(found).reshape(given.shape)
+
+    @classmethod
+    def from_chessboard(
+        cls, pictures: Sequence[npt.NDArray[Any]], *, corners: tuple[int, int], square: float = 1.0
+    ) -> Lens:
+        """Calibrate with pictures of a flat chessboard held at different angles (OpenCV's ``calibrateCamera``).
+
+        Parameters
+        ----------
+        pictures : sequence of array
+            Grey or colour, of one size, from the camera as it is used: the same focus.
+        corners : (int, int)
+            Inner corners along a row and a column.
+        square : float
+            Side of a field [m]; only views from poses use it.
+
+        Raises
+        ------
+        InvalidInput
+            Fewer than three pictures in which the whole board is found.
+        """
+        cv2 = opencv()
+        from palpate.camera.pictures import grey
+
+        board = np.zeros((corners[0] * corners[1], 3), dtype=np.float32)
+        board[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square
+        found = []
+        sizes = set()
+        for picture in pictures:
+            plain = grey(picture)
+            sizes.add(plain.shape)
+            there, points = cv2.findChessboardCorners(plain, corners)
+            if there:
+                criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)
+                found.append(cv2.cornerSubPix(plain, points, (5, 5), (-1, -1), criteria))
+        if len(sizes) > 1:
+            raise InvalidInput("the calibration pictures differ in size; use those of one camera mode.")
+        if len(found) < 3:
+            raise InvalidInput(
+                f"the whole board of {corners[0]} x {corners[1]} inner corners was found in {len(found)} of {len(pictures)} pictures; at "
+                "least 3 are needed. Count inner corners, not fields; show the whole board, flat, sharp and with a white rim."
+            )
+        height, width = sizes.pop()
+        error, matrix, distortion, _, _ = cv2.calibrateCamera([board] * len(found), found, (width, height), None, None)
+        return cls(matrix, np.ravel(distortion), float(error))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Pixels to metres on the plane of the markers.
+
+    Parameters
+    ----------
+    homography : array (3, 3)
+        (column, row, 1) without distortion to (x, y, 1) [m], up to a factor.
+    lens : Lens, optional
+        Taken out of the pixels first.
+
+    Notes
+    -----
+    x goes to the right of the picture and y up, unless four points say otherwise. `scaled`, `from_pitch` and `from_points` make one.
+
+    Examples
+    --------
+    >>> from palpate.camera import View
+    >>> view = View.scaled(0.05e-3, size=(320, 240))  # 0.05 mm per pixel; the origin is the middle of the picture
+    >>> view.places([[0.0, 0.0], [160.0, 119.5]]).round(6).tolist()  # up is positive
+    [[-0.007975, 0.005975], [2.5e-05, 0.0]]
+    """
+
+    homography: Any
+    lens: Lens | None = None
+
+    def __post_init__(self) -> None:
+        h = np.asarray(self.homography, dtype=np.float64)
+        if (
+            h.shape != (3, 3)
+            or not np.isfinite(h).all()
+            or np.linalg.matrix_rank(h / np.abs(h).max(initial=1e-300)) < 3
+        ):
+            raise InvalidInput(f"homography must be a finite, invertible array (3, 3); got shape {h.shape}.")
+        object.__setattr__(self, "homography", h)
+
+    @classmethod
+    def scaled(
+        cls,
+        scale: float | tuple[float, float],
+        *,
+        size: tuple[int, int],
+        origin: tuple[float, float] | None = None,
+        lens: Lens | None = None,
+    ) -> View:
+        """From metres per pixel, one or (along x, along y).
+
+        ``size``: (columns, rows) of the picture; ``origin``: the pixel that is (0, 0), default the middle of the picture.
+
+        Examples
+        --------
+        >>> from palpate.camera import View
+        >>> View.scaled((1e-4, 2e-4), size=(3, 3)).places([2.0, 0.0]).tolist()
+        [0.0001, 0.0002]
+        """
+        across, up = scale if isinstance(scale, tuple | list) else (scale, scale)
+        for value in (across, up):
+            if isinstance(value, bool) or not (math.isfinite(value) and 0 < value < 1.0):
+                raise InvalidInput(f"scale must be metres per pixel, one or (x, y), such as 0.05e-3; got {scale!r}.")
+        column, row = origin if origin is not None else ((size[0] - 1) / 2.0, (size[1] - 1) / 2.0)
+        return cls([[across, 0.0, -across * column], [0.0, -up, up * row], [0.0, 0.0, 1.0]], lens)
+
+    @classmethod
+    def from_points(cls, pixels: npt.ArrayLike, places: npt.ArrayLike, *, lens: Lens | None = None) -> View:
+        """From four or more points whose places (x, y) [m] are known: a tilted camera too.
+
+        Raises
+        ------
+        InvalidInput
+            Fewer than four, three of four on a line, or points that no plane explains.
+
+        Examples
+        --------
+        >>> from palpate.camera import View
+        >>> corners = [[10, 10], [310, 20], [300, 230], [15, 225]]
+        >>> view = View.from_points(corners, [[-8e-3, 6e-3], [8e-3, 6e-3], [8e-3, -6e-3], [-8e-3, -6e-3]])
+        >>> view.places([10, 10]).round(6).tolist()
+        [-0.008, 0.006]
+        """
+        found, known = _pairs(pixels, "pixels").reshape(-1, 2), _pairs(places, "places").reshape(-1, 2)
+        if len(found) != len(known) or len(found) < 4:
+            raise InvalidInput(
+                f"a view needs four points or more, each with its place; got {len(found)} pixels and {len(known)} places."
+            )
+        flat = found if lens is None else lens.undistorted(found)
+        cv2 = opencv()
+        # in units near one, so that metres and pixels meet on equal terms
+        unit = float(np.ptp(known, axis=0).max())
+        if not unit > 0:
+            raise InvalidInput("the four points have one place; give four corners of a rectangle or the like.")
+        h, _ = cv2.findHomography(flat, known / unit)
+        if h is None or np.linalg.cond(h @ np.diag([np.ptp(flat[:, 0]) + 1.0, np.ptp(flat[:, 1]) + 1.0, 1.0])) > 1e6:
+            raise InvalidInput("the points do not span a plane: no three of four may lie on a line.")
+        view = cls(np.diag([unit, unit, 1.0]) @ h, lens)
+        left = np.abs(view.places(found) - known).max()
+        if left > 0.05 * unit:
+            raise InvalidInput(
+                f"pixels and places do not fit together: a point is off by {1e3 * left:.3g} mm. Are they in the same order?"
+            )
+        return view
+
+    @classmethod
+    def from_pitch(
+        cls, dots: npt.ArrayLike, pitch: float | tuple[float, float], *, size: tuple[int, int], lens: Lens | None = None
+    ) -> View:
+        """From the pitch [m] of a regular grid of dots, one or (along x, along y), and the pixels (n, 2) where they lie at rest.
+
+        Rows of the grid may be tilted by up to 30 degrees, some dots may be missing. x and y get scales of their own, so that pixels need not be
+        square.
+
+        Raises
+        ------
+        InvalidInput
+            Fewer than nine dots, or dots that form no grid.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.camera import View
+        >>> dots = np.stack(np.meshgrid(np.arange(20, 310, 40), np.arange(15, 230, 40)), -1).reshape(-1, 2)
+        >>> view = View.from_pitch(dots, 2e-3, size=(320, 240))
+        >>> np.ptp(view.places([[0, 0], [40, 40]]), axis=0).round(6).tolist()
+        [0.002, 0.002]
+        """
+        from palpate.camera.lattice import lattice
+
+        across, up = pitch if isinstance(pitch, tuple | list) else (pitch, pitch)
+        for value in (across, up):
+            if isinstance(value, bool) or not (math.isfinite(value) and 0 < value < 1.0):
+                raise InvalidInput(f"pitch must be metres, one or (x, y), such as 2e-3; got {pitch!r}.")
+        found = _pairs(dots, "dots").reshape(-1, 2)
+        flat = found if lens is None else lens.undistorted(found)
+        columns, rows = lattice(flat)
+        # pixels per pitch along both directions of the grid -> metres per pixel along x and y
+        both = np.column_stack([columns, rows])
+        # |S column| = across, |S row| = up with S diagonal: two linear equations in sx^2, sy^2
+        squares = np.linalg.solve(both.T**2, np.array([across**2, up**2]))
+        if (squares <= 0).any():
+            raise InvalidInput("the dots form no rectangular grid of this pitch: give four points instead.")
+        scale = np.sqrt(squares)
+        return cls.scaled((float(scale[0]), float(scale[1])), size=size, lens=lens)
+
+    def places(self, pixels: npt.ArrayLike) -> Floats:
+        """(x, y) [m] of pixels (..., 2)."""
+        given = _pairs(pixels, "pixels")
+        flat = given if self.lens is None else self.lens.undistorted(given)
+        return _mapped(self.homography, flat)
+
+    def pixels(self, places: npt.ArrayLike) -> Floats:
+        """Pixels of places (x, y) [m] (..., 2): to lay a result over its picture."""
+        flat = _mapped(np.linalg.inv(self.homography), _pairs(places, "places"))
+        return flat if self.lens is None else self.lens.distorted(flat)
+
+    def jacobian(self, pixels: npt.ArrayLike) -> Floats:
+        """Metres per pixel (..., 2, 2) at pixels (..., 2): rows x and y, columns along the picture's columns and rows."""
+        given = _pairs(pixels, "pixels")
+        step = 0.5
+        parts = [
+            self.places(given + move) - self.places(given - move)
+            for move in (np.array([step, 0.0]), np.array([0.0, step]))
+        ]
+        return np.stack(parts, axis=-1) / (2.0 * step)
+
+
+def _mapped(h: Floats, points: Floats) -> Floats:
+    out = points @ h[:, :2].T + h[:, 2]
+    return np.asarray(out[..., :2] / out[..., 2:])

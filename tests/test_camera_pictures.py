@@ -1,0 +1,299 @@
+"""Pictures of a known contact, pictures in and out, and where they lie."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate as pp
+
+cv2 = pytest.importorskip("cv2")
+av = pytest.importorskip("av")
+tifffile = pytest.importorskip("tifffile")
+
+from palpate.camera import Dots, Lens, Looks, Scene, Texture, View, dot_grid, grey, open_pictures, write_video  # noqa: E402
+
+GEL = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+BALL = pp.solutions.hertz_point(radius=2.5e-3, force=2.0).sliding(0.4, direction=0.5)
+CLEAN = Looks(noise=0.0, gradient=(0.0, 0.0))
+
+
+BASE = Scene(
+    pad=GEL, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3, looks=CLEAN
+)
+
+
+@functools.cache
+def scene(**other: object) -> Scene:
+    return BASE.changed(**other)
+
+
+def centroids(picture: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Centres of ink about places [pixels]."""
+    ink = picture.max() - picture.astype(float)
+    out = []
+    for column, row in near:
+        left, top = round(column) - 8, round(row) - 8
+        part = ink[top : top + 17, left : left + 17]
+        part = np.clip(part - 0.3 * part.max(), 0.0, None)
+        rows, columns = np.mgrid[top : top + 17, left : left + 17]
+        out.append([(columns * part).sum() / part.sum(), (rows * part).sum() / part.sum()])
+    return np.array(out)
+
+
+# -- the renderer --------------------------------------------------------------------------------------------------------
+
+
+def test_dots_move_as_the_pad_says() -> None:
+    """Against the pad's own displacement at scattered markers, from traction on a grid of its own."""
+    one = scene()
+    found = one.truth(BALL)
+    array = pp.ScatteredArray(
+        positions=found.positions,
+        depth=0.5e-3,
+        channels=["displacement_x", "displacement_y", "displacement_z"],
+    )
+    direct = pp.Skin(GEL, array, surface=pp.AreaGrid(shape=(60, 60), spacing=0.25e-3)).sense(BALL)
+    np.testing.assert_allclose(found.displacement.T, direct, atol=0.004 * float(np.abs(direct).max()))
+
+
+def test_pictures_show_the_dots_where_the_truth_says() -> None:
+    one = scene()
+    # under the ball a dot is stretched unevenly, and its centroid is not where its middle is
+    for contact, least in ((None, 0.03), (BALL, 0.2)):
+        truth = one.truth(contact)
+        assert truth.visible.all()
+        seen = centroids(one.picture(contact), truth.pixels)
+        assert float(np.abs(seen - truth.pixels).max()) < least
+    # x goes to the right, y up: rows grow downwards
+    moved = one.truth(BALL)
+    far = np.abs(moved.displacement[:, 1]) > 2e-5
+    assert (np.sign(moved.pixels - moved.rest)[far, 1] == -np.sign(moved.displacement[far, 1])).all()
+
+
+def test_a_near_camera_sees_motion_towards_it() -> None:
+    near, far = scene(distance=15e-3).truth(BALL), scene().truth(BALL)
+    # what moves towards the camera moves away from the picture's middle
+    gain = (near.pixels - far.pixels) / (far.pixels - np.array([79.5, 59.5]))
+    towards = near.displacement[:, 2] / (15e-3 - near.displacement[:, 2])
+    off_axis = np.abs(far.pixels - np.array([79.5, 59.5])) > 10
+    np.testing.assert_allclose(gain[off_axis], np.repeat(towards[:, None], 2, axis=1)[off_axis], rtol=1e-6, atol=1e-9)
+    assert np.abs(towards).max() > 0.01
+
+
+def test_the_stage_moves_all_alike_and_a_lens_bends() -> None:
+    still, moved = scene().truth(), scene().truth(None, shift=(0.3e-3, -0.2e-3))
+    np.testing.assert_allclose(moved.pixels - still.pixels, np.broadcast_to([3.0, 2.0], (35, 2)), atol=1e-9)
+    turned = scene().truth(None, rotation=0.02).pixels - still.pixels
+    arm = still.pixels - np.array([79.5, 59.5])
+    # counter-clockwise as seen in the picture: what is on the right goes up
+    np.testing.assert_allclose(turned, 0.02 * np.stack([arm[:, 1], -arm[:, 0]], axis=1), atol=0.02)
+    bent = scene(distortion=(-0.3, 0.0, 0.0, 0.0), distance=20e-3)
+    seen = centroids(bent.picture(), bent.truth().rest)
+    assert float(np.abs(seen - bent.truth().rest).max()) < 0.08
+    assert float(np.abs(bent.truth().rest - still.rest).max()) > 1.0
+
+
+def test_looks_do_what_they_say() -> None:
+    rng = np.random.default_rng(0)
+    plain = scene().picture().astype(float)
+    noisy = scene(looks=Looks(noise=5.0, gradient=(0.0, 0.0))).picture(rng=rng).astype(float)
+    assert float((noisy - plain).std()) == pytest.approx(5.0, rel=0.05)
+    colour = scene(looks=Looks(colour=1.0, shading=1.0)).picture(BALL)
+    assert colour.shape == (120, 160, 3)
+    glare = scene(looks=Looks(noise=0.0, glare=((80.0, 60.0, 6.0),))).picture()
+    assert glare[60, 80] == 255
+    packed = scene(looks=Looks(noise=0.0, gradient=(0.0, 0.0), compression=20)).picture().astype(float)
+    assert 0.5 < float(np.abs(packed - plain).mean()) < 10.0
+    halved = scene(print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3, halved=[0])).picture().astype(float)
+    assert float((halved - plain).sum()) > 0
+    texture = scene(print=Texture(0.15e-3)).picture()
+    assert float(texture.std()) > 20
+
+
+def test_a_contact_that_folds_the_print_is_refused() -> None:
+    with pytest.raises(pp.InvalidInput, match="Press less"):
+        scene().picture(pp.solutions.hertz_point(radius=1e-3, force=60.0).sliding(1.0))
+
+
+# -- where the picture lies ----------------------------------------------------------------------------------------------
+
+
+def test_pixels_need_not_be_square() -> None:
+    view = View.scaled((1e-4, 2e-4), size=(101, 51))
+    np.testing.assert_allclose(view.places([[50, 25], [60, 25], [50, 35]]), [[0, 0], [1e-3, 0], [0, -2e-3]], atol=1e-12)
+    np.testing.assert_allclose(view.pixels(view.places([[3.0, 7.0]])), [[3.0, 7.0]], atol=1e-9)
+    np.testing.assert_allclose(view.jacobian([10.0, 10.0]), [[1e-4, 0.0], [0.0, -2e-4]], atol=1e-12)
+
+
+def test_a_known_pitch_gives_both_scales() -> None:
+    true = Scene(
+        pad=GEL, depth=0.0, print=Dots(dot_grid((6, 8), 1.7e-3), 0.6e-3), size=(200, 160), scale=(0.09e-3, 0.11e-3)
+    )
+    dots = true.truth().rest + np.random.default_rng(0).normal(0, 0.1, (48, 2))
+    view = View.from_pitch(np.delete(dots, [3, 20, 21], axis=0), 1.7e-3, size=(200, 160))
+    np.testing.assert_allclose(np.abs(np.diag(view.homography)[:2]), [0.09e-3, 0.11e-3], rtol=2e-3)
+    turned = dots @ np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
+    square = View.from_pitch(turned * [1.0, 11 / 9], 1.7e-3, size=(200, 160))
+    assert np.isfinite(square.homography).all()
+    with pytest.raises(pp.InvalidInput, match="nine dots"):
+        View.from_pitch(dots[:5], 1.7e-3, size=(200, 160))
+    with pytest.raises(pp.InvalidInput, match="grid"):
+        View.from_pitch(np.random.default_rng(0).uniform(0, 200, (40, 2)), 1.7e-3, size=(200, 160))
+
+
+def test_four_points_and_what_does_not_fit() -> None:
+    places = np.array([[-8e-3, 6e-3], [8e-3, 6e-3], [8e-3, -6e-3], [-8e-3, -6e-3]])
+    tilted = np.array([[12.0, 9.0], [301.0, 22.0], [290.0, 228.0], [20.0, 231.0]])
+    view = View.from_points(tilted, places)
+    np.testing.assert_allclose(view.places(tilted), places, atol=1e-9)
+    np.testing.assert_allclose(view.pixels(places), tilted, atol=1e-6)
+    step = view.places(tilted + np.array([0.01, 0.0])) - places
+    np.testing.assert_allclose(view.jacobian(tilted)[..., 0], step / 0.01, rtol=1e-2)
+    with pytest.raises(pp.InvalidInput, match="four points"):
+        View.from_points(tilted[:3], places[:3])
+    with pytest.raises(pp.InvalidInput, match="line"):
+        View.from_points([[0, 0], [1, 1], [2, 2], [3, 3]], places)
+
+
+def test_opencv_calibration_finds_the_lens() -> None:
+    matrix = np.array([[400.0, 0.0, 160.0], [0.0, 400.0, 120.0], [0.0, 0.0, 1.0]])
+    bent = np.array([-0.25, 0.05, 0.0, 0.0])
+    field = np.kron(np.indices((8, 9)).sum(axis=0) % 2, np.ones((40, 40)))
+    board = np.pad(1.0 - field, 40, constant_values=1.0)
+    pictures = []
+    for turn in ([0.3, 0.1, 0.0], [-0.3, 0.2, 0.1], [0.1, -0.35, 0.05], [0.05, 0.4, -0.1], [-0.2, -0.2, 0.2]):
+        columns, rows = np.meshgrid(np.arange(320.0), np.arange(240.0))
+        rays = Lens(matrix, bent).undistorted(np.stack([columns, rows], axis=-1))
+        rotation = cv2.Rodrigues(np.array(turn))[0]
+        pose = matrix @ np.column_stack([rotation[:, 0] / 40.0, rotation[:, 1] / 40.0, [-5.5, -5.0, 19.0]])
+        at = np.concatenate([rays, np.ones((240, 320, 1))], axis=-1) @ np.linalg.inv(pose).T
+        at = at[..., :2] / at[..., 2:]
+        seen = cv2.remap(
+            board, at[..., 0].astype(np.float32), at[..., 1].astype(np.float32), cv2.INTER_LINEAR, borderValue=1.0
+        )
+        pictures.append(cv2.GaussianBlur(60.0 + 150.0 * seen, (0, 0), 0.7).astype(np.uint8))
+    lens = Lens.from_chessboard(pictures, corners=(8, 7))
+    assert lens.error < 0.3
+    corner = np.array([[20.0, 15.0], [300.0, 225.0]])
+    np.testing.assert_allclose(lens.undistorted(corner), Lens(matrix, bent).undistorted(corner), atol=1.5)
+    np.testing.assert_allclose(lens.distorted(lens.undistorted(corner)), corner, atol=1e-3)
+    with pytest.raises(pp.InvalidInput, match="inner corners"):
+        Lens.from_chessboard(pictures, corners=(11, 5))
+
+
+# -- pictures in ---------------------------------------------------------------------------------------------------------
+
+RAMP = (np.arange(48 * 64).reshape(48, 64) % 200).astype(np.uint8)
+
+
+def film(path: Path, count: int = 6) -> Path:
+    rng = np.random.default_rng(0)
+    rough = rng.integers(0, 60, (count, 48, 64), dtype=np.uint8)
+    write_video(path, [RAMP // 2 + part for part in rough], rate=25.0)
+    return path
+
+
+@pytest.mark.parametrize("ending", ["mp4", "mkv", "avi"])
+def test_a_video_keeps_its_times(tmp_path: Path, ending: str) -> None:
+    with open_pictures(film(tmp_path / f"press.{ending}")) as pictures:
+        assert pictures.size == (64, 48)
+        assert pictures.timed
+        read = list(pictures)
+    np.testing.assert_allclose([p.time for p in read], np.arange(6) / 25.0, atol=2e-3)
+    assert float(np.abs(grey(read[2].image).astype(float) - RAMP // 2 - 30).mean()) < 25.0
+
+
+def test_a_folder_counts_and_a_stack_keeps_sixteen_bits(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for i in (10, 2, 1):
+        cv2.imwrite(str(folder / f"f{i}.png"), np.full((20, 30, 3), (i, 0, 0), np.uint8))  # OpenCV writes blue first
+    with open_pictures(folder, rate=10.0) as pictures:
+        read = list(pictures)
+    assert [int(p.image[0, 0, 2]) for p in read if p.image is not None] == [1, 2, 10]
+    assert [p.time for p in read] == [0.0, 0.1, 0.2]
+    stack = np.arange(3 * 20 * 30, dtype=np.uint16).reshape(3, 20, 30) * 30
+    tifffile.imwrite(tmp_path / "s.tif", stack, imagej=True, metadata={"finterval": 0.5, "axes": "TYX"})
+    with open_pictures(tmp_path / "s.tif") as pictures:
+        read = list(pictures)
+    assert [p.time for p in read] == [0.0, 0.5, 1.0]
+    np.testing.assert_array_equal([p.image for p in read], stack)
+
+
+def test_nothing_is_lost_where_one_picture_is_bad(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for i in range(4):
+        cv2.imwrite(str(folder / f"{i}.png"), RAMP)
+    (folder / "1.png").write_bytes((folder / "1.png").read_bytes()[:40])
+    cv2.imwrite(str(folder / "2.png"), RAMP[:20])
+    with open_pictures(folder) as pictures:
+        read = list(pictures)
+    assert [p.image is None for p in read] == [False, True, True, False]
+    assert "1.png" in read[1].fault
+    assert "64 x 20" in read[2].fault
+    assert "64 x 48" in read[2].fault
+
+
+def test_a_video_that_was_cut_off_is_used_as_far_as_it_goes(tmp_path: Path) -> None:
+    whole = film(tmp_path / "press.mkv", 40).read_bytes()
+    (tmp_path / "cut.mkv").write_bytes(whole[: len(whole) // 2])
+    with open_pictures(tmp_path / "cut.mkv") as pictures:
+        assert 3 < len(list(pictures)) < 40
+    whole = film(tmp_path / "press.mp4", 40).read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(pp.InvalidInput, match="no index"):
+        open_pictures(tmp_path / "cut.mp4")
+
+
+def test_sources_that_cannot_be_meant(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "zero.mp4").touch()
+    (tmp_path / "text.mp4").write_text("no video\n" * 100)
+    (tmp_path / "text.tif").write_text("no picture")
+    (tmp_path / "x.doc").write_text("no")
+    said = {
+        tmp_path / "gone.mp4": "no such file",
+        tmp_path / "empty": "holds no pictures",
+        tmp_path / "zero.mp4": "not finished",
+        tmp_path / "text.mp4": "cannot be opened as a video",
+        tmp_path / "text.tif": "cannot be read as TIFF",
+        tmp_path / "x.doc": "Accepted",
+    }
+    for source, words in said.items():
+        with pytest.raises(pp.InvalidInput, match=words):
+            open_pictures(source)
+    with pytest.raises(pp.InvalidInput, match="leave out rate"):
+        open_pictures(film(tmp_path / "a.mp4"), rate=3.0)
+    with pytest.raises(pp.InvalidInput, match="rate must be"):
+        open_pictures(RAMP[None], rate=0.0)
+    with pytest.raises(pp.InvalidInput, match="shape"):
+        open_pictures(RAMP)
+    with pytest.raises(pp.InvalidInput, match="grey levels"):
+        open_pictures(np.zeros((2, 4, 4), dtype=complex))
+
+
+def test_a_missing_codec_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = film(tmp_path / "a.mp4")
+
+    class Stream:
+        codec_context, frames, average_rate = None, 0, None
+
+    class Container:
+        class streams:
+            video = (Stream(),)
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(av, "open", lambda _: Container())
+    with pytest.raises(pp.InvalidInput, match="ffmpeg -i"):
+        open_pictures(path)
+
+
+def test_a_camera_that_is_not_there() -> None:
+    with pytest.raises(pp.InvalidInput, match="camera"):
+        open_pictures("/dev/video97")
