@@ -300,7 +300,7 @@ def test_a_failing_source_is_said(skin: pp.Skin) -> None:
 
 def test_sessions_end(skin: pp.Skin) -> None:
     before = threading.active_count()
-    one = session(skin, frames=30, rate=1000.0)
+    one = session(skin)
     one.start()
     until(lambda: one.count > 10)
     one.stop()
