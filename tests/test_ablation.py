@@ -33,6 +33,7 @@ def error(sample: Sample, parts: Parts | None = None, thresholds: Thresholds | N
     return float(np.linalg.norm(np.asarray(touch.values) - sample.truth) / np.linalg.norm(sample.truth))
 
 
+@pytest.mark.long
 def test_with_every_part_it_is_the_automatic_method() -> None:
     sample = a_line()
     skin = sample.layout.skin
@@ -106,6 +107,7 @@ def test_the_table_counts_what_it_says() -> None:
     assert len({line.count("|") for line in lines}) == 1
 
 
+@pytest.mark.long
 def test_the_command_writes_its_table(tmp_path: Path) -> None:
     file = tmp_path / "ablation.md"
     done = CliRunner().invoke(

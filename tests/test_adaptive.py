@@ -15,6 +15,7 @@ import pytest
 
 import palpate as pp
 from command_line import run
+from long_runs import long_runs
 from palpate import bench, solutions
 from palpate.inverse import Cone, minimise
 from palpate.uncertainty import Case
@@ -208,7 +209,7 @@ def test_single_precision_is_kept() -> None:
     np.testing.assert_allclose(touch.values, skin.reconstruct(readings).values, atol=2e-4 * touch.values.max())
 
 
-@pytest.mark.parametrize("noise", [None, 30.0])
+@pytest.mark.parametrize("noise", [None, *long_runs(30.0)])
 def test_nothing_touches(noise: float | None) -> None:
     """Pure noise, and no reading at all: no contact is made up, and the force's interval holds zero."""
     skin = skin_of(noise=noise)
@@ -249,6 +250,7 @@ def test_saturated_and_dead_taxels_are_noticed() -> None:
     assert any("taxel (2, 2)" in n for n in touch.notes)
 
 
+@pytest.mark.long
 def test_masked_taxels_cost_little() -> None:
     rng = np.random.default_rng(5)
     errors = []
@@ -267,6 +269,7 @@ def test_masked_taxels_cost_little() -> None:
 SEEDS = [0, *(pytest.param(i, marks=pytest.mark.long) for i in (1, 2))]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("noise", [pytest.param(0.005, marks=pytest.mark.long), 0.03])
 def test_sliding_is_recognised(noise: float, seed: int) -> None:
@@ -289,6 +292,7 @@ def test_sliding_is_recognised(noise: float, seed: int) -> None:
         assert "in one proportion to pressure" in touch.summary()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", SEEDS)
 def test_sliding_is_not_seen_where_nothing_slides(seed: int) -> None:
     """A firm grip stays one, and neither its shear nor its margin is that of a slide."""
@@ -304,6 +308,7 @@ def test_sliding_is_not_seen_where_nothing_slides(seed: int) -> None:
     assert (q[rim] / p[rim]).mean() > 1.3 * (q[middle] / p[middle]).mean()
 
 
+@pytest.mark.long
 def test_draws_of_a_slide() -> None:
     """Samples slide too, within friction, and their forces spread like the closed form."""
     skin = skin_of(THREE, (14, 14))
@@ -432,6 +437,7 @@ def test_intervals_hold_what_they_say() -> None:
             assert low <= found[quantity] <= high, (level, quantity, found[quantity])
 
 
+@pytest.mark.long
 def test_intervals_respect_the_constraints() -> None:
     skin = skin_of(THREE)
     readings, _ = pressed(skin, BALL.sliding(0.4), 0.02)
@@ -506,7 +512,8 @@ def test_a_contact_across_the_edge_is_said() -> None:
     assert batch.frame(0).errors.outside_traction.shape == inner.values.shape
 
 
-@pytest.mark.parametrize("loud", [(1.0, 1.0, 8.0), pytest.param((8.0, 8.0, 1.0), marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("loud", [(1.0, 1.0, 8.0), (8.0, 8.0, 1.0)])
 def test_each_channel_has_its_own_noise(loud: tuple[float, float, float]) -> None:
     """Learned from the readings, it makes nearly as good a use of them as noise that is given; of one frame and of some."""
     # pressure takes up much of a quiet channel of its own
@@ -529,6 +536,7 @@ def test_each_channel_has_its_own_noise(loud: tuple[float, float, float]) -> Non
     assert not skin.reconstruct(std[:, None, None] * rng.standard_normal((10, *clean.shape))).touching.any()
 
 
+@pytest.mark.long
 def test_a_broken_channel_is_left_out() -> None:
     skin = skin_of(THREE)
     readings, truth = pressed(skin, BALL.sliding(0.3), 0.01)
@@ -614,6 +622,7 @@ def test_family_says_what_it_cannot_do() -> None:
         big.reconstruct(np.ones((1, 70, 70)), method="nnls")
 
 
+@pytest.mark.long
 def test_detail_says_what_is_prior() -> None:
     """Deep taxels fix less of each cell than shallow ones; outside contact there is nothing to fix."""
     shares = []
@@ -630,6 +639,7 @@ def test_detail_says_what_is_prior() -> None:
     assert shares[1] < shares[0]
 
 
+@pytest.mark.long
 def test_bench_from_the_shell(tmp_path: Path) -> None:
     command = ["bench", "accuracy", "--no-comparisons", "--draws", "1"]
     done = run(*command, "--layouts", "across the edge", "--out", str(tmp_path), cwd=tmp_path)
@@ -659,6 +669,7 @@ def test_calibration_is_reproducible_and_sane() -> None:
 # -- noise, and contacts that are not whole ---------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_each_frame_tells_its_own_noise() -> None:
     """One frame tells its noise to a tenth, whatever the frames beside it are."""
     layout = bench.LAYOUTS["line"]

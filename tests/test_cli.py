@@ -224,6 +224,7 @@ def test_two_planes_and_line(tmp_path: Path) -> None:
     assert "slip margin" in out.stdout
 
 
+@pytest.mark.long
 def test_scattered(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     positions = rng.uniform(-7e-3, 7e-3, (150, 2))
@@ -241,6 +242,7 @@ def test_scattered(tmp_path: Path) -> None:
         assert data["force"][0, 2] == pytest.approx(0.2, rel=0.05)
 
 
+@pytest.mark.long
 def test_pad(tmp_path: Path) -> None:
     (tmp_path / "skin.toml").write_text(LAYERED_SKIN)
     out = run("pad", "skin.toml", cwd=tmp_path)
@@ -256,6 +258,7 @@ def test_pad(tmp_path: Path) -> None:
         assert data["force"][0, 2] == pytest.approx(0.2, rel=0.15)
 
 
+@pytest.mark.long
 def test_creep(tmp_path: Path) -> None:
     text = LINE_SKIN.replace("poissons_ratio = 0.48", 'poissons_ratio = 0.48\nprony = [[0.2, "0.5 s"], [0.1, "10 s"]]')
     (tmp_path / "skin.toml").write_text(text.replace("stress_zz", "displacement_z").replace('"5 Pa"', '"10 nm"'))

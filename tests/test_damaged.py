@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate.recordings import read_recording, read_skin, read_table, read_touch, write_recording
 from skin_files import skin_text
 
@@ -68,7 +69,7 @@ def test_more_damaged_files(name: str, child: Any) -> None:
     assert not report.failures
 
 
-@pytest.mark.parametrize("ending", [".nc", ".npz", ".csv", ".zarr", ".mcap"])
+@pytest.mark.parametrize("ending", [".nc", ".npz", ".csv", *long_runs(".zarr", ".mcap")])
 def test_every_flipped_byte_of_the_numbers_is_found(ending: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{ending}"
     write_recording(DATA, path)

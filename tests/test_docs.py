@@ -19,7 +19,15 @@ def blocks(page: Path, language: str) -> list[str]:
     return ["\n".join(line[len(indent) :] for line in body.splitlines()) for indent, body in found]
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
+#: Pages whose examples take a second or more.
+SLOW = ("archives.md", "glued.md", "live.md", "shear.md", "sinks.md")
+WITH_CODE = [p for p in PAGES if blocks(p, "python")]
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(p, id=p.name, marks=[pytest.mark.long] if p.name in SLOW else []) for p in WITH_CODE],
+)
 def test_code_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     exec(compile("\n".join(blocks(page, "python")), str(page), "exec"), {})

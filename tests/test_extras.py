@@ -71,6 +71,7 @@ def test_what_needs_an_extra_says_which(extra: str, said: dict[str, Any]) -> Non
     assert f'pip install "palpate[{extra.strip()}]"' in said[extra]
 
 
+@pytest.mark.long
 def test_the_command_line_without_its_libraries_says_so() -> None:
     out = bare("from palpate.cli import main; main()")
     assert out.returncode == 1

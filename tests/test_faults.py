@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate import solutions
 from palpate.grasp import GraspMonitor
 from palpate.status import Status
@@ -139,7 +140,7 @@ def test_frames_without_readings_are_unknown(skin: pp.Skin, pressed: Any) -> Non
     assert [e.began for e in monitor.events if e.kind == "contact"] == [True]
 
 
-@pytest.mark.parametrize("part", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("part", [0.1, *long_runs(0.02, 0.3)])
 def test_some_missing_taxels_are_left_out_of_that_frame(skin: pp.Skin, pressed: Any, part: float) -> None:
     """Other taxels in every frame, while the force changes: nothing is taken from the frame before."""
     rng = np.random.default_rng(1)
@@ -311,7 +312,8 @@ def _faulty(skin: pp.Skin, pressed: Any, seed: int, frames: int) -> dict[str, in
     return counts
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.filterwarnings("error")
 def test_faults_at_random(small: pp.Skin, seed: int) -> None:
     counts = _faulty(small, np.asarray(small.sense(BALL)), seed, 120)

@@ -49,6 +49,7 @@ def test_a_frictionless_ball_is_not_read_as_shear() -> None:
     assert any("cannot tell pressure from shear" in note for note in touch.notes)
 
 
+@pytest.mark.long
 def test_a_ball_that_slides_with_known_friction() -> None:
     skin, readings = readings_of(BALL.sliding(0.4, direction=0.5))
     touch = skin.reconstruct(readings, friction=0.4)
@@ -59,6 +60,7 @@ def test_a_ball_that_slides_with_known_friction() -> None:
     assert (truth < high).all()
 
 
+@pytest.mark.long
 def test_a_pull_is_not_answered_without_a_word() -> None:
     """What is known of contact is that it pushes; a pull does not fit, and says so."""
     skin, readings = readings_of(BALL)
@@ -82,6 +84,7 @@ def test_shear_alone_is_as_asked() -> None:
     assert touch.method == "tikhonov"
 
 
+@pytest.mark.long
 def test_markers_on_the_surface_of_a_thick_gel_read_the_force_too() -> None:
     """Pressure moves them by a fiftieth of what shear does: it was taken as zero, and the interval of the normal force was 0 to 0 N."""
     pad = pp.BondedLayers([pp.Layer(thickness=3.7e-3, youngs_modulus=3e5, poissons_ratio=0.48)])

@@ -7,6 +7,7 @@ import pytest
 
 import palpate as pp
 from conftest import relative
+from long_runs import long_runs
 from palpate import solutions
 from palpate.inverse import DifferencePrior, Regularised, SpectralPrior, choose_parameter, decompose, hilgers_prior
 from palpate.inverse.linear.parameter import tikhonov, truncate
@@ -18,6 +19,7 @@ PAD = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.4)
 # -- constant friction -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_constant_friction_off_centre_and_noisy(rng: np.random.Generator) -> None:
     array = pp.LineArray(count=121, pitch=0.5, depth=1.5, channels=["stress_zz"])
     contact = solutions.flat_punch_line(half_width=4.0, force=1.0).shifted(3.3)
@@ -290,9 +292,7 @@ def test_every_method_on_every_layout(method: Any, layout: str, rng: np.random.G
     assert touch.force[-1] == pytest.approx(1.0, rel=0.1)
 
 
-@pytest.mark.parametrize(
-    "method", ["tikhonov", "wiener", *(pytest.param(m, marks=pytest.mark.long) for m in ("hilgers", "truncated"))]
-)
+@pytest.mark.parametrize("method", ["tikhonov", *long_runs("wiener", "hilgers", "truncated")])
 def test_periodic_and_free_agree_far_from_the_edge(method: Any, rng: np.random.Generator) -> None:
     array = pp.AreaArray(
         shape=(20, 21), pitch=0.5, depth=0.6, channels=["stress_xz", "stress_yz", "stress_zz"], noise=1e-3
@@ -406,9 +406,10 @@ def test_notes_say_what_was_assumed() -> None:
 # -- net force ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("nu", [0.3, 0.5])
+@pytest.mark.parametrize("nu", [0.3, *long_runs(0.5)])
 @pytest.mark.parametrize(
-    "channels", [["displacement_x", "displacement_y"], ["displacement_x", "displacement_y", "displacement_z"]]
+    "channels",
+    [*long_runs(["displacement_x", "displacement_y"]), ["displacement_x", "displacement_y", "displacement_z"]],
 )
 def test_net_force_from_displacement(channels: list[str], nu: float) -> None:
     """A single off-centre sheared patch, its displacement by closed form: the net force within 1 %, not zero."""

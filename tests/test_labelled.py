@@ -119,13 +119,13 @@ def same_touch(a: pp.Touch, b: pp.Touch) -> None:
             assert one == other, field.name
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(recordings())
 def test_recordings_come_back_equal(recording: pp.Recording) -> None:
     same_recording(recording_of(recording_dataset(recording)), recording)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(touches())
 def test_touches_come_back_equal(touch: pp.Touch) -> None:
     same_touch(touch_of(touch_dataset(touch)), touch)

@@ -9,6 +9,7 @@ import pytest
 
 import palpate as pp
 from conftest import channel_of, relative
+from long_runs import long_runs
 from palpate import solutions
 from palpate.elastic import AREA_CHANNELS, LINE_CHANNELS, transfer
 
@@ -75,7 +76,7 @@ def test_mean_traction() -> None:
     assert np.isnan(transfer(soft, 0.0, 0.0, 0.0, ["displacement_z"])).all()
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", [*range(10), *long_runs(*range(10, 40))])
 def test_safe_everywhere(seed: int) -> None:
     """k h from 1e-8 to 1e4, moduli 1e-4 to 1e4, 1 to 20 layers: finite, reciprocal to 1e-10, positive definite."""
     pad = random_pad(np.random.default_rng(seed))
@@ -158,7 +159,7 @@ def test_area_and_line_agree() -> None:
 
 
 @pytest.mark.parametrize(
-    "case", ["h1__nu0.3__strip_q", "h1__nu0.5__strip_q", "h0.5__nu0.5__strip_q", "h1__nu0.45__hertz_p"]
+    "case", ["h1__nu0.45__hertz_p", *long_runs("h1__nu0.3__strip_q", "h1__nu0.5__strip_q", "h0.5__nu0.5__strip_q")]
 )
 def test_layers_against_mesh_free_solutions(oracle: Any, case: str) -> None:
     data = oracle("mfs_layer_2d")
@@ -186,6 +187,7 @@ def test_layers_against_mesh_free_solutions(oracle: Any, case: str) -> None:
                     assert relative(row, true[i]) < 1e-3, (field, z)
 
 
+@pytest.mark.long
 def test_base_taxels() -> None:
     pad = pp.BondedLayers([layer(2e-3, 2e5, 0.48)])
     skin = pp.Skin(
@@ -225,7 +227,7 @@ def test_friction_on_a_layer() -> None:
     np.testing.assert_allclose(touch.force, [0.4, 1.0], rtol=0.05)
 
 
-@pytest.mark.parametrize("aperture", [0.0, 0.6])
+@pytest.mark.parametrize("aperture", [0.0, *long_runs(0.6)])
 def test_friction_on_a_layer_reads_the_kernel_off_a_table(aperture: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A thousand contacts are tried in one frame; the table says of each what the kernel says."""
     from palpate.inverse.paper import constant_friction

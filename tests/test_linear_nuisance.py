@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate.inverse.linear.posterior import PATTERN
 
 PAD = pp.HalfSpace(youngs_modulus=2.0, poissons_ratio=0.4)
@@ -68,7 +69,7 @@ def cell(count: int = 20) -> tuple[pp.AreaArray, np.ndarray]:
 GEL = pp.HalfSpace(youngs_modulus=1e4, poissons_ratio=0.5)
 
 
-@pytest.mark.parametrize("drift", [0.0, 0.1, 0.5])
+@pytest.mark.parametrize("drift", [*long_runs(0.0, 0.1), 0.5])
 def test_a_drifting_stage_makes_no_net_force(drift: float) -> None:
     """Traction force microscopy on a free half-space: a shift of the image and a net force look alike, and the interval says so."""
     array, clean = cell()

@@ -191,6 +191,7 @@ def test_a_slow_page_gets_the_newest_and_nothing_queues(skin: pp.Skin, monkeypat
     assert frames[2] >= now, frames
 
 
+@pytest.mark.long
 def test_doors(skin: pp.Skin) -> None:
     """Another origin, a missing token, long and wrong messages: refused, counted, and the service lives on."""
     live = Live(session(skin), token="secret")
@@ -345,7 +346,8 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
-@pytest.mark.parametrize("kind", ["udp", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("tcp", "ws"))])
+@pytest.mark.parametrize("kind", ["udp", "tcp", "ws"])
+@pytest.mark.long
 def test_a_sensor_on_the_network_through_the_command(skin: pp.Skin, tmp_path: Path, kind: str) -> None:
     """palpate live: frames in by the network, recorded from the start, shown in Foxglove, ended by Ctrl-C."""
     import signal

@@ -194,6 +194,7 @@ def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
     assert len(read_recording(tmp_path / "a.mcap").readings) == 1
 
 
+@pytest.mark.long
 def test_track_from_the_shell(tmp_path: Path) -> None:
     skin = pp.Skin(PAD, ARRAY)
     frames = list(simulation.stream(skin, simulation.handling(0.6, 1e-3), friction=0.6, radius=10e-3, rate=20.0))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate import _memory
 from palpate.inverse.linear import fourier, memory
 from palpate.inverse.linear.memory import spectrum_memory
@@ -127,10 +128,9 @@ def test_the_remedy_is_accepted(name: str, monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize(
     "array",
     [
-        area(20, STRESS),
+        *long_runs(area(20, STRESS)),
         area(28, ["stress_zz"]),
-        pytest.param(without_one(area(18, STRESS)), marks=pytest.mark.long),
-        scattered(22),
+        *long_runs(without_one(area(18, STRESS)), scattered(22)),
     ],
     ids=["blocks", "one channel", "masked", "scattered"],
 )

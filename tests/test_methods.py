@@ -273,6 +273,7 @@ def test_the_command_line_drops_no_option(case: str, recording: Path) -> None:
     assert not (recording / "r-touch.nc").exists()
 
 
+@pytest.mark.long
 def test_friction_reaches_the_constrained_method(tmp_path: Path) -> None:
     """A ball that slides at 0.6, taken for one at 0.3 at most: the cone of 0.3 holds in every cell."""
     skin = pp.Skin(PAD, THREE)
@@ -449,6 +450,7 @@ def test_a_pull_does_not_change_the_frames_beside_it() -> None:
             same(touch, i, skin.reconstruct(f))
 
 
+@pytest.mark.long
 def test_channels_noise_is_the_frames_own() -> None:
     """Frames whose channels are noisy in different ways, in one batch."""
     rng = np.random.default_rng(2)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate import solutions
 from palpate.network import FrameListener, Limits, frame_bytes, frame_from_bytes
 from palpate.network.listener import WAITING
@@ -106,7 +107,7 @@ def test_the_newest_are_kept_and_the_order_is_watched() -> None:
         np.testing.assert_allclose(stamps, 0.1 * np.arange(20 - WAITING, 20))
 
 
-@pytest.mark.parametrize("kind", ["udp", "tcp", "ws"])
+@pytest.mark.parametrize("kind", ["udp", "tcp", *long_runs("ws")])
 def test_hostile_messages(kind: str) -> None:
     """Malformed, oversized, truncated, misshapen and late messages: counted by name, and the listener lives on."""
     rng = np.random.default_rng(0)

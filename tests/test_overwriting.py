@@ -174,6 +174,7 @@ def test_force_replaces_a_store_and_no_other_folder(folder: Path) -> None:
     assert not list(folder.glob(".palpate-*"))
 
 
+@pytest.mark.long
 def test_the_demo_twice_and_an_edited_skin(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     module = importlib.import_module("palpate.cli.demo")
     small = module._DEMO_SKIN.replace("[32, 32]", "[6, 6]").replace('"1 mm"', '"3 mm"')

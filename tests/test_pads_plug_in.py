@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate.elastic import AREA_CHANNELS, LINE_CHANNELS, channels, transfer
 from palpate.elastic.pad import isotropic_compliance, mirror_symmetric
 from palpate.sensing.kernels import influence
@@ -97,10 +98,12 @@ def test_point_load_on_transverse_isotropy() -> None:
     np.testing.assert_allclose(found, known, rtol=1e-11)
 
 
-LONG_DEPTHS = [pytest.param(*case, marks=pytest.mark.long) for case in ((0.3, 0.05), (0.5, 0.0), (0.5, 0.6))]
+LONG_DEPTHS = [
+    pytest.param(*case, marks=pytest.mark.long) for case in ((0.3, 0.05), (0.5, 0.05), (0.5, 0.0), (0.5, 0.6))
+]
 
 
-@pytest.mark.parametrize("depth", [0.0, 0.5])
+@pytest.mark.parametrize("depth", [0.0, *long_runs(0.5)])
 def test_isotropic_limit(depth: float) -> None:
     """The error against a half-space falls with the anisotropy, and is its size."""
     half = pp.HalfSpace(youngs_modulus=2.0, poissons_ratio=0.3)
@@ -116,7 +119,7 @@ def test_isotropic_limit(depth: float) -> None:
     assert errors[1] < 3e-5
 
 
-@pytest.mark.parametrize(("nu", "depth"), [(0.3, 0.0), (0.3, 0.6), (0.5, 0.05), *LONG_DEPTHS])
+@pytest.mark.parametrize(("nu", "depth"), [(0.3, 0.0), (0.3, 0.6), *LONG_DEPTHS])
 def test_quadrature_against_closed_form(nu: float, depth: float) -> None:
     half = pp.HalfSpace(youngs_modulus=2.0, poissons_ratio=nu)
     x, y = np.arange(-1, 4) * 0.5, np.arange(0, 2) * 0.4
@@ -129,9 +132,8 @@ def test_quadrature_against_closed_form(nu: float, depth: float) -> None:
     np.testing.assert_allclose(difference, 0.0, atol=1e-12 * np.abs(known).max())
 
 
-@pytest.mark.parametrize(
-    "pad", [COMPLEX, pytest.param(orthotropic(), marks=pytest.mark.long)], ids=["complex roots", "orthotropic"]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("pad", [COMPLEX, orthotropic()], ids=["complex roots", "orthotropic"])
 def test_fields_of_a_cell_are_in_equilibrium(pad: Any) -> None:
     """An independent check of the coupled kernel: ds_iz/dz + ds_ix/dx + ds_iy/dy = 0, and the force goes through."""
     h, z = 2e-3, 0.7
@@ -170,7 +172,7 @@ def test_plane_anisotropy_against_its_spectrum() -> None:
 @pytest.mark.parametrize(
     ("pad", "boundary"),
     [
-        (PLY, "free"),
+        *long_runs((PLY, "free")),
         (PLY, "periodic"),
         pytest.param(orthotropic(), "free", marks=pytest.mark.long),
         (orthotropic(), "periodic"),
@@ -198,6 +200,7 @@ def test_line_contact() -> None:
     assert np.linalg.norm(touch.values - traction) < 0.05 * np.linalg.norm(traction)
 
 
+@pytest.mark.long
 def test_layers_through_their_states_alone() -> None:
     """Bonded layers stripped of what they offer beyond `Pad` give the same kernel, at depth and on the surface."""
     layers = pp.BondedLayers(

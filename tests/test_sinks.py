@@ -20,6 +20,7 @@ import xarray
 from typer.testing import CliRunner
 
 import palpate as pp
+from long_runs import long_runs
 from palpate import solutions
 from palpate.cli import app
 from palpate.grasp import Event
@@ -153,10 +154,7 @@ def test_every_source_gives_the_frames_that_were_made(tmp_path: Path, source: st
 
 
 #: What comes out of a source is what went in (above), so that one file, one wire and none stand for all by default.
-EVERY = [
-    source if source in ("generator", ".mcap", "udp") else pytest.param(source, marks=pytest.mark.long)
-    for source in SOURCES
-]
+EVERY = [source if source == "generator" else pytest.param(source, marks=pytest.mark.long) for source in SOURCES]
 
 
 @pytest.mark.parametrize("source", EVERY)
@@ -289,7 +287,7 @@ def test_reference_readers(tmp_path: Path) -> None:
             assert (low[np.isfinite(low)] < high[np.isfinite(low)]).all()
 
 
-@pytest.mark.parametrize("suffix", FILES)
+@pytest.mark.parametrize("suffix", [".nc", *long_runs(".mcap", ".zarr")])
 def test_killed_in_mid_recording(tmp_path: Path, suffix: str) -> None:
     """kill -9: less than a chunk (MCAP) or a block is lost; what is left opens (HDF5, Zarr) or is salvaged (MCAP)."""
     path = tmp_path / f"torn{suffix}"
@@ -326,7 +324,7 @@ def test_killed_in_mid_recording(tmp_path: Path, suffix: str) -> None:
     assert len(read_recording(tmp_path / "saved.npz").readings) == len(saved.readings)
 
 
-@pytest.mark.parametrize("suffix", FILES)
+@pytest.mark.parametrize("suffix", [".nc", *long_runs(".mcap", ".zarr")])
 def test_full_disk(tmp_path: Path, suffix: str) -> None:
     """A write that fails is said in one sentence, and what was written before can be read."""
     path = tmp_path / f"full{suffix}"
@@ -397,6 +395,7 @@ def test_a_sink_that_fails_is_left(tmp_path: Path) -> None:
     assert len(kept.touches) == 10
 
 
+@pytest.mark.long
 def test_whole_results_as_zarr(tmp_path: Path) -> None:
     touch = SKIN.reconstruct(stream(12).readings[5:8], friction=0.6)
     write_touch(touch, tmp_path / "touch.zarr", provenance={"skin": "s"})

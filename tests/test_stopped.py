@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate.cli import main
 from palpate.recordings import files, read_recording, write_recording
 from palpate.recordings.recording import Recording
@@ -50,7 +51,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
     return int(ended.value.code or 0)
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), *long_runs((signal.SIGTERM, 143))])
 @pytest.mark.parametrize("command", list(COMMANDS))
 def test_stopped_while_writing(
     command: str,

@@ -21,6 +21,7 @@ import pytest
 
 import palpate as pp
 from command_line import run
+from long_runs import long_runs
 from palpate.recordings import open_recording, read_recording, read_touch, write_recording
 from palpate.recordings.labelled import touch_of
 from palpate.recordings.recording import Recording
@@ -109,7 +110,7 @@ def plain(folder: Path, skin: pp.Skin) -> Any:
 # -- the same in pieces ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("source", "out"), [("r.nc", "t.nc"), ("r.zarr", "t.zarr"), ("r.csv", "t.h5")])
+@pytest.mark.parametrize(("source", "out"), [("r.zarr", "t.zarr"), *long_runs(("r.nc", "t.nc"), ("r.csv", "t.h5"))])
 def test_pieces_are_the_whole(
     source: str, out: str, folder: Path, skin: pp.Skin, whole: pp.Touch, tmp_path: Path
 ) -> None:
@@ -219,6 +220,7 @@ class Fatal(pp.Division):
         return super().prepare(problem)
 
 
+@pytest.mark.long
 def test_a_worker_that_is_killed_changes_nothing(folder: Path, skin: pp.Skin, plain: Any, tmp_path: Path) -> None:
     (tmp_path / "left").write_text("one\n")
     pp.reconstruct_recording(
@@ -364,6 +366,7 @@ def test_a_run_goes_on_where_it_was_broken_off(
     assert os.listdir(tmp_path) == ["t.zarr"]
 
 
+@pytest.mark.long
 def test_a_field_that_appears_late_is_filled_up(folder: Path, skin: pp.Skin, whole: pp.Touch, tmp_path: Path) -> None:
     """Broken off after the first frame that another method finds."""
     out = tmp_path / "t.zarr"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 
 GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=200e3, poissons_ratio=0.48)])
 CHANNELS = ["displacement_x", "displacement_y", "displacement_z"]
@@ -21,7 +22,7 @@ def readings_of(contact: pp.solutions.AreaContact, depth: float) -> tuple[pp.Ski
 
 
 @pytest.mark.parametrize("depth", [0.0, pytest.param(0.5e-3, marks=pytest.mark.long)])
-@pytest.mark.parametrize("friction", [None, 0.4])
+@pytest.mark.parametrize("friction", [None, *long_runs(0.4)])
 def test_a_ball_that_slides_is_told_from_noise(depth: float, friction: float | None) -> None:
     """Evidence found no noise at all, took noise for traction, and read up to five times the load; the interval held nothing."""
     skin, readings, noise = readings_of(BALL.sliding(0.4, direction=0.5), depth)
@@ -33,6 +34,7 @@ def test_a_ball_that_slides_is_told_from_noise(depth: float, friction: float | N
     assert 0.5 * noise < float(np.median(touch.noise_std)) < 2.0 * noise
 
 
+@pytest.mark.long
 def test_contact_over_four_markers_is_not_taken_for_broken_markers() -> None:
     """Markers at the surface tell nothing of their neighbours: the whole contact was left out, marker by marker, as readings that are wrong."""
     skin, readings, _ = readings_of(BALL, 0.0)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate import simulation, solutions
 from palpate.grasp import Event, GraspMonitor
 from palpate.simulation import Stage
@@ -86,6 +87,7 @@ def test_simulation_refuses(skin: pp.Skin, bad: dict[str, float]) -> None:
 # -- the tracker ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_tracker_agrees_with_the_batch(skin: pp.Skin, story: Any, followed: Any) -> None:
     """Contact made, rolled, twisted, slipped and lost: the same traction as frame-by-frame reconstruction."""
     (frames, readings), (touches, health) = story, followed
@@ -160,6 +162,7 @@ def test_noise_is_learned_from_the_baseline(skin: pp.Skin) -> None:
     assert touch.force[2] == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.long
 def test_drift_is_followed_only_without_contact() -> None:
     """Thermal drift of five times the noise in half a minute goes into the zero; a contact held as long does not."""
     rng = np.random.default_rng(1)
@@ -181,7 +184,7 @@ def test_drift_is_followed_only_without_contact() -> None:
     assert any(bool(t.touching) for t in last[-50:])  # what following the drift is for
 
 
-@pytest.mark.parametrize("how", ["nan", "stuck", "saturated", "offset"])
+@pytest.mark.parametrize("how", ["nan", "offset", *long_runs("stuck", "saturated")])
 def test_bad_taxels_are_noticed_and_left_out(skin: pp.Skin, how: str) -> None:
     rng = np.random.default_rng(2)
     tracker = skin.track(friction=MU, baseline=20)
@@ -225,6 +228,7 @@ def test_a_taxel_comes_back(skin: pp.Skin) -> None:
     assert not tracker.health.left_out.any()
 
 
+@pytest.mark.long
 def test_an_offset_that_goes_away_is_forgiven(skin: pp.Skin) -> None:
     rng = np.random.default_rng(6)
     tracker = skin.track(friction=MU, baseline=20)
@@ -292,6 +296,7 @@ def test_creep_is_taken_out_frame_by_frame() -> None:
     assert forces[-1] == pytest.approx(forces[12], abs=0.03)  # the measured displacement grows by a fifth meanwhile
 
 
+@pytest.mark.long
 def test_budget_gives_an_answer_in_time_and_says_so(skin: pp.Skin, story: Any) -> None:
     frames, readings = (part[:90] for part in story)
     with skin.track(friction=MU, baseline=15, budget=1e-5, rate=50.0) as tracker:
@@ -307,6 +312,7 @@ def test_budget_gives_an_answer_in_time_and_says_so(skin: pp.Skin, story: Any) -
         assert tracker.health.approximate == 0
 
 
+@pytest.mark.long
 def test_memory_is_bounded_and_reset_forgets(skin: pp.Skin, story: Any) -> None:
     import tracemalloc
 
@@ -381,7 +387,7 @@ def slipping(skin: pp.Skin) -> list[simulation.Frame]:
     return list(simulation.stream(skin, stages, friction=MU, radius=15e-3, rate=50.0))
 
 
-@pytest.mark.parametrize("given", [MU, None])
+@pytest.mark.parametrize("given", [*long_runs(MU), None])
 def test_slip_is_announced_before_it_happens(
     skin: pp.Skin, slipping: list[simulation.Frame], given: float | None
 ) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate import solutions
 from palpate.elastic import CreepFilter
 
@@ -49,7 +50,7 @@ def test_removing_undoes_adding(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(run(CreepFilter(PRONY).remove, there, time), values, atol=1e-12)
 
 
-@pytest.mark.parametrize("layered", [False, True])
+@pytest.mark.parametrize("layered", [False, *long_runs(True)])
 def test_net_force_through_creep(layered: bool) -> None:
     """A press held: displacement creeps, the force recovered does not; stress channels are left alone."""
     elastic: Any = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.45)
