@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import subprocess
 import sys
 from pathlib import Path
@@ -49,9 +50,14 @@ def room(module: str) -> str:
     return module.split(".")[1] if "." in module else "palpate"
 
 
+@functools.cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
 def imports(path: Path) -> set[str]:
     """Modules of palpate that a file imports, those for type checking left out."""
-    tree = ast.parse(path.read_text())
+    tree = tree_of(path)
     skipped = {
         id(node)
         for block in ast.walk(tree)
@@ -105,7 +111,7 @@ def test_names_are_offered_where_they_live() -> None:
     for path in SOURCE.rglob("*.py"):
         if path.name == "__init__.py":
             continue
-        body = ast.parse(path.read_text()).body
+        body = tree_of(path).body
         offered = [n for n in body if isinstance(n, ast.Assign) and ast.unparse(n.targets[0]) == "__all__"]
         names = set(ast.literal_eval(offered[0].value)) if offered else set()
         assert names <= top_level(body), f"{path.name} offers {', '.join(sorted(names - top_level(body)))}"

@@ -51,7 +51,7 @@ class Observability:
     components: tuple[str, ...]
 
 
-def _whitened(pad: Pad, planes: Sequence[Array], k: Floats, angle: float) -> npt.NDArray[np.complex128]:
+def _whitened(pad: Pad, planes: Sequence[Array], k: Floats, angle: float | Floats) -> npt.NDArray[np.complex128]:
     d = planes[0].dimensions
     modulus = 2 * shear_modulus(pad, 0.0)
     rows = []
@@ -77,14 +77,11 @@ def observability(
     if not (np.isfinite(lengths).all() and (lengths > 0).all()):
         raise InvalidInput("wavelength must be positive and finite [m].")
     k = 2 * np.pi / lengths
-    angles = [0.0] if planes[0].dimensions == 1 else list(np.arange(8) * np.pi / 8 + 0.05)
-    worst: Floats | None = None
-    for angle in angles:
-        matrix = _whitened(pad, planes, k, angle)[..., columns]
-        s = np.linalg.svd(matrix, compute_uv=False)
-        s = np.concatenate([s, np.zeros((len(k), len(columns) - s.shape[-1]))], axis=-1)
-        worst = s if worst is None else np.where((s[:, -1:] < worst[:, -1:]), s, worst)
-    found = np.asarray(worst)
+    angles = np.zeros(1) if planes[0].dimensions == 1 else np.arange(8) * np.pi / 8 + 0.05
+    matrix = _whitened(pad, planes, np.tile(k, len(angles)), np.repeat(angles, len(k)))[..., columns]
+    s = np.linalg.svd(matrix, compute_uv=False)
+    s = np.concatenate([s, np.zeros((len(s), len(columns) - s.shape[-1]))], axis=-1).reshape(len(angles), len(k), -1)
+    found = s[s[..., -1].argmin(axis=0), np.arange(len(k))]
     observable = found[:, -1] > BLIND * found[:, 0]
     condition = np.full(len(k), np.inf)
     condition[observable] = found[observable, 0] / found[observable, -1]
@@ -187,13 +184,8 @@ def blind_to_force(pad: Pad, planes: Sequence[Array], components: Sequence[str])
     """Components whose mean (net force) leaves no trace in any channel as the wavelength grows."""
     names = COMPONENTS[planes[0].dimensions]
     size = float(np.ptp(planes[0].points, axis=0).max())
-    lost = []
-    for component in components:
-        worst = 0.0
-        for angle in (0.3,) if planes[0].dimensions == 2 else (0.0,):
-            k = np.array([1e-5, 1.0]) * 2 * np.pi / size
-            response = np.abs(_whitened(pad, planes, k, angle)[..., names.index(component)]).max(axis=-1)
-            worst = max(worst, float(response[0] / max(response.max(), 1e-300)))
-        if worst < 1e-3:
-            lost.append(component)
-    return tuple(lost)
+    k = np.array([1e-5, 1.0]) * 2 * np.pi / size
+    response = np.abs(_whitened(pad, planes, k, 0.3 if len(names) == 3 else 0.0)).max(axis=-2)
+    # (wavelength, component): what is left of the response where the wavelength is far beyond the array
+    left = response[0] / np.maximum(response.max(axis=0), 1e-300)
+    return tuple(c for c in components if left[names.index(c)] < 1e-3)
