@@ -500,6 +500,7 @@ def test_what_lies_beyond_the_array_is_in_the_error() -> None:
     assert np.median(wide) < 1.0
 
 
+@pytest.mark.long
 def test_a_contact_across_the_edge_is_said() -> None:
     skin = skin_of()
     inner = skin.reconstruct(pressed(skin, BALL, 0.01)[0])

@@ -138,6 +138,7 @@ def test_every_frame_is_solved_once(recording: str, folder: Path, tmp_path: Path
     assert sum(solved) == len(read_recording(folder / f"{recording}.nc").readings)
 
 
+@pytest.mark.long
 def test_constant_friction(folder: Path, tmp_path: Path) -> None:
     out = run(
         "reconstruct",
@@ -209,6 +210,7 @@ def test_missing_readings(folder: Path, tmp_path: Path) -> None:
     assert "left out 1 of 56" in out.stderr
 
 
+@pytest.mark.long
 def test_two_planes_and_line(tmp_path: Path) -> None:
     plane = LINE_SKIN[LINE_SKIN.index("[[plane]]") :]
     (tmp_path / "skin.toml").write_text(LINE_SKIN + plane.replace("1.2 mm", "2.4 mm"))

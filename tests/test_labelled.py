@@ -142,6 +142,7 @@ def test_dimensions_in_another_order() -> None:
     same_recording(recording_of(recording_dataset(scattered).transpose("axis", "taxel", "channel", "time")), scattered)
 
 
+@pytest.mark.long
 def test_what_was_found_comes_back() -> None:
     """A real result, every field, line and area, one frame and many."""
     area = pp.Skin(

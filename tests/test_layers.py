@@ -217,6 +217,7 @@ def test_methods_on_layers(method: Any) -> None:
     np.testing.assert_allclose(touch.force, [0.3, 1.0], atol=0.02)
 
 
+@pytest.mark.long
 def test_friction_on_a_layer() -> None:
     pad = pp.BondedLayers([layer(2.0, 1.0, 0.45)])
     array = pp.LineArray(count=81, pitch=0.5, depth="base", channels=["stress_zz"])

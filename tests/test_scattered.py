@@ -54,6 +54,7 @@ def test_the_lattice_reads_like_the_matrix(array, near):
     )
 
 
+@pytest.mark.long
 def test_beads_are_solved_alike(monkeypatch):
     array = beads(180)
     found = []

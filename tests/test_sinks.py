@@ -258,6 +258,7 @@ def viewer() -> tuple[FoxgloveServer, Callable[[int], dict[int, Any]]]:
     return server, received
 
 
+@pytest.mark.long
 def test_reference_readers(tmp_path: Path) -> None:
     """h5py, xarray and zarr find what was written, with units, and events as CF flags."""
     import h5py
