@@ -23,7 +23,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.contact.screening import FIRST_NOISE, ROUNDS, SETTLED, TOO_MUCH
 from palpate.inverse.fit import misfit_probability
-from palpate.sensing.arrays import ScatteredArray
+from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.nuisance import Nuisance
 
 if TYPE_CHECKING:
@@ -32,9 +32,15 @@ if TYPE_CHECKING:
 __all__ = ["Hypothesis", "Rough", "hypothesis_of", "rough", "rough_fit", "without_outliers"]
 
 Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
 
 #: What is half as large as what counts is looked at closely: it hides behind itself.
 HALF = 0.5
+#: What is left is just the noise that was given up to so many standard errors of its root mean square, 1/sqrt(2 n) of n readings.
+SURE = 2.0
+#: The mean of so many outermost taxels at least, up to so many of its standard errors, is no offset: one that passes is smaller than what counts as
+#: there (`Thresholds.nuisance` standard errors of all).
+FEWEST_QUIET, QUIET = 8, 1.5
 
 
 @dataclass(frozen=True)
@@ -106,32 +112,39 @@ def _quiet_level(values: Floats, points: Floats, scattered: bool) -> float:
         k = max(1, min(2, len(values) // 6))
         ends = [float(values[order[:k]].mean()), float(values[order[-k:]].mean())]
         return min(ends, key=abs)
+    return float(np.median(values[_outermost(points, scattered)]))
+
+
+def _outermost(points: Floats, scattered: bool) -> Flags:
+    """Which taxels of an area lie at its edge."""
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.15 if scattered else 1e-6
-    edge = np.any((points - low < margin * (high - low)) | (high - points < margin * (high - low)), axis=1)
-    return float(np.median(values[edge]))
+    return np.asarray(np.any((points - low < margin * (high - low)) | (high - points < margin * (high - low)), axis=1))
+
+
+def _touched(estimator: ConstrainedEstimator, term: Nuisance) -> tuple[Array, Index]:
+    """The array that an offset is of, and the readings of its channel there."""
+    first, start = int(np.argmax(term.rows != 0)), 0
+    for array in estimator.operator.planes_of:
+        n = int(array.valid.sum())
+        for _ in array.channels:
+            if first < start + n:
+                return array, np.arange(start, start + n)
+            start += n
+    raise IndexError(first)
 
 
 def quiet_levels(estimator: ConstrainedEstimator, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
     """First sizes of offsets, from the outermost taxels; 0 for other nuisances."""
     sizes = np.zeros(len(terms))
-    start = 0
-    planes = estimator.operator.planes_of
-    place = []
-    for array in planes:
-        n = int(array.valid.sum())
-        for _ in array.channels:
-            place.append((start, n, array))
-            start += n
     for i, term in enumerate(terms):
         if term.kind != "offset":
             continue
-        first = int(np.argmax(term.rows != 0))
-        begin, n, array = next(p for p in place if p[0] <= first < p[0] + p[1])
-        here = observed[begin : begin + n]
+        array, place = _touched(estimator, term)
+        here = observed[place]
         if here.any():
             points = array.points[array.valid.ravel()][here]
-            sizes[i] = _quiet_level(data[begin : begin + n][here], points, isinstance(array, ScatteredArray))
+            sizes[i] = _quiet_level(data[place][here], points, isinstance(array, ScatteredArray))
     return sizes
 
 
@@ -216,7 +229,7 @@ def hypothesis_of(
             # so many readings tell an offset that is far too small to be looked for
             seen &= np.abs(rest) > HALF * t.smallest_nuisance * _reach(columns, data)
         doubt = seen.any() or best.rough.ring > t.edge
-        doubt |= _worth(estimator, best, data, total)
+        doubt |= _worth(estimator, best, data, total) and not _just_noise(estimator, best, data, observed, terms)
         if doubt:
             for sign in {h.sign for h in tried}:
                 found, sizes, _ = with_nuisance(estimator, data, observed, total, terms, sign, levels)
@@ -304,6 +317,26 @@ def _worth(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, total: 
         return True
     linear = estimator.evidence(estimator.orders[1], estimator.readings.planes(data), None)
     return h.rough.left > t.quieter * linear.scale
+
+
+def _just_noise(
+    estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, observed: Flags, terms: Sequence[Nuisance]
+) -> bool:
+    """Whether what is left is no more than the noise that was given, and the outermost taxels of an area read nothing but it: offsets are
+    then not worth seeking, however large a part of the readings is noise. What contact leaves would not tell: it takes up noise that pushes.
+    """
+    std = estimator.readings.std
+    if not estimator.noise_known or h.rough.left > 1.0 + SURE / math.sqrt(2.0 * h.rough.free):
+        return False
+    for term in terms:
+        array, here = _touched(estimator, term)
+        if term.kind != "offset" or array.dimensions == 1:
+            return False
+        at = here[_outermost(array.points[array.valid.ravel()], isinstance(array, ScatteredArray))]
+        at = at[observed[at]]
+        if len(at) < FEWEST_QUIET or abs(float((data[at] / std[at]).mean())) * math.sqrt(len(at)) > QUIET:
+            return False
+    return True
 
 
 def _both(
