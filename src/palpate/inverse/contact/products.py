@@ -121,8 +121,10 @@ class Box:
                 here = slice(n - s.stop, (m - 1) * r - s.start + n)
                 kernel = kernel[(slice(None),) * (2 + axis) + (here,)]
             size = tuple(next_fast_len(n, real=True) for n in kernel.shape[2:])
-            spectra = [self._spectrum(k, size) for k in (kernel, kernel**2)]
-            self.planes.append((plane, size, [spectra[0], spectra[0].astype(np.complex64)], spectra[1]))
+            there, squares = (self._spectrum(k, size) for k in (kernel, kernel**2))
+            back = np.ascontiguousarray(np.conj(there).swapaxes(0, 1))
+            spectra = [there, there.astype(np.complex64), back, back.astype(np.complex64)]
+            self.planes.append((plane, size, spectra, np.conj(squares).swapaxes(0, 1)))
 
     def _spectrum(self, kernel: Floats, size: tuple[int, ...]) -> Any:
         d = len(size)
@@ -170,30 +172,18 @@ class Box:
         """(k, component, *box) of the same, by transforms (component, component, *k) of each plane."""
         total: Any = 0.0
         for size, spectrum in spectra:
-            waves = rfftn(x, size)
-            out = np.empty_like(waves)
-            for i in range(len(self.columns)):
-                np.multiply(spectrum[i, 0], waves[:, 0], out=out[:, i])
-                for j in range(1, len(self.columns)):
-                    out[:, i] += spectrum[i, j] * waves[:, j]
-            total = total + irfftn(out, size)[(..., *(slice(0, n) for n in self.shape))]
+            out = _mixed(spectrum, rfftn(x, size))
+            total = total + irfftn(out, size, [slice(0, n) for n in self.shape], overwrite=True)
         return total
 
     def forward(self, x: Any) -> Any:
         """Readings (k, reading) of (k, component, *box), in its precision."""
         parts = []
         for (plane, size, spectra, _), valid in zip(self.planes, self.valid):
-            spectrum = spectra[x.dtype == np.float32]
-            waves = rfftn(x, size)
-            rows = np.empty((len(x), plane.rows, *waves.shape[2:]), dtype=waves.dtype)
-            for i in range(plane.rows):
-                np.multiply(spectrum[i, 0], waves[:, 0], out=rows[:, i])
-                for j in range(1, len(self.columns)):
-                    rows[:, i] += spectrum[i, j] * waves[:, j]
-            full = irfftn(rows, size)[
-                (..., *(slice(0, (m - 1) * r + 1, r) for m, r in zip(plane.taxels, plane.ratios)))
-            ]
-            parts.append(full.reshape(len(x), -1)[:, valid])
+            rows = _mixed(spectra[x.dtype == np.float32], rfftn(x, size))
+            taxels = [slice(0, (m - 1) * r + 1, r) for m, r in zip(plane.taxels, plane.ratios)]
+            full = irfftn(rows, size, taxels, overwrite=True).reshape(len(x), -1)
+            parts.append(full if len(valid) == full.shape[1] else full[:, valid])
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def adjoint(self, rows: Any, *, squared: bool = False) -> Any:
@@ -201,10 +191,13 @@ class Box:
         total: Any = 0.0
         start = 0
         for (plane, size, spectra, squares), valid in zip(self.planes, self.valid):
-            spectrum = squares if squared else spectra[rows.dtype == np.float32]
-            part = np.zeros((len(rows), plane.rows * math.prod(plane.taxels)), dtype=rows.dtype)
-            part[:, valid] = rows[:, start : start + len(valid)]
+            spectrum = squares if squared else spectra[2 + (rows.dtype == np.float32)]
+            part = rows[:, start : start + len(valid)]
             start += len(valid)
+            if len(valid) < plane.rows * math.prod(plane.taxels):
+                whole = np.zeros((len(rows), plane.rows * math.prod(plane.taxels)), dtype=rows.dtype)
+                whole[:, valid] = part
+                part = whole
             image = part.reshape(len(rows), plane.rows, *plane.taxels)
             if any(r > 1 for r in plane.ratios):
                 spread = np.zeros(
@@ -214,14 +207,21 @@ class Box:
                 every: Any = (..., *(slice(None, None, r) for r in plane.ratios))
                 spread[every] = image
                 image = spread
-            waves = np.conj(rfftn(image, size))
-            out = np.empty((len(rows), len(self.columns), *waves.shape[2:]), dtype=waves.dtype)
-            for j in range(len(self.columns)):
-                np.multiply(spectrum[0, j], waves[:, 0], out=out[:, j])
-                for i in range(1, plane.rows):
-                    out[:, j] += spectrum[i, j] * waves[:, i]
-            total = total + irfftn(np.conj(out), size)[(..., *(slice(0, n) for n in self.shape))]
+            out = _mixed(spectrum, rfftn(image, size))
+            total = total + irfftn(out, size, [slice(0, n) for n in self.shape], overwrite=True)
         return total
+
+
+def _mixed(spectrum: Any, waves: Any) -> Any:
+    """Spectra (to, from, *k) times transforms (n, from, *k)."""
+    out = np.empty((len(waves), *spectrum.shape[:1], *waves.shape[2:]), dtype=waves.dtype)
+    room = np.empty_like(waves[:, 0])
+    for i, row in enumerate(spectrum):
+        np.multiply(row[0], waves[:, 0], out=out[:, i])
+        for each, wave in zip(row[1:], waves.swapaxes(0, 1)[1:]):
+            np.multiply(each, wave, out=room)
+            out[:, i] += room
+    return out
 
 
 class Applied:
