@@ -36,9 +36,9 @@ from palpate.inverse.contact.constrained import LARGEST_UNKNOWNS, ConstrainedEst
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.factors import cholesky
 from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, scattered
-from palpate.inverse.contact.posterior import variance_of
 from palpate.inverse.contact.products import Applied
 from palpate.inverse.contact.sliding import expanded, in_blocks, ways_of_sliding
+from palpate.inverse.contact.variances import variance_of
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.sensing.grids import repeated
 

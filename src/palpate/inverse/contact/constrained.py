@@ -28,16 +28,19 @@ from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.edges import outside_taxels, ring_of
 from palpate.inverse.contact.frame import Frame, Run, said_of
 from palpate.inverse.contact.hypotheses import Hypothesis, hypothesis_of, rough_fit, without_outliers
+from palpate.inverse.contact.later import ContactErrors
 from palpate.inverse.contact.model import ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
-from palpate.inverse.contact.posterior import AMBIGUOUS_COUPLED, AMBIGUOUS_FORCE, AMBIGUOUS_SHEAR, Posterior, taken_by
+from palpate.inverse.contact.posterior import AMBIGUOUS_COUPLED, AMBIGUOUS_FORCE, AMBIGUOUS_SHEAR, Posterior
 from palpate.inverse.contact.products import AT_SIZE, FIRST_AT_SIZE, Applied, Products
 from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven
 from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, silent
 from palpate.inverse.contact.start import LinearStart, linear_models
+from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share
+from palpate.inverse.contact.variances import taken_by
 from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.fit import MODEL_DETAIL, misfit_probability, neighbours
@@ -250,6 +253,8 @@ class ConstrainedEstimator:
         for f in frames_of(readings, self.operator):
             with few_threads(self.inside.size * len(self.columns)), self._rounds:
                 frames.append(self.frame(f, rng))
+                if math.prod(batch) > 1:
+                    frames[-1] = replace(frames[-1], errors=frames[-1].known)
 
         def stacked(parts: Sequence[Floats]) -> Floats:
             whole = np.stack(parts)
@@ -260,6 +265,10 @@ class ConstrainedEstimator:
         def numbers(name: str, kind: type = np.float64) -> npt.NDArray[Any]:
             return np.array([getattr(f, name) for f in frames], dtype=kind).reshape(batch)
 
+        if len(frames) == 1 and isinstance(frames[0].errors, Summary):
+            errors: Errors = ContactErrors.of(frames[0].errors, self._cut, np.zeros(batch, dtype=np.intp))
+        else:
+            errors = Errors.gathered([f.known for f in frames], stacked)
         values = np.stack([self._cut(f.traction) for f in frames])
         sampled = None
         if self.draws:
@@ -272,7 +281,7 @@ class ConstrainedEstimator:
             numbers("parameter"),
             noise,
             numbers("residual"),
-            Errors.gathered([f.errors for f in frames], stacked),
+            errors,
             numbers("converged", bool),
             numbers("contact", bool),
             outliers.reshape((*batch, -1)),
@@ -525,7 +534,7 @@ class ConstrainedEstimator:
     def _unexplained(self, data: Floats, outliers: Flags, chance: float) -> Frame:
         """A frame that nothing explains which is known of contact, on channels that need it: nothing is known."""
         nothing = self._nothing(math.nan, math.nan, data, outliers)
-        unknown = {f.name: np.full_like(getattr(nothing.errors, f.name), math.nan) for f in fields(Errors)}
+        unknown = {f.name: np.full_like(getattr(nothing.known, f.name), math.nan) for f in fields(Errors)}
         gap, terms = math.nan * nothing.traction, np.full(len(self.terms), math.nan)
         return replace(
             nothing,
@@ -628,7 +637,8 @@ class ConstrainedEstimator:
     def _combined(
         self, members: Sequence[ContactModel], run: Run, noise: Floats, rng: np.random.Generator | None
     ) -> Frame:
-        traction, errors = self.posterior.summed_up(members)
+        large = any(isinstance(m.data.matrix, Applied) for m in members)
+        summary = Summary(members, self.posterior)
         weights = np.array([m.weight for m in members])
         y, observed = run.data / run.noise, run.observed
         mine = run.members
@@ -642,8 +652,8 @@ class ConstrainedEstimator:
         if self.draws:
             sampled = self.posterior.draws(members, weights, self.draws, rng or np.random.default_rng(0))
         return Frame(
-            traction,
-            errors,
+            summary.mean,
+            summary if large else summary.errors(),
             run.parameter,
             noise,
             float(np.sqrt(np.mean(misfit**2))),
@@ -653,5 +663,5 @@ class ConstrainedEstimator:
             sampled,
             sliding=sum(m.weight for m in members if m.ray is not None),
             fit=self._fit(run, residual, taken, float(np.abs(y[observed]).max(initial=0.0))),
-            sampled=any(isinstance(m.data.matrix, Applied) for m in members),
+            sampled=large,
         )

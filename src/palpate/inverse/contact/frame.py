@@ -13,6 +13,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.hypotheses import Hypothesis
 from palpate.inverse.contact.iterative import SAMPLES
 from palpate.inverse.contact.model import ContactModel
+from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors
 
 __all__ = ["Frame", "Run", "said_of"]
@@ -22,10 +23,12 @@ Flags = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame's result; ``sampled``: the contact was too large for matrices, and errors of its cells are those of samples."""
+    """One frame's result; ``sampled``: the contact was too large for matrices, and errors of its cells are those of samples. Its errors are
+    then worked out when they are asked for.
+    """
 
     traction: Floats
-    errors: Errors
+    errors: Errors | Summary
     parameter: float
     noise: Floats
     residual: float
@@ -41,6 +44,11 @@ class Frame:
     nuisance_std: Floats = field(default_factory=lambda: np.zeros(0))
     at_limit: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     sampled: bool = False
+
+    @property
+    def known(self) -> Errors:
+        """The errors, worked out."""
+        return self.errors.errors() if isinstance(self.errors, Summary) else self.errors
 
 
 @dataclass

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.model import ContactModel
 from palpate.inverse.contact.parts import Thresholds
-from palpate.inverse.contact.posterior import taken_of_each
+from palpate.inverse.contact.variances import taken_of_each
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Operator
 

@@ -13,8 +13,8 @@ from palpate.inverse.contact.frame import Run
 from palpate.inverse.contact.hypotheses import Hypothesis
 from palpate.inverse.contact.model import ContactModel, scattered
 from palpate.inverse.contact.parts import STATED
-from palpate.inverse.contact.posterior import posterior_factor, shared_errors
 from palpate.inverse.contact.products import Applied
+from palpate.inverse.contact.variances import posterior_factor, shared_errors
 from palpate.sensing.grids import block_means
 
 if TYPE_CHECKING:

@@ -1,0 +1,105 @@
+"""Variances of a contact model on the face of the constraints that its solution lies on, in which it may move freely; the freedom that it
+takes of the readings.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.cone import Face, Solution
+from palpate.inverse.contact.factors import Bordered, Dense, Factor, FewReadings
+from palpate.inverse.contact.iterative import Iterative
+from palpate.inverse.contact.model import ContactModel
+from palpate.inverse.contact.quadratic import Formed
+from palpate.inverse.contact.rows import Rows
+
+__all__ = [
+    "face_of",
+    "posterior_factor",
+    "shared_errors",
+    "taken_by",
+    "taken_of_each",
+    "variance_of",
+    "variance_of_sums",
+]
+
+
+def posterior_factor(solution: Solution, rows: Floats) -> Floats:
+    """Z (free, row) with Z'Z the posterior covariance of rows' x, on the face of the cone that the solution lies on.
+
+    ``rows`` (row, component * cell).
+    """
+    face, factor = face_of(solution)
+    return factor.half(face.columns(rows).T)
+
+
+def face_of(solution: Solution) -> tuple[Face, Factor]:
+    """The face of the cone that a solution lies on, and the factor of the normal matrix there."""
+    if solution.face is None or solution.factor is None:
+        raise RuntimeError("the solution was found without its face")
+    return solution.face, solution.factor
+
+
+def taken_by(model: ContactModel) -> float:
+    """How many degrees of freedom of the readings a model takes up."""
+    face, factor = face_of(model.solution)
+    if isinstance(factor, Dense):
+        return factor.trace(face.restrict(Formed(model.data.gram).scaled(face.scales).matrix))
+    return float(taken_of_each(model).sum())
+
+
+def taken_of_each(model: ContactModel) -> Floats:
+    """The same of each reading."""
+    factor = face_of(model.solution)[1]
+    if isinstance(factor, FewReadings | Iterative):
+        return factor.taken()
+    if isinstance(factor, Bordered) and isinstance(factor.inner, Iterative):
+        taken = factor.inner.taken()
+        return taken + len(factor.corner) / max(len(taken), 1)
+    return np.asarray((posterior_factor(model.solution, model.data.matrix) ** 2).sum(axis=0))
+
+
+def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats:
+    """K (free, unknown): what a model owes to unknowns that act on many readings at once, so that K K' adds to its covariance.
+
+    ``columns`` (reading, unknown) is what each does to the readings, whitened; ``prior`` (unknown,) its standard deviation. With
+    Z = L^-1 W'A' B on the face, an unknown change c of the readings changes the traction by -L^-T Z c. Where the deviation is infinite
+    the readings themselves must tell: S = (B'B - Z'Z)^-1. Where it is finite it is taken as it is: what the penalty alone says of it (how
+    large the traction may be was learned from these very readings) is no knowledge.
+    """
+    z = posterior_factor(model.solution, columns.T @ model.data.matrix)
+    told = np.isinf(prior)
+    out = z * np.where(told, 0.0, prior)
+    if told.any():
+        b, found = columns[:, told], z[:, told]
+        precision = b.T @ b - found.T @ found
+        values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
+        # what the readings do not tell at all stays as wide as the readings themselves allow
+        floor = 1e-6 * max(float(np.trace(b.T @ b)), 1e-300)
+        out[:, told] = found @ (vectors / np.sqrt(np.maximum(values, floor)))
+    return np.asarray(out)
+
+
+def variance_of(model: ContactModel, rows: Rows, *, few: bool = False) -> Floats:
+    """Posterior variance of sparse rows' x over (component, cell), what is shared with other unknowns included; where samples tell it,
+    ``few`` are enough.
+    """
+    face, factor = face_of(model.solution)
+    local = face.rows(rows)
+    out = factor.variances(local, few=few) if isinstance(factor, Iterative) else factor.variances(local)
+    if model.shared is not None:
+        out = out + (local.times(factor.back(model.shared)) ** 2).sum(axis=1)
+    return np.asarray(out)
+
+
+def variance_of_sums(model: ContactModel, rows: Floats) -> Floats:
+    """The same of rows that are not sparse."""
+    face, known = face_of(model.solution)
+    if isinstance(known, Iterative) and model.shared is None:
+        return known.squares(face.columns(rows))
+    factor = posterior_factor(model.solution, rows)
+    out = (factor**2).sum(axis=0)
+    if model.shared is not None:
+        out = out + ((model.shared.T @ factor) ** 2).sum(axis=0)
+    return np.asarray(out)
