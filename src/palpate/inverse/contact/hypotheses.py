@@ -322,11 +322,13 @@ def _worth(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, total: 
 def _just_noise(
     estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, observed: Flags, terms: Sequence[Nuisance]
 ) -> bool:
-    """Whether what is left is no more than the noise that was given, and the outermost taxels of an area read nothing but it: offsets are
-    then not worth seeking, however large a part of the readings is noise. What contact leaves would not tell: it takes up noise that pushes.
+    """Whether what is left is no more than noise, and the outermost taxels of an area read nothing but it: offsets are then not worth
+    seeking, however large a part of the readings is noise. What contact leaves would not tell: it takes up noise that pushes.
     """
-    std = estimator.readings.std
-    if not estimator.noise_known or h.rough.left > 1.0 + SURE / math.sqrt(2.0 * h.rough.free):
+    t, std, noise = estimator.thresholds, estimator.readings.std, 1.0
+    if not estimator.noise_known:
+        noise = estimator.evidence(estimator.orders[1], estimator.readings.planes(data), None).scale
+    if h.rough.left > noise * (1.0 + SURE / math.sqrt(2.0 * h.rough.free) if estimator.noise_known else t.quieter):
         return False
     for term in terms:
         array, here = _touched(estimator, term)
@@ -334,7 +336,7 @@ def _just_noise(
             return False
         at = here[_outermost(array.points[array.valid.ravel()], isinstance(array, ScatteredArray))]
         at = at[observed[at]]
-        if len(at) < FEWEST_QUIET or abs(float((data[at] / std[at]).mean())) * math.sqrt(len(at)) > QUIET:
+        if len(at) < FEWEST_QUIET or abs(float((data[at] / std[at]).mean())) * math.sqrt(len(at)) > QUIET * noise:
             return False
     return True
 
