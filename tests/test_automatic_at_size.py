@@ -64,7 +64,7 @@ def test_products_are_those_of_the_matrix(ratio: int) -> None:
     cells = np.sort(rng.choice(level.grid.shape[0] * level.grid.shape[1], 40, replace=False))
     noise, observed = readings.std * rng.uniform(0.5, 1.0, len(readings.std)), rng.random(len(readings.std)) < 0.9
     matrix = level.matrix(cells, noise, observed)
-    applied = Applied(level.boxes.around(cells), readings, level.grid.shape, cells, noise, observed)
+    applied = Applied(level.boxes, readings, level.grid.shape, cells, noise, observed)
     x, rows = rng.standard_normal(matrix.shape[1]), rng.standard_normal((3, matrix.shape[0]))
     assert np.abs(applied @ x - matrix @ x).max() < 1e-11 * np.abs(matrix @ x).max()
     assert np.abs(rows @ applied - rows @ matrix).max() < 1e-11 * np.abs(rows @ matrix).max()
@@ -88,17 +88,17 @@ def test_taxels_for_ever_are_next_to_the_same_inside_an_array() -> None:
     everything = np.ones(len(readings.std), dtype=bool)
     inside = np.flatnonzero((x**2 + y**2 < 8e-3**2).ravel())
     boxes = Boxes(operator, (0, 1, 2))
-    applied = Applied(boxes.around(inside), readings, grid.shape, inside, readings.std, everything)
+    applied = Applied(boxes, readings, grid.shape, inside, readings.std, everything)
     v = np.random.default_rng(0).standard_normal((2, 3, len(inside))).astype(np.float32)
     exact, about = applied.adjoint(applied.forward(v)), applied.together(v)
     assert applied.endless is not None
     assert np.abs(about - exact).max() < 1e-3 * np.abs(exact).max()
     # not at the edge, nor where readings are left out
     edge = np.flatnonzero((x > 15e-3).ravel())
-    assert Applied(boxes.around(edge), readings, grid.shape, edge, readings.std, everything).endless is None
+    assert Applied(boxes, readings, grid.shape, edge, readings.std, everything).endless is None
     some = everything.copy()
     some[7:20] = False
-    assert Applied(boxes.around(inside), readings, grid.shape, inside, readings.std, some).endless is None
+    assert Applied(boxes, readings, grid.shape, inside, readings.std, some).endless is None
 
 
 def framed(skin: pp.Skin, readings: Any, friction: float | None) -> Any:

@@ -67,8 +67,7 @@ class Level:
         ``products``: large contacts need no matrix.
         """
         if products and by_products(self.operator, cells, len(self.columns), int(observed.sum())):
-            box = self.boxes.around(cells)
-            applied = Applied(box, self.readings, self.grid.shape, cells, noise, observed)
+            applied = Applied(self.boxes, self.readings, self.grid.shape, cells, noise, observed)
             linear = self.readings.white(y[observed], observed) @ applied
             return Normal(self, cells, applied, linear.reshape(-1, len(cells)))
         recent = None if kept is None else kept.get(self.ratio)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import math
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,8 @@ Index = npt.NDArray[np.intp]
 
 #: Boxes are cut to multiples of this many cells, so that the rounds of a frame share them; so many are kept.
 STEP, KEPT = 8, 6
+#: A part of a contact has a box of its own where that has this part of the area at most.
+SMALLER = 0.8
 #: Cells this many depths inside an array feel its edges to a hundredth: influences of stress fall like the fourth power of the distance, and
 #: what two cells have in common beyond the edge like its sixth.
 FROM_EDGE = 2.0
@@ -82,12 +84,17 @@ def box_of(cells: Index, shape: tuple[int, ...]) -> tuple[slice, ...]:
     return tuple(slice(a, b) for a, b in zip(low, high))
 
 
+#: Of each plane a size and the transform (channel, component, component, *k) of that size.
+Correlated = list[tuple[tuple[int, ...], Any]]
+
+
 class Boxes:
     """Convolutions from boxes of an operator's surface to all its readings; the last ones are kept."""
 
     def __init__(self, operator: Operator, columns: Sequence[int]) -> None:
         self.operator, self.columns = operator, tuple(columns)
         self._kept: OrderedDict[tuple[tuple[int, int], ...], Box] = OrderedDict()
+        self._correlated: OrderedDict[tuple[int, ...], Correlated | None] = OrderedDict()
 
     def around(self, cells: Index) -> Box:
         """The one that holds some cells."""
@@ -95,20 +102,36 @@ class Boxes:
         key = tuple((s.start, s.stop) for s in place)
         found = self._kept.get(key)
         if found is None:
-            found = Box(self.operator, self.columns, place)
+            found = Box(self.operator, self.columns, place, self.correlated)
             self._kept[key] = found
             while len(self._kept) > KEPT:
                 self._kept.popitem(last=False)
+        else:
+            self._kept.move_to_end(key)
         return found
+
+    def correlated(self, box: Box) -> Correlated | None:
+        """`Box.correlated`, which boxes of one shape share."""
+        if box.shape not in self._correlated:
+            self._correlated[box.shape] = box.what_cells_share()
+            while len(self._correlated) > KEPT:
+                self._correlated.popitem(last=False)
+        return self._correlated[box.shape]
 
 
 class Box:
     """Products with the influences of the cells of a box."""
 
-    def __init__(self, operator: Operator, columns: tuple[int, ...], place: tuple[slice, ...]) -> None:
+    def __init__(
+        self,
+        operator: Operator,
+        columns: tuple[int, ...],
+        place: tuple[slice, ...],
+        correlated: Callable[[Box], Correlated | None],
+    ) -> None:
         from scipy.fft import next_fast_len
 
-        self.place, self.columns = place, columns
+        self.place, self.columns, self._of_shape = place, columns, correlated
         self.shape = tuple(s.stop - s.start for s in place)
         self.arrays, self.axes = operator.planes_of, operator.surface.axes
         self.valid = [np.flatnonzero(np.tile(a.valid.ravel(), len(a.channels))) for a in operator.planes_of]
@@ -133,7 +156,11 @@ class Box:
         return rfftn(np.roll(padded, [-(n - 1) for n in self.shape], axis=tuple(range(2, 2 + d))), size)
 
     @cached_property
-    def correlated(self) -> list[tuple[tuple[int, ...], Any]] | None:
+    def correlated(self) -> Correlated | None:
+        """What two cells share, see `what_cells_share`."""
+        return self._of_shape(self)
+
+    def what_cells_share(self) -> Correlated | None:
         """Of each plane, the transform (channel, component, component, *k) of what influences of two cells have in common, were there taxels for
         ever, and its size; None where that is far from what there is: cells are finer than the pitch, or displacement is measured, which is felt
         everywhere.
@@ -234,9 +261,9 @@ class Applied:
     __array_ufunc__ = None
 
     def __init__(
-        self, box: Box, readings: Readings, shape: tuple[int, ...], cells: Index, noise: Floats, observed: Flags
+        self, boxes: Boxes, readings: Readings, shape: tuple[int, ...], cells: Index, noise: Floats, observed: Flags
     ) -> None:
-        self.box, self.surface, self.observed = box, shape, observed
+        self.boxes, self.box, self.surface, self.observed = boxes, boxes.around(cells), shape, observed
         self.readings, self.weight = readings, 1.0 / noise
         self.ray: Floats | None = None
         self._place(cells)
@@ -257,7 +284,12 @@ class Applied:
     def part(self, position: Index) -> Applied:
         """The same of some of the cells."""
         out = self._copy()
-        out._place(self.cells[position])
+        cells = self.cells[position]
+        if len(cells):
+            place = box_of(cells, self.surface)
+            if math.prod(s.stop - s.start for s in place) < SMALLER * math.prod(self.box.shape):
+                out.box = self.boxes.around(cells)
+        out._place(cells)
         return out
 
     def along(self, ray: Floats) -> Applied:
