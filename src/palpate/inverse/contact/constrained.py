@@ -563,7 +563,7 @@ class ConstrainedEstimator:
         reference = self.quiet(y) * float(np.abs(slope).max())
         for _ in range(ROUNDS_OF_CELLS):
             cells = np.flatnonzero(region)
-            data = self.normal(level, cells, y, noise, observed)
+            data = self.normal(level, cells, y, noise, observed, once=True)
             tolerance = TOLERANCE
             if isinstance(data.matrix, Applied):
                 tolerance = FIRST_AT_SIZE
@@ -629,10 +629,12 @@ class ConstrainedEstimator:
         solution = minimise(hessian, data.linear, self.cone, start, tolerance=tolerance, keep_face=keep_face)
         return ContactModel(data, hessian, penalty, solution)
 
-    def normal(self, level: Level, cells: Index, y: Floats, noise: Floats, observed: Flags) -> Normal:
+    def normal(
+        self, level: Level, cells: Index, y: Floats, noise: Floats, observed: Flags, *, once: bool = False
+    ) -> Normal:
         # what readings hardly tell apart is too badly conditioned for products
         products = self.any_size and not self.ambiguous
-        return level.normal(cells, y, noise, observed, self._rounds.kept, products=products)
+        return level.normal(cells, y, noise, observed, self._rounds.kept, products=products, once=once)
 
     def _combined(
         self, members: Sequence[ContactModel], run: Run, noise: Floats, rng: np.random.Generator | None

@@ -62,11 +62,12 @@ class Level:
         kept: dict[int, Columns] | None = None,
         *,
         products: bool = False,
+        once: bool = False,
     ) -> Normal:
         """The normal equations of some cells, for readings ``y`` in units of the noise; ``kept`` is that of `Rounds`;
-        ``products``: large contacts need no matrix.
+        ``products``: large contacts need no matrix; ``once``: they are solved once.
         """
-        if products and by_products(self.operator, cells, len(self.columns), int(observed.sum())):
+        if products and by_products(self.operator, cells, len(self.columns), int(observed.sum()), once=once):
             applied = Applied(self.boxes, self.readings, self.grid.shape, cells, noise, observed)
             linear = self.readings.white(y[observed], observed) @ applied
             return Normal(self, cells, applied, linear.reshape(-1, len(cells)))

@@ -51,6 +51,8 @@ FEWEST = 1500
 #: multiplication of a matrix product: their product is between 1.9e5, where matrices were five times sooner (a ring on 32 x 32 x 1), and 4.6e5,
 #: where products were three times sooner (a large ball on 32 x 32 x 3).
 PRODUCTS, ENTRY = 6e3, 60.0
+#: A first solution, which tells noise and region, takes so many. Where there are more readings than this, that counts, and fewer unknowns do.
+PRODUCTS_ONCE, MANY, FEWEST_OF_MANY = 3e2, 4096, 150
 #: Relative residual at which a solution by products counts as exact, a hundredth of what noise makes of it or less, and that of the
 #: first solutions, which tell noise and region.
 AT_SIZE, FIRST_AT_SIZE = 1e-4, 1e-3
@@ -58,10 +60,12 @@ AT_SIZE, FIRST_AT_SIZE = 1e-4, 1e-3
 FACTORS = 3.0
 
 
-def by_products(operator: Operator, cells: Index, components: int, readings: int) -> bool:
+def by_products(operator: Operator, cells: Index, components: int, readings: int, *, once: bool = False) -> bool:
     """Whether products serve the contact sooner than matrices, formed or left as readings and penalty: by the work of each."""
     unknowns = components * len(cells)
-    if unknowns < FEWEST or not all(isinstance(p, Convolution) for p in operator.planes):
+    # of so many readings not even the columns of a few cells are quickly made
+    once = once and readings > MANY
+    if unknowns < (FEWEST_OF_MANY if once else FEWEST) or not all(isinstance(p, Convolution) for p in operator.planes):
         return False
     if any(a.noise_correlation for a in operator.planes_of):
         return False
@@ -73,7 +77,7 @@ def by_products(operator: Operator, cells: Index, components: int, readings: int
     for plane in operator.planes:
         size = [(m - 1) * r + b.stop - b.start for m, r, b in zip(plane.taxels, plane.ratios, box)]  # type: ignore[attr-defined]
         padded += math.prod(size) * (components + plane.rows)  # type: ignore[attr-defined]
-    return PRODUCTS * ENTRY * padded < formed
+    return (PRODUCTS_ONCE if once else PRODUCTS) * ENTRY * padded < formed
 
 
 def box_of(cells: Index, shape: tuple[int, ...]) -> tuple[slice, ...]:
