@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.contact import posterior, products
+from palpate.inverse.contact import products, summary
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.methods import cone_of
 from palpate.inverse.contact.model import Level
@@ -49,7 +49,7 @@ def without_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(products, "FEWEST", 10)
     monkeypatch.setattr(products, "PRODUCTS", 0.0)
     # the least error of a large contact's force is a bound, not what products leave
-    monkeypatch.setattr(posterior, "MODEL_FORCE_AT_SIZE", posterior.MODEL_FORCE)
+    monkeypatch.setattr(summary, "MODEL_FORCE_AT_SIZE", summary.MODEL_FORCE)
 
 
 @pytest.mark.parametrize("ratio", [1, 2])
@@ -117,7 +117,7 @@ def test_same_answer_without_matrices(friction: float | None, monkeypatch: pytes
     found = framed(skin_of(12), readings, friction)
     assert found.sampled
     assert not exact.sampled
-    std = exact.errors.traction
+    std = exact.known.traction
     there = std[2] > 0.3 * std[2].max()
     # what is left between them is the noise, which is learned from random rows there
     assert np.sqrt(np.mean(((found.traction - exact.traction)[:, there] / std[:, there]) ** 2)) < 0.1
@@ -126,8 +126,8 @@ def test_same_answer_without_matrices(friction: float | None, monkeypatch: pytes
     if friction is not None:
         assert found.sliding == pytest.approx(exact.sliding, abs=0.05)
     for name in ("force", "moment", "center"):
-        assert getattr(found.errors, name) == pytest.approx(getattr(exact.errors, name), rel=0.05)
-    ratio = found.errors.traction[2][there] / std[2][there]
+        assert getattr(found.known, name) == pytest.approx(getattr(exact.known, name), rel=0.05)
+    ratio = found.known.traction[2][there] / std[2][there]
     assert abs(np.mean(ratio) - 1.0) < 0.15
     assert np.std(ratio) < 0.3
 
