@@ -31,13 +31,12 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.inverse.drag import STICK
 from palpate.status import Status
 from palpate.touch import Touch
 
 __all__ = ["Event", "GraspMonitor", "GraspState"]
 
-#: Parts of the contact's radius that stick, as candidates.
-STICK = np.concatenate([[0.0], np.linspace(0.15, 0.96, 20), [0.98, 0.995]])
 #: Friction of dry contact lies about here: mean and standard deviation of its logarithm.
 LOG_MEAN, LOG_STD = math.log(0.6), 0.7
 #: Relative standard deviation of friction from one slip to the next.
@@ -47,10 +46,14 @@ REPEATED = 0.1
 PRESSURE_BLUR, SHEAR_BLUR = 0.23, 0.5
 #: Templates of pressure are themselves only found: error of the shear they predict, as a part of its largest.
 TEMPLATE = 0.05
+#: The same of the ratio of net forces: how far the drag that a tracker found lay from the truth at slip on balls of 8 to 25 mm, frictions of 0.25 to 1.1.
+DRAGGED = 0.03
 #: How much of what the frame before said is kept.
 MEMORY = 0.7
 #: The same for what the shape of the shear says, and how many frames the memory counts for: the noise of one frame alone raises alarms.
 SHAPE_MEMORY, COUNTS = 0.85, 2.5
+#: So many where the readings themselves were compared, whose noise is another in each frame (0.85 makes about twelve of a memory; the zero's noise stays).
+COUNTS_OF_READINGS = 5.0
 #: An alarm is raised at the first probability and taken back below the second.
 RAISE, CLEAR = 0.9, 0.5
 #: Part of the friction limit beyond which a contact counts as sliding.
@@ -262,6 +265,9 @@ class GraspMonitor:
         elif set(touch.components) == set(touch.surface.components):
             net, error = _likely(touch, force)
             ratio = float(np.linalg.norm(net[:-1])) / float(net[-1])
+            if touch.drag is not None:  # not shrunk by the penalty
+                ratio = float(np.linalg.norm(touch.drag))
+                error = math.hypot(float(touch.drag_std or 0.0), DRAGGED * ratio)
             twist, twist_std = _twist(touch, values)
             if self.given is None and self.learned is None:
                 utilisation, std, friction, friction_std = self._from_shape(
@@ -357,9 +363,10 @@ class GraspMonitor:
         wide = math.hypot(LOG_STD, error / max(ratio, 1e-9))
         log = -0.5 * ((np.log(np.maximum(mus, 1e-9)) - LOG_MEAN) / wide) ** 2
         if ratio > 3.0 * error:
-            log = log + self._shape(touch, values, force, power)
+            log = log + (self._shape(touch, values, force, power) if touch.sticking is None else touch.sticking)
         self._past = SHAPE_MEMORY * self._past + (1.0 - SHAPE_MEMORY) * (log - log.max())
-        weights = np.exp(COUNTS * (self._past - self._past.max()))
+        counts = COUNTS if touch.sticking is None else COUNTS_OF_READINGS
+        weights = np.exp(counts * (self._past - self._past.max()))
         # candidates are not evenly spaced in Q/(mu P)
         weights = weights * np.abs(np.gradient(used))
         weights = weights / weights.sum()

@@ -71,6 +71,9 @@ class Touch(Numbers):
     sliding : array (*batch) or None
         Where friction was given: probability that shear is in one proportion to pressure all over, as where the contact slides as a whole;
         NaN where nothing touches.
+    drag, drag_std, sticking : array (*batch, tangential component), (*batch), (*batch, candidate) or None
+        From a tracker that seeks shear: tangential over normal force, not shrunk by the penalty, the standard deviation of its size, and the log
+        likelihood of each part of the contact's radius that may stick (`palpate.inverse.drag.STICK`).
     found_by : array (*batch) of str or None
         The method that found each frame, where that is not ``method`` for all.
     status : array (*batch) of int8 or None
@@ -129,6 +132,9 @@ class Touch(Numbers):
     draws: Floats | None = field(default=None, metadata=per_frame("draw", "component", "*"))
     resolution: Floats | None = field(default=None, metadata=per_frame())
     sliding: Floats | None = field(default=None, metadata=per_frame())
+    drag: Floats | None = field(default=None, metadata=per_frame("along"))
+    drag_std: Floats | None = field(default=None, metadata=per_frame())
+    sticking: Floats | None = field(default=None, metadata=per_frame("candidate"))
     found_by: npt.NDArray[np.str_] | None = field(default=None, metadata=per_frame(missing=""))
     status: npt.NDArray[np.int8] | None = field(default=None, metadata=per_frame(missing=int(Status.SOLVED)))
     pushing: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))

@@ -16,6 +16,7 @@ from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.estimate import Errors
 from palpate.tracking.background import Background
+from palpate.tracking.dragging import Drag, Dragging
 from palpate.tracking.errors import ErrorBars
 from palpate.tracking.health import Flags, Index, ReadingCheck
 from palpate.tracking.interim import interim, unconverged
@@ -102,6 +103,7 @@ class Contact:
         self._solution = Iteration(estimator.cone, len(estimator.columns), math.prod(estimator.operator.surface.shape))
         self._search, self._errors = Search(estimator), ErrorBars(estimator, equations)
         self._pulling = Pulling(estimator, equations)
+        self._dragging = Dragging(estimator, equations)
         self.residual = math.nan
         self._looked: _Found | None = None
         self._misfit = misfit
@@ -113,6 +115,8 @@ class Contact:
         self._search.clear()
         self._errors.clear()
         self._pulling.clear()
+        self._dragging.clear()
+        self.drag: Drag | None = None
         self._background.forget()  # what is under way belongs to the contact that has ended
         self._check.suspects[:] = False
         self._tolerated = ENERGY
@@ -124,7 +128,8 @@ class Contact:
         self._energy = self._objective = 0.0
         self._fresh = True
         self._bars: Errors | None = None
-        self._behind = 0  # frames in a row that were not finished
+        self._behind = 0  # frames in a row that were not finished, or found no contact that pushes
+        self._at_once = not self._background.threaded  # whether all is done in this frame
         self._since_learned = 0
 
     # -- what was found ------------------------------------------------------------------------------------------------
@@ -164,6 +169,7 @@ class Contact:
         self.jumped = False
         regular = regular or self._fresh or restarted
         late = self._behind >= PATIENCE
+        self._at_once = late or not self._background.threaded
         if late:
             frame, regular, self._behind = frame._replace(deadline=math.inf), True, 0
             self._background.wait(MOVING, frame.deadline)
@@ -190,7 +196,7 @@ class Contact:
                 unusual = self._beyond(noise, self._tolerated)
             if regular or unusual:
                 moving = any(name in self._background for name in MOVING)
-                if (converged or late or not self._background.threaded) and not moving:
+                if (converged or self._at_once) and not moving:
                     converged = self._weigh(frame, restarted)
                 elif unusual:
                     converged = False  # on its way: the cells are about to move
@@ -207,7 +213,8 @@ class Contact:
                 self._push(frame)
                 converged = self._weigh(frame, restarted)
         self._fresh = False
-        self._behind = 0 if converged or late else self._behind + 1
+        behind = self._background.threaded and not (converged and self.pushing)
+        self._behind = self._behind + 1 if behind and not late else 0
         self._finish(frame, converged)
         return converged
 
@@ -248,8 +255,17 @@ class Contact:
             self._errors.refresh(self._solution, y, self.noise, unused, self._background, self._offsets)
         else:
             self._errors.refresh_pulling(self._pulling, y, self.noise, unused, self._parameter, self._offsets)
-        self._bars = self._errors.errors
+        self._bars, self.drag = self._errors.errors, None
         if self.pushing:
+            self.drag = self._dragging.found(
+                self._solution,
+                self._equations.adjoint(y, unused),
+                marginal.sums,
+                unused,
+                self._offsets,
+                self.noise * frame.spread,
+                float(np.abs(y).max(initial=0.0)),
+            )
             bars = self._bars or interim(self._estimator, self._solution, self.noise)
             self._bars = bars if converged or bars is None else unconverged(self._estimator, self._solution, bars)
         if self._looked is not None:
@@ -499,7 +515,7 @@ class Contact:
                 self._search.missing(missing)
             check.suspects = wrong
             # what is missing is added in the frames that come, where a frame has a budget
-            if turn == TURNS - 1 or not (new or (missing.any() and not self._background.threaded)):
+            if turn == TURNS - 1 or not (new or (missing.any() and self._at_once)):
                 break
             region = solution.region
             converged = self._push(frame)
@@ -557,7 +573,10 @@ class Contact:
                 self._moved(found if self._holds(found) else self._making(found.cells)())
         else:
             cells = self._search.next(region, self._solution.pressure)
-            found = None if cells is None else self._background.result("move", self._making(cells).__call__)
+            if cells is None:
+                return
+            making = self._making(cells)
+            found = making() if self._at_once else self._background.result("move", making.__call__)
             if found is not None:
                 self._moved(found)
 

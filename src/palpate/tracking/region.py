@@ -190,12 +190,12 @@ class NormalEquations:
         """A'A of some cells with the penalty, in the units of traction."""
         estimator, c, n = self.estimator, len(self.estimator.columns), len(cells)
         estimator.check_size(c * n)
-        gram = self._gram(cells, unused)
+        gram = self.gram(cells, unused)
         for i, q in enumerate(estimator.precisions(estimator.level(1), 1, parameter)):
             gram[i * n : (i + 1) * n, i * n : (i + 1) * n] += q[cells][:, cells].toarray()
         return gram
 
-    def _gram(self, cells: Index, unused: Flags) -> Floats:
+    def gram(self, cells: Index, unused: Flags) -> Floats:
         """A'A of some cells, without the readings that are not used."""
         estimator = self.estimator
         level = estimator.level(1)

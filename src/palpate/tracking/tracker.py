@@ -497,6 +497,7 @@ class Tracker:
             errors = contact.undetected(noise)
         said = [*([] if note is None else [note]), *self._said]
         pushing = status is not Status.NOT_PUSHING
+        drag = contact.drag if status.known and self._touching else None
         if status not in (Status.SOLVED, Status.NO_CONTACT):
             said.append(f"{status.meaning}; {status.remedy}")
         return Touch(
@@ -517,5 +518,8 @@ class Tracker:
             case=self._case,
             status=np.asarray(int(status), dtype=np.int8),
             pushing=np.asarray(pushing),
+            drag=None if drag is None else drag.ratio,
+            drag_std=None if drag is None else np.asarray(drag.std),
+            sticking=None if drag is None else drag.sticking,
             fit=np.asarray(self._fit if status.known else math.nan),
         )

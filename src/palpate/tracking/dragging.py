@@ -1,0 +1,168 @@
+"""Tangential over normal force, and the part of the contact that sticks, from the readings of a stream.
+
+The penalty shrinks shear, and friction takes noise off one side: 3 % noise left 0.7 of the force of a slip at a friction of 0.25. What the solution
+leaves of the readings knows: r = y - A t is fitted with shear in proportion to pressure, which is how it is distributed at slip, beside offsets of the
+channels,
+
+    c = argmin |r - A_q p c - B o|^2,    Q/P = (Q(t) + c P)/P.
+
+The distribution of shear is compared in the readings, too: y - A_z p is fitted with mu (p(x) - s p(x/s)) for each part s that sticks.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
+from palpate.inverse.contact.model import dilated
+from palpate.inverse.drag import STICK, sheared
+from palpate.tracking.health import Flags, Index, Single
+from palpate.tracking.iteration import Iteration
+from palpate.tracking.offsets import MODEL, Offsets
+from palpate.tracking.region import SMALLEST, NormalEquations
+
+__all__ = ["Drag", "Dragging"]
+
+#: Templates are made anew after so many frames.
+AGAIN = 8
+#: Fewer cells have no shape; cells are forgotten where the contact has become so many times smaller.
+FEWEST, LARGER = 3, 4
+#: Templates are made of the pressure found: error of the shear they predict, as a part of it, and over how many patterns it spreads.
+TEMPLATE, PATTERNS = 0.05, 4.0
+
+
+class Drag(NamedTuple):
+    """Q/P (tangential component,), the standard deviation of its size, and the log likelihood of each of `STICK`."""
+
+    ratio: Floats
+    std: float
+    sticking: Floats
+
+
+class _Kept(NamedTuple):
+    """Of the contact's cells: A'A (unknown, unknown) and B'A (channel, unknown) of the readings that are used."""
+
+    cells: Index
+    unused: Flags
+    gram: Floats
+    shared: Floats
+
+
+class _Templates(NamedTuple):
+    """Shear over friction (template, cell) of a pressure whose sum is 1, offsets taken out of its normal equations (template, tangential, tangential);
+    and what takes them out: ``firm`` (channel, channel), ``cross`` (template, channel, tangential).
+    """
+
+    shear: Floats
+    inverse: Floats
+    cross: Floats
+    firm: Floats
+
+    def fitted(self, left: Floats, sums: Floats, which: slice) -> tuple[Floats, Floats]:
+        """Size of the templates' shear (template, tangential) in readings of which A'r = ``left`` (component, cell) and B'r = ``sums``; and by how
+        much |r|^2 shrinks.
+        """
+        right = self.shear[which] @ left[:-1].T - (self.firm @ sums) @ self.cross[which]
+        size = np.einsum("sij,sj->si", self.inverse[which], right)
+        return size, np.asarray((size * right).sum(axis=1))
+
+
+class Dragging:
+    """The drag of the present contact."""
+
+    def __init__(self, estimator: ConstrainedEstimator, equations: NormalEquations) -> None:
+        self._estimator, self._equations = estimator, equations
+        names = estimator.problem.components
+        self._possible = tuple(names) == tuple(estimator.operator.surface.components) and not estimator.cone.free
+        self.clear()
+
+    def clear(self) -> None:
+        """No contact."""
+        self._kept: _Kept | None = None
+        self._templates: _Templates | None = None
+        self._age = 0
+
+    def found(
+        self,
+        solution: Iteration,
+        slope: Single,
+        sums: Floats,
+        unused: Flags,
+        offsets: Offsets,
+        noise: float,
+        largest: float,
+    ) -> Drag | None:
+        """From A'y (component, cell of the surface) and B'y of the readings less their offsets; None where shear is not sought."""
+        region = solution.region
+        if not self._possible or region is None or not noise > 0:
+            return None
+        peak = float(solution.pressure.max(initial=0.0))
+        strong = region.cells[solution.pressure > FAINT * peak]
+        if not peak > 0 or len(strong) < FEWEST:
+            return None
+        kept = self._known(strong, unused)
+        t = np.zeros((len(solution.z), len(kept.cells)))
+        t[:, np.searchsorted(kept.cells, strong)] = solution.traction[:, solution.pressure > FAINT * peak]
+        self._age += 1
+        if self._templates is None or self._age > AGAIN:
+            counts = offsets.counts(unused) + (noise / max(MODEL * largest, noise)) ** 2 * np.eye(len(sums))
+            self._templates, self._age = self._made(kept, t[-1] / t[-1].sum(), counts), 0
+        templates = self._templates
+        here = slope[:, kept.cells].astype(np.float64)
+
+        def left(traction: Floats) -> tuple[Floats, Floats]:
+            return here - (kept.gram @ traction.ravel()).reshape(here.shape), sums - kept.shared @ traction.ravel()
+
+        total = float(t[-1].sum())
+        more = templates.fitted(*left(t), slice(0, 1))[0][0]
+        ratio = (t[:-1].sum(axis=1) + more) / total
+        size = float(np.linalg.norm(ratio))
+        along = ratio / size if size > 0 else np.eye(len(ratio))[0]
+        std = noise * math.sqrt(float(along @ templates.inverse[0] @ along)) / total
+        pressed = np.zeros_like(t)
+        pressed[-1] = t[-1]
+        gain = templates.fitted(*left(pressed), slice(None))[1] / noise**2
+        doubt = 1.0 + TEMPLATE**2 * float(gain.max()) / PATTERNS
+        return Drag(ratio, std, 0.5 * (gain - gain.max()) / doubt)
+
+    def _made(self, kept: _Kept, pressure: Floats, counts: Floats) -> _Templates:
+        """Templates of the shear of a pressure whose sum is 1, beside offsets with the normal equations ``counts``."""
+        grid = self._estimator.operator.surface
+        places = np.unravel_index(kept.cells, grid.shape)
+        places = tuple(p - p.min() for p in places)
+        box = np.zeros([int(p.max()) + 1 for p in places])
+        box[places] = pressure
+        shear = sheared(box, STICK).reshape(len(STICK), -1)[:, np.ravel_multi_index(places, box.shape)]
+        n, c = len(kept.cells), grid.dimensions
+        pull = (shear @ kept.gram[: c * n, : c * n].reshape(c, n, c * n)).reshape(
+            c, len(STICK), c, n
+        )  # (i, template, j, cell)
+        own = np.einsum("isjn,sn->sij", pull, shear)
+        cross = np.moveaxis(kept.shared.reshape(len(counts), -1, n)[:, :c] @ shear.T, -1, 0)
+        firm = np.linalg.inv(counts)
+        normal = own - np.swapaxes(cross, 1, 2) @ firm @ cross
+        normal = normal + SMALLEST * np.trace(own, axis1=1, axis2=2)[:, None, None] * np.eye(c)
+        return _Templates(shear, np.linalg.inv(normal), cross, firm)
+
+    def _known(self, strong: Index, unused: Flags) -> _Kept:
+        """What is kept for the cells of the contact and some round them."""
+        kept = self._kept
+        if (
+            kept is not None
+            and np.array_equal(kept.unused, unused)
+            and np.isin(strong, kept.cells).all()
+            and LARGER * len(strong) > len(kept.cells)
+        ):
+            return kept
+        grid, equations = self._estimator.operator.surface, self._equations
+        flags = np.zeros(math.prod(grid.shape), dtype=bool)
+        flags[strong] = True
+        cells = np.flatnonzero(dilated(flags.reshape(grid.shape), 1))
+        shared = equations.shared(unused)[:, :, cells]
+        self._kept = _Kept(cells, unused.copy(), equations.gram(cells, unused), shared.reshape(len(shared), -1))
+        self._templates = None
+        return self._kept
