@@ -167,7 +167,7 @@ class ErrorBars:
     def _data(self, cells: Index, y: Floats, noise: float, unused: Flags) -> tuple[float, Normal, Floats]:
         estimator = self._estimator
         std = max(noise, MODEL_ERROR * float(np.abs(y).max()))
-        data = estimator.normal(estimator.level(1), cells, y / std, estimator.readings.std * std, ~unused)
+        data = estimator.level(1).normal(cells, y / std, estimator.readings.std * std, ~unused)
         return std, data, estimator.readings.white(y[~unused] / std, ~unused)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.model import dilated
+from palpate.inverse.contact.products import Applied
 from palpate.tracking.health import Flags, Index, Single
 
 __all__ = ["SMALLEST", "NormalEquations", "Region"]
@@ -31,8 +32,8 @@ SMALLEST = 1e-9
 SHRINK = 1e-6
 #: rho goes with the root of the penalty at most, and the iteration is as fast within a factor of 1.4 of it.
 RHO_HOLDS = 2.0
-#: Steps of the power method: a few per cent of an eigenvalue are near enough for rho.
-POWER_STEPS = 20
+#: Steps of Lanczos' method: a few per cent of an eigenvalue are near enough for rho.
+LANCZOS_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,11 @@ class NormalEquations:
         everything = np.ones(len(self._std), dtype=bool)
         diagonal = np.empty(self._cells)
         unknowns = len(columns) * self._cells
+        if unknowns**2 > LARGEST and estimator.at_size:
+            every = Applied(
+                level.boxes, estimator.readings, level.grid.shape, np.arange(self._cells), self._std, everything
+            )
+            return np.asarray(every.squares.reshape(len(columns), -1)[-1])
         parts = []
         for start in range(0, self._cells, BLOCK):
             cells = np.arange(start, min(start + BLOCK, self._cells))
@@ -242,10 +248,21 @@ def _inverse(matrix: Floats) -> Floats | None:
 
 
 def _largest_eigenvalue(size_of: int, times: Callable[[Floats], Floats]) -> float:
-    """Of a positive matrix (``times`` a vector), by the power method."""
+    """Of a positive matrix (``times`` a vector), by Lanczos' method."""
+    import scipy.linalg
+
     x: Floats = np.random.default_rng(0).standard_normal(size_of)
-    size = 1.0
-    for _ in range(POWER_STEPS):
-        x = np.asarray(times(x / np.linalg.norm(x)))
-        size = float(np.linalg.norm(x))
-    return size
+    x /= np.linalg.norm(x)
+    before, beta = np.zeros_like(x), 0.0
+    alphas: list[float] = []
+    betas: list[float] = []
+    for _ in range(min(LANCZOS_STEPS, size_of)):
+        w = np.asarray(times(x)) - beta * before
+        alphas.append(float(w @ x))
+        w -= alphas[-1] * x
+        beta = float(np.linalg.norm(w))
+        if not beta > 1e-12 * abs(alphas[0]):
+            break
+        betas.append(beta)
+        before, x = x, w / beta
+    return float(scipy.linalg.eigvalsh_tridiagonal(alphas, betas[: len(alphas) - 1])[-1])

@@ -30,6 +30,7 @@ from palpate.tracking.health import Flags, Health, ReadingCheck
 from palpate.tracking.learning import Learning, rough_noise
 from palpate.tracking.misfit import Misfit
 from palpate.tracking.offsets import Offsets
+from palpate.tracking.ready import make_ready
 from palpate.tracking.region import NormalEquations
 from palpate.tracking.search import LOST, TAKEN
 from palpate.tracking.times import FrameTime, FrameTimes
@@ -125,6 +126,7 @@ class Tracker:
         self._equations = NormalEquations(estimator, self._offsets.columns)
         self._background = Background(threaded=budget is not None)
         self._misfit = Misfit(estimator)
+        make_ready(estimator, self._equations)
         self._seconds = 0.0
         self.reset()
 

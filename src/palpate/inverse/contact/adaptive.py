@@ -59,7 +59,6 @@ class AdaptiveEstimator(ConstrainedEstimator):
     """The adaptive estimator, prepared once for a problem and its constraints."""
 
     past_the_surface = True
-    any_size = True
 
     derivatives = (1, 2)
     reach = 1

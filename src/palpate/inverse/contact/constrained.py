@@ -98,8 +98,6 @@ class ConstrainedEstimator:
     derivatives: tuple[int, ...] = (1,)
     #: Whether contact is sought on a wider grid than the surface.
     past_the_surface = False
-    #: Whether arrays too large for matrices are served.
-    any_size = False
 
     def __init__(
         self,
@@ -133,9 +131,9 @@ class ConstrainedEstimator:
         second = readings <= SECOND_ORDER_READINGS and self.parts.second_derivative
         orders = self.derivatives if second else (1,)
         #: Whether the linear model is matrix-free, and so is contact where that is sooner.
-        self.at_size = self.any_size and contact_at_size(problem, wide=self.wide)
+        self.at_size = contact_at_size(problem, wide=self.wide)
         priors = {order: [DifferencePrior(grid, order, v) for v in self.variances] for order in orders}
-        self.orders = linear_models(problem, priors, wide=self.wide, any_size=self.any_size)
+        self.orders = linear_models(problem, priors, wide=self.wide)
         self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
         self.readings = Readings(operator, self.scales)
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
@@ -633,8 +631,8 @@ class ConstrainedEstimator:
         self, level: Level, cells: Index, y: Floats, noise: Floats, observed: Flags, *, once: bool = False
     ) -> Normal:
         # what readings hardly tell apart is too badly conditioned for products
-        products = self.any_size and not self.ambiguous
-        return level.normal(cells, y, noise, observed, self._rounds.kept, products=products, once=once)
+        kept = self._rounds.kept
+        return level.normal(cells, y, noise, observed, kept, products=not self.ambiguous, once=once)
 
     def _combined(
         self, members: Sequence[ContactModel], run: Run, noise: Floats, rng: np.random.Generator | None

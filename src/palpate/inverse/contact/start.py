@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,13 +24,9 @@ __all__ = ["LinearStart", "linear_models"]
 Flags = npt.NDArray[np.bool_]
 
 
-def linear_models(
-    problem: Problem, priors: Mapping[int, Sequence[Prior]], *, wide: bool, any_size: bool
-) -> dict[int, Any]:
-    """The linear model of each order of the penalty; a matrix-free one only where ``any_size``."""
-    if any_size:
-        return {order: linear_model(problem, each, wide=wide) for order, each in priors.items()}
-    return {order: problem.decomposition(each, wide=wide) for order, each in priors.items()}
+def linear_models(problem: Problem, priors: Mapping[int, Sequence[Prior]], *, wide: bool) -> dict[int, LinearModel]:
+    """The linear model of each order of the penalty."""
+    return {order: linear_model(problem, each, wide=wide) for order, each in priors.items()}
 
 
 class LinearStart:
