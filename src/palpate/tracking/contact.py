@@ -556,10 +556,21 @@ class Contact:
             needed = self._search.needed(region, self._solution.pressure)
             if 0 < len(needed) < len(cells) and np.isin(needed, cells).all():
                 cells = needed
+        if self._background.threaded and self._serves(region):
+            # until the region for another penalty is made, the one that there is serves (`_move`)
+            if "move" not in self._background:
+                self._background.result("move", self._making(cells).__call__)
+            return
         self._solution.move(self._making(cells)())
 
     def _holds(self, region: Region) -> bool:
         return region.parameter == self._learning.parameter and np.array_equal(region.unused, self._check.unused)
+
+    def _serves(self, region: Region) -> bool:
+        """Whether a region is for the readings that are used: a penalty that is a little old waits for the thread."""
+        if not self._background.threaded:
+            return self._holds(region)
+        return np.array_equal(region.unused, self._check.unused)
 
     def _move(self, score: Floats) -> None:
         """Keep the contact inside the region with a margin."""
@@ -570,7 +581,7 @@ class Contact:
             found = self._background.result("move", lambda: None)
             if found is not None:
                 # penalty and readings may have changed meanwhile
-                self._moved(found if self._holds(found) else self._making(found.cells)())
+                self._moved(found if self._serves(found) else self._making(found.cells)())
         else:
             cells = self._search.next(region, self._solution.pressure)
             if cells is None:

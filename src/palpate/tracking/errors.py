@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -168,6 +169,9 @@ class ErrorBars:
         estimator = self._estimator
         std = max(noise, MODEL_ERROR * float(np.abs(y).max()))
         data = estimator.level(1).normal(cells, y / std, estimator.readings.std * std, ~unused)
+        gram = self._equations.known(cells, unused)
+        if gram is not None:
+            data = replace(data, known=gram / std**2)
         return std, data, estimator.readings.white(y[~unused] / std, ~unused)
 
 
@@ -194,4 +198,8 @@ def marginalised(data: Normal, white: Floats, shared: Floats, cov: Floats) -> tu
 
     matrix = shrink(data.matrix)
     linear = matrix.T @ shrink(white)
-    return Normal(data.level, data.cells, matrix, linear.reshape(data.linear.shape)), shrink
+    # (1 - U D U')^2 = 1 - U (2 D - D^2) U', with U'U = 1
+    part = 1.0 - 1.0 / np.sqrt(1.0 + s**2)
+    seen = u.T @ data.matrix
+    gram = data.gram - (seen.T * (part * (2.0 - part))) @ seen
+    return Normal(data.level, data.cells, matrix, linear.reshape(data.linear.shape), gram), shrink

@@ -201,6 +201,14 @@ class NormalEquations:
             gram[i * n : (i + 1) * n, i * n : (i + 1) * n] += q[cells][:, cells].toarray()
         return gram
 
+    def known(self, cells: Index, unused: Flags) -> Floats | None:
+        """A'A of some cells, without the readings that are not used, where it is at hand."""
+        kept = self._kept
+        at_hand = kept is not None and np.array_equal(kept[1], unused) and bool(np.isin(cells, kept[0]).all())
+        if at_hand or (self._normal is not None and self.estimator.readings.independent):
+            return self.gram(cells, unused)
+        return None
+
     def gram(self, cells: Index, unused: Flags) -> Floats:
         """A'A of some cells, without the readings that are not used."""
         estimator = self.estimator
