@@ -22,6 +22,8 @@ __all__ = ["SMALLEST", "NormalEquations", "Region"]
 
 #: Entries of the normal matrix of the whole surface that are kept: 160 MB in double precision.
 LARGEST = 20_000_000
+#: So many readings are taken out of a normal matrix, or put back, one by one: each takes as long as a transform.
+FEW_CHANGED = 32
 #: Columns of the matrix made at a time.
 BLOCK = 1024
 #: Smallest eigenvalue of the normal matrix over the largest, below which it is not told from zero: single precision (6e-8) and the
@@ -121,7 +123,7 @@ class NormalEquations:
             white = np.zeros_like(y)
             white[observed] = estimator.readings.white(estimator.readings.white(y[observed], observed), observed)
             y = white
-        adjoint = estimator.operator.adjoint(estimator.readings.planes(y / self._std))
+        adjoint = estimator.operator.adjoint(estimator.readings.planes((y / self._std).astype(np.float32)))
         return np.asarray(adjoint.reshape(len(adjoint), -1)[list(estimator.columns)], dtype=np.float32)
 
     def shared(self, unused: Flags) -> Floats:
@@ -215,18 +217,38 @@ class NormalEquations:
         level = estimator.level(1)
         if self._normal is None or (unused.any() and not estimator.readings.independent):
             kept = self._kept  # a region is made again for another penalty, or for fewer cells
+            if kept is not None and estimator.readings.independent and np.isin(cells, kept[0]).all():
+                changed = np.flatnonzero(kept[1] != unused)
+                if 0 < len(changed) <= FEW_CHANGED:
+                    rows = self._rows(changed, cells)
+                    gram = self._picked(kept[2], len(kept[0]), np.searchsorted(kept[0], cells))
+                    return gram + (rows.T * np.where(unused[changed], -1.0, 1.0)) @ rows
             if kept is None or not (np.array_equal(kept[1], unused) and np.isin(cells, kept[0]).all()):
                 matrix = level.matrix(cells, self._std, ~unused)
                 kept = self._kept = cells, unused.copy(), np.asarray(matrix.T @ matrix)
-            known = np.searchsorted(kept[0], cells)
-            picks = (np.arange(len(estimator.columns))[:, None] * len(kept[0]) + known[None, :]).ravel()
-            return np.asarray(kept[2][np.ix_(picks, picks)])
-        picks = (np.arange(len(estimator.columns))[:, None] * self._cells + cells[None, :]).ravel()
-        gram = self._normal[np.ix_(picks, picks)]
+            return self._picked(kept[2], len(kept[0]), np.searchsorted(kept[0], cells))
+        gram = self._picked(self._normal, self._cells, cells)
         if unused.any():
-            lost = level.matrix(cells, self._std, unused)
+            places = np.flatnonzero(unused)
+            few = len(places) <= FEW_CHANGED
+            lost = self._rows(places, cells) if few else level.matrix(cells, self._std, unused)
             gram -= lost.T @ lost
         return gram
+
+    def _picked(self, matrix: Floats, count: int, places: Index) -> Floats:
+        """The part of a normal matrix of ``count`` cells that belongs to some of them."""
+        picks = (np.arange(len(self.estimator.columns))[:, None] * count + places[None, :]).ravel()
+        return np.asarray(matrix[np.ix_(picks, picks)])
+
+    def _rows(self, readings: Index, cells: Index) -> Floats:
+        """The whitened influences of some cells on single readings (reading, component * cell), whose noise is their own."""
+        out = np.empty((len(readings), len(self.estimator.columns) * len(cells)))
+        for row, i in zip(out, readings):
+            one = np.zeros(len(self._std))
+            one[i] = 1.0 / self._std[i]
+            seen = self.estimator.operator.adjoint(self.estimator.readings.planes(one))
+            row[:] = seen.reshape(len(seen), -1)[list(self.estimator.columns)][:, cells].ravel()
+        return out
 
 
 def _rho(matrix: Floats) -> float:
