@@ -3,13 +3,17 @@
 Needs palpate[camera] (OpenCV, PyAV, tifffile).
 """
 
+from palpate.camera.displacements import Displacements, Reading, Stage
 from palpate.camera.dots import Found, Print, fault_of, find_dots
 from palpate.camera.markers import Markers, Moved
+from palpate.camera.overlay import overlay
 from palpate.camera.pictures import Picture, Pictures, grey, is_pictures, open_pictures, write_video
 from palpate.camera.render import Dots, Looks, Scene, Texture, Truth, dot_grid
+from palpate.camera.touches import Touches, follow, gel_skin
 from palpate.camera.view import Lens, View
 
 __all__ = [
+    "Displacements",
     "Dots",
     "Found",
     "Lens",
@@ -19,15 +23,21 @@ __all__ = [
     "Picture",
     "Pictures",
     "Print",
+    "Reading",
     "Scene",
+    "Stage",
     "Texture",
+    "Touches",
     "Truth",
     "View",
     "dot_grid",
     "fault_of",
     "find_dots",
+    "follow",
+    "gel_skin",
     "grey",
     "is_pictures",
     "open_pictures",
+    "overlay",
     "write_video",
 ]

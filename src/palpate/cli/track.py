@@ -13,12 +13,18 @@ from palpate.cli.options import check_matching, check_watched, grasp_monitor
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
+#: Recordings of readings, which are none of pictures.
+RECORDED = (".nc", ".h5", ".hdf5", ".npz", ".csv", ".zarr", ".mcap", ".bag", ".db3")
+
 
 def track(
     ctx: typer.Context,
     recording_file: Annotated[
         Path,
-        typer.Argument(metavar="RECORDING", help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag)."),
+        typer.Argument(
+            metavar="RECORDING",
+            help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag), or pictures of a gel with dots: a video, a folder, a .tif stack.",
+        ),
     ],
     skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
     out: Annotated[
@@ -27,7 +33,13 @@ def track(
             help="Readings, touches and events to write, frame by frame (.mcap, .nc, .h5, .zarr), or the touches alone (.npz, .csv)."
         ),
     ] = None,
-    baseline: Annotated[int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches.")] = 0,
+    baseline: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            help="Frames at the start that are the zero: nothing touches. Of pictures 5, or what the skin.toml says.",
+        ),
+    ] = 0,
     zero_at: Annotated[
         list[float] | None,
         typer.Option(
@@ -37,6 +49,26 @@ def track(
     budget: Annotated[float | None, typer.Option(help="Milliseconds a frame may take.")] = None,
     max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
     max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,
+    every: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Of pictures: solve only every so manyeth (seconds each).",
+        ),
+    ] = None,
+    fast: Annotated[
+        bool,
+        typer.Option(
+            "--fast",
+            help="Of pictures: follow all with a tracker, at the rate of a camera. Shear is as good; the normal force is off by a third or so.",
+        ),
+    ] = False,
+    rate: Annotated[
+        float | None, typer.Option(help="Pictures a second, of a folder or stack that does not say it.")
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Draw the strongest frame over its picture (.png, .pdf, .svg).")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Follow a recording frame by frame: contact, slip before it happens, excess, failing taxels."""
@@ -50,8 +82,32 @@ def track(
     from palpate.skin import Skin
     from palpate.touch import joined
 
-    if force and out is None:
+    if force and out is None and picture is None:
         raise InvalidInput("--force replaces a result: give --out too, or leave it out.")
+    if recording_file.is_dir() or recording_file.suffix.lower() not in RECORDED:
+        from palpate.cli.pictures import is_pictures, track_pictures
+
+        if is_pictures(recording_file):
+            if budget is not None or zero_at:
+                raise InvalidInput("--budget and --zero-at are for recordings: leave them out for pictures.")
+            track_pictures(
+                recording_file,
+                skin_file,
+                out=out,
+                baseline=baseline,
+                every=every,
+                fast=fast,
+                rate=rate,
+                picture=picture,
+                options=tracker_options(ctx),
+                limits=(max_pressure, max_force),
+                force=force,
+            )
+            return
+    if every is not None or rate is not None or picture is not None or fast:
+        raise InvalidInput(
+            f"--every, --fast, --rate and --picture are for pictures (a video, a folder, a .tif stack); {recording_file} is a recording."
+        )
     kind = None if out is None else file_format(out)
     if out is not None:
         check_output(out, inputs=[recording_file, *skin_files(skin_file)], force=force)

@@ -12,7 +12,7 @@ from palpate.recordings.tables import read_table
 from palpate.recordings.touchfile import read_touch, write_touch
 
 if TYPE_CHECKING:
-    from palpate.recordings.skinfile import read_skin, read_stream, read_uncertainty
+    from palpate.recordings.skinfile import read_camera, read_skin, read_stream, read_uncertainty
 
 __all__ = [
     "Format",
@@ -21,6 +21,7 @@ __all__ = [
     "Sink",
     "TopicMapping",
     "open_recording",
+    "read_camera",
     "read_recording",
     "read_skin",
     "read_stream",
@@ -35,7 +36,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Skin files need pydantic, recordings do not: loaded when first asked for."""
-    if name in ("read_skin", "read_stream", "read_uncertainty"):
+    if name in ("read_camera", "read_skin", "read_stream", "read_uncertainty"):
         from palpate.recordings import skinfile
 
         return getattr(skinfile, name)

@@ -24,6 +24,9 @@ topic = "/xServTopic"
 path = "sensors[0].taxels"       # where the taxels are in a message; "" for an image or a Grid
 fields = ["x", "y", "z"]         # what to take of each
 unit = "25 Pa"                   # what 1 in a message means; or one per channel; negative turns the sign
+
+[camera]                         # optional: how pictures become displacements (`palpate.recordings.camerasection`)
+scale = "0.06 mm"                # per pixel; or pitch = "2 mm" of the dots; or points = [[12, 9], ...] and places = [["-8 mm", "6 mm"], ...]
 """
 
 from __future__ import annotations
@@ -45,6 +48,7 @@ from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.pad import Pad, check_pad
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
+from palpate.recordings.camerasection import CameraSettings
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
@@ -58,7 +62,7 @@ try:
 except ImportError as error:
     raise missing("skin files", error) from error
 
-__all__ = ["PADS", "read_skin", "read_stream", "skin_from_text"]
+__all__ = ["PADS", "read_camera", "read_skin", "read_stream", "skin_from_text"]
 
 #: Entry points of this group are makers of pads that other packages bring, by the ``kind`` that a skin.toml names. They are called with the
 #: keys of [pad] as they stand there (`palpate.units.parse_quantity` reads quantities), without ``kind``, and ``prony``, which serves all pads.
@@ -166,6 +170,18 @@ class _Stream(_Strict):
     definitions: str = ""
 
 
+class _Camera(_Strict):
+    scale: Lengths | None = None
+    pitch: Lengths | None = None
+    points: list[tuple[float, float]] | None = None
+    places: list[tuple[Length, Length]] | None = None
+    matrix: list[list[float]] | None = None
+    distortion: list[float] | None = None
+    distance: Length | None = None
+    reference: Count = 5
+    stage: bool = False
+
+
 def _percent(value: Any) -> float:
     """ "10 %" -> 0.1."""
     match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", value) if isinstance(value, str) else None
@@ -195,6 +211,7 @@ class _Skin(_Strict):
     surface: _Surface | None = None
     boundary: Literal["free", "periodic"] = "free"
     stream: _Stream | None = None
+    camera: _Camera | None = None
     uncertainty: _Uncertainty = _Uncertainty()
 
 
@@ -382,6 +399,49 @@ def read_stream(path: str | Path) -> TopicMapping | None:
         )
     except PalpateError as error:
         raise InvalidInput(f"{found}, line {_line(text, ('stream', key))}: {error}") from error
+
+
+def read_camera(path: str | Path) -> CameraSettings | None:
+    """How pictures become displacements, where the skin.toml says it in a section [camera].
+
+    Raises
+    ------
+    InvalidInput
+        As for `read_skin`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from palpate.recordings import read_camera
+    >>> text = '''
+    ... [pad]
+    ... kind = "half_space"
+    ... youngs_modulus = "200 kPa"
+    ... poissons_ratio = 0.48
+    ...
+    ... [[plane]]
+    ... kind = "scattered"
+    ... depth = "0.5 mm"
+    ... channels = ["displacement_x", "displacement_y"]
+    ...
+    ... [camera]
+    ... pitch = "2 mm"
+    ... '''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(f"{folder}/gel.toml").write_text(text)
+    ...     print(read_camera(f"{folder}/gel.toml").pitch)
+    0.002
+    """
+    found = Path(path)
+    text = _text(found)
+    camera = _validated(text, str(found)).camera
+    if camera is None:
+        return None
+    try:
+        return CameraSettings(**camera.model_dump())
+    except PalpateError as error:
+        raise InvalidInput(f"{found}, line {_line(text, ('camera',))}: {error}") from error
 
 
 def _per_count(text: str, kind: str) -> float:

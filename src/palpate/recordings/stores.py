@@ -33,7 +33,7 @@ __all__ = ["HdfRecorder", "ZarrRecorder", "zarr_library"]
 
 #: Frames in a block: what a killed process can lose.
 BLOCK = 32
-KINDS = ("contact", "incipient slip", "slip", "excess pressure", "excess force")
+KINDS = ("contact", "incipient slip", "slip", "excess pressure", "excess force", "pull", "unexplained")
 _EVENTS = {
     "time": ("s", "when"),
     "kind": ("1", "what began or ended"),

@@ -40,6 +40,7 @@ from palpate.inverse.contact.products import Applied
 from palpate.inverse.contact.sliding import expanded, in_blocks, ways_of_sliding
 from palpate.inverse.contact.variances import variance_of
 from palpate.inverse.linear.evidence import LinearEvidence
+from palpate.inverse.observability import ACTS
 from palpate.sensing.grids import repeated
 
 __all__ = ["AdaptiveEstimator"]
@@ -62,6 +63,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
 
     derivatives = (1, 2)
     reach = 1
+    acts = ACTS
 
     @property
     def finds_sliding(self) -> bool:

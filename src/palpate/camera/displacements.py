@@ -1,0 +1,294 @@
+"""Pictures as readings: displacement of every dot in metres, with its standard deviation, picture by picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain, islice
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.camera.dots import fault_of
+from palpate.camera.lattice import typical_distance
+from palpate.camera.markers import Markers, Moved
+from palpate.camera.pictures import Picture, Pictures, grey, open_pictures
+from palpate.camera.view import Lens, View
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+from palpate.recordings import Recording
+from palpate.recordings.camerasection import CameraSettings
+
+__all__ = ["Displacements", "Reading", "Stage", "view_of"]
+
+#: Pictures at the start that may be bad before the source is given up.
+PATIENCE = 30
+#: Dots that must agree on a motion of the whole gel, as a part of all, and how well, as a part of their distance.
+AGREE, ALIKE = 0.34, 0.03
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Motion of the whole gel in front of the camera: shift (x, y) [m] of the middle of the dots, and rotation [rad, counter-clockwise]."""
+
+    shift: tuple[float, float]
+    rotation: float
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What one picture tells.
+
+    Attributes
+    ----------
+    index, time : int, float
+        Of the picture.
+    values, std : array (2, n)
+        displacement_x and displacement_y of every dot, and their standard deviations [m]; NaN where a dot is lost.
+    fault : str
+        Why the whole picture tells nothing; "" where it does.
+    image : array or None
+        The picture.
+    stage : Stage or None
+        The motion that was taken out, where it is asked for.
+    """
+
+    index: int
+    time: float
+    values: Floats
+    std: Floats
+    fault: str = ""
+    image: npt.NDArray[Any] | None = None
+    stage: Stage | None = None
+
+
+def view_of(settings: CameraSettings, size: tuple[int, int], dots: Floats) -> View:
+    """The view that a section [camera] describes, for pictures of ``size`` with these ``dots`` at rest [pixels]."""
+    lens = None if settings.matrix is None else Lens(settings.matrix, settings.distortion)
+    if settings.points is not None:
+        return View.from_points(settings.points, settings.places, lens=lens)
+    if settings.pitch is not None:
+        return View.from_pitch(dots, settings.pitch, size=size, lens=lens)
+    return View.scaled(settings.scale, size=size, lens=lens)
+
+
+class Displacements:
+    """Displacements of printed dots, from pictures.
+
+    The first ``reference`` pictures that show something are the gel at rest: their mean is what all are compared with, and they come as the first
+    readings, so that a tracker can learn the noise from them.
+
+    Parameters
+    ----------
+    source : str, Path, int, arrays or Pictures
+        As for `open_pictures`.
+    view : View or CameraSettings
+        How pixels become metres.
+    reference : int, optional
+        Pictures at the start in which nothing touches (default: that of the settings, or 5).
+    rate : float, optional
+        Pictures a second, for sources without times.
+    stage : bool, optional
+        Take out motion of the whole gel (default: that of the settings, or no). Dots far from the contact tell it; it is reported.
+
+    Attributes
+    ----------
+    positions : array (n, 2)
+        (x, y) of the dots at rest [m].
+    view, markers, size
+        What was found in the reference.
+    faults : dict of int to str
+        Pictures that told nothing so far, and why.
+
+    Raises
+    ------
+    InvalidInput
+        Pictures without dots, or a gel that moves in the reference.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.camera import Displacements, Dots, Scene, dot_grid
+    >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    >>> scene = Scene(pad=gel, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
+    >>> ball = pp.solutions.hertz_point(radius=2.5e-3, force=2.0)
+    >>> pictures = list(scene.pictures([None, None, ball]))
+    >>> with Displacements(pictures, scene.view, reference=2, rate=30.0) as readings:
+    ...     recording = readings.recording()
+    >>> recording.readings.shape, recording.channels
+    ((3, 2, 35), ('displacement_x', 'displacement_y'))
+    """
+
+    def __init__(
+        self,
+        source: Any,
+        view: View | CameraSettings,
+        *,
+        reference: int | None = None,
+        rate: float | None = None,
+        stage: bool | None = None,
+    ) -> None:
+        settings = view if isinstance(view, CameraSettings) else None
+        count = reference if reference is not None else settings.reference if settings else 5
+        if isinstance(count, bool) or not (isinstance(count, int) and count >= 1):
+            raise InvalidInput(f"reference must be a number of pictures of at least 1; got {count!r}.")
+        self.stage = stage if stage is not None else bool(settings and settings.stage)
+        self.pictures = source if isinstance(source, Pictures) else open_pictures(source, rate=rate)
+        self.faults: dict[int, str] = {}
+        self.reference = count
+        self._rest = iter(self.pictures)
+        try:
+            self._begin(count)
+            self.view: View = view_of(settings, self.size, self.markers.positions) if settings else view  # type: ignore[assignment]
+            self.positions: Floats = self.view.places(self.markers.positions)
+        except BaseException:
+            self.close()
+            raise
+        self.positions.setflags(write=False)
+
+    def _begin(self, count: int) -> None:
+        """Take the reference."""
+        good: list[Picture] = []
+        first: list[Picture] = []
+        for picture in islice(self._rest, count + PATIENCE):
+            first.append(picture)
+            fault = picture.fault or fault_of(grey(picture.image))  # type: ignore[arg-type]
+            if not fault:
+                good.append(picture)
+            if len(good) == count:
+                break
+        if len(good) < count:
+            why = "; ".join(dict.fromkeys(p.fault or fault_of(grey(p.image)) or "good" for p in first if p not in good))  # type: ignore[arg-type]
+            raise InvalidInput(
+                f"{self.pictures.name}: {count} pictures of the gel at rest are needed at the start, {len(good)} of the first {len(first)} show something"
+                + (f" ({why}). " if why else ". ")
+                + f"Give a smaller reference (here up to {len(good)}), or begin with the gel untouched."
+                if good
+                else f"{self.pictures.name}: none of the first {len(first)} pictures shows anything ({why}). Check light, exposure and lens cap."
+            )
+        self.size = self.pictures.size
+        self.markers = Markers([p.image for p in good])
+        moved = [self.markers.follow(p.image) for p in good]
+        for picture, one in zip(good, moved):
+            off = np.abs(one.displacement) / np.maximum(one.std, 0.01)
+            if one.fault or (count > 1 and np.nanquantile(off, 0.75) > 6.0):
+                raise InvalidInput(
+                    f"{self.pictures.name}: picture {picture.index} differs from the other pictures of the reference"
+                    + (
+                        f" ({one.fault})"
+                        if one.fault
+                        else f": dots move by {np.nanmax(np.abs(one.displacement)):.2g} pixels"
+                    )
+                    + f". Nothing may touch the gel in the first {count} pictures: begin earlier, or give a smaller reference."
+                )
+        self.markers.reset()
+        self._rest = chain(first, self._rest)
+
+    def __iter__(self) -> Iterator[Reading]:
+        for picture in self._rest:
+            yield self.reading(picture)
+
+    def reading(self, picture: Picture) -> Reading:
+        """What one picture tells."""
+        moved = self.markers.follow(picture.image)
+        fault = picture.fault or moved.fault
+        if fault:
+            self.faults[picture.index] = fault
+        values, std = self._metres(moved)
+        stage = None
+        if self.stage and not fault:
+            values, stage = _without_stage(self.positions, values, std)
+            if stage is None:
+                fault = self.faults[picture.index] = (
+                    "the motion of the whole gel cannot be told: too few dots move alike. Show more of the gel around the contact"
+                )
+                values = np.full_like(values, np.nan)
+                std = values
+        return Reading(picture.index, picture.time, values.T, std.T, fault, picture.image, stage)
+
+    def _metres(self, moved: Moved) -> tuple[Floats, Floats]:
+        pixels = self.markers.positions
+        good = ~moved.lost
+        values = np.full(pixels.shape, np.nan)
+        std = values.copy()
+        if good.any():
+            values[good] = self.view.places(pixels[good] + moved.displacement[good]) - self.positions[good]
+            scale = self.view.jacobian(pixels[good])
+            std[good] = np.sqrt(np.einsum("nij,nj->ni", scale**2, moved.std[good] ** 2))
+        return values, std
+
+    def recording(self) -> Recording:
+        """All pictures that are left as a recording; dots that are lost read NaN.
+
+        Raises
+        ------
+        InvalidInput
+            No picture is left.
+        """
+        found = list(self)
+        if not found:
+            raise InvalidInput(f"{self.pictures.name}: all pictures have been read; open the source again.")
+        return Recording(
+            readings=np.stack([r.values for r in found]),
+            channels=("displacement_x", "displacement_y"),
+            time=[r.time for r in found],
+            positions=self.positions,
+            meta={"pictures": self.pictures.name},
+        )
+
+    def close(self) -> None:
+        """Close the source."""
+        self.pictures.close()
+
+    def __enter__(self) -> Displacements:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _without_stage(positions: Floats, values: Floats, std: Floats) -> tuple[Floats, Stage | None]:
+    """Displacements without motion of the whole gel, which a robust fit of shift and rotation finds: Tukey's biweight, from the median.
+
+    A large rotation is one, not a shear: q = R X + s exactly.
+    """
+    good = np.isfinite(values).all(axis=1)
+    if good.sum() < 4:
+        return values, None
+    at, now, noise = positions[good], (positions + values)[good], np.hypot(*std[good].T)
+    middle = positions.mean(axis=0)
+    arm = at - middle
+    shift, angle = np.median(now - at, axis=0), 0.0
+    size = float(np.median(np.hypot(*((now - at - shift).T)))) * 1.5
+    floor = float(np.median(noise))
+    most = ALIKE * typical_distance(positions)
+    for _ in range(60):
+        c, s = np.cos(angle), np.sin(angle)
+        left = np.hypot(*(now - middle - shift - arm @ np.array([[c, s], [-s, c]])).T)
+        reach = 4.685 * np.sqrt(noise**2 + size**2)
+        weight = np.where(left < reach, (1.0 - (left / reach) ** 2) ** 2, 0.0)
+        if np.mean(weight > 0.1) < AGREE:
+            # a contact is felt far away: the motion is that of the dots that move most alike, if these are enough
+            if size > most:
+                return values, None
+            break
+        mean_arm, mean_now = np.average(arm, axis=0, weights=weight), np.average(now - middle, axis=0, weights=weight)
+        a, b = arm - mean_arm, now - middle - mean_now
+        turn = np.arctan2(
+            (weight * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])).sum(), (weight * (a * b).sum(axis=1)).sum()
+        )
+        c, s = np.cos(turn), np.sin(turn)
+        fresh = mean_now - mean_arm @ np.array([[c, s], [-s, c]])
+        done = abs(turn - angle) * float(np.abs(arm).max()) + float(np.abs(fresh - shift).max()) < 0.01 * floor
+        shift, angle = fresh, float(turn)
+        # from the spread of all down to what noise alone leaves
+        shrunk = max(0.7 * size, floor)
+        if done and shrunk >= size:
+            break
+        size = shrunk
+    c, s = np.cos(angle), np.sin(angle)
+    # back into the gel's own axes: X + u = R' (q - s)
+    back = (positions + values - middle - shift) @ np.array([[c, -s], [s, c]])
+    return back - (positions - middle), Stage((float(shift[0]), float(shift[1])), angle)

@@ -1,0 +1,316 @@
+"""The whole way: pictures in, touches out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.camera.displacements import Displacements, Reading
+from palpate.camera.view import View
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput, Unsupported
+from palpate.recordings import Recording
+from palpate.sensing import ScatteredArray
+from palpate.skin import Skin
+from palpate.status import Status
+from palpate.touch import Touch
+from palpate.tracking import Tracker
+
+__all__ = ["CHANNELS", "Touches", "follow", "gel_skin"]
+
+CHANNELS = ("displacement_x", "displacement_y")
+#: What a tracker's touches say where the channels alone do not tell pressure from shear. Balls that press, slide and twist were read 1 to 35 % too small from
+#: dots 0.5 mm deep in a gel of 3.5 to 4 mm, 4 to 20 % too large 1 mm deep, and 60 % too small on its surface; shear forces were within their intervals.
+MISREAD = (
+    "a tracker misreads the normal force from dots that only move sideways, by a third or so where they lie in the gel and more on its surface, and its intervals need not know; "
+    "shear is as good as that of frames by themselves (track=False, or palpate track without --fast)"
+)
+#: At most this part of the dots may be lost in a frame that is solved by itself.
+MOST_LOST = 0.5
+#: Passes over perspective in a frame that is solved by itself.
+PASSES = 3
+
+
+def gel_skin(skin: Skin | str | Path, positions: Floats) -> Skin:
+    """A skin whose one plane has its dots at these ``positions`` (n, 2) [m].
+
+    ``skin``: a skin.toml with one plane of kind = "scattered", or a Skin, whose pad, depth and noise are kept.
+
+    Raises
+    ------
+    InvalidInput
+        Several planes, or other channels than displacement_x and displacement_y.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.camera import dot_grid, gel_skin
+    >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    >>> array = pp.AreaArray(shape=(5, 7), pitch=2e-3, depth=0.5e-3, channels=["displacement_x", "displacement_y"])
+    >>> gel_skin(pp.Skin(gel, array), dot_grid((3, 4), 2e-3)).planes[0].shape
+    (12,)
+    """
+    if not isinstance(skin, Skin):
+        empty = np.zeros((1, len(CHANNELS), len(positions)))
+        found = Skin.from_file(skin, recording=Recording(readings=empty, channels=CHANNELS, positions=positions))
+        _check(found)
+        if found.planes[0].shape != (len(positions),):
+            raise InvalidInput(
+                f'{skin}: positions come from the pictures: the plane must have kind = "scattered" and no positions_file.'
+            )
+        return found
+    _check(skin)
+    plane = skin.planes[0]
+    array = ScatteredArray(positions=positions, depth=plane.depth, channels=CHANNELS, noise=plane.noise)
+    kinds = skin.problem().nuisance
+    return Skin(
+        skin.pad,
+        array,
+        surface=skin.surface if skin.problem().fixed else None,
+        nuisance="auto" if kinds is None else kinds,
+        uncertainty=skin.uncertainty,
+    )
+
+
+def _check(skin: Skin) -> None:
+    if len(skin.planes) != 1 or tuple(skin.planes[0].channels) != CHANNELS:
+        raise InvalidInput(
+            f"dots in pictures tell {' and '.join(CHANNELS)} at one depth: the skin needs one plane with these channels, in this order; it has "
+            f"{'; '.join(', '.join(p.channels) for p in skin.planes)}."
+        )
+
+
+class Touches:
+    """Touch of every picture; iterate over it once. Made by `follow`.
+
+    Attributes
+    ----------
+    skin : Skin
+        With the dots where they were found.
+    readings : Displacements
+        Where the pictures come from: `Displacements.view`, `Displacements.faults`.
+    tracker : Tracker or None
+        Where frames are tracked; None where each is solved by itself.
+    """
+
+    def __init__(
+        self,
+        readings: Displacements,
+        skin: Skin,
+        *,
+        distance: float | None,
+        track: bool,
+        every: int,
+        options: Mapping[str, Any],
+    ) -> None:
+        self.readings, self.skin, self.distance, self.every = readings, skin, distance, every
+        self._options = dict(options)
+        self.tracker: Tracker | None = None
+        self._said: tuple[str, ...] = ()
+        if track:
+            self.tracker = skin.track(baseline=readings.reference, **self._options)
+            self._said = (MISREAD,) if skin.problem().ambiguous and "z" in self.tracker.names else ()
+        self._perspective = None if distance is None else _Perspective(skin, readings, distance)
+        self._masked: list[tuple[Any, Skin]] = []
+        self.last: Reading | None = None
+
+    def __iter__(self) -> Iterator[Touch]:
+        for reading in self.readings:
+            if self.tracker is None and reading.index % self.every:
+                continue
+            self.last = reading
+            touch = self._tracked(reading) if self.tracker is not None else self._alone(reading)
+            fault = (f"picture {reading.index}: {reading.fault}",) if reading.fault else ()
+            if fault or self._said:
+                touch = replace(touch, assumptions=(*touch.assumptions, *self._said, *fault))
+            yield touch
+
+    def _tracked(self, reading: Reading) -> Touch:
+        if self.tracker is None:
+            raise Unsupported("frames are not tracked here.")
+        values = reading.values
+        if self._perspective is not None:
+            # that of the picture before, as much more or less as the dots have moved: the contact changes little from one to the next
+            values = self._perspective.taken_out(values, self._perspective.growth(values))
+        touch = self.tracker.step(values, reading.time)
+        if self._perspective is not None:
+            self._perspective.learn(touch)
+        return touch
+
+    def _alone(self, reading: Reading) -> Touch:
+        lost = np.isnan(reading.values).any(axis=0)
+        if lost.mean() > MOST_LOST:
+            return _missing(self.skin, reading.time)
+        skin = self._without(lost)
+        values = np.where(lost, 0.0, reading.values)
+        touch = skin.reconstruct(values[None], time=[reading.time], **self._options)[0]
+        for _ in range(PASSES - 1 if self._perspective is not None else 0):
+            self._perspective.learn(touch)  # type: ignore[union-attr]
+            better = self._perspective.taken_out(values)  # type: ignore[union-attr]
+            touch = skin.reconstruct(better[None], time=[reading.time], **self._options)[0]
+        return touch
+
+    def _without(self, lost: Any) -> Skin:
+        """The skin without some dots; one that is prepared already, where it leaves out little more."""
+        if not lost.any():
+            return self.skin
+        for known, skin in self._masked:
+            if not (lost & ~known).any() and (known & ~lost).sum() <= 0.05 * len(lost):
+                return skin
+        skin = self.skin.masked(~lost)
+        self._masked = [(lost, skin), *self._masked[:3]]
+        return skin
+
+    def close(self) -> None:
+        """Close source and tracker."""
+        self.readings.close()
+        if self.tracker is not None:
+            self.tracker.close()
+
+    def __enter__(self) -> Touches:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class _Perspective:
+    """What motion towards the camera adds: a dot at q from the optical axis that comes nearer by u_z seems to be at q D / (D - u_z)."""
+
+    def __init__(self, skin: Skin, readings: Displacements, distance: float) -> None:
+        view = readings.view
+        lens = view.lens
+        middle = (np.array(readings.size) - 1) / 2.0 if lens is None else lens.matrix[:2, 2]
+        self._axis = view.places(middle)
+        self._positions, self._distance = readings.positions, distance
+        plane = skin.planes[0]
+        array = ScatteredArray(positions=plane.positions, depth=plane.depth, channels=["displacement_z"])  # type: ignore[union-attr]
+        self._towards = Skin(skin.pad, array, surface=skin.surface)
+        self._part = np.zeros(len(self._positions))
+        self._before: Floats | None = None
+
+    def growth(self, values: Floats) -> float:
+        """How much larger displacements (2, n) are than those of the last call: their projection on these."""
+        before, self._before = self._before, values
+        if before is None:
+            return 1.0
+        both = np.isfinite(before) & np.isfinite(values)
+        size = float((before[both] ** 2).sum())
+        return float(np.clip((before[both] * values[both]).sum() / size, 0.0, 2.0)) if size > 0 else 1.0
+
+    def learn(self, touch: Touch) -> None:
+        """Take u_z from what was found; what is not known stays."""
+        values = np.asarray(touch.values)
+        if np.isfinite(values).all():
+            self._part = np.asarray(self._towards.operator.forward(values)[0]).ravel() / self._distance
+
+    def taken_out(self, values: Floats, growth: float = 1.0) -> Floats:
+        """Displacements (2, n) as a camera far away would see them."""
+        seen = self._positions + values.T - self._axis
+        return np.asarray((values.T - growth * seen * self._part[:, None]).T)
+
+
+def _missing(skin: Skin, time: float) -> Touch:
+    shape = (len(skin.surface.components), *skin.surface.shape)
+    return Touch(
+        np.full(shape, np.nan),
+        skin.surface,
+        skin.components,
+        "automatic",
+        time=np.float64(time),  # type: ignore[arg-type]
+        status=np.int8(Status.MISSING),  # type: ignore[arg-type]
+    )
+
+
+def follow(
+    source: Any,
+    skin: Skin | str | Path,
+    *,
+    view: View | None = None,
+    reference: int | None = None,
+    rate: float | None = None,
+    stage: bool | None = None,
+    distance: float | None = None,
+    track: bool | None = None,
+    every: int = 1,
+    **options: Any,
+) -> Touches:
+    """What touches a gel, from pictures of the dots in it.
+
+    Parameters
+    ----------
+    source : str, Path, int, arrays or Pictures
+        A video, folder, TIFF stack, camera or arrays (`open_pictures`); the first ``reference`` pictures show the gel at rest.
+    skin : path of a skin.toml, or Skin
+        Pad, depth of the dots, channels displacement_x and displacement_y. Positions come from the pictures.
+    view : View, optional
+        How pixels become metres; by default the section [camera] of the skin.toml says it.
+    reference, rate, stage : optional
+        As for `Displacements`.
+    distance : float, optional
+        From the camera's centre to the dots [m] (default: that of [camera]). Without one, dots are taken to move across the view only: right for a camera far away.
+    track : bool, optional
+        True: follow frame by frame with `Skin.track`, at the rate of a camera; its normal force is off by a third or so where the dots only move sideways, and
+        its touches say so. False: `Skin.reconstruct` for each frame by itself, seconds each. Default: False where pressure is not told from shear by the channels alone.
+    every : int
+        Of frames that are solved by themselves only every so manyeth.
+    **options
+        Those of `Skin.track` (friction, ...) or `Skin.reconstruct` (friction, method, ...).
+
+    Returns
+    -------
+    Touches
+        Iterate over it for one `Touch` per picture. x goes to the right of the picture, y up; `View.pixels` says where a place lies in the picture.
+
+    Raises
+    ------
+    InvalidInput
+        Pictures without dots, a gel that moves in the reference, a skin of other channels, no way from pixels to metres.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.camera import Dots, Scene, dot_grid, follow
+    >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    >>> scene = Scene(pad=gel, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
+    >>> ball = pp.solutions.hertz_point(radius=2.5e-3, force=1.0).sliding(0.3)
+    >>> pictures = list(scene.pictures([None] * 5 + [ball] * 3))
+    >>> array = pp.AreaArray(shape=(5, 7), pitch=2e-3, depth=0.5e-3, channels=["displacement_x", "displacement_y"])
+    >>> with follow(pictures, pp.Skin(gel, array), view=scene.view, rate=30.0, track=True) as touches:
+    ...     forces = [touch.force for touch in touches]
+    >>> len(forces), bool(abs(forces[-1][0] - 0.3) < 0.02)  # sideways [N]
+    (8, True)
+    """
+    from palpate.recordings import read_camera
+
+    if isinstance(every, bool) or not (isinstance(every, int) and every >= 1):
+        raise InvalidInput(f"every must be a whole number of at least 1; got {every!r}.")
+    settings = None if isinstance(skin, Skin) else read_camera(skin)
+    if view is None and settings is None:
+        raise InvalidInput(
+            'nothing says how pixels become metres: give view=..., or a skin.toml with a section [camera] such as scale = "0.06 mm" (per pixel) or '
+            'pitch = "2 mm" (of the dots).'
+        )
+    if distance is None and settings is not None:
+        distance = settings.distance
+    if stage is None and settings is not None:
+        stage = settings.stage
+    if reference is None and settings is not None:
+        reference = settings.reference
+    lies: Any = settings if view is None else view
+    readings = Displacements(source, lies, reference=reference, rate=rate, stage=stage)
+    try:
+        full = gel_skin(skin, readings.positions)
+        if track is None:
+            track = every == 1 and not full.problem().ambiguous
+        elif track and every != 1:
+            raise Unsupported("a tracker takes every frame: leave out every, or give track=False.")
+        return Touches(readings, full, distance=distance, track=track, every=every, options=options)
+    except BaseException:
+        readings.close()
+        raise

@@ -1,0 +1,135 @@
+"""Pictures on the command line: what is shared by the commands that take them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import typer
+
+from palpate.camera import is_pictures
+from palpate.cli.files import check_output, provenance, save_figure, skin_files
+from palpate.cli.options import check_picture, check_watched, grasp_monitor
+from palpate.errors import InvalidInput
+
+__all__ = ["is_pictures", "track_pictures"]
+
+
+def track_pictures(
+    source: Path,
+    skin_file: Path,
+    *,
+    out: Path | None,
+    baseline: int,
+    every: int | None,
+    fast: bool,
+    rate: float | None,
+    picture: Path | None,
+    options: Mapping[str, Any],
+    limits: tuple[str | None, str | None],
+    force: bool,
+) -> None:
+    """Follow a gel in pictures: `palpate track VIDEO`."""
+    import contextlib
+
+    from palpate.camera import follow, overlay
+    from palpate.recordings import recorder, write_touch
+    from palpate.recordings.files import in_place
+    from palpate.recordings.formats import file_format
+    from palpate.touch import joined
+
+    kind = None if out is None else file_format(out)
+    inputs = [source, *skin_files(skin_file)]
+    for path in (out, picture):
+        if path is not None:
+            check_output(path, inputs=inputs, force=force)
+    if picture is not None:
+        check_picture(picture)
+    if fast and every is not None:
+        raise InvalidInput("--fast follows all pictures with a tracker: leave out --every.")
+    record = provenance(skin_file.read_text(encoding="utf-8") if skin_file.is_file() else "", str(source))
+    touches, lost, taken, strongest = [], [], [], None
+    with contextlib.ExitStack() as stack:
+        stream = stack.enter_context(
+            follow(
+                source,
+                skin_file,
+                reference=baseline or None,
+                rate=rate,
+                track=True if fast else None,
+                every=every or 1,
+                **options,
+            )
+        )
+        skin, readings = stream.skin, stream.readings
+        check_watched(skin, *limits)
+        monitor = grasp_monitor(skin, options.get("friction"), *limits, lambda event: typer.echo(str(event)))
+        typer.echo(
+            f"{len(readings.positions)} dots, {1e3 * float(np.ptp(readings.positions[:, 0])):.1f} x {1e3 * float(np.ptp(readings.positions[:, 1])):.1f} mm; "
+            + (
+                "followed by a tracker"
+                if stream.tracker is not None
+                else "each picture is solved by itself, seconds each (--every 10 takes fewer, --fast follows all)"
+            )
+        )
+        sink = None
+        if out is not None and kind in ("mcap", "netcdf", "zarr"):
+            name = stack.enter_context(in_place(out)) if out.exists() else out
+            channels = tuple(skin.planes[0].channels)
+            sink = stack.enter_context(recorder(name, channels, positions=readings.positions, meta=record))
+        for touch in stream:
+            reading = stream.last
+            if reading is None:
+                continue
+            lost.append(float(np.isnan(reading.values[0]).mean()))
+            events = monitor.update(touch) if "z" in touch.components else []
+            load = float(np.linalg.norm(np.nan_to_num(np.asarray(touch.force, dtype=np.float64))))
+            if picture is not None and reading.image is not None and (strongest is None or load > strongest[0]):
+                strongest = (load, reading.image, touch)
+            if sink is not None:
+                sink.readings(reading.time, reading.values)
+                sink.touch(touch)
+                for event in events:
+                    sink.event(event)
+            elif out is not None:
+                touches.append(touch)
+            taken.append((reading.time, np.asarray(touch.force, dtype=np.float64)))
+        health = None if stream.tracker is None else stream.tracker.health
+        notes, faults = list(readings.pictures.notes), dict(readings.faults)
+        view = readings.view
+    if sink is None and out is not None:
+        write_touch(joined(touches), out, provenance=record)
+    if strongest is not None and picture is not None:
+        save_figure(overlay(strongest[1], strongest[2], view), picture)
+    _said(taken, lost, faults, notes)
+    if health is not None:
+        typer.echo(str(health))
+    for path in (out, picture):
+        if path is not None:
+            typer.echo(f"wrote           {path}")
+
+
+def _said(taken: list[tuple[float, Any]], lost: list[float], faults: dict[int, str], notes: list[str]) -> None:
+    """What became of the pictures."""
+    loads = np.array([force for _, force in taken])
+    times = [time for time, _ in taken]
+    if np.isfinite(loads[:, -1]).any():
+        at = int(np.nanargmax(loads[:, -1]))
+        across = float(np.hypot(*loads[at, :2]))
+        typer.echo(f"largest force   {loads[at, -1]:.3g} N, across {across:.3g} N, at {times[at]:.3f} s")
+    typer.echo(
+        f"pictures        {len(taken)}, dots lost {100 * float(np.mean(lost)):.1f} % (most in one: {100 * max(lost):.0f} %)"
+    )
+    said: dict[str, list[int]] = {}
+    for index, fault in faults.items():
+        said.setdefault(fault, []).append(index)
+    for fault, which in said.items():
+        typer.echo(f"warning: picture{'s' if len(which) > 1 else ''} {_few(which)}: {fault}.", err=True)
+    for note in notes:
+        typer.echo(f"warning: {note}", err=True)
+
+
+def _few(which: list[int]) -> str:
+    return ", ".join(map(str, which[:6])) + (f" and {len(which) - 6} more" if len(which) > 6 else "")

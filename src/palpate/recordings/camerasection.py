@@ -1,0 +1,69 @@
+"""What a skin.toml says of a camera: how pixels become metres, and what the camera does besides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from palpate.errors import InvalidInput
+
+__all__ = ["CameraSettings"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraSettings:
+    """The section [camera] of a skin.toml.
+
+    Attributes
+    ----------
+    scale : float or (float, float), optional
+        Metres per pixel, one or (along x, along y).
+    pitch : float or (float, float), optional
+        Of the grid of dots [m], in place of a scale.
+    points, places : sequence of pairs, optional
+        Pixels (column, row) of four points or more and their places (x, y) [m], in place of a scale.
+    matrix, distortion : sequences, optional
+        Of the lens, as OpenCV's calibration gives them.
+    distance : float, optional
+        From the camera's centre to the dots [m]; None: so far that motion towards the camera does not show.
+    reference : int
+        Pictures at the start in which nothing touches.
+    stage : bool
+        Whether the gel as a whole may move in front of the camera.
+
+    Examples
+    --------
+    >>> from palpate.recordings.camerasection import CameraSettings
+    >>> CameraSettings(scale=0.06e-3).reference
+    5
+    """
+
+    scale: Any = None
+    pitch: Any = None
+    points: Any = None
+    places: Any = None
+    matrix: Any = None
+    distortion: Any = None
+    distance: float | None = None
+    reference: int = 5
+    stage: bool = False
+
+    def __post_init__(self) -> None:
+        ways = [name for name in ("scale", "pitch", "points") if getattr(self, name) is not None]
+        if len(ways) != 1:
+            raise InvalidInput(
+                "scale, pitch or points must say how pixels become metres: one of them; got "
+                + (f"{', '.join(ways)}." if ways else "none.")
+            )
+        if (self.points is None) != (self.places is None):
+            raise InvalidInput(
+                "points and places belong together: where four points are in the picture and on the gel."
+            )
+        if (self.matrix is None) != (self.distortion is None):
+            raise InvalidInput("matrix and distortion belong together: both come from one calibration of the lens.")
+        if self.distance is not None and not self.distance > 0:
+            raise InvalidInput(f"distance must be positive; got {self.distance:g} m.")
+        if self.reference < 1:
+            raise InvalidInput(
+                f"reference must be at least one picture in which nothing touches; got {self.reference}."
+            )

@@ -1,0 +1,280 @@
+"""The whole way: from rendered pictures, whose truth is known, to newtons."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from command_line import run
+
+cv2 = pytest.importorskip("cv2")
+pytest.importorskip("av")
+for _name in ("typer", "pydantic", "h5netcdf", "matplotlib"):
+    pytest.importorskip(_name)
+
+from palpate.camera import Displacements, Dots, Scene, View, dot_grid, follow, gel_skin, overlay  # noqa: E402
+from palpate.recordings import read_recording, read_touch  # noqa: E402
+
+GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+BALL = pp.solutions.hertz_point(radius=2.5e-3, force=1.5).shifted(1e-3, 0.5e-3).sliding(0.3, direction=0.5)
+TRUE = np.array([0.45 * np.cos(0.5), 0.45 * np.sin(0.5), 1.5])
+SKIN = """\
+[pad]
+kind = "bonded_layers"
+
+[[pad.layer]]
+thickness = "3.5 mm"
+youngs_modulus = "300 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "scattered"
+depth = "0.5 mm"
+channels = ["displacement_x", "displacement_y"]
+
+[surface]
+shape = [13, 16]
+spacing = "1 mm"
+
+[camera]
+pitch = "2 mm"
+reference = 3
+"""
+SCENE = Scene(pad=GEL, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
+
+
+@functools.cache
+def pressed(part: float = 1.0) -> Any:
+    return part * SCENE.skin.sample(BALL)
+
+
+def film(seed: int = 0, hold: int = 3, **stage: Any) -> list[np.ndarray]:
+    rng = np.random.default_rng(seed)
+    parts = [0.0] * 4 + [0.3, 0.7] + [1.0] * hold
+    return [SCENE.picture(pressed(p) if p else None, rng=rng, **(stage if i > 3 else {})) for i, p in enumerate(parts)]
+
+
+def plain() -> pp.Skin:
+    array = pp.AreaArray(shape=(5, 7), pitch=2e-3, depth=0.5e-3, channels=["displacement_x", "displacement_y"])
+    return pp.Skin(GEL, array, surface=pp.AreaGrid(shape=(13, 16), spacing=1e-3))
+
+
+# -- displacements ---------------------------------------------------------------------------------------------------------
+
+
+def test_displacements_are_those_of_the_pad_in_metres() -> None:
+    with Displacements(film(), SCENE.view, reference=3, rate=30.0) as readings:
+        recording = readings.recording()
+    truth = SCENE.truth(pressed())
+    which = np.hypot(*(readings.positions[:, None] - truth.positions[None]).transpose(2, 0, 1)).argmin(axis=1)
+    u = truth.displacement[which, :2].T
+    assert float(np.abs(u[1]).max()) > 2e-5  # y up, as in the pad's own frame
+    np.testing.assert_allclose(recording.readings[-1], u, atol=0.02e-3)
+    assert float(np.median(np.abs(recording.readings[-1] - u))) < 0.003e-3
+    np.testing.assert_allclose(recording.time, np.arange(9) / 30.0)
+    np.testing.assert_allclose(recording.positions, truth.positions[which], atol=0.02e-3)
+
+
+def test_motion_of_the_stage_is_taken_out_and_reported() -> None:
+    moved = film(shift=(0.5e-3, -0.3e-3), rotation=0.03)
+    with Displacements(moved, SCENE.view, reference=3, stage=True) as readings:
+        found = list(readings)
+    assert found[0].stage is not None
+    last = found[-1]
+    assert last.stage is not None
+    np.testing.assert_allclose(last.stage.shift, [0.5e-3, -0.3e-3], atol=0.02e-3)
+    assert last.stage.rotation == pytest.approx(0.03, abs=2e-3)
+    with Displacements(film(), SCENE.view, reference=3) as readings:
+        still = list(readings)[-1]
+    np.testing.assert_allclose(last.values, still.values, atol=0.03e-3)
+
+
+def test_a_gel_that_moves_in_the_reference_is_refused() -> None:
+    pictures = film()
+    with pytest.raises(pp.InvalidInput, match="Nothing may touch the gel"):
+        Displacements(pictures[3:7], SCENE.view, reference=4)
+    with pytest.raises(pp.InvalidInput, match="smaller reference"):
+        Displacements(pictures[:3], SCENE.view, reference=5)
+    with pytest.raises(pp.InvalidInput, match="none of the first 4"):
+        Displacements([np.zeros((120, 160), np.uint8)] * 4, SCENE.view)
+
+
+# -- touches ---------------------------------------------------------------------------------------------------------------
+
+
+def test_pictures_become_newtons_with_error_bars() -> None:
+    with follow(film(), plain(), view=SCENE.view, reference=3, rate=30.0, track=True) as touches:
+        found = list(touches)
+        assert touches.tracker is not None
+    assert len(found) == 9
+    assert [float(t.force[2]) for t in found[:4]] == [0.0] * 4
+    low, high = found[-1].interval(0.95, "force")
+    np.testing.assert_allclose(found[-1].force[:2], TRUE[:2], atol=0.03)
+    assert (low[:2] < TRUE[:2]).all()
+    assert (high[:2] > TRUE[:2]).all()
+    assert 0.5 < float(found[-1].force[2]) < 2.0
+    assert any("misreads the normal force" in note for note in found[-1].notes)
+    assert found[-1].time == pytest.approx(8 / 30)
+
+
+def test_each_picture_by_itself_knows_pressure_better() -> None:
+    pictures = film()
+    with follow(pictures[:3] + pictures[-1:], plain(), view=SCENE.view, reference=3, track=False, every=3) as touches:
+        found = list(touches)
+        assert touches.tracker is None
+    assert len(found) == 2  # pictures 0 and 3
+    low, high = found[-1].interval(0.95, "force")
+    np.testing.assert_allclose(found[-1].force, TRUE, rtol=0.1, atol=0.03)
+    assert (low < TRUE).all()
+    assert (high > TRUE).all()
+
+
+@pytest.mark.long
+def test_a_near_camera_does_not_lose_force() -> None:
+    near = SCENE.changed(distance=25e-3)
+    rng = np.random.default_rng(0)
+    pictures = [near.picture(pressed(p) if p else None, rng=rng) for p in [0.0] * 4 + [0.5, 1.0, 1.0, 1.0, 0.0]]
+    forces = {}
+    for distance in (None, 25e-3):
+        with follow(
+            pictures, plain(), view=near.view, reference=3, rate=30.0, distance=distance, track=True
+        ) as touches:
+            forces[distance] = np.array([t.force for t in touches])
+    assert abs(forces[25e-3][7, 2] - 1.5) < abs(forces[None][7, 2] - 1.5)
+    assert forces[25e-3][8, 2] < 0.1  # let go: no ghost of the contact before
+
+
+def test_bad_pictures_pass_and_say_why() -> None:
+    pictures = film()
+    pictures.insert(6, np.zeros_like(pictures[0]))
+    with follow(pictures, plain(), view=SCENE.view, reference=3, rate=30.0, track=True) as touches:
+        found = list(touches)
+    assert len(found) == 10
+    assert pp.Status(int(found[6].status)) is pp.Status.MISSING
+    assert any("picture 6: the picture is black" in note for note in found[6].notes)
+    np.testing.assert_allclose(found[-1].force[:2], TRUE[:2], atol=0.03)
+    with follow(pictures[:7], plain(), view=SCENE.view, reference=3, track=False, every=6) as touches:
+        alone = list(touches)
+    assert pp.Status(int(alone[-1].status)) is pp.Status.MISSING
+    assert np.isnan(alone[-1].force).all()
+
+
+def test_what_cannot_be_meant_is_refused() -> None:
+    with pytest.raises(pp.InvalidInput, match="how pixels become metres"):
+        follow(film(), plain())
+    stress = pp.Skin(GEL, pp.AreaArray(shape=(5, 7), pitch=2e-3, depth=0.5e-3, channels=["stress_zz"]))
+    with pytest.raises(pp.InvalidInput, match="displacement_x and displacement_y"):
+        follow(film(), stress, view=SCENE.view, reference=3)
+    with pytest.raises(pp.Unsupported, match="leave out every"):
+        follow(film(), plain(), view=SCENE.view, reference=3, track=True, every=2)
+    with pytest.raises(pp.InvalidInput, match="every must be"):
+        follow(film(), plain(), view=SCENE.view, every=0)
+
+
+def test_frames_are_solved_by_themselves_unless_a_tracker_is_asked_for() -> None:
+    pictures = film()[:3]
+    with follow(pictures, plain(), view=SCENE.view, reference=3) as touches:
+        assert touches.tracker is None
+    with follow(pictures, plain(), view=SCENE.view, reference=3, track=True) as touches:
+        assert touches.tracker is not None
+
+
+def test_a_result_lies_over_its_picture() -> None:
+    """What presses on the right of the picture and above its middle is drawn there."""
+    pictures = film()
+    with follow(pictures, plain(), view=SCENE.view, reference=3, rate=30.0, track=True) as touches:
+        touch = list(touches)[-1]
+    x, y = touch.center_of_pressure
+    column, row = SCENE.view.pixels([float(x), float(y)])
+    assert column == pytest.approx(79.5 + 10.0, abs=3.0)
+    assert row == pytest.approx(59.5 - 5.0, abs=3.0)
+    figure = overlay(pictures[-1], touch, SCENE.view, title="one", truth=touch)
+    assert len(figure.axes) == 3  # two pictures and a scale
+    with pytest.raises(pp.InvalidInput, match="one frame"):
+        overlay(
+            pictures[-1],
+            pp.Touch(np.zeros((2, 3, 4, 5)), pp.AreaGrid(shape=(4, 5), spacing=1e-3), ("z",), "x"),
+            SCENE.view,
+        )
+
+
+# -- skin files and the command line ----------------------------------------------------------------------------------------
+
+
+def palpate(*arguments: object, code: int = 0) -> str:
+    """What the command prints, on either stream."""
+    done = run(*map(str, arguments), cwd=Path.cwd())
+    assert done.returncode == code, done.stderr
+    return done.stdout + done.stderr
+
+
+def files(folder: Path, text: str = SKIN, pictures: list[np.ndarray] | None = None) -> tuple[Path, Path]:
+    from palpate.camera import write_video
+
+    (folder / "gel.toml").write_text(text)
+    write_video(folder / "press.mp4", pictures or film(), rate=30.0)
+    return folder / "press.mp4", folder / "gel.toml"
+
+
+def test_track_takes_a_video(tmp_path: Path) -> None:
+    video, skin = files(tmp_path)
+    out = palpate("track", video, "--skin", skin, "--fast", "--out", tmp_path / "t.nc", "--picture", tmp_path / "t.png")
+    assert "35 dots" in out
+    assert "largest force" in out
+    assert (tmp_path / "t.png").stat().st_size > 10_000
+    touch = read_touch(tmp_path / "t.nc")
+    assert touch.sizes["time"] == 9
+    np.testing.assert_allclose(touch["force"][-1][:2], TRUE[:2], atol=0.04)
+    assert read_recording(tmp_path / "t.nc").positions.shape == (35, 2)
+
+
+@pytest.mark.parametrize(
+    ("camera", "words"),
+    [
+        ("", "[camera]"),
+        ('[camera]\nscale = "0.1 mm"\npitch = "2 mm"\n', "one of them"),
+        ("[camera]\nreference = 3\n", "got none"),
+        ("[camera]\nscale = 0.1\n", "unit"),
+        ('[camera]\nscale = "0.1 mm"\nlens = 3\n', "lens is not a key"),
+        ("[camera]\npoints = [[1, 2], [3, 4], [5, 6], [7, 9]]\n", "places"),
+    ],
+)
+def test_a_camera_that_is_described_badly(tmp_path: Path, camera: str, words: str) -> None:
+    video, skin = files(tmp_path, SKIN.split("[camera]")[0] + camera)
+    assert words in palpate("track", video, "--skin", skin, code=2)
+
+
+def test_four_points_and_a_lens_from_the_file(tmp_path: Path) -> None:
+    corners = [[10.0, 10.0], [150.0, 10.0], [150.0, 110.0], [10.0, 110.0]]
+    places = [[f"{1e3 * x:.4f} mm", f"{1e3 * y:.4f} mm"] for x, y in SCENE.view.places(corners)]
+    text = SKIN.split("[camera]")[0] + f"[camera]\npoints = {corners}\nplaces = {places}\nreference = 3\n".replace(
+        "'", '"'
+    )
+    (tmp_path / "gel.toml").write_text(text)
+    with follow(film()[:6], tmp_path / "gel.toml", rate=30.0) as touches:
+        np.testing.assert_allclose(
+            touches.readings.view.pixels(touches.readings.positions), touches.readings.markers.positions, atol=1e-6
+        )
+        np.testing.assert_allclose(touches.readings.view.places([79.5, 59.5]), [0.0, 0.0], atol=1e-6)
+
+
+def test_options_that_do_not_belong_together(tmp_path: Path) -> None:
+    video, skin = files(tmp_path)
+    assert "--picture" in palpate("track", skin, "--skin", skin, "--picture", tmp_path / "a.png", code=2)
+    assert "--budget" in palpate("track", video, "--skin", skin, "--budget", "3", code=2)
+    assert "what is read" in palpate("track", video, "--skin", skin, "--picture", video, code=2)
+    assert "no such file" in palpate("track", tmp_path / "no.mp4", "--skin", skin, code=2)
+
+
+def test_gel_skin_keeps_what_is_known() -> None:
+    one = plain()
+    known = pp.Skin(one.pad, one.planes, uncertainty=pp.Uncertainty(youngs_modulus=0.1))
+    found = gel_skin(known, dot_grid((3, 4), 2e-3))
+    assert found.uncertainty.youngs_modulus == 0.1
+    assert found.planes[0].depth == 0.5e-3
+    assert View.scaled(1e-4, size=(3, 3)).lens is None
