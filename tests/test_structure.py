@@ -37,6 +37,7 @@ ROOMS = [
     "archives",
     "simulation",
     "camera",
+    "sensors",
     "pads",
     "paper",
     "bench",

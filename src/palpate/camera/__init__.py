@@ -11,6 +11,7 @@ from palpate.camera.pictures import Picture, Pictures, grey, is_pictures, open_p
 from palpate.camera.render import Dots, Looks, Scene, Texture, Truth, dot_grid
 from palpate.camera.touches import Touches, follow, gel_skin
 from palpate.camera.view import Lens, View
+from palpate.camera.weighing import Weighed, weigh
 
 __all__ = [
     "Displacements",
@@ -30,6 +31,7 @@ __all__ = [
     "Touches",
     "Truth",
     "View",
+    "Weighed",
     "dot_grid",
     "fault_of",
     "find_dots",
@@ -39,5 +41,6 @@ __all__ = [
     "is_pictures",
     "open_pictures",
     "overlay",
+    "weigh",
     "write_video",
 ]

@@ -65,12 +65,27 @@ class Reading:
 
 def view_of(settings: CameraSettings, size: tuple[int, int], dots: Floats) -> View:
     """The view that a section [camera] describes, for pictures of ``size`` with these ``dots`` at rest [pixels]."""
-    lens = None if settings.matrix is None else Lens(settings.matrix, settings.distortion)
+    part = 1.0
+    if settings.size is not None:
+        part = size[0] / settings.size[0]
+        if abs(size[1] / settings.size[1] / part - 1.0) > 0.02:
+            raise InvalidInput(
+                f"the pictures are {size[0]} x {size[1]}, and the section [camera] is for {settings.size[0]} x {settings.size[1]}: of another shape. Give the "
+                "scale and size of these pictures, or the pitch of the dots."
+            )
+    lens = None
+    if settings.matrix is not None:
+        # pixels are counted from the middle of the first
+        matrix = np.asarray(settings.matrix, dtype=np.float64) * np.array([[part], [part], [1.0]])
+        matrix[:2, 2] += 0.5 * part - 0.5
+        lens = Lens(matrix, settings.distortion)
     if settings.points is not None:
-        return View.from_points(settings.points, settings.places, lens=lens)
+        points = (np.asarray(settings.points, dtype=np.float64) + 0.5) * part - 0.5
+        return View.from_points(points, settings.places, lens=lens)
     if settings.pitch is not None:
         return View.from_pitch(dots, settings.pitch, size=size, lens=lens)
-    return View.scaled(settings.scale, size=size, lens=lens)
+    scale = np.asarray(settings.scale, dtype=np.float64) / part
+    return View.scaled((float(scale.flat[0]), float(scale.flat[-1])), size=size, lens=lens)
 
 
 class Displacements:

@@ -124,7 +124,7 @@ class Touches:
             if self.tracker is None and reading.index % self.every:
                 continue
             self.last = reading
-            touch = self._tracked(reading) if self.tracker is not None else self._alone(reading)
+            touch = self._tracked(reading) if self.tracker is not None else self.alone(reading)
             fault = (f"picture {reading.index}: {reading.fault}",) if reading.fault else ()
             if fault or self._said:
                 touch = replace(touch, assumptions=(*touch.assumptions, *self._said, *fault))
@@ -142,7 +142,8 @@ class Touches:
             self._perspective.learn(touch)
         return touch
 
-    def _alone(self, reading: Reading) -> Touch:
+    def alone(self, reading: Reading) -> Touch:
+        """The touch of one reading by itself."""
         lost = np.isnan(reading.values).any(axis=0)
         if lost.mean() > MOST_LOST:
             return _missing(self.skin, reading.time)

@@ -18,8 +18,10 @@ from palpate.cli.methods import MethodCommand, TrackerCommand
 from palpate.cli.pad import pad
 from palpate.cli.paper import paper
 from palpate.cli.reconstruct import reconstruct
+from palpate.cli.sensors import sensors
 from palpate.cli.simulate import simulate
 from palpate.cli.track import track
+from palpate.cli.weigh import weigh
 from palpate.errors import PalpateError
 
 app = typer.Typer(
@@ -50,7 +52,7 @@ def _root(
 
 #: Those that take the options of methods.
 _TAKING = {track: TrackerCommand, live: TrackerCommand, reconstruct: MethodCommand}
-for _command in (demo, simulate, track, live, convert, pad, paper, reconstruct):
+for _command in (demo, simulate, track, live, convert, pad, paper, reconstruct, sensors, weigh):
     app.command(cls=_TAKING.get(_command))(_command)
 app.add_typer(bench_app, name="bench")
 

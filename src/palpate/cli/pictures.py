@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,16 @@ from palpate.cli.files import check_output, provenance, save_figure, skin_files
 from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
 
-__all__ = ["is_pictures", "track_pictures"]
+__all__ = ["is_pictures", "known_skin", "track_pictures"]
+
+
+def known_skin(skin_file: Path) -> Path:
+    """A skin.toml: the file, or that of a sensor that is known by this name."""
+    from palpate.sensors import presets
+
+    if skin_file.exists() or skin_file.suffix or skin_file.name not in presets():
+        return skin_file
+    return Path(str(resources.files("palpate.sensors").joinpath(f"{skin_file.name}.toml")))
 
 
 def track_pictures(
@@ -40,6 +50,7 @@ def track_pictures(
     from palpate.recordings.formats import file_format
     from palpate.touch import joined
 
+    skin_file = known_skin(skin_file)
     kind = None if out is None else file_format(out)
     inputs = [source, *skin_files(skin_file)]
     for path in (out, picture):

@@ -18,6 +18,8 @@ class CameraSettings:
     ----------
     scale : float or (float, float), optional
         Metres per pixel, one or (along x, along y).
+    size : (int, int), optional
+        Columns and rows of the pictures that scale, points and matrix are for; pictures of another size and the same shape are converted.
     pitch : float or (float, float), optional
         Of the grid of dots [m], in place of a scale.
     points, places : sequence of pairs, optional
@@ -39,6 +41,7 @@ class CameraSettings:
     """
 
     scale: Any = None
+    size: tuple[int, int] | None = None
     pitch: Any = None
     points: Any = None
     places: Any = None

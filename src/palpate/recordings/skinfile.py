@@ -172,6 +172,7 @@ class _Stream(_Strict):
 
 class _Camera(_Strict):
     scale: Lengths | None = None
+    size: tuple[Count, Count] | None = None
     pitch: Lengths | None = None
     points: list[tuple[float, float]] | None = None
     places: list[tuple[Length, Length]] | None = None

@@ -1,0 +1,213 @@
+"""The modulus of a gel from presses with a known force: with displacements, every force is proportional to it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import to_numpy
+from palpate.camera.displacements import Displacements, Reading
+from palpate.camera.touches import Touches, gel_skin
+from palpate.camera.view import View
+from palpate.elastic.half_space import HalfSpace
+from palpate.elastic.layers import BondedLayers
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput, Unsupported
+from palpate.sensing.uncertainty import Uncertainty
+from palpate.skin import Skin
+
+__all__ = ["Weighed", "weigh"]
+
+#: A frame belongs to the press where dots move by this part of the most; of these, the middle ones are solved, so many.
+PRESSED, SOLVED = 0.8, 3
+#: A 95 % interval is so many standard deviations wide to each side.
+WIDE = 1.96
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What presses with known forces tell of the modulus.
+
+    Attributes
+    ----------
+    youngs_modulus, std : float
+        Of the uppermost layer [Pa]; layers below in the same proportion.
+    factor : float
+        Over what the skin says.
+    ratios, ratio_std : array (press,)
+        Known force over the force found with the skin's modulus, and its standard deviation.
+    agreement : float
+        Probability of ratios that differ as much where the model holds: below 0.01, pad, depth or scale are wrong. NaN for one press.
+    fit : array (press,)
+        How well the pad explains the dots: `Touch.fit`.
+    """
+
+    youngs_modulus: float
+    std: float
+    factor: float
+    ratios: Floats
+    ratio_std: Floats
+    agreement: float
+    fit: Floats
+
+    def __str__(self) -> str:
+        lines = [
+            f"modulus         {1e-3 * self.youngs_modulus:.4g} kPa +- {100 * self.std / self.youngs_modulus:.2g} % ({self.factor:.3g} times what the skin says)"
+        ]
+        for i, (ratio, std, fit) in enumerate(zip(self.ratios, self.ratio_std, self.fit)):
+            lines.append(f"press {i}         {ratio:.3g} +- {std:.2g} times; fit {fit:.2g}")
+        if math.isfinite(self.agreement):
+            word = (
+                "they agree"
+                if self.agreement > 0.01
+                else "they do NOT agree: pad, depth of the dots or scale are wrong"
+            )
+            lines.append(f"presses         differ as by chance with probability {self.agreement:.2g}: {word}")
+        return "\n".join(lines)
+
+
+def weigh(
+    sources: Sequence[Any] | Any,
+    skin: Skin | str | Path,
+    forces: npt.ArrayLike,
+    *,
+    view: View | None = None,
+    rate: float | None = None,
+    **options: Any,
+) -> Weighed:
+    """The modulus from pictures of presses with known normal forces.
+
+    Parameters
+    ----------
+    sources : one or a list
+        Of videos, folders and so on (`open_pictures`), each a press that begins with the gel at rest.
+    skin : path of a skin.toml, or Skin
+        With a guess of the modulus.
+    forces : float or sequence
+        Normal force of each press [N]: mass times 9.81 m/s^2 for a weight that rests on the gel.
+    view, rate
+        As for `palpate.camera.follow`.
+    **options
+        Of `Skin.reconstruct`, such as friction.
+
+    Raises
+    ------
+    InvalidInput
+        Forces that are not positive or not one for each press, a press in which nothing presses.
+    Unsupported
+        A pad without one modulus.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.camera import Dots, Scene, dot_grid, weigh
+    >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    >>> scene = Scene(pad=gel, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
+    >>> ball = pp.solutions.hertz_point(radius=2.5e-3, force=1.0)
+    >>> pictures = list(scene.pictures([None] * 5 + [ball]))
+    >>> array = pp.AreaArray(shape=(5, 7), pitch=2e-3, depth=0.5e-3, channels=["displacement_x", "displacement_y"])
+    >>> guess = pp.Skin(gel, array, surface=pp.AreaGrid(shape=(13, 16), spacing=1e-3))
+    >>> weighed = weigh(pictures, guess, 2.0, view=scene.view)  # it was twice the force: the gel is twice as stiff
+    >>> bool(abs(weighed.factor - 2.0) < 0.3)
+    True
+    """
+    from palpate.recordings import read_camera
+
+    listed = list(sources) if isinstance(sources, list | tuple) and not _is_images(sources) else [sources]
+    known = np.atleast_1d(np.asarray(forces, dtype=np.float64))
+    if known.shape != (len(listed),) or not (np.isfinite(known).all() and (known > 0).all()):
+        raise InvalidInput(f"forces must be positive, one for each of {len(listed)} presses [N]; got {known.tolist()}.")
+    settings = None if isinstance(skin, Skin) else read_camera(skin)
+    if view is None and settings is None:
+        raise InvalidInput(
+            'nothing says how pixels become metres: give view=..., or a skin.toml with a section [camera] such as pitch = "2 mm".'
+        )
+    lies: Any = settings if view is None else view
+    ratios, stds, fits, modulus = [], [], [], math.nan
+    for source, force in zip(listed, known):
+        with Displacements(source, lies, rate=rate) as readings:
+            full = gel_skin(skin, readings.positions)
+            modulus = _modulus(full)
+            # the modulus is what is sought: only the rest is uncertain
+            other = full.uncertainty
+            full = Skin(
+                full.pad,
+                full.planes,
+                surface=full.surface if full.problem().fixed else None,
+                uncertainty=Uncertainty(thickness=other.thickness, depth=other.depth, gain=other.gain),
+            )
+            found, std, fit = _force(readings, full, settings.distance if settings else None, options)
+        ratios.append(force / found)
+        stds.append(force / found * std / found)
+        fits.append(fit)
+    ratio, each = np.array(ratios), np.array(stds)
+    weight = 1.0 / each**2
+    mean = float((weight * ratio).sum() / weight.sum())
+    # what presses share (depth, thickness) does not average out: no better than the best press
+    shared = float(each.min())
+    agreement = math.nan
+    scatter = 0.0
+    if len(ratio) > 1:
+        from scipy.stats import chi2
+
+        misfit = float((weight * (ratio - mean) ** 2).sum())
+        agreement = float(chi2.sf(misfit, len(ratio) - 1))
+        scatter = float(ratio.std(ddof=1)) / math.sqrt(len(ratio))
+    std = math.hypot(shared if len(ratio) == 1 else shared / math.sqrt(2.0), scatter)
+    return Weighed(mean * modulus, std * modulus, mean, ratio, each, agreement, np.array(fits))
+
+
+def _is_images(sources: Sequence[Any]) -> bool:
+    return bool(len(sources)) and all(isinstance(one, np.ndarray) and one.ndim in (2, 3) for one in sources)
+
+
+def _modulus(skin: Skin) -> float:
+    pad = skin.pad
+    if isinstance(pad, HalfSpace):
+        return float(pad.youngs_modulus)
+    if isinstance(pad, BondedLayers):
+        return float(pad.layers[0].youngs_modulus)
+    raise Unsupported(
+        f"the modulus of a {type(pad).__name__} cannot be weighed: describe a half-space or bonded layers without creep."
+    )
+
+
+def _force(
+    readings: Displacements, skin: Skin, distance: float | None, options: dict[str, Any]
+) -> tuple[float, float, float]:
+    """Normal force of a press, its standard deviation, and the fit."""
+    taken: list[tuple[float, Reading]] = []
+    for reading in readings:
+        if not reading.fault:
+            taken.append((float(np.nanmedian(np.sort(np.hypot(*reading.values))[-8:])), reading))
+    most = max((size for size, _ in taken), default=0.0)
+    quiet = np.median([np.nanmedian(r.std) for _, r in taken]) if taken else 0.0
+    if not most > 10.0 * quiet:
+        raise InvalidInput(
+            f"{readings.pictures.name}: nothing presses in these pictures: the dots move by {1e6 * most:.2g} um at most. Show the gel at rest first, then the press."
+        )
+    held = [reading for size, reading in taken if size > PRESSED * most]
+    middle = [
+        held[i]
+        for i in np.unique(np.linspace(0.25 * (len(held) - 1), 0.75 * (len(held) - 1), SOLVED).round().astype(int))
+    ]
+    way = Touches(readings, skin, distance=distance, track=False, every=1, options=options)
+    forces, spreads, fits = [], [], []
+    for reading in middle:
+        touch = way.alone(reading)
+        force = float(to_numpy(touch.force)[2])
+        if not force > 0:
+            raise InvalidInput(
+                f"{readings.pictures.name}: no pressing force is found in picture {reading.index} ({touch.notes[-1] if touch.notes else 'no contact'})."
+            )
+        low, high = (float(to_numpy(end)[2]) for end in touch.interval(0.95, "force"))
+        forces.append(force)
+        spreads.append((high - low) / (2.0 * WIDE))
+        fits.append(float(np.asarray(touch.fit)) if touch.fit is not None else math.nan)
+    return float(np.mean(forces)), math.hypot(float(np.mean(spreads)), float(np.std(forces))), float(np.min(fits))

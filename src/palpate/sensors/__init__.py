@@ -1,0 +1,159 @@
+"""Sensors that can be bought, and a template for one's own: skin files with the source of each number and how well it is known."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
+
+from palpate.errors import InvalidInput
+
+__all__ = ["Preset", "gelsight_mini", "own_gel", "preset", "presets"]
+
+_NAMES = ("gelsight_mini", "own_gel")
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A sensor described.
+
+    Attributes
+    ----------
+    name : str
+    text : str
+        Of its skin.toml.
+    """
+
+    name: str
+    text: str
+
+    @property
+    def summary(self) -> str:
+        """What it is, in a line.
+
+        Examples
+        --------
+        >>> from palpate import sensors
+        >>> sensors.own_gel().summary
+        'A gel with dots of your own in front of any camera: measure the lines that end in <- .'
+        """
+        return self.text.splitlines()[0].lstrip("# ").strip()
+
+    def write(self, path: str | Path) -> Path:
+        """Write the skin.toml; returns its path, for `palpate.camera.follow` and `Skin.from_file`.
+
+        Raises
+        ------
+        InvalidInput
+            A file that exists: it may hold what was measured.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from palpate import sensors
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = sensors.own_gel(thickness="3 mm").write(f"{folder}/gel.toml")
+        ...     'thickness = "3 mm"' in path.read_text()
+        True
+        """
+        from palpate.recordings.files import atomically
+
+        target = Path(path)
+        if target.exists():
+            raise InvalidInput(f"{target} exists, and may hold what was measured; give another name.")
+        atomically(target, lambda name: _fill(name, self.text))
+        return target
+
+    def changed(self, **numbers: str) -> Preset:
+        """With other numbers, by their keys in the file; lengths and moduli as text with a unit, and an uncertainty if there is one.
+
+        Raises
+        ------
+        InvalidInput
+            A key that the file does not have.
+
+        Examples
+        --------
+        >>> from palpate import sensors
+        >>> "410 kPa +- 4 %" in sensors.gelsight_mini().changed(youngs_modulus="410 kPa +- 4 %").text
+        True
+        """
+        text = self.text
+        for key, value in numbers.items():
+            found = re.compile(rf'^(# )?({re.escape(key)} = )("[^"]*"|[^\s#"]+)([^\n]*)$', re.MULTILINE)
+            if len(found.findall(text)) != 1:
+                keys = dict.fromkeys(re.findall(r"^(?:# )?(\w+) = ", text, re.MULTILINE))
+                raise InvalidInput(f"{self.name} has no number {key!r}; it has {', '.join(keys)}.")
+            said = (
+                f'"{value}"'
+                if isinstance(value, str)
+                else str(value).lower()
+                if isinstance(value, bool)
+                else str(value)
+            )
+            line = found.search(text)
+            if line is not None:
+                text = f"{text[: line.start()]}{line[2]}{said}  # as given{text[line.end() :]}"
+        return replace(self, text=text)
+
+
+def _fill(name: str, text: str) -> None:
+    Path(name).write_text(text, encoding="utf-8")
+
+
+def preset(name: str) -> Preset:
+    """A preset by its name.
+
+    Raises
+    ------
+    InvalidInput
+        No such preset.
+
+    Examples
+    --------
+    >>> from palpate import sensors
+    >>> sensors.preset("gelsight_mini").name
+    'gelsight_mini'
+    """
+    if name not in _NAMES:
+        raise InvalidInput(
+            f"no sensor {name!r}; there are {', '.join(_NAMES)}. Another is described in a skin.toml of its own."
+        )
+    return Preset(name, resources.files(__package__).joinpath(f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def presets() -> dict[str, Preset]:
+    """All of them, by name.
+
+    Examples
+    --------
+    >>> from palpate import sensors
+    >>> list(sensors.presets())
+    ['gelsight_mini', 'own_gel']
+    """
+    return {name: preset(name) for name in _NAMES}
+
+
+def gelsight_mini(**numbers: str) -> Preset:
+    """GelSight Mini with printed dots; ``numbers`` as for `Preset.changed`.
+
+    Examples
+    --------
+    >>> from palpate import sensors
+    >>> sensors.gelsight_mini(youngs_modulus="350 kPa +- 5 %").name
+    'gelsight_mini'
+    """
+    return preset("gelsight_mini").changed(**numbers)
+
+
+def own_gel(**numbers: str) -> Preset:
+    """A template for a gel with dots of one's own; ``numbers`` as for `Preset.changed`.
+
+    Examples
+    --------
+    >>> from palpate import sensors
+    >>> sensors.own_gel(thickness="2.8 mm", pitch="1.5 mm").name
+    'own_gel'
+    """
+    return preset("own_gel").changed(**numbers)

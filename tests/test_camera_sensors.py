@@ -1,0 +1,116 @@
+"""Sensors that are known, their files, and a modulus that is weighed."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from command_line import run
+from palpate import sensors
+
+pytest.importorskip("cv2")
+pytest.importorskip("av")
+for _name in ("typer", "pydantic", "h5netcdf"):
+    pytest.importorskip(_name)
+
+from palpate.camera import Displacements, Dots, Scene, dot_grid, weigh, write_video  # noqa: E402
+from palpate.recordings import read_camera, read_uncertainty  # noqa: E402
+
+#: Stiffer than the skin below says.
+GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=4e5, poissons_ratio=0.48)])
+SCENE = Scene(pad=GEL, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
+
+
+@functools.cache
+def press(force: float, radius: float = 2.5e-3) -> list[np.ndarray]:
+    ball = pp.solutions.hertz_point(radius=radius, force=force)
+    return list(SCENE.pictures([None] * 3 + [SCENE.skin.sample(ball)] * 2))
+
+
+def guess(folder: Path) -> Path:
+    text = sensors.own_gel(reference=3, youngs_modulus="300 kPa +- 30 %", thickness="3.5 mm", depth="0.5 mm").text
+    (folder / "gel.toml").write_text(text + '\n[surface]\nshape = [13, 16]\nspacing = "1 mm"\n')
+    return folder / "gel.toml"
+
+
+@pytest.mark.parametrize("name", list(sensors.presets()))
+def test_each_preset_is_a_skin_with_a_camera(name: str, tmp_path: Path) -> None:
+    path = sensors.preset(name).write(tmp_path / "skin.toml")
+    camera = read_camera(path)
+    assert camera is not None
+    assert read_uncertainty(path).youngs_modulus == 0.3
+    recording = pp.Recording(
+        readings=np.zeros((1, 2, 12)), channels=["displacement_x", "displacement_y"], positions=dot_grid((3, 4), 2e-3)
+    )
+    assert pp.Skin.from_file(path, recording=recording).planes[0].shape == (12,)
+    with pytest.raises(pp.InvalidInput, match="exists"):
+        sensors.preset(name).write(path)
+
+
+def test_numbers_are_overridden_and_others_refused(tmp_path: Path) -> None:
+    path = sensors.own_gel(youngs_modulus="250 kPa +- 4 %", distance="20 mm", stage=True).write(tmp_path / "gel.toml")
+    assert read_uncertainty(path).youngs_modulus == 0.04
+    camera = read_camera(path)
+    assert camera is not None
+    assert camera.distance == 0.02
+    assert camera.stage
+    with pytest.raises(pp.InvalidInput, match="youngs_modulus"):
+        sensors.own_gel(modulus="250 kPa")
+    with pytest.raises(pp.InvalidInput, match="gelsight_mini"):
+        sensors.preset("gelsight")
+
+
+def test_a_scale_is_that_of_its_picture_size(tmp_path: Path) -> None:
+    text = sensors.gelsight_mini(scale="0.05 mm").text
+    (tmp_path / "a.toml").write_text(text)
+    settings = read_camera(tmp_path / "a.toml")
+    assert settings is not None
+    pictures = press(1.0)[:3]
+    with Displacements(pictures, settings, reference=3) as readings:  # 160 x 120: each pixel is two of 320 x 240
+        np.testing.assert_allclose(np.diag(readings.view.homography)[:2], [0.1e-3, -0.1e-3])
+    cut = [picture[:100] for picture in pictures]
+    with pytest.raises(pp.InvalidInput, match="another shape"):
+        Displacements(cut, settings, reference=3)
+
+
+def test_a_known_force_sets_the_modulus(tmp_path: Path) -> None:
+    found = weigh([press(1.0), press(1.5, 2e-3)], guess(tmp_path), [1.0, 1.5])
+    assert abs(found.youngs_modulus - 4e5) < 2.0 * found.std
+    assert found.std < 0.2 * found.youngs_modulus
+    assert found.factor == pytest.approx(4 / 3, rel=0.1)
+    assert found.agreement > 0.01
+    assert "they agree" in str(found)
+
+
+def test_presses_that_do_not_fit_say_so(tmp_path: Path) -> None:
+    found = weigh([press(1.0), press(1.5, 2e-3)], guess(tmp_path), [1.0, 6.0])
+    assert found.agreement < 0.01
+    assert "NOT agree" in str(found)
+    with pytest.raises(pp.InvalidInput, match="nothing presses"):
+        weigh(press(1.0)[:3], guess(tmp_path), 1.0)
+    with pytest.raises(pp.InvalidInput, match="positive"):
+        weigh(press(1.0), guess(tmp_path), -1.0)
+    with pytest.raises(pp.InvalidInput, match="one for each"):
+        weigh([press(1.0)], guess(tmp_path), [1.0, 2.0])
+
+
+def test_the_commands(tmp_path: Path) -> None:
+    write_video(tmp_path / "press.mp4", press(1.0), rate=30.0)
+    skin = guess(tmp_path)
+    done = run("weigh", "press.mp4", "--skin", skin.name, "--force", "1 N", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert 'youngs_modulus = "' in done.stdout
+    assert run("weigh", "press.mp4", "--skin", skin.name, "--force", "1", cwd=tmp_path).returncode == 2
+    listed = run("sensors", cwd=tmp_path)
+    assert "gelsight_mini" in listed.stdout
+    assert run("sensors", "own_gel", "--out", "mine.toml", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "mine.toml").read_text() == sensors.own_gel().text
+    assert "there are" in run("sensors", "digits", cwd=tmp_path).stderr
+    # a sensor by its name
+    write_video(tmp_path / "still.mp4", press(1.0)[:3], rate=30.0)
+    by_name = run("track", "still.mp4", "--skin", "gelsight_mini", "--baseline", "3", "--every", "3", cwd=tmp_path)
+    assert "35 dots" in by_name.stdout, by_name.stderr
