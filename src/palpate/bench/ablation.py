@@ -53,6 +53,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "local weights, wide": ("wide_weights",),
     "local weights, narrow": ("narrow_weights",),
     "local weights, both": ("wide_weights", "narrow_weights"),
+    "local weights explain the readings": ("explains",),
     "posterior variance in local weights": ("posterior_variance",),
     "one scale profile for pressure and shear": ("common_profile",),
     "no shear outside contact": ("shear_in_contact",),

@@ -38,7 +38,7 @@ from palpate.inverse.contact.factors import cholesky
 from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, scattered
 from palpate.inverse.contact.products import Applied
 from palpate.inverse.contact.sliding import expanded, in_blocks, ways_of_sliding
-from palpate.inverse.contact.variances import variance_of
+from palpate.inverse.contact.variances import taken_by, variance_of
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.inverse.observability import ACTS
 from palpate.sensing.grids import repeated
@@ -54,6 +54,10 @@ LINE_RATIOS, AREA_RATIOS = (5, 3), (3, 2, 1)
 ROUGH = 1e-4
 #: Models of less weight are dropped: they would move the mean by a thousandth of the difference between models.
 LEAST_WEIGHT = 1e-3
+#: Local scales are made so much larger, in turn, where they would keep contact from explaining the readings.
+LARGER = (1.0, 4.0, 16.0, 64.0)
+#: Standard deviations of what more is left by chance.
+LEFT_MORE = 4.0
 
 
 class AdaptiveEstimator(ConstrainedEstimator):
@@ -238,7 +242,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
 
     def _relearned(self, member: ContactModel, width: float, variance: bool, y: Floats) -> ContactModel:
         """The penalty learned from its own result, over and over."""
-        level = member.level
+        level, first = member.level, member
         c = len(self.columns)
         precisions: list[Sparse] = []
         quiet, rounds = self.thresholds.quiet, self.thresholds.rounds
@@ -251,19 +255,39 @@ class AdaptiveEstimator(ConstrainedEstimator):
                 # no shear outside contact
                 keep &= dilated(member.pressure > 0, 1).ravel()[member.cells]
             position = np.flatnonzero(keep)
-            least = self.thresholds.floor * tau.max(axis=tuple(range(1, tau.ndim)), keepdims=True)
-            precisions = [level.differences.local(t) for t in np.maximum(tau, least)]
             if not len(position):
                 break
+            least = self.thresholds.floor * tau.max(axis=tuple(range(1, tau.ndim)), keepdims=True)
             last = i == rounds - 1
-            member = self.model(
-                member.data.part(position),
-                precisions,
-                member.solution.traction[:, position],
-                keep_face=variance and not last,
-                tolerance=TOLERANCE if last or not self.parts.rough else ROUGH,
-            )
-        return self._trimmed(member, precisions, y)
+            for larger in LARGER:
+                each = [level.differences.local(larger * t) for t in np.maximum(tau, least)]
+                found = self.model(
+                    member.data.part(position),
+                    each,
+                    member.solution.traction[:, position],
+                    keep_face=variance and not last,
+                    tolerance=TOLERANCE if last or not self.parts.rough else ROUGH,
+                )
+                if self._explains(found, first):
+                    break
+            else:
+                break
+            member, precisions = found, each
+        return self._trimmed(member, precisions, y) if precisions else member
+
+    def _explains(self, member: ContactModel, first: ContactModel) -> bool:
+        """Whether a model leaves no more of the readings than the first: few readings leave local weights to shrink contact to nothing,
+        each round from the smaller gradients of the one before.
+
+        A model of fewer degrees of freedom leaves as many more squares of the noise, and by chance their deviation.
+        """
+        if isinstance(first.data.matrix, Applied) or not self.parts.explains:
+            return True  # so many readings hold contact
+        more = member.squares - first.squares
+        if not more > LEFT_MORE:
+            return True
+        fewer = taken_by(first)
+        return more < fewer + LEFT_MORE * math.sqrt(fewer)
 
     def _local_scales(self, member: ContactModel, width: float, variance: bool) -> Floats:
         """tau (component, *grid): local mean of the squared gradient.

@@ -244,6 +244,13 @@ class ContactModel:
         return self.data.cells
 
     @property
+    def squares(self) -> float:
+        """Squares of what is left of the readings, less those of the readings themselves, in units of the noise."""
+        t = self.solution.traction
+        explained = self.data.matrix @ t.ravel()
+        return float(explained @ explained) - 2.0 * float((t * self.data.linear).sum())
+
+    @property
     def pressure(self) -> Floats:
         """Pressure on the cells of the level's grid."""
         return scattered(self.solution.traction[-1], self.cells, self.level.grid.shape)

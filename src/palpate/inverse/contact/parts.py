@@ -54,6 +54,8 @@ class Parts:
         The noise is learned again from what contact leaves unexplained.
     uneven_evidence : bool
         What noise of different levels explains is no evidence of contact.
+    explains : bool
+        Models of local weights explain the readings as the others do.
     outliers : bool
         Readings that no contact explains are left out.
     pulls : bool
@@ -84,6 +86,7 @@ class Parts:
     channel_noise: bool = True
     noise_again: bool = True
     uneven_evidence: bool = True
+    explains: bool = True
     outliers: bool = True
     pulls: bool = True
     screening: bool = True
