@@ -18,7 +18,7 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.recordings.files import atomically
 from palpate.sensing import AreaArray, LineArray
-from palpate.uncertainty import AMBIGUOUS, GAUSSIAN, Calibration, Case, Constants, constants
+from palpate.uncertainty import AMBIGUOUS, FEW, GAUSSIAN, Calibration, Case, Constants, constants
 
 __all__ = ["beyond", "calibration", "crossing", "population", "write_constants"]
 
@@ -39,7 +39,8 @@ def population(
 ) -> tuple[Layout, Traction, float]:
     """A random layout, contact (inside the array) and noise, none of them those of `LAYOUTS`.
 
-    ``contact`` is "line", "area", "area with shear" (default: any of them) or "area, ambiguous" (a bonded gel of which the displacements in
+    ``contact`` is "line", "area", "area with shear" (default: any of them), one of the last two with ", few taxels" (3 to 11 by 3 to 11, which
+    may be shallow) or "area, ambiguous" (a bonded gel of which the displacements in
     the plane are read; friction is known every other time); ``sensing`` and ``body`` are those of a
     `palpate.uncertainty.Case`.
     """
@@ -57,16 +58,22 @@ def population(
             width = float(np.exp(rng.uniform(math.log(0.6), math.log(min(9.0, 0.8 * reach)))))
             parts.append((kind, float(rng.uniform(-1, 1) * (reach - width)), width, float(rng.uniform(0.4, 1.0))))
         return Layout("line", _body(body, ratio, depth, rng), array, {}), line_contact(*parts), noise
-    ambiguous = contact == AMBIGUOUS
+    ambiguous, few = contact == AMBIGUOUS, (contact or "").endswith(FEW)
     shear = rng.random() < 0.3
-    shear = shear if contact is None else ambiguous or contact == "area with shear"
+    shear = shear if contact is None else ambiguous or contact.startswith("area with shear")
     size = int(rng.integers(14, 25 if shear else 33)) if not ambiguous else int(rng.integers(6, 10))
     depth = float(rng.uniform(1.0, 3.0)) if not ambiguous else float(rng.uniform(0.0, 1.5))
     channels = CHANNELS[sensing][int(shear)] if not ambiguous else ["displacement_x", "displacement_y"]
-    area = AreaArray(shape=(size, size), pitch=1.0, depth=depth, channels=channels)
+    shape = (size, size)
+    smallest, largest = 1.2, 0.28 * size
+    if few:
+        shape = (int(rng.integers(3, 12)), int(rng.integers(3, 12)))
+        size, depth = min(shape), float(rng.uniform(0.45, 2.0))
+        smallest, largest = 0.5, 0.4 * size
+    area = AreaArray(shape=shape, pitch=1.0, depth=depth, channels=channels)
     patches = []
-    for _ in range(1 if shear else int(rng.choice([1, 1, 2]))):
-        a, b = np.exp(rng.uniform(math.log(1.2), math.log(0.28 * size), size=2))
+    for _ in range(1 if shear or size < 6 else int(rng.choice([1, 1, 2]))):
+        a, b = np.exp(rng.uniform(math.log(smallest), math.log(largest), size=2))
         kind = str(rng.choice(["ball", "ball", "punch", "block", "ring", "cone", "tilted"]))
         center = (float(rng.uniform(-0.15, 0.15) * size), float(rng.uniform(-0.15, 0.15) * size))
         patches.append(

@@ -158,7 +158,7 @@ def bench_calibration(
     contact: Annotated[
         str | None,
         typer.Option(
-            help='"line", "area", "area with shear" or "area, ambiguous"; by default a mixture of the first three.'
+            help='"line", "area", "area with shear" (the last two also with ", few taxels") or "area, ambiguous"; by default a mixture of the first three.'
         ),
     ] = None,
     sensing: Annotated[str, typer.Option(help="stress, strain or displacement.")] = "stress",
@@ -175,10 +175,14 @@ def bench_calibration(
     """The constants of the error bars, from a random population of contacts."""
     import palpate
     from palpate import bench
-    from palpate.uncertainty import AMBIGUOUS, calibrated_methods
+    from palpate.uncertainty import AMBIGUOUS, FEW, calibrated_methods
 
     for name, value, accepted in (
-        ("contact", contact, (None, "line", "area", "area with shear", AMBIGUOUS)),
+        (
+            "contact",
+            contact,
+            (None, "line", "area", "area with shear", f"area{FEW}", f"area with shear{FEW}", AMBIGUOUS),
+        ),
         ("sensing", sensing, ("stress", "strain", "displacement")),
         ("body", body, ("half-space", "layers")),
     ):

@@ -67,7 +67,7 @@ def calibration_note(touch: Touch) -> str:
         used = known.case
         if not known.calibrated:
             return f'error bars of method="{method}" are those of its own Gaussian model: no simulated contacts calibrated them'
-        if used != touch.calibration_case:
+        if used not in (touch.calibration_case, touch.calibration_case.whatever_size):
             return (
                 f"error bars are not calibrated for this case ({touch.calibration_case}); those for {used} are used, and may be too "
                 "narrow or too wide"

@@ -2,6 +2,8 @@
 
 from palpate.uncertainty.calibration import (
     AMBIGUOUS,
+    FEW,
+    FEW_TAXELS,
     GAUSSIAN,
     Calibration,
     Case,
@@ -14,6 +16,8 @@ from palpate.uncertainty.calibration import (
 
 __all__ = [
     "AMBIGUOUS",
+    "FEW",
+    "FEW_TAXELS",
     "GAUSSIAN",
     "Calibration",
     "Case",

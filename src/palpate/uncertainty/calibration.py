@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from types import MappingProxyType
@@ -22,12 +22,26 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.errors import Unsupported
 from palpate.sensing.arrays import Array
 
-__all__ = ["GAUSSIAN", "QUANTITIES", "Calibration", "Case", "Constants", "calibrated", "constants", "contact_kind"]
+__all__ = [
+    "AMBIGUOUS",
+    "FEW",
+    "FEW_TAXELS",
+    "GAUSSIAN",
+    "QUANTITIES",
+    "Calibration",
+    "Case",
+    "Constants",
+    "calibrated",
+    "constants",
+    "contact_kind",
+]
 
 #: Methods whose error bars are those of a Gaussian model, in which traction has either sign: used as they are where nothing calibrated them.
 GAUSSIAN = ("tikhonov", "hilgers", "truncated", "wiener")
 #: Contact on an area whose pressure and shear the channels alone do not tell apart.
 AMBIGUOUS = "area, ambiguous"
+#: What is added to the contact on an area with so few taxels: noise presses on few cells beside the contact, and adds up to little.
+FEW, FEW_TAXELS = ", few taxels", 144
 #: What constants are for.
 QUANTITIES = ("traction", "force", "moment", "center_of_pressure", "peak_pressure", "slip_margin")
 
@@ -97,7 +111,8 @@ class Case:
     Attributes
     ----------
     contact : str
-        "line", "area" (pressure alone), "area with shear", or "area, ambiguous": with shear that the channels alone do not tell from pressure.
+        "line", "area" (pressure alone), "area with shear", or "area, ambiguous": with shear that the channels alone do not tell from pressure;
+        ", few taxels" follows the second and third on arrays of 144 taxels or less.
     sensing : str
         Kind of the channels: "stress", "strain", "displacement", or "mixed".
     body : str
@@ -113,11 +128,20 @@ class Case:
         """The case of a pad, its arrays and what is sought; ``ambiguous``: the channels alone do not tell the components apart."""
         kinds = {find_channel(c).kind.name for p in planes for c in p.channels}
         layered = getattr(pad, "thickness", None) is not None
+        contact = contact_kind(planes[0].dimensions, components)
+        if planes[0].dimensions == 2:
+            few = max(int(p.valid.sum()) for p in planes) <= FEW_TAXELS
+            contact = AMBIGUOUS if ambiguous else contact + FEW * few
         return cls(
-            AMBIGUOUS if ambiguous and planes[0].dimensions == 2 else contact_kind(planes[0].dimensions, components),
+            contact,
             kinds.pop() if len(kinds) == 1 else "mixed",
             "layers" if layered else "half-space",
         )
+
+    @property
+    def whatever_size(self) -> Case:
+        """The case without a word of how many taxels there are."""
+        return replace(self, contact=self.contact.removesuffix(FEW))
 
     def __str__(self) -> str:
         return f"{self.contact}, {self.sensing}, {self.body}"
@@ -194,6 +218,8 @@ def constants(method: str, case: Case) -> Constants:
     """
     table = _table()
     candidates = [c for m, c in table if m == method and c.contact == case.contact]
+    if not candidates and case != case.whatever_size:
+        return constants(method, case.whatever_size)
     if not candidates and case.contact == AMBIGUOUS:
         candidates = [c for m, c in table if m == method and c.contact == "area with shear"]
     if not candidates and method in GAUSSIAN:
