@@ -122,7 +122,13 @@ def test_a_railed_converter_is_left_out(given: bool) -> None:
         assert touch.touching
         assert touch.outliers.sum() == 1
         truth = 10.0 if broken.ndim == 2 else 1.0
-        assert abs(float(touch.force[-1]) - truth) < 0.25 * truth
+        if broken[0].size > 9 or given:
+            assert abs(float(touch.force[-1]) - truth) < 0.25 * truth
+        else:
+            # what presses beyond eight taxels whose noise nobody knows is anybody's guess: 0.8 to 1.8 N by the models
+            low, high = (float(side[-1]) for side in touch.interval(0.95, "force"))
+            assert low < truth < high
+            assert high < 3.0 * truth
 
 
 @pytest.mark.parametrize("given", [False, True])
