@@ -22,6 +22,7 @@ ROOMS = [
     "_arrays",
     "_batches",
     "_extras",
+    "_recall",
     "elastic",
     "solutions",
     "sensing",

@@ -9,9 +9,13 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from palpate._recall import Recall, digest
 from palpate.elastic.pad import Floats, Pad
+from palpate.errors import Unsupported
+from palpate.inverse.linear.matrix_free.system import System
 from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.regularised import Decomposition, decompose
+from palpate.inverse.linear.spectrum import DataSpectrum
 from palpate.inverse.observability import is_observable
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid
@@ -47,6 +51,16 @@ class Kept:
             while len(self._things) > 1 and (len(self._things) > self.entries or self._size() > self.nbytes):
                 self._things.popitem(last=False)
         return value
+
+    def things(self) -> list[Any]:
+        """All that is kept."""
+        with self._lock:
+            return list(self._things.values())
+
+    def clear(self) -> None:
+        """Let go of all."""
+        with self._lock:
+            self._things.clear()
 
     def _size(self) -> int:
         return sum(int(getattr(v, "nbytes", 0)) for v in self._things.values())
@@ -94,11 +108,13 @@ class Problem:
         nuisance: tuple[str, ...] | None = None,
         uncertainty: Uncertainty | None = None,
         kept: Kept | None = None,
+        recall: Recall | None = None,
     ) -> None:
         self.pad, self.planes, self.surface, self.boundary = pad, tuple(planes), surface, boundary
         self.components, self.fixed, self.nuisance = tuple(components), fixed, nuisance
         self.uncertainty = uncertainty or Uncertainty()
         self.kept = Kept() if kept is None else kept
+        self.recall = recall
 
     def seeking(self, components: Sequence[str]) -> Problem:
         """The same problem with other components sought; it shares what does not depend on them."""
@@ -112,6 +128,7 @@ class Problem:
             nuisance=self.nuisance,
             uncertainty=self.uncertainty,
             kept=self.kept,
+            recall=self.recall,
         )
 
     @property
@@ -129,7 +146,7 @@ class Problem:
     @property
     def operator(self) -> Operator:
         """From traction on the surface to readings."""
-        return self.kept.get("operator", lambda: Operator(self.pad, self.planes, self.surface, self.boundary))
+        return self.kept.get("operator", lambda: self._operator(self.surface))
 
     @property
     def wide_surface(self) -> Grid:
@@ -143,8 +160,44 @@ class Problem:
             return self.operator
         return self.kept.get(
             "wide operator",
-            lambda: Operator(self.pad, self.planes, self.wide_surface, self.boundary),
+            lambda: self._operator(self.wide_surface),
         )
+
+    def _operator(self, surface: Grid) -> Operator:
+        return Operator(self.pad, self.planes, surface, self.boundary, recall=self.recall)
+
+    def about(self) -> dict[str, str]:
+        """What this problem is that of, as digests by name.
+
+        Raises
+        ------
+        Unsupported
+            A pad of the user's own making: nothing tells it from another.
+        """
+        parts = {
+            "pad": self.pad,
+            "arrays": self.planes,
+            "surface": (self.surface, self.fixed),
+            "boundary": self.boundary,
+        }
+        found = {name: digest(part) for name, part in parts.items()}
+        for name, value in found.items():
+            if value is None:
+                raise Unsupported(
+                    f"what is prepared for {type(parts[name]).__name__} cannot be told from what is prepared for another of its kind, so "
+                    "that it is not saved: only pads that come with palpate are."
+                )
+        return {name: value for name, value in found.items() if value is not None}
+
+    def worked_out(self) -> dict[str, tuple[Floats, ...]]:
+        """What is kept and takes long to work out, for `Recall`."""
+        out: dict[str, tuple[Floats, ...]] = {}
+        for thing in self.kept.things():
+            if isinstance(thing, Operator | System):
+                out |= thing.worked_out()
+            elif isinstance(thing, Decomposition) and isinstance(thing.spectrum, DataSpectrum):
+                out |= thing.spectrum.worked_out()
+        return out
 
     def doubtful(self, traction: Floats, *, wide: bool = False) -> tuple[Floats, Floats]:
         """What is not known of modulus, thickness and depth does to the readings of ``traction`` (component, *surface).

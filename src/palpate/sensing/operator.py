@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from palpate._arrays import device_of, from_numpy, irfftn, is_numpy, namespace, rfftn
 from palpate._memory import require
+from palpate._recall import Recall, digest
 from palpate.elastic.channels import find_channel
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.pad import Floats, Pad
@@ -149,7 +150,9 @@ def _rules(array: Array, grid: Grid, shifts: Sequence[float] | None) -> list[tup
 class Convolution:
     """Zero-padded FFT convolution with the influence of one cell."""
 
-    def __init__(self, pad: Pad, array: Array, grid: Grid, *, concentrated: bool = False) -> None:
+    def __init__(
+        self, pad: Pad, array: Array, grid: Grid, *, concentrated: bool = False, recall: Recall | None = None
+    ) -> None:
         from scipy.fft import next_fast_len
 
         layout = commensurate(array, grid)
@@ -167,14 +170,21 @@ class Convolution:
             f"{' x '.join(map(str, self.taxels))} taxels and {' x '.join(map(str, self.cells))} surface cells",
             "Describe the array in parts that overlap by a few depths.",
         )
-        self.kernel = influence(
-            pad,
-            offsets,
-            grid.spacings,
-            array.depth,
-            array.channels,
-            _rules(array, grid, shifts),
-            concentrated=concentrated,
+        self.key = digest("influence", pad, array, grid, concentrated)
+        shape = (self.rows, self.count, *(len(lag) for lag in lags))
+        known = None if recall is None else recall.find(self.key, [shape])
+        self.kernel = (
+            known[0]
+            if known is not None
+            else influence(
+                pad,
+                offsets,
+                grid.spacings,
+                array.depth,
+                array.channels,
+                _rules(array, grid, shifts),
+                concentrated=concentrated,
+            )
         )
         self.size = tuple(
             next_fast_len(max(len(lag), m * r), real=True) for lag, m, r in zip(lags, self.taxels, self.ratios)
@@ -395,6 +405,8 @@ class Operator:
     planes : sequence of arrays
     surface : grid
     boundary : "free" or "periodic"
+    recall : Recall, optional
+        Influences that an earlier run worked out.
 
     Raises
     ------
@@ -432,7 +444,16 @@ class Operator:
     (1, [[1.0, 1.0, 0.0]])
     """
 
-    def __init__(self, pad: Pad, planes: Sequence[Array], surface: Grid, boundary: Boundary = "free") -> None:
+    def __init__(
+        self,
+        pad: Pad,
+        planes: Sequence[Array],
+        surface: Grid,
+        boundary: Boundary = "free",
+        *,
+        recall: Recall | None = None,
+    ) -> None:
+        self.recall = recall
         self.pad, self.planes_of, self.surface, self.boundary = pad, tuple(planes), surface, boundary
         for array in planes:
             if array.dimensions != surface.dimensions:
@@ -454,12 +475,17 @@ class Operator:
             if self.boundary == "periodic":
                 made.append(_Periodic(self.pad, array, self.surface))
             elif commensurate(array, self.surface) is not None:
-                made.append(Convolution(self.pad, array, self.surface))
+                made.append(Convolution(self.pad, array, self.surface, recall=self.recall))
             elif len(array.points) * len(array.channels) > LARGEST_MATRIX:
                 made.append(Lattice(self.pad, array, self.surface, Convolution))
             else:
                 made.append(_Dense(self.pad, array, self.surface))
         return made
+
+    def worked_out(self) -> dict[str, tuple[Floats, ...]]:
+        """Influences that are there, for `Recall`."""
+        made = self.planes if "planes" in self.__dict__ else []
+        return {p.key: (p.kernel,) for p in made if isinstance(p, Convolution) and p.key is not None}
 
     def forward(self, traction: Any, among: Among = None) -> list[Any]:
         """Readings of each plane for traction (..., component, *surface); ``among`` are the components that it holds, by default all."""

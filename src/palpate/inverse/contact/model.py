@@ -36,7 +36,9 @@ def level_operator(operator: Operator, ratio: int) -> Operator:
     """The operator on cells ``ratio`` times finer."""
     if ratio == 1:
         return operator
-    return Operator(operator.pad, operator.planes_of, refined(operator.surface, ratio), operator.boundary)
+    return Operator(
+        operator.pad, operator.planes_of, refined(operator.surface, ratio), operator.boundary, recall=operator.recall
+    )
 
 
 class Level:

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy, namespace
+from palpate._recall import digest
 from palpate.elastic.channels import find_channel, mirror_parity
 from palpate.elastic.pad import Floats, Pad, mirror_symmetric
 from palpate.inverse.linear.lumps import lumps
@@ -176,7 +177,16 @@ class DataSpectrum:
             else inverse_root(a.points[a.valid.ravel()], a.noise_correlation)
             for a in operator.planes_of
         ]
-        self.blocks = self._symmetric_blocks() if symmetric else [self._whole()]
+        self.key = digest(
+            "spectrum",
+            operator.pad,
+            operator.planes_of,
+            operator.surface,
+            self.columns,
+            [(type(p).__qualname__, p.key) for p in priors],
+            list(scales),
+        )
+        self.blocks = self._recalled(symmetric) or (self._symmetric_blocks() if symmetric else [self._whole()])
         self.eigenvalues = np.concatenate([b.eigenvalues for b in self.blocks])
         self.multiplicity = np.ones(len(self.eigenvalues))
         self._copies: dict[tuple[Any, ...], Any] = {}
@@ -194,6 +204,41 @@ class DataSpectrum:
         """Memory that it holds."""
         modes = 0 if self._modes is None else self._modes.nbytes
         return modes + sum(b.vectors.nbytes for b in self.blocks)
+
+    def _recalled(self, symmetric: bool) -> list[_Block] | None:
+        """The blocks that an earlier run worked out."""
+        operator = self.operator
+        if operator.recall is None:
+            return None
+        each: list[list[list[list[Floats]]] | None] = [None]
+        sizes = [sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)]
+        if symmetric:
+            bases = [self._bases(signs) for signs in itertools.product((1, -1), repeat=operator.surface.dimensions)]
+            sizes = [sum(math.prod(len(axis) for axis in c) for p in b for c in p) for b in bases]
+            each = [*bases]
+        shapes = [shape for n in sizes for shape in ((n, n), (n,))]
+        found = operator.recall.find(self.key, shapes)
+        if found is None:
+            return None
+        return [_Block(b, v, e) for b, v, e in zip(each, found[::2], found[1::2])]
+
+    def worked_out(self) -> dict[str, tuple[Floats, ...]]:
+        """The blocks, for `Recall`."""
+        if self.key is None:
+            return {}
+        return {self.key: tuple(part for b in self.blocks for part in (b.vectors, b.eigenvalues))}
+
+    def _bases(self, signs: Sequence[int]) -> list[list[list[Floats]]]:
+        """Of one symmetry, for each plane and channel: the bases of its axes."""
+        axes = "x" if len(signs) == 1 else "yx"
+        out: list[list[list[Floats]]] = []
+        for array in self.operator.planes_of:
+            fold, roots = _Fold(array.shape), axis_roots(array)
+            out.append([])
+            for channel in array.channels:
+                basis = fold.matrix([s * mirror_parity(channel, ax) for s, ax in zip(signs, axes)])
+                out[-1].append(basis if roots is None else [b @ r for b, r in zip(basis, roots)])
+        return out
 
     def _inverse_root(self) -> Floats:
         positive = self.eigenvalues > 0
@@ -249,19 +294,12 @@ class DataSpectrum:
         d = surface.dimensions
         axes = "x" if d == 1 else "yx"
         cell_fold = _Fold(surface.shape)
-        plane_folds = [_Fold(a.shape) for a in self.operator.planes_of]
         dense = [p.dense() for p in self.operator.planes]
         for signs in itertools.product((1, -1), repeat=d):
-            bases: list[list[list[Floats]]] = []
+            bases = self._bases(signs)
             rows: list[Floats] = []
-            for array, fold, matrix, scale in zip(self.operator.planes_of, plane_folds, dense, self.scales):
-                bases.append([])
-                roots = axis_roots(array)
-                for c, channel in enumerate(array.channels):
-                    basis = fold.matrix([s * mirror_parity(channel, ax) for s, ax in zip(signs, axes)])
-                    if roots is not None:
-                        basis = [b @ r for b, r in zip(basis, roots)]
-                    bases[-1].append(basis)
+            for of_plane, matrix, scale in zip(bases, dense, self.scales):
+                for c, basis in enumerate(of_plane):
                     parts = []
                     for column in self.columns:
                         entry = np.take(matrix[c], column, axis=d)

@@ -54,6 +54,15 @@ class Freedom:
         rows = sum(r.nbytes + p.nbytes for r, p in zip(self._rows, self._powers))
         return int(rows + self.weights.data.nbytes + self.weights.indices.nbytes)
 
+    def table(self) -> Floats:
+        """What was worked out so far (place, 4)."""
+        return np.array([[float(place), *known] for place, known in sorted(self._found.items())]).reshape(-1, 4)
+
+    def take(self, known: tuple[Floats, ...] | None) -> None:
+        """Take a `table` that an earlier run made."""
+        if known is not None and len(known) == 1 and known[0].ndim == 2 and known[0].shape[1] == 4:
+            self._found.update({int(row[0]): (float(row[1]), float(row[2]), float(row[3])) for row in known[0]})
+
     def approximate(self, parameter: Floats) -> Floats:
         """Degrees of freedom that the approximation has."""
         used = (self.nodes / (self.nodes + parameter[..., None])) @ self.counts

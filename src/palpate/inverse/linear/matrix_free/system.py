@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate._recall import digest
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.freedom import Freedom
 from palpate.inverse.linear.matrix_free.iteration import Solved
@@ -34,6 +35,21 @@ class System:
         self.normal = Normal(operator, priors, columns, self.scales)
         self.space = space(self.normal)
         self.freedom = Freedom(self.normal, self.space)
+        self.key = digest(
+            "freedom",
+            operator.pad,
+            operator.planes_of,
+            operator.surface,
+            self.columns,
+            [(type(p).__qualname__, p.key) for p in priors],
+            list(self.scales),
+        )
+        if operator.recall is not None and self.key is not None:
+            self.freedom.take(operator.recall.entries.get(self.key))
+
+    def worked_out(self) -> dict[str, tuple[Floats, ...]]:
+        """Degrees of freedom that are known, for `Recall`."""
+        return {} if self.key is None else {self.key: (self.freedom.table(),)}
 
     def solve(
         self,

@@ -1,0 +1,131 @@
+"""Arrays that take long to work out, taken from a file that an earlier run wrote: known by everything that they follow from.
+
+A file is an uncompressed NPZ of plain arrays, with a header in JSON. Nothing in it is executed, and each array has the checksum of its zip entry.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.errors import InvalidInput
+
+__all__ = ["Recall", "digest", "read", "write"]
+
+Arrays = tuple[npt.NDArray[Any], ...]
+
+#: What a file looks like; another number is refused.
+FORMAT = 1
+#: Longest header: a few hundred entries of a hundred characters.
+LONGEST_HEADER = 1_000_000
+
+
+class _Unknown(Exception):
+    """Something that cannot be told from another of its kind."""
+
+
+def digest(*things: Any) -> str | None:
+    """SHA-256 of numbers, words, arrays, and dataclasses of palpate made of these, to the last bit; None where something else is among them."""
+    out = hashlib.sha256()
+    try:
+        for thing in things:
+            _walk(thing, out.update)
+    except _Unknown:
+        return None
+    return out.hexdigest()
+
+
+def _walk(thing: Any, say: Callable[[bytes], None]) -> None:
+    if thing is None or isinstance(thing, bool | int | float | str | np.generic):
+        value = thing.item() if isinstance(thing, np.generic) else thing
+        say(f"{type(value).__name__}:{value!r};".encode())
+    elif isinstance(thing, np.ndarray):
+        if thing.dtype.hasobject:
+            raise _Unknown
+        say(f"array:{thing.dtype.str}{thing.shape};".encode())
+        say(np.ascontiguousarray(thing).tobytes())
+    elif isinstance(thing, Mapping):
+        say(f"map:{len(thing)};".encode())
+        for key in sorted(thing, key=repr):
+            _walk(key, say)
+            _walk(thing[key], say)
+    elif isinstance(thing, Sequence):
+        say(f"list:{len(thing)};".encode())
+        for item in thing:
+            _walk(item, say)
+    elif is_dataclass(thing) and not isinstance(thing, type) and type(thing).__module__.startswith("palpate."):
+        # what others derive from palpate's classes may do anything
+        say(f"{type(thing).__module__}.{type(thing).__qualname__};".encode())
+        for f in fields(thing):
+            _walk(getattr(thing, f.name), say)
+    else:
+        raise _Unknown
+
+
+@dataclass(frozen=True)
+class Recall:
+    """Arrays (`digest` of what they follow from → arrays)."""
+
+    entries: Mapping[str, Arrays]
+
+    def find(self, key: str | None, shapes: Sequence[tuple[int, ...]]) -> Arrays | None:
+        """What is known under a key, where it has these shapes in double precision."""
+        found = None if key is None else self.entries.get(key)
+        if found is None or [a.shape for a in found] != list(shapes):
+            return None
+        return found if all(a.dtype == np.float64 for a in found) else None
+
+
+def write(path: str, entries: Mapping[str, Arrays], about: Mapping[str, str]) -> None:
+    """Write a file; ``about`` are words or digests that `read` returns."""
+    header = {"format": FORMAT, "about": dict(about), "entries": {key: len(parts) for key, parts in entries.items()}}
+    text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    arrays: dict[str, Any] = {f"{key}.{i}": part for key, parts in entries.items() for i, part in enumerate(parts)}
+    with open(path, "wb") as file:
+        np.savez(file, header=text, **arrays)
+
+
+def read(path: str | Path, check: Callable[[Mapping[str, str]], None]) -> Recall:
+    """What a file holds; ``check`` is called with what it says of itself before anything large is read.
+
+    Raises
+    ------
+    InvalidInput
+        There is no such file, it is no file of this kind, or it is damaged.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InvalidInput(f"{path}: there is no such file; write one with Skin.save_prepared.")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            if "header" not in file.files:
+                raise ValueError("it has no header")
+            if file.zip.getinfo("header.npy").file_size > LONGEST_HEADER:
+                raise ValueError("its header is too long")
+            header = json.loads(file["header"].tobytes())
+            if not isinstance(header, dict) or not isinstance(header.get("about"), dict):
+                raise ValueError("its header is of another kind")
+            if header.get("format") != FORMAT:
+                raise InvalidInput(
+                    f"{path}: its form is {header.get('format')!r}, and this version reads {FORMAT}. Prepare the skin again and save it "
+                    "(Skin.prepare, Skin.save_prepared)."
+                )
+            check(header["about"])
+            entries = {
+                str(key): tuple(file[f"{key}.{i}"] for i in range(int(count)))
+                for key, count in dict(header["entries"]).items()
+            }
+    except (OSError, ValueError, KeyError, TypeError, EOFError, MemoryError, zipfile.BadZipFile) as error:
+        raise InvalidInput(
+            f"{path} is damaged or no file of a prepared skin ({error}). Prepare the skin again and save it (Skin.prepare, "
+            "Skin.save_prepared)."
+        ) from error
+    return Recall(entries)
