@@ -105,7 +105,7 @@ def read(path: str | Path, check: Callable[[Mapping[str, str]], None]) -> Recall
     if not path.is_file():
         raise InvalidInput(f"{path}: there is no such file; write one with Skin.save_prepared.")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             if "header" not in file.files:
                 raise ValueError("it has no header")
             if file.zip.getinfo("header.npy").file_size > LONGEST_HEADER:
@@ -123,6 +123,8 @@ def read(path: str | Path, check: Callable[[Mapping[str, str]], None]) -> Recall
                 str(key): tuple(file[f"{key}.{i}"] for i in range(int(count)))
                 for key, count in dict(header["entries"]).items()
             }
+    except InvalidInput:
+        raise
     except (OSError, ValueError, KeyError, TypeError, EOFError, MemoryError, zipfile.BadZipFile) as error:
         raise InvalidInput(
             f"{path} is damaged or no file of a prepared skin ({error}). Prepare the skin again and save it (Skin.prepare, "

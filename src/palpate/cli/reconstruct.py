@@ -16,6 +16,7 @@ from palpate.cli.progress import Frames
 from palpate.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from palpate.inverse.method import Method
     from palpate.recordings import Recording
     from palpate.recordings.opened import OpenRecording
     from palpate.skin import Skin
@@ -56,6 +57,12 @@ def reconstruct(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with a run into the same .zarr that was broken off, or begin it.")
     ] = False,
+    prepared: Annotated[
+        Path | None,
+        typer.Option(
+            help="File of what is prepared for this skin: taken where it is there, else written, so that the next run begins at once."
+        ),
+    ] = None,
     force: Force = False,
 ) -> None:
     """Recover pressure and shear from a recording of any length. Nothing to tune."""
@@ -77,13 +84,16 @@ def reconstruct(
         check_matching(recording.head, skin)
         if drop_missing:
             skin = _without_missing(skin, recording)
+        names = None if components is None else [c.strip() for c in components.split(",")]
+        if prepared is not None:
+            _prepare(skin, prepared, method, names)
         with Frames("reconstructing", len(recording)) as bar:
             done = reconstruct_recording(
                 skin,
                 recording,
                 target,
                 method=method,
-                components=None if components is None else [c.strip() for c in components.split(",")],
+                components=names,
                 workers=workers,
                 scheduler=scheduler,
                 chunk=chunk,
@@ -106,6 +116,15 @@ def reconstruct(
     if done.before:
         typer.echo(f"resumed         {done.before} frames were done before")
     typer.echo(f"wrote           {target}" + (f", {plot}" if plot else ""))
+
+
+def _prepare(skin: Skin, file: Path, method: Method | None, components: list[str] | None) -> None:
+    """Take what an earlier run prepared, or prepare and leave it for the next one."""
+    if file.exists():
+        skin.load_prepared(file)
+    else:
+        skin.prepare(method=method, components=components)
+        skin.save_prepared(file)
 
 
 @contextmanager
