@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy
-from palpate._recall import read, write
 from palpate.elastic.pad import Floats, Pad, check_pad
 from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
@@ -26,6 +25,7 @@ from palpate.inverse.observability import (
 from palpate.inverse.problem import Kept, Problem
 from palpate.inverse.registry import method_asked, method_named
 from palpate.inverse.words import notes
+from palpate.recordings.prepared import read_prepared, write_prepared
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import Grid, LineGrid
 from palpate.sensing.nuisance import check_nuisance
@@ -556,68 +556,26 @@ class Skin:
         self._ready(method_asked(method, options), components)
 
     def save_prepared(self, path: str | Path) -> None:
-        """Write what is prepared by now (influences of layered pads, decompositions) to a file, for `load_prepared` in another run.
+        """Write what is prepared by now (influences, decompositions), whole or not at all, for `load_prepared` in another run.
 
-        The file is written whole or not at all. It serves the same pad, arrays, surface and boundary in the same version of palpate alone.
-
-        Raises
-        ------
-        InvalidInput
-            Nothing is prepared yet, or the file cannot be written.
-        Unsupported
-            The pad is of your own making, so that nothing tells it from another.
+        `Unsupported` of a pad of your own making, which nothing tells from another; `InvalidInput` where nothing is prepared yet.
 
         Examples
         --------
         >>> import tempfile
-        >>> from pathlib import Path
         >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> array = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"])
-        >>> skin = pp.Skin(pad, array)
+        >>> array = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
+        >>> skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5), array)
         >>> skin.prepare()
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     skin.save_prepared(Path(folder) / "skin.prepared")
-        ...     again = pp.Skin(pad, array)
-        ...     again.load_prepared(Path(folder) / "skin.prepared")
+        ...     skin.save_prepared(f"{folder}/a.prepared")
+        ...     skin.load_prepared(f"{folder}/a.prepared")
         """
-        import palpate
-        from palpate.recordings.files import atomically
-
-        about = {"palpate": palpate.__version__, **self._problem.about()}
-        entries = self._problem.worked_out()
-        if not entries:
-            raise InvalidInput("nothing is prepared yet that takes long: call prepare() or reconstruct() first.")
-        atomically(path, lambda fresh: write(fresh, entries, about))
+        write_prepared(self._problem, path)
 
     def load_prepared(self, path: str | Path) -> None:
-        """Take what an earlier run prepared for this very skin (`save_prepared`), so that it is not worked out again.
-
-        Raises
-        ------
-        InvalidInput
-            The file belongs to another skin or another version, or is damaged. It says which part of the skin differs.
-        Unsupported
-            As for `save_prepared`.
-        """
-        import palpate
-
-        mine, version = self._problem.about(), palpate.__version__
-
-        def check(about: Mapping[str, str]) -> None:
-            if about.get("palpate") != version:
-                raise InvalidInput(
-                    f"{path} was written by palpate {about.get('palpate')}, and this is {version}. Prepare the skin again and save it "
-                    "(Skin.prepare, Skin.save_prepared)."
-                )
-            other = [name for name, value in mine.items() if about.get(name) != value]
-            if other:
-                raise InvalidInput(
-                    f"{path} was prepared for another skin: {' and '.join(other)} differ{'s' if len(other) == 1 else ''}. Prepare this one and "
-                    "save it to a file of its own (Skin.prepare, Skin.save_prepared)."
-                )
-
-        self._problem.recall = read(path, check)
+        """Take what an earlier run prepared for this very skin. `InvalidInput` says what differs, or that the file is damaged."""
+        self._problem.recall = read_prepared(self._problem, path)
         # what was prepared before goes on to serve whoever holds it
         self._problem.kept.clear()
         self._methods.clear()

@@ -1,0 +1,47 @@
+"""Files of what is prepared for a skin (`palpate._recall`): whose they are, and what they are refused for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from palpate._recall import Recall, read, write
+from palpate.errors import InvalidInput
+from palpate.inverse.problem import Problem
+from palpate.recordings.files import atomically
+
+__all__ = ["read_prepared", "write_prepared"]
+
+
+def write_prepared(problem: Problem, path: str | Path) -> None:
+    """Write what is prepared for a problem by now."""
+    import palpate
+
+    about = {"palpate": palpate.__version__, **problem.about()}
+    entries = problem.worked_out()
+    if not entries:
+        raise InvalidInput("nothing is prepared yet that takes long: call prepare() or reconstruct() first.")
+    atomically(path, lambda fresh: write(fresh, entries, about))
+
+
+def read_prepared(problem: Problem, path: str | Path) -> Recall:
+    """What an earlier run prepared for this very problem."""
+    import palpate
+
+    mine, version = problem.about(), palpate.__version__
+
+    def check(about: Mapping[str, str]) -> None:
+        if about.get("palpate") != version:
+            raise InvalidInput(
+                f"{path} was written by palpate {about.get('palpate')}, and this is {version}. Prepare the skin again and save it "
+                "(Skin.prepare, Skin.save_prepared)."
+            )
+        other = [name for name, value in mine.items() if about.get(name) != value]
+        if other:
+            differ = "differs" if other in (["pad"], ["surface"], ["boundary"]) else "differ"
+            raise InvalidInput(
+                f"{path} was prepared for another skin: {' and '.join(other)} {differ}. Prepare this one and save it to a file of its own "
+                "(Skin.prepare, Skin.save_prepared)."
+            )
+
+    return read(path, check)
