@@ -260,7 +260,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             least = self.thresholds.floor * tau.max(axis=tuple(range(1, tau.ndim)), keepdims=True)
             last = i == rounds - 1
             for larger in LARGER:
-                each = [level.differences.local(larger * t) for t in np.maximum(tau, least)]
+                each = self._local(level, larger * np.maximum(tau, least))
                 found = self.model(
                     member.data.part(position),
                     each,
@@ -274,6 +274,12 @@ class AdaptiveEstimator(ConstrainedEstimator):
                 break
             member, precisions = found, each
         return self._trimmed(member, precisions, y) if precisions else member
+
+    def _local(self, level: Level, tau: Floats) -> list[Sparse]:
+        """The penalty of each component weighed by its tau (component, *grid)."""
+        if self.parts.common_profile:
+            return level.differences.locals(tau[-1] / self.variances[-1], self.variances)
+        return [level.differences.local(t) for t in tau]
 
     def _explains(self, member: ContactModel, first: ContactModel) -> bool:
         """Whether a model leaves no more of the readings than the first: few readings leave local weights to shrink contact to nothing,

@@ -74,6 +74,10 @@ class Differences:
 
     def local(self, tau: Floats) -> Sparse:
         """sum over edges of |difference|^2/tau, tau being given on cells."""
+        return self.locals(tau, [1.0])[0]
+
+    def locals(self, tau: Floats, sizes: Sequence[float]) -> list[Sparse]:
+        """The same of tau times each of some sizes; they share the places of their entries."""
         on, off = self._entries
         data = np.zeros(self.laplacian.nnz)
         diagonal: Floats = np.zeros(self.grid.shape)
@@ -84,7 +88,11 @@ class Differences:
             there, edge = off[axis]
             data[there] = -weight.ravel()[edge]
         data[on] = diagonal.ravel()
-        return scipy.sparse.csr_array((data, self.laplacian.indices, self.laplacian.indptr), shape=self.laplacian.shape)
+        places, shape = (self.laplacian.indices, self.laplacian.indptr), self.laplacian.shape
+        out = [scipy.sparse.csr_array((data / size, *places), shape=shape) for size in sizes]
+        for one in out:
+            one.indices, one.indptr = places
+        return out
 
     def touching(self, cells: npt.NDArray[np.intp]) -> tuple[list[npt.NDArray[np.intp]], Rows]:
         """The edges (flat, of each axis) that cells touch, and the differences across them, of those cells alone."""

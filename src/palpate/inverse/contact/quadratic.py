@@ -81,10 +81,12 @@ class Penalty:
 
     def __init__(self, cells: Index, each: Sequence[Sparse], shape: tuple[int, ...]) -> None:
         self.cells, self.shape = cells, shape
-        first, *others = [_within(q, cells) for q in each]
-        self.row, self.col = first[0], first[1]
-        self.values = first[2][None]
-        if others:
+        self.row, self.col, entry = _within(each[0], cells)
+        if all(q.indices is each[0].indices and q.indptr is each[0].indptr for q in each):
+            self.values = np.stack([q.data[entry] for q in each])
+        else:
+            places = [(self.row, self.col, entry), *(_within(q, cells) for q in each[1:])]
+            first, *others = [(r, k, q.data[e]) for q, (r, k, e) in zip(each, places)]
             keys = [r * len(cells) + k for r, k, _ in (first, *others)]
             every = keys[0]
             if not all(np.array_equal(every, k) for k in keys[1:]):
@@ -274,8 +276,8 @@ def prior_factor(penalty: Penalty, face: Face) -> Factor:
     return FewReadings(parts, order, np.zeros((len(order), 0)))
 
 
-def _within(q: Sparse, cells: Index) -> tuple[Index, Index, Floats]:
-    """Entries of a sparse matrix between some rows and columns, by their places, row after row."""
+def _within(q: Sparse, cells: Index) -> tuple[Index, Index, Index]:
+    """Entries of a sparse matrix between some rows and columns, row after row: their places, and where they are kept."""
     n = len(cells)
     place = np.full(q.shape[1], -1, dtype=np.intp)
     place[cells] = np.arange(n)
@@ -284,7 +286,7 @@ def _within(q: Sparse, cells: Index) -> tuple[Index, Index, Floats]:
     entry = np.arange(len(row)) + np.repeat(starts - (np.cumsum(counts) - counts), counts)
     col = place[q.indices[entry]]
     kept = col >= 0
-    return row[kept], col[kept], np.asarray(q.data[entry[kept]])
+    return row[kept], col[kept], entry[kept]
 
 
 def _in_proportion(a: Floats, b: Floats) -> bool:
