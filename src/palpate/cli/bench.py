@@ -201,16 +201,16 @@ def bench_calibration(
             jobs=jobs,
             report=lambda i: step(f"{i}"),
         )
-    typer.echo(f"{'case':<44}{'quantity':<21}{'shift':>8}{'scale':>8}{'freedom':>9}")
+    typer.echo(f"{'case':<52}{'quantity':<21}{'shift':>8}{'scale':>8}{'freedom':>9}")
     for case, quantities in found.items():
         for quantity, (shift, scale, freedom) in quantities.items():
-            typer.echo(f"{case!s:<44}{quantity:<21}{shift:>8.3f}{scale:>8.3f}{freedom:>9.2f}")
+            typer.echo(f"{case!s:<52}{quantity:<21}{shift:>8.3f}{scale:>8.3f}{freedom:>9.2f}")
     outside = {}
     if across:
         with Bar("contacts across the edge", across) as step:
             outside = bench.beyond(found, across, method=method, seed=seed, jobs=jobs, report=lambda i: step(f"{i}"))
         for case, part in outside.items():
-            typer.echo(f"{case!s:<44}outside the array, relative {part:.3f}")
+            typer.echo(f"{case!s:<52}outside the array, relative {part:.3f}")
     if write is not None:
         bench.write_constants(
             write, found, method=method, frames=frames, seed=seed, version=palpate.__version__, outside=outside
