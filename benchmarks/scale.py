@@ -154,12 +154,16 @@ def measure_automatic(name: str) -> dict[str, Any]:
     first = time.process_time()
     touch = skin.reconstruct(many[1])
     warm = time.process_time()
-    skin.reconstruct(many[2])
+    last = skin.reconstruct(many[2])
     again = time.process_time()
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     other = skin.reconstruct(many[1], method="tikhonov")
     size = np.linalg.norm(traction)
     force = traction.reshape(3, -1).sum(axis=1) * skin.surface.cell
+    _bars(last)  # what the first one of all loads
+    asked = time.process_time()
+    _bars(touch)
+    bars = time.process_time()
     low, high = touch.interval(0.95, "force")
     return {
         "name": name,
@@ -167,6 +171,7 @@ def measure_automatic(name: str) -> dict[str, Any]:
         "prepare": prepared - begun,
         "first": first - prepared,
         "frame": min(warm - first, again - warm),
+        "bars": bars - asked,
         "memory": memory,
         "error": float(np.linalg.norm(np.asarray(touch.traction) - traction) / size),
         "linear": float(np.linalg.norm(np.asarray(other.traction) - traction) / size),
@@ -176,14 +181,19 @@ def measure_automatic(name: str) -> dict[str, Any]:
     }
 
 
+def _bars(touch: Any) -> Any:
+    """Error bars of cells and numbers."""
+    return touch.std, [touch.interval(0.95, of) for of in ("force", "moment", "center_of_pressure")]
+
+
 def table_automatic(rows: list[dict[str, Any]]) -> str:
     lines = [
-        "| layout | readings | prepare [s] | first frame [s] | frame [s] | memory [GB] | error | of tikhonov | noise found | forces within 95 % |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| layout | readings | prepare [s] | first frame [s] | frame [s] | error bars, if asked for [s] | memory [GB] | error | of tikhonov | noise found | forces within 95 % |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
         lines.append(
-            f"| {r['name']} | {r['readings']} | {r['prepare']:.2f} | {r['first']:.2f} | {r['frame']:.2f} | {r['memory']:.2f} | {r['error']:.3f} | "
+            f"| {r['name']} | {r['readings']} | {r['prepare']:.2f} | {r['first']:.2f} | {r['frame']:.2f} | {r['bars']:.2f} | {r['memory']:.2f} | {r['error']:.3f} | "
             f"{r['linear']:.3f} | {r['noise']:.3f} | {r['inside']} of 3{'' if r['solved'] else ' (not solved)'} |"
         )
     known = {r["name"]: r for r in rows}
