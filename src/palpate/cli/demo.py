@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -32,14 +33,27 @@ noise = "50 Pa"
 """
 
 
+class Story(StrEnum):
+    """What demo shows."""
+
+    sensor = "sensor"
+    camera = "camera"
+
+
 def demo(
+    story: Annotated[
+        Story,
+        typer.Argument(
+            help="sensor: stress taxels in a pad. camera: a video of a gel with dots (needs palpate[camera])."
+        ),
+    ] = Story.sensor,
     out: Annotated[Path, typer.Option(help="Folder for the picture, the skin, the recording and the result.")] = Path(
         "palpate-demo"
     ),
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
     force: Force = False,
 ) -> None:
-    """Press and drag a ball on a simulated sensor, and recover what touched it. Needs no other file."""
+    """Press and drag a ball on a simulated sensor, or film it, and recover what touched it. Needs no other file."""
     import numpy as np
 
     from palpate import solutions
@@ -48,8 +62,14 @@ def demo(
     from palpate.touch import Touch
 
     folder = make_folder(out)
+    if story is Story.camera:
+        from palpate.cli.democamera import FILES, demo_camera
+
+        _check_own(folder, force, FILES)
+        demo_camera(folder, seed, lambda name: _own(folder, name))
+        return
     skin_path = folder / "skin.toml"
-    _check_own(folder, force)
+    _check_own(folder, force, ("skin.toml", "recording.nc", "touch.nc", "touch.png"))
     write_text(skin_path, _DEMO_SKIN)
     _own(folder, "skin.toml")
     skin = Skin.from_file(skin_path)
@@ -81,10 +101,10 @@ def demo(
     typer.echo(f"try next        palpate reconstruct {folder / 'recording.nc'} --skin {skin_path}")
 
 
-def _check_own(folder: Path, force: bool) -> None:
+def _check_own(folder: Path, force: bool, names: tuple[str, ...]) -> None:
     """Refuse to replace what an earlier run did not write, or what was edited since."""
     sums = _sums(folder)
-    for name in ("skin.toml", "recording.nc", "touch.nc", "touch.png"):
+    for name in names:
         path = folder / name
         if path.is_dir():
             raise InvalidInput(f"{path} is a folder; give another one with --out.")

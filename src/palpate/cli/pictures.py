@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import typer
 
-from palpate.camera import is_pictures
 from palpate.cli.files import check_output, provenance, save_figure, skin_files
 from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
 
-__all__ = ["is_pictures", "known_skin", "track_pictures"]
+__all__ = ["known_skin", "track_pictures"]
 
 
 def known_skin(skin_file: Path) -> Path:

@@ -85,7 +85,8 @@ def track(
     if force and out is None and picture is None:
         raise InvalidInput("--force replaces a result: give --out too, or leave it out.")
     if recording_file.is_dir() or recording_file.suffix.lower() not in RECORDED:
-        from palpate.cli.pictures import is_pictures, track_pictures
+        from palpate.camera import is_pictures
+        from palpate.cli.pictures import track_pictures
 
         if is_pictures(recording_file):
             if budget is not None or zero_at:

@@ -1,0 +1,234 @@
+"""From pictures to displacement and force, against rendered pictures whose truth is known.
+
+A gel of 3.5 mm (300 kPa, Poisson's ratio 0.48) on a window, 7 x 9 dots 2 mm apart and 0.5 mm deep, pictures of 320 x 240 pixels of 0.06 mm. Displacement: error and
+coverage of its standard deviation over size of the dots, noise, compression, blur, shading and move. Force: balls, edges, slides and twists, each picture by itself and
+with the tracker. Rate: seconds of each stage.
+
+    python benchmarks/camera.py                              # tables, some ten minutes
+    python benchmarks/camera.py displacement --seeds 8
+    python benchmarks/camera.py force --frames 3 --markdown docs/_generated/camera.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import palpate as pp
+from palpate.camera import Dots, Looks, Markers, Scene, dot_grid, find_dots, follow, open_pictures, write_video
+from palpate.camera.touches import gel_skin
+
+GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=300e3, poissons_ratio=0.48)])
+PITCH, DIAMETER, SCALE, SIZE, DEPTH = 2e-3, 0.8e-3, 0.06e-3, (320, 240), 0.5e-3
+FRICTION = 0.4
+CHANNELS = ["displacement_x", "displacement_y"]
+
+#: label: (force of the ball [N], looks, diameter [m], stage)
+CASES: dict[str, tuple[float, dict[str, Any], float, dict[str, Any]]] = {
+    "at rest": (0.0, {}, DIAMETER, {}),
+    "pressed, 0.3 N": (0.3, {}, DIAMETER, {}),
+    "pressed, 1 N": (1.0, {}, DIAMETER, {}),
+    "pressed, 3 N": (3.0, {}, DIAMETER, {}),
+    "pressed, 6 N": (6.0, {}, DIAMETER, {}),
+    "shifted by two pitches, in steps": (1.0, {}, DIAMETER, {"shift": (4e-3, 0.5e-3)}),
+    "dots of 0.3 mm": (1.0, {}, 0.3e-3, {}),
+    "dots of 0.5 mm": (1.0, {}, 0.5e-3, {}),
+    "dots of 1.3 mm": (1.0, {}, 1.3e-3, {}),
+    "noise 0.5": (1.0, {"noise": 0.5}, DIAMETER, {}),
+    "noise 5": (1.0, {"noise": 5.0}, DIAMETER, {}),
+    "noise 10": (1.0, {"noise": 10.0}, DIAMETER, {}),
+    "JPEG 90": (1.0, {"compression": 90}, DIAMETER, {}),
+    "JPEG 60": (1.0, {"compression": 60}, DIAMETER, {}),
+    "JPEG 25": (1.0, {"compression": 25}, DIAMETER, {}),
+    "blur 1.5 pixels": (1.0, {"blur": 1.5}, DIAMETER, {}),
+    "coloured light, shading": (1.0, {"colour": 1.0, "shading": 0.5}, DIAMETER, {}),
+    "glare on two dots": (1.0, {"glare": ((90.0, 80.0, 9.0), (200.0, 150.0, 9.0))}, DIAMETER, {}),
+}
+KINDS = ("ball", "sliding ball", "twisted ball", "edge", "sliding edge")
+
+
+def scene(base: Scene, seed: int, diameter: float = DIAMETER, looks: dict[str, Any] | None = None) -> Scene:
+    rng = np.random.default_rng((1, seed))
+    grid = dot_grid((7, 9), PITCH, jitter=2e-5, rng=rng) + rng.uniform(-1e-4, 1e-4, 2)
+    return base.changed(print=Dots(grid, diameter), looks=Looks(**(looks or {})))
+
+
+def displacement(base: Scene, seeds: int) -> Iterator[str]:
+    yield "| pictures | dots | largest move [pixels] | error, median | root mean square | largest | within 1 std | within 1.96 std | lost | wrong dot |"
+    yield "|---" * 10 + "|"
+    for label, (force, looks, diameter, stage) in CASES.items():
+        error, std, lost, count, wrong, most = [], [], 0, 0, 0, 0.0
+        for seed in range(seeds):
+            one, rng = scene(base, seed, diameter, looks), np.random.default_rng((2, seed))
+            place, turn = rng.uniform(-2e-3, 2e-3, 2), float(rng.uniform(0.0, 6.28))
+            contact = None
+            if force:
+                ball = pp.solutions.hertz_point(radius=2.5e-3, force=force)
+                contact = one.skin.sample(ball.shifted(*place).sliding(0.3, direction=turn))
+            markers = Markers(one.picture(rng=rng))
+            steps = np.linspace(0.2, 1.0, 5) if stage else [1.0]
+            for part in steps:
+                now = {k: tuple(part * v for v in values) for k, values in stage.items()}
+                moved = markers.follow(one.picture(contact, rng=rng, **now))
+            truth = one.truth(contact, **now)
+            far = np.hypot(*(markers.positions[:, None] - truth.rest[None]).transpose(2, 0, 1))
+            which = far.argmin(axis=1)
+            kept = ~moved.lost
+            off = (moved.displacement - (truth.pixels - truth.rest)[which])[kept]
+            error.append(off)
+            std.append(moved.std[kept])
+            seen = truth.visible[which]
+            lost += int((~kept & seen).sum())
+            count += int(seen.sum())
+            wrong += int((np.hypot(*off.T) > 5.0).sum())
+            most = max(most, float(np.abs((truth.pixels - truth.rest)[which]).max()))
+        e, s = np.abs(np.concatenate(error)), np.concatenate(std)
+        yield (
+            f"| {label} | {count} | {most:.1f} | {np.median(e):.3f} | {np.sqrt((e**2).mean()):.3f} | {e.max():.2f} | {np.mean(e < s):.2f} | "
+            f"{np.mean(e < 1.96 * s):.2f} | {100 * lost / count:.1f} % | {wrong} |"
+        )
+
+
+def traction(one: Scene, kind: str, rng: np.random.Generator) -> np.ndarray:
+    """(component, y, x) [Pa] of what presses: Hertz with q = mu p or Lubkin's torsion cut off at mu p; an edge: a wedge-like strip, parabolic across."""
+    grid = one.surface
+    x, y = (grid.x[None, :], grid.axes[0][:, None])
+    x, y = x - float(rng.uniform(-2e-3, 2e-3)), y - float(rng.uniform(-1.5e-3, 1.5e-3))
+    force, turn = float(rng.uniform(0.5, 2.0)), float(rng.uniform(0.0, 2.0 * np.pi))
+    if "edge" in kind:
+        along, across = x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn)
+        p = np.clip(1.0 - (across / 1.2e-3) ** 2, 0.0, None) * np.clip(1.0 - (along / 3.5e-3) ** 4, 0.0, None)
+        p *= force / (p.sum() * grid.cell)
+    else:
+        a = float(rng.uniform(2e-3, 3e-3))
+        r = np.hypot(x, y)
+        p = 1.5 * force / (np.pi * a**2) * np.sqrt(np.clip(1.0 - (r / a) ** 2, 0.0, None))
+    q = np.zeros((2, *p.shape))
+    if "sliding" in kind:
+        q[:] = FRICTION * p * np.array([np.cos(2 * turn), np.sin(2 * turn)])[:, None, None]
+    elif "twisted" in kind:
+        rising = 0.3 * FRICTION * p.max() * (r / a) / np.sqrt(np.clip(1.0 - (r / a) ** 2, 1e-6, None))
+        size = np.where(r < a, np.minimum(FRICTION * p, rising), 0.0)
+        q[:] = size * np.stack([-y * np.ones_like(r), x * np.ones_like(r)]) / np.maximum(r, 1e-12)
+    return np.stack([*q, p])
+
+
+def force(base: Scene, frames: int) -> Iterator[str]:
+    yield "| what presses | solved | force error | across error (of the force) | force covered | across covered | seconds |"
+    yield "|---" * 7 + "|"
+    skin = pp.Skin(GEL, pp.AreaArray(shape=(7, 9), pitch=PITCH, depth=DEPTH, channels=CHANNELS))
+    for kind in KINDS:
+        rows: dict[str, list[list[float]]] = {"by itself": [], f"by itself, friction {FRICTION:g}": [], "tracked": []}
+        for index in range(frames):
+            one, rng = scene(base, index), np.random.default_rng((3, index, KINDS.index(kind)))
+            true = traction(one, kind, rng)
+            load = true.sum(axis=(1, 2)) * one.surface.cell
+            story = [None] * 5 + [p * true for p in (0.25, 0.5, 0.75)] + [true] * 4
+            pictures = [one.picture(part, rng=rng) for part in story]
+            for label in rows:
+                options = {"friction": FRICTION} if "friction" in label else {}
+                start = time.process_time()
+                alone = label != "tracked"
+                shown = pictures[:5] + pictures[-1:] if alone else pictures
+                with follow(
+                    shown,
+                    skin,
+                    view=one.view,
+                    rate=None if alone else 30.0,
+                    track=not alone,
+                    every=5 if alone else 1,
+                    **options,
+                ) as touches:
+                    touch = list(touches)[-1]
+                spent = time.process_time() - start
+                low, high = (np.asarray(end) for end in touch.interval(0.95, "force"))
+                held = (low <= load) & (load <= high)
+                off = np.asarray(touch.force) - load
+                rows[label].append(
+                    [
+                        abs(off[2]) / load[2],
+                        float(np.hypot(*off[:2])) / load[2],
+                        float(held[2]),
+                        float(held[:2].mean()),
+                        spent / (1 if alone else len(shown)),
+                    ]
+                )
+        for label, found in rows.items():
+            yield f"| {kind} | {label} | " + " | ".join(f"{v:.2f}" for v in np.mean(found, axis=0)) + " |"
+
+
+def rate(base: Scene) -> Iterator[str]:
+    yield "| pictures | dots | decode [ms] | find and follow [ms] | track [ms] | pictures a second |"
+    yield "|---" * 6 + "|"
+    for size, scale in ((SIZE, SCALE), ((640, 480), SCALE / 2.0)):
+        one = Scene(pad=GEL, depth=DEPTH, print=Dots(dot_grid((7, 9), PITCH), DIAMETER), size=size, scale=scale)
+        rng = np.random.default_rng(0)
+        ball = one.skin.sample(pp.solutions.hertz_point(radius=2.5e-3, force=1.0).sliding(0.3))
+        with tempfile.TemporaryDirectory() as folder:
+            write_video(
+                f"{folder}/a.mp4",
+                [one.picture(p * ball if p else None, rng=rng) for p in [0.0] * 6 + [0.5, 0.8, 1.0, 1.0, 1.0, 1.0]],
+            )
+            started = time.perf_counter()
+            with open_pictures(f"{folder}/a.mp4") as source:
+                images = [p.image for p in source]
+            decode = (time.perf_counter() - started) / len(images)
+        markers = Markers(images[:5])
+        skin = gel_skin(
+            pp.Skin(GEL, pp.AreaArray(shape=(7, 9), pitch=PITCH, depth=DEPTH, channels=CHANNELS)),
+            one.view.places(markers.positions),
+        )
+        spent: dict[str, list[float]] = {"follow": [], "track": []}
+        with skin.track(baseline=5) as tracker:
+            for repeat in range(3):
+                for image in images[5 * (repeat > 0) :]:
+                    started = time.perf_counter()
+                    moved = markers.follow(image)
+                    spent["follow"].append(time.perf_counter() - started)
+                    values = (
+                        one.view.places(markers.positions + moved.displacement) - one.view.places(markers.positions)
+                    ).T
+                    started = time.perf_counter()
+                    tracker.step(values)
+                    spent["track"].append(time.perf_counter() - started)
+        each = [1e3 * decode, *(1e3 * float(np.median(v)) for v in spent.values())]
+        yield (
+            f"| {size[0]} x {size[1]} | {len(find_dots(images[0]).positions)} | "
+            + " | ".join(f"{v:.1f}" for v in each)
+            + f" | {1e3 / sum(each):.0f} |"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tables", nargs="*", choices=["displacement", "force", "rate", []], help="default: all")
+    parser.add_argument("--seeds", type=int, default=5, help="prints and contacts of each row of displacement")
+    parser.add_argument("--frames", type=int, default=4, help="contacts of each kind")
+    parser.add_argument("--markdown", type=Path, help="file for the tables")
+    args = parser.parse_args()
+    base = Scene(pad=GEL, depth=DEPTH, print=Dots(dot_grid((7, 9), PITCH), DIAMETER), size=SIZE, scale=SCALE)
+    makers = {
+        "displacement": lambda: displacement(base, args.seeds),
+        "force": lambda: force(base, args.frames),
+        "rate": lambda: rate(base),
+    }
+    lines: list[str] = []
+    for name, maker in makers.items():
+        if args.tables and name not in args.tables:
+            continue
+        lines += [f"\n## {name.capitalize()}\n"]
+        for line in maker():
+            print(line, flush=True)
+            lines.append(line)
+    if args.markdown is not None:
+        args.markdown.write_text("# From pictures to force\n" + "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()
