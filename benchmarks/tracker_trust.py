@@ -1,6 +1,6 @@
 """How often a tracker is wrong without a word: a stream with every fault injected at random.
 
-python benchmarks/tracker_trust.py [--minutes 10] [--seed 0] [--rate 50] [--friction 0.6] [--faults pull,dead,...]
+python benchmarks/tracker_trust.py [--minutes 10] [--seed 0] [--rate 50] [--friction 0.6] [--faults pull,dead,...] [--each] [--markdown FILE]
 
 A ball presses an array of shear and normal stress taxels again and again, at random places, with random forces and drags (1 % noise).
 Faults begin and end at random, in contact or not. A frame is wrong by its force where the normal force is off by more than 30 % of the
@@ -15,6 +15,7 @@ import argparse
 import math
 import time
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -193,11 +194,18 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=50.0)
     parser.add_argument("--friction", type=float, default=0.6, help="0: not known to the tracker")
     parser.add_argument("--faults", default=",".join(FAULTS), help=f"some of {', '.join(FAULTS)}; - for none")
-    parser.add_argument("--each", action="store_true", help="a stream for each fault alone, too")
+    parser.add_argument("--each", action="store_true", help="a stream for each fault alone, too, a fifth as long")
+    parser.add_argument("--markdown", type=Path, help="file for the table")
     args = parser.parse_args()
     every = tuple(f for f in args.faults.split(",") if f in FAULTS)
     rows = [every, *([(), *((f,) for f in every)] if args.each else [])]
     names = ("answered", "worded", "wrong", "wrong without a word", "outside", "outside without a word")
+    lines = [
+        f"Made by `python benchmarks/tracker_trust.py --minutes {args.minutes:g} --rate {args.rate:g} --seed {args.seed}{' --each' if args.each else ''}`.",
+        "",
+        "| faults | seconds | answered | with a word | wrong by > 30 % | of these without a word | truth outside 95 % | of these without a word |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     print(f"{'faults':<12}{'seconds':>9}" + "".join(f"{n:>24}" for n in names) + f"{'ms a frame':>12}")
     for faults in rows:
         minutes = args.minutes if faults == every else args.minutes / 5.0
@@ -209,6 +217,9 @@ def main() -> None:
             + f"{found['milliseconds a frame']:>12.2f}",
             flush=True,
         )
+        lines.append(f"| {label} | {found['frames']:.0f} | " + " | ".join(f"{found[n]:.1f}" for n in names) + " |")
+        if args.markdown is not None:
+            args.markdown.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
