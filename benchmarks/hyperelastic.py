@@ -229,6 +229,7 @@ def recovered(kind: str, method: str = "constrained", seed: int = 0) -> Iterator
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--solve", action="store_true", help="solve with felupe and write the table")
+    parser.add_argument("--readings", nargs="+", choices=("markers", "taxels"), default=["markers", "taxels"])
     parser.add_argument("--markdown", type=Path, help="file for the table of errors")
     args = parser.parse_args()
     if args.solve:
@@ -244,7 +245,7 @@ def main() -> None:
         "| readings | ball radius / thickness | indentation / thickness | recovered strain p (1 - nu^2)/E | force error | peak error | force, peak in 95 % | fit |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for kind in ("markers", "taxels"):
+    for kind in args.readings:
         for row in recovered(kind):
             held = ", ".join("yes" if row[k] else "no" for k in ("force held", "peak held"))
             lines.append(
