@@ -178,6 +178,7 @@ def test_a_press_between_two_pictures_moves_dots_past_their_neighbours_places() 
     assert float(np.mean(np.abs(error) < 1.96 * std)) > 0.9
 
 
+@pytest.mark.long
 def test_a_slide_over_two_pitches_keeps_every_name() -> None:
     """The whole print moves by 2.3 pitches in steps of a quarter and of half; some dots leave the picture and come back."""
     one = scene()
@@ -226,6 +227,7 @@ def test_bad_pictures_in_a_stream_are_said_and_passed_over() -> None:
         np.testing.assert_allclose(markers.follow(good).displacement, before, atol=0.02)
 
 
+@pytest.mark.long
 def test_speckle_is_followed_as_dots() -> None:
     one = BASE.changed(print=Texture(0.12e-3))
     rng = np.random.default_rng(0)

@@ -159,6 +159,7 @@ def test_four_points_and_what_does_not_fit() -> None:
         View.from_points([[0, 0], [1, 1], [2, 2], [3, 3]], places)
 
 
+@pytest.mark.long
 def test_opencv_calibration_finds_the_lens() -> None:
     matrix = np.array([[400.0, 0.0, 160.0], [0.0, 400.0, 120.0], [0.0, 0.0, 1.0]])
     bent = np.array([-0.25, 0.05, 0.0, 0.0])

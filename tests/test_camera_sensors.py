@@ -77,6 +77,7 @@ def test_a_scale_is_that_of_its_picture_size(tmp_path: Path) -> None:
         Displacements(cut, settings, reference=3)
 
 
+@pytest.mark.long
 def test_a_known_force_sets_the_modulus(tmp_path: Path) -> None:
     found = weigh([press(1.0), press(1.5, 2e-3)], guess(tmp_path), [1.0, 1.5])
     assert abs(found.youngs_modulus - 4e5) < 2.0 * found.std
@@ -86,6 +87,7 @@ def test_a_known_force_sets_the_modulus(tmp_path: Path) -> None:
     assert "they agree" in str(found)
 
 
+@pytest.mark.long
 def test_presses_that_do_not_fit_say_so(tmp_path: Path) -> None:
     found = weigh([press(1.0), press(1.5, 2e-3)], guess(tmp_path), [1.0, 6.0])
     assert found.agreement < 0.01

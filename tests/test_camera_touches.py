@@ -53,10 +53,16 @@ def pressed(part: float = 1.0) -> Any:
     return part * SCENE.skin.sample(BALL)
 
 
-def film(seed: int = 0, hold: int = 3, **stage: Any) -> list[np.ndarray]:
+@functools.cache
+def filmed(seed: int, hold: int, **stage: Any) -> tuple[np.ndarray, ...]:
     rng = np.random.default_rng(seed)
     parts = [0.0] * 4 + [0.3, 0.7] + [1.0] * hold
-    return [SCENE.picture(pressed(p) if p else None, rng=rng, **(stage if i > 3 else {})) for i, p in enumerate(parts)]
+    moved = [stage if i > 3 else {} for i in range(len(parts))]
+    return tuple(SCENE.picture(pressed(p) if p else None, rng=rng, **now) for p, now in zip(parts, moved))
+
+
+def film(seed: int = 0, hold: int = 3, **stage: Any) -> list[np.ndarray]:
+    return list(filmed(seed, hold, **stage))
 
 
 def plain() -> pp.Skin:
@@ -80,6 +86,7 @@ def test_displacements_are_those_of_the_pad_in_metres() -> None:
     np.testing.assert_allclose(recording.positions, truth.positions[which], atol=0.02e-3)
 
 
+@pytest.mark.long
 def test_motion_of_the_stage_is_taken_out_and_reported() -> None:
     moved = film(shift=(0.5e-3, -0.3e-3), rotation=0.03)
     with Displacements(moved, SCENE.view, reference=3, stage=True) as readings:
@@ -122,6 +129,7 @@ def test_pictures_become_newtons_with_error_bars() -> None:
     assert found[-1].time == pytest.approx(8 / 30)
 
 
+@pytest.mark.long
 def test_each_picture_by_itself_knows_pressure_better() -> None:
     pictures = film()
     with follow(pictures[:3] + pictures[-1:], plain(), view=SCENE.view, reference=3, track=False, every=3) as touches:
@@ -149,6 +157,7 @@ def test_a_near_camera_does_not_lose_force() -> None:
     assert forces[25e-3][8, 2] < 0.1  # let go: no ghost of the contact before
 
 
+@pytest.mark.long
 def test_bad_pictures_pass_and_say_why() -> None:
     pictures = film()
     pictures.insert(6, np.zeros_like(pictures[0]))
@@ -176,6 +185,7 @@ def test_what_cannot_be_meant_is_refused() -> None:
         follow(film(), plain(), view=SCENE.view, every=0)
 
 
+@pytest.mark.long
 def test_frames_are_solved_by_themselves_unless_a_tracker_is_asked_for() -> None:
     pictures = film()[:3]
     with follow(pictures, plain(), view=SCENE.view, reference=3) as touches:
@@ -184,6 +194,7 @@ def test_frames_are_solved_by_themselves_unless_a_tracker_is_asked_for() -> None
         assert touches.tracker is not None
 
 
+@pytest.mark.long
 def test_a_result_lies_over_its_picture() -> None:
     """What presses on the right of the picture and above its middle is drawn there."""
     pictures = film()
@@ -221,6 +232,7 @@ def files(folder: Path, text: str = SKIN, pictures: list[np.ndarray] | None = No
     return folder / "press.mp4", folder / "gel.toml"
 
 
+@pytest.mark.long
 def test_track_takes_a_video(tmp_path: Path) -> None:
     video, skin = files(tmp_path)
     out = palpate("track", video, "--skin", skin, "--fast", "--out", tmp_path / "t.nc", "--picture", tmp_path / "t.png")
