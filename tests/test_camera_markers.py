@@ -59,6 +59,18 @@ def test_every_dot_is_found_whatever_its_size_and_none_is_invented(diameter: flo
     assert float(near.max()) < 0.35
 
 
+@pytest.mark.parametrize("radius", [9, 11, 15])
+def test_sharp_dots_have_no_others_on_their_rims_or_beside_them(radius: int) -> None:
+    """Drawn without noise or blur, between pixels: rims gave twenty dots each, and peaks of two equal pixels gave two."""
+    rows, columns = np.mgrid[:240, :320]
+    dots = np.stack(np.meshgrid(np.arange(40, 300, 64) + 0.5, np.arange(40, 220, 64) + 0.5), -1).reshape(-1, 2)
+    far = np.min([np.hypot(columns - x, rows - y) for x, y in dots], axis=0)
+    picture = (200 - 150 * np.clip(radius - far + 0.5, 0, 1)).astype(np.uint8)
+    for image in (picture, cv2.imdecode(cv2.imencode(".jpg", picture)[1], cv2.IMREAD_UNCHANGED)):
+        found = find_dots(image)
+        assert len(found.positions) == len(dots)
+
+
 def test_bright_dots_and_sixteen_bits() -> None:
     plain = scene().picture(rng=np.random.default_rng(1))
     assert len(find_dots(255 - plain).positions) == 63

@@ -26,6 +26,8 @@ FINEST, FACTOR, COARSEST = 1.0, 1.2, 1.0 / 14.0
 WHOLE, SOME = 0.62, 0.3
 #: Contrast of a dot against its surroundings below which it cannot be told from noise (of the light there), and over the noise.
 FAINTEST, NOISES = 0.04, 6.0
+#: Strongest extrema that are looked at.
+MOST = 5000
 #: Fewest dots that make a print.
 FEWEST = 5
 
@@ -194,7 +196,19 @@ def find_dots(
         & (positions[:, 1] <= height - 1 - reach)
     )
     kept = inside & _compact(response, positions, print)
+    kept &= _first(np.stack([columns, rows], axis=1), print.blur)
     return Found(positions[kept], strength[kept].astype(np.float64), print)
+
+
+def _first(peaks: npt.NDArray[np.intp], apart: float) -> npt.NDArray[np.bool_]:
+    """One of peaks that lie together: two pixels with one response to the last bit."""
+    from scipy.spatial import cKDTree
+
+    kept = np.ones(len(peaks), dtype=bool)
+    if len(peaks) > 1:
+        for _, later in sorted(cKDTree(peaks).query_pairs(0.9 * apart)):
+            kept[later] = False
+    return kept
 
 
 def _compact(response: npt.NDArray[np.float32], positions: Floats, print: Print) -> npt.NDArray[np.bool_]:
@@ -211,6 +225,20 @@ def _compact(response: npt.NDArray[np.float32], positions: Floats, print: Print)
     )
     # a neighbour that touches fills two of twelve directions
     return np.asarray(np.quantile(around, 0.75, axis=1) < 0.5 * middle[:, 0])
+
+
+def _alone(places: Floats, radii: Floats, strength: npt.NDArray[Any]) -> npt.NDArray[np.intp]:
+    """Extrema that lie on no stronger one: a sharp dot has others of its own along its rim."""
+    from scipy.spatial import cKDTree
+
+    order = np.argsort(-strength, kind="stable")[:MOST]
+    tree = cKDTree(places[order])
+    free = np.ones(len(order), dtype=bool)
+    for i in range(len(order)):
+        if free[i]:
+            near = [j for j in tree.query_ball_point(places[order[i]], 1.3 * float(radii[order[i]])) if j > i]
+            free[near] = False
+    return order[free]
 
 
 def _print_of(plain: npt.NDArray[Any]) -> Print:
@@ -235,6 +263,10 @@ def _print_of(plain: npt.NDArray[Any]) -> Print:
         if len(level) < FEWEST:
             continue
         strength = signed[level, rows, columns]
+        own = _alone(np.stack([columns, rows], axis=1).astype(np.float64), math.sqrt(2.0) * blurs[level], strength)
+        level, strength = level[own], strength[own]
+        if len(level) < FEWEST:
+            continue
         # the size whose extrema weigh most, as many as they are and as strong; squares, so that many faint ones are no print
         weight = np.bincount(level, strength.astype(np.float64) ** 2, minlength=count)
         joined = np.convolve(weight, [0.5, 1.0, 0.5], mode="same")
