@@ -88,17 +88,21 @@ def test_displacements_are_those_of_the_pad_in_metres() -> None:
 
 @pytest.mark.long
 def test_motion_of_the_stage_is_taken_out_and_reported() -> None:
-    moved = film(shift=(0.5e-3, -0.3e-3), rotation=0.03)
-    with Displacements(moved, SCENE.view, reference=3, stage=True) as readings:
+    """To a fiftieth of the distance of the dots, where a good part of them is far from the contact."""
+    wide = Scene(pad=GEL, depth=0.5e-3, print=Dots(dot_grid((7, 9), 2e-3), 0.8e-3), size=(320, 240), scale=0.06e-3)
+    rng = np.random.default_rng(0)
+    stage: dict[str, Any] = {"shift": (0.5e-3, -0.3e-3), "rotation": 0.03}
+    rest, ball = [wide.picture(rng=rng) for _ in range(3)], wide.skin.sample(BALL)
+    pictures = [*rest, wide.picture(ball, rng=rng, **stage), wide.picture(ball, rng=rng)]
+    with Displacements(pictures, wide.view, reference=3, stage=True) as readings:
         found = list(readings)
-    assert found[0].stage is not None
-    last = found[-1]
-    assert last.stage is not None
-    np.testing.assert_allclose(last.stage.shift, [0.5e-3, -0.3e-3], atol=0.02e-3)
-    assert last.stage.rotation == pytest.approx(0.03, abs=2e-3)
-    with Displacements(film(), SCENE.view, reference=3) as readings:
-        still = list(readings)[-1]
-    np.testing.assert_allclose(last.values, still.values, atol=0.03e-3)
+    moved = found[3].stage
+    assert moved is not None
+    np.testing.assert_allclose(moved.shift, [0.5e-3, -0.3e-3], atol=0.02e-3)
+    assert moved.rotation == pytest.approx(0.03, abs=2e-3)
+    with Displacements(pictures, wide.view, reference=3) as readings:
+        still = list(readings)[4]
+    np.testing.assert_allclose(found[3].values, still.values, atol=0.04e-3)
 
 
 def test_a_gel_that_moves_in_the_reference_is_refused() -> None:

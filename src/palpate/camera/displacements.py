@@ -25,7 +25,7 @@ __all__ = ["Displacements", "Reading", "Stage", "view_of"]
 #: Pictures at the start that may be bad before the source is given up.
 PATIENCE = 30
 #: Dots that must agree on a motion of the whole gel, as a part of all, and how well, as a part of their distance.
-AGREE, ALIKE = 0.34, 0.03
+AGREE, ALIKE = 0.34, 0.01
 
 
 @dataclass(frozen=True)
@@ -279,7 +279,7 @@ def _without_stage(positions: Floats, values: Floats, std: Floats) -> tuple[Floa
     size = float(np.median(np.hypot(*((now - at - shift).T)))) * 1.5
     floor = float(np.median(noise))
     most = ALIKE * typical_distance(positions)
-    for _ in range(60):
+    for _ in range(80):
         c, s = np.cos(angle), np.sin(angle)
         left = np.hypot(*(now - middle - shift - arm @ np.array([[c, s], [-s, c]])).T)
         reach = 4.685 * np.sqrt(noise**2 + size**2)
@@ -299,7 +299,7 @@ def _without_stage(positions: Floats, values: Floats, std: Floats) -> tuple[Floa
         done = abs(turn - angle) * float(np.abs(arm).max()) + float(np.abs(fresh - shift).max()) < 0.01 * floor
         shift, angle = fresh, float(turn)
         # from the spread of all down to what noise alone leaves
-        shrunk = max(0.7 * size, floor)
+        shrunk = max(0.85 * size, floor)
         if done and shrunk >= size:
             break
         size = shrunk
