@@ -48,6 +48,7 @@ NEEDS = {
     "test_options.py": COMMANDS,
     "test_overwriting.py": COMMANDS,
     "test_paper.py": ("matplotlib",),
+    "test_prepared.py": COMMANDS,
     "test_published.py": COMMANDS,
     "test_recordings.py": FILES,
     "test_robots.py": (*COMMANDS, *BAGS),

@@ -146,6 +146,9 @@ def full(frames: int = 4) -> pp.Touch:
         nuisance_std=some(2),
         nuisance_names=(("offset of stress_zz", "Pa"), ("rotation about z", "rad")),
         at_limit=some(36) > 0.9,
+        drag=some(2),
+        drag_std=some(),
+        sticking=some(4),
         reading_names={i: f"stress_zz at taxel ({i},)" for i in range(36)},
     )
 

@@ -48,7 +48,7 @@ PREPARED = 8
 
 
 class Skin:
-    """An elastic pad with sensing elements in or under it.
+    """An elastic pad with sensing elements in or under it; what is expensive is prepared on first use and kept.
 
     Parameters
     ----------
@@ -72,11 +72,6 @@ class Skin:
     ------
     InvalidInput
         No pad, no array, lines among areas, or a depth below a rigid base.
-
-    Notes
-    -----
-    A skin does not change once made. What is expensive is prepared on first use and kept, for each method and each kind,
-    precision and device of arrays.
 
     Examples
     --------
@@ -569,12 +564,19 @@ class Skin:
         >>> skin.prepare()
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     skin.save_prepared(f"{folder}/a.prepared")
-        ...     skin.load_prepared(f"{folder}/a.prepared")
         """
         write_prepared(self._problem, path)
 
     def load_prepared(self, path: str | Path) -> None:
-        """Take what an earlier run prepared for this very skin. `InvalidInput` says what differs, or that the file is damaged."""
+        """Take what an earlier run prepared for this very skin; `InvalidInput` says what differs, or that the file is damaged.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> array = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
+        >>> skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5), array)
+        >>> skin.load_prepared("a.prepared") if Path("a.prepared").exists() else skin.prepare()
+        """
         self._problem.recall = read_prepared(self._problem, path)
         # what was prepared before goes on to serve whoever holds it
         self._problem.kept.clear()

@@ -483,7 +483,17 @@ class Operator:
         return made
 
     def worked_out(self) -> dict[str, tuple[Floats, ...]]:
-        """Influences that are there, for `Recall`."""
+        """Influences that are there, for `Recall`.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> from palpate.sensing import Operator
+        >>> array = pp.LineArray(count=5, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> len(Operator(pad, [array], pp.LineGrid(count=5, spacing=1e-3)).worked_out())  # nothing was asked for
+        0
+        """
         made = self.planes if "planes" in self.__dict__ else []
         return {p.key: (p.kernel,) for p in made if isinstance(p, Convolution) and p.key is not None}
 
@@ -567,6 +577,7 @@ def sampled_kernel(pad: Pad, array: Array) -> Operator:
         )
     operator = Operator.__new__(Operator)
     operator.pad, operator.planes_of, operator.surface, operator.boundary = pad, (array,), array.grid, "free"
+    operator.recall = None
     operator.planes = [Convolution(pad, array, array.grid, concentrated=True)]
     operator._weights = [_Cached(array.valid.astype(np.float64)) if array.mask is not None else None]
     operator._floating = [_floating_channels(pad, array, "free")]
