@@ -51,7 +51,10 @@ class Observability:
     components: tuple[str, ...]
 
 
-def _whitened(pad: Pad, planes: Sequence[Array], k: Floats, angle: float | Floats) -> npt.NDArray[np.complex128]:
+def _whitened(
+    pad: Pad, planes: Sequence[Array], k: Floats, angle: float | Floats, *, scaled: Floats | None = None
+) -> npt.NDArray[np.complex128]:
+    """Rows of the channels over their noise; without noise in units of stress, at the wavenumbers ``scaled`` where they are not ``k``."""
     d = planes[0].dimensions
     modulus = 2 * shear_modulus(pad, 0.0)
     rows = []
@@ -62,7 +65,9 @@ def _whitened(pad: Pad, planes: Sequence[Array], k: Floats, angle: float | Float
         if array.noise_std is not None:
             scale: Floats = np.broadcast_to(np.asarray(array.noise_std), (len(k), len(array.channels)))
         else:  # in units of stress: strain times 2 mu, displacement times 2 mu k
-            scale = np.stack([find_channel(c).kind.scale(modulus, k) for c in array.channels], axis=-1)
+            scale = np.stack(
+                [find_channel(c).kind.scale(modulus, k if scaled is None else scaled) for c in array.channels], axis=-1
+            )
         rows.append(matrix / scale[..., None])
     return np.concatenate(rows, axis=-2)
 
@@ -185,7 +190,9 @@ def blind_to_force(pad: Pad, planes: Sequence[Array], components: Sequence[str])
     names = COMPONENTS[planes[0].dimensions]
     size = float(np.ptp(planes[0].points, axis=0).max())
     k = np.array([1e-5, 1.0]) * 2 * np.pi / size
-    response = np.abs(_whitened(pad, planes, k, 0.3 if len(names) == 3 else 0.0)).max(axis=-2)
+    # both in the same units: the displacement of a bonded layer stays what it is as the wavelength grows
+    matrix = _whitened(pad, planes, k, 0.3 if len(names) == 3 else 0.0, scaled=np.full(2, k[-1]))
+    response = np.abs(matrix).max(axis=-2)
     # (wavelength, component): what is left of the response where the wavelength is far beyond the array
     left = response[0] / np.maximum(response.max(axis=0), 1e-300)
     return tuple(c for c in components if left[names.index(c)] < 1e-3)
