@@ -52,6 +52,8 @@ EXCESS = 1.5
 PATIENCE = 32
 #: Work under way after which the solution will be another.
 MOVING = ("learn", "move")
+#: How often in a frame such work is waited for, where there is time.
+ROUNDS_OF_WAITING = 5
 #: A zero that jumped is told from contact where that covers no more than this part of the surface.
 COMPACT = 0.4
 #: A look is taken at once where the misfit is so many standard deviations of its own beyond the noise, and this part of the readings'
@@ -190,7 +192,10 @@ class Contact:
                 learned = True
                 converged = self._push(frame)
             unusual = self._beyond(noise, self._tolerated)
-            if unusual and self._background.wait(MOVING, frame.deadline):
+            for _ in range(ROUNDS_OF_WAITING):
+                # what comes from the thread may send it to work again: another penalty, then other cells
+                if not (unusual and self._background.wait(MOVING, frame.deadline)):
+                    break
                 learned = self._learn(frame) or learned
                 converged = self._push(frame)
                 unusual = self._beyond(noise, self._tolerated)
