@@ -312,12 +312,11 @@ def _faulty(skin: pp.Skin, pressed: Any, seed: int, frames: int) -> dict[str, in
                 assert status(touch) in (Status.SOLVED, Status.NOT_CONVERGED)
                 if status(touch) is Status.SOLVED:
                     assert touch.force[2] == pytest.approx(1.0, abs=0.15)
-            elif status(touch) is Status.SOLVED:
-                # a millisecond is too short for a frame: it goes on from the last one's, and its interval knows
-                low, high = touch.interval(0.95, "force")
-                assert low[2] < 1.0 < high[2]
             else:
-                assert status(touch) in (Status.NOT_CONVERGED, Status.NOT_PUSHING)
+                # a millisecond is too short for any frame: 0.9 to 1.6 N half a second later, by the machine's load; without an end to
+                # unfinished frames it was 17 to 290 N
+                assert status(touch) in (Status.SOLVED, Status.NOT_CONVERGED, Status.NOT_PUSHING)
+                assert 0.4 < touch.force[2] < 2.5
     return counts
 
 
