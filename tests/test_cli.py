@@ -71,6 +71,7 @@ def test_help_teaches(tmp_path: Path) -> None:
     assert run("--version", cwd=tmp_path).stdout.startswith("palpate ")
 
 
+@pytest.mark.long
 def test_a_process_of_its_own(folder: Path, tmp_path: Path) -> None:
     """What the other tests call inside their own process, started as a user starts it: a result, an error."""
     arguments = ("reconstruct", str(folder / "line.nc"), "--skin", str(folder / "line.toml"), "--parameter", "1e-4")

@@ -27,6 +27,7 @@ def test_shear_of_a_ball_that_is_dragged_is_cattaneos() -> None:
 
 
 @pytest.mark.parametrize("given", [True, False])
+@pytest.mark.long
 def test_a_ball_that_slips_at_a_friction_of_a_quarter_is_noticed_under_three_per_cent_of_noise(given: bool) -> None:
     """The net force of its shear reads 0.6 to 0.8 of the truth; a firm hold at 0.4 of the friction raises nothing."""
     skin = pp.Skin(

@@ -29,6 +29,7 @@ def frame(skin: pp.Skin) -> Any:
     return readings + 0.02 * np.abs(readings).max() * np.random.default_rng(0).standard_normal(readings.shape)
 
 
+@pytest.mark.long
 def test_one_frame_works_them_out_when_asked(skin: pp.Skin, monkeypatch: pytest.MonkeyPatch) -> None:
     readings = frame(skin)
     with monkeypatch.context() as m:
