@@ -159,7 +159,7 @@ def weigh(
         misfit = float((weight * (ratio - mean) ** 2).sum())
         agreement = float(chi2.sf(misfit, len(ratio) - 1))
         scatter = float(ratio.std(ddof=1)) / math.sqrt(len(ratio))
-    std = math.hypot(shared if len(ratio) == 1 else shared / math.sqrt(2.0), scatter)
+    std = math.hypot(shared, scatter)
     return Weighed(mean * modulus, std * modulus, mean, ratio, each, agreement, np.array(fits))
 
 
