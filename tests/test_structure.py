@@ -38,6 +38,7 @@ ROOMS = [
     "archives",
     "simulation",
     "camera",
+    "microscopy",
     "sensors",
     "pads",
     "paper",

@@ -1,0 +1,261 @@
+"""A displacement field in a microscope's picture: on a regular grid, in metres, in the picture's own axes (x right, y down)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.errors import InvalidInput
+from palpate.recordings import Recording
+from palpate.sensing.arrays import AreaArray
+
+__all__ = ["Field"]
+
+#: Displacements larger than this part of the field of view, or gradients larger than the next number, are those of a wrong unit.
+LARGEST, STEEPEST = 0.25, 1.0
+#: Steps between vectors may differ by this part of a step: coordinates are often rounded.
+EVEN = 0.02
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Field:
+    """Displacements of a gel's surface on a regular grid, with the picture's own axes: x to the right, y down, row 0 at the top.
+
+    Parameters
+    ----------
+    displacement : array (2, row, column)
+        Along x and along y [m]; NaN where there is none.
+    start : (float, float)
+        Pixel (column, row) of the first vector.
+    step : float
+        Pixels between vectors.
+    pixel : float
+        Metres in a pixel.
+    std : array (2, row, column), optional
+        Standard deviation of each [m]; NaN where it is not known.
+    drift : (float, float), optional
+        Shift along x and y [m] that was taken out.
+    correlation : float
+        Distance [m] over which neighbouring vectors share noise, as where windows overlap; 0: each has its own.
+    notes : tuple of str
+        What was assumed.
+
+    Raises
+    ------
+    InvalidInput
+        Another shape, infinite values, no vector, displacements that cannot be in the unit that was given.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.microscopy import Field
+    >>> u = np.zeros((2, 30, 40))
+    >>> u[0, 10:20, 10:20] = 0.2e-6
+    >>> field = Field(displacement=u, start=(7.5, 7.5), step=8.0, pixel=0.1e-6)
+    >>> field.pitch, field.size  # metres between vectors, pixels of the picture that it covers (columns, rows)
+    (8e-07, (320, 240))
+    """
+
+    displacement: Any
+    start: tuple[float, float]
+    step: float
+    pixel: float
+    std: Any = None
+    drift: tuple[float, float] | None = None
+    correlation: float = 0.0
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        u = np.array(self.displacement, dtype=np.float64)
+        if u.ndim != 3 or u.shape[0] != 2 or min(u.shape[1:]) < 4:
+            raise InvalidInput(
+                f"a displacement field has the shape (2, row, column), with at least 4 x 4 vectors; got {u.shape}."
+            )
+        for name in ("step", "pixel"):
+            value = getattr(self, name)
+            if not (isinstance(value, int | float) and np.isfinite(value) and value > 0):
+                raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
+        if np.isinf(u).any():
+            raise InvalidInput("the displacements hold infinite values; mark vectors that are missing as NaN.")
+        u[:, np.isnan(u).any(axis=0)] = np.nan
+        there = ~np.isnan(u[0])
+        if there.sum() < 16:
+            raise InvalidInput(
+                f"the field holds {int(there.sum())} vectors, the rest is NaN: at least 16 are needed. Look at what marks its vectors as bad."
+            )
+        object.__setattr__(self, "displacement", u)
+        if self.std is not None:
+            std = np.array(self.std, dtype=np.float64)
+            if std.shape != u.shape or (std[:, there] < 0).any():
+                raise InvalidInput(
+                    f"std must have the shape of the displacements, {u.shape}, and no negative values; got {std.shape}."
+                )
+            object.__setattr__(self, "std", std)
+        self._sensible()
+
+    def _sensible(self) -> None:
+        """Refuse what the wrong unit makes."""
+        u = self.displacement - np.nanmedian(self.displacement, axis=(1, 2), keepdims=True)
+        largest = float(np.nanmax(np.hypot(*u)))
+        width = self.pitch * max(self.shape)
+        said = (
+            f"(the largest is {largest / self.pixel:.3g} px or {largest * 1e6:.3g} µm, with pixels of {self.pixel * 1e6:.3g} µm and "
+            f"{self.pitch * 1e6:.3g} µm between vectors)"
+        )
+        if largest > LARGEST * width:
+            raise InvalidInput(
+                f"displacements of more than a quarter of the field of view {said}: check the size of a pixel, the step between vectors, and "
+                'whether displacements are in pixels (unit="px") or in metres ("m", "um").'
+            )
+        slopes = [
+            np.nanmax(np.abs(np.diff(u, axis=a))) / self.pitch for a in (1, 2) if not np.isnan(np.diff(u, axis=a)).all()
+        ]
+        if slopes and np.median(slopes) > STEEPEST:
+            raise InvalidInput(
+                f"neighbouring vectors differ by more than their distance {said}: check the size of a pixel, the step between vectors, whether "
+                "displacements are in pixels or metres, and for outliers."
+            )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of vectors.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.microscopy import Field
+        >>> Field(displacement=np.zeros((2, 30, 40)), start=(7.5, 7.5), step=8.0, pixel=0.1e-6).shape
+        (30, 40)
+        """
+        return self.displacement.shape[1:]
+
+    @property
+    def pitch(self) -> float:
+        """Metres between vectors.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.microscopy import Field
+        >>> Field(displacement=np.zeros((2, 30, 40)), start=(7.5, 7.5), step=8.0, pixel=0.1e-6).pitch
+        8e-07
+        """
+        return float(self.step * self.pixel)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Pixels (columns, rows) of a picture from (0, 0) that the field covers as far as its far edge.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.microscopy import Field
+        >>> Field(displacement=np.zeros((2, 30, 40)), start=(7.5, 7.5), step=8.0, pixel=0.1e-6).size
+        (320, 240)
+        """
+        rows, columns = self.shape
+        far = [s + (n - 0.5) * self.step + 0.5 for s, n in zip(self.start, (columns, rows))]
+        return round(far[0]), round(far[1])
+
+    @property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """Where there is a vector (row, column).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.microscopy import Field
+        >>> u = np.zeros((2, 30, 40))
+        >>> u[0, 3, 4] = np.nan
+        >>> int((~Field(displacement=u, start=(7.5, 7.5), step=8.0, pixel=0.1e-6).valid).sum())
+        1
+        """
+        return np.asarray(np.isfinite(self.displacement[0]))
+
+    @property
+    def center(self) -> tuple[float, float]:
+        """(x, y) of the middle of the grid [m], from the middle of the picture's first pixel.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.microscopy import Field
+        >>> field = Field(displacement=np.zeros((2, 11, 21)), start=(0.0, 0.0), step=10.0, pixel=1e-6)
+        >>> field.center
+        (0.0001, 5e-05)
+        """
+        rows, columns = self.shape
+        x, y = ((s + 0.5 * (n - 1) * self.step) * self.pixel for s, n in zip(self.start, (columns, rows)))
+        return float(x), float(y)
+
+    def without_drift(self) -> Field:
+        """The field without the shift of the whole: the median of the vectors along its border, where a cell moves least; ``drift`` says how much.
+
+        What a cell moves at the border goes with it: the inversion fits a shift besides, and its error bars allow for it.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.microscopy import Field
+        >>> u = np.full((2, 30, 40), 0.3e-6)
+        >>> field = Field(displacement=u, start=(7.5, 7.5), step=8.0, pixel=0.1e-6).without_drift()
+        >>> field.drift, float(abs(field.displacement).max())
+        ((3e-07, 3e-07), 0.0)
+        """
+        rows, columns = self.shape
+        edge = np.ones(self.shape, dtype=bool)
+        r, c = max(1, rows // 10), max(1, columns // 10)
+        edge[r:-r, c:-c] = False
+        edge &= self.valid
+        if not edge.any():
+            edge = self.valid
+        shift = np.median(self.displacement[:, edge], axis=1)
+        before = self.drift or (0.0, 0.0)
+        return replace(
+            self,
+            displacement=self.displacement - shift[:, None, None],
+            drift=(float(before[0] + shift[0]), float(before[1] + shift[1])),
+        )
+
+    def array(self, *, depth: float = 0.0, noise: float | None = None) -> AreaArray:
+        """The array that measures it: displacements along x and y, ``depth`` metres below the surface; vectors that are missing are masked.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.microscopy import Field
+        >>> array = Field(displacement=np.zeros((2, 30, 40)), start=(7.5, 7.5), step=8.0, pixel=0.1e-6).array()
+        >>> array.shape, array.channels
+        ((30, 40), ('displacement_x', 'displacement_y'))
+        """
+        return AreaArray(
+            shape=self.shape,
+            pitch=self.pitch,
+            depth=depth,
+            channels=["displacement_x", "displacement_y"],
+            noise=noise,
+            center=self.center,
+            mask=None if self.valid.all() else self.valid,
+            noise_correlation=self.correlation,
+        )
+
+    def recording(self) -> Recording:
+        """One frame for `palpate reconstruct` and any other program: ``meta`` says where the first vector lies and the pitch [m].
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.microscopy import Field
+        >>> field = Field(displacement=np.zeros((2, 30, 40)), start=(7.5, 7.5), step=8.0, pixel=0.1e-6)
+        >>> field.recording().readings.shape
+        (1, 2, 30, 40)
+        """
+        x, y = (s * self.pixel for s in self.start)
+        return Recording(
+            readings=self.displacement[None],
+            channels=("displacement_x", "displacement_y"),
+            meta={"x0": repr(float(x)), "y0": repr(float(y)), "pitch": repr(self.pitch)},
+        )

@@ -1,0 +1,171 @@
+"""Displacement fields in .mat files: v5 by SciPy, v7.3 (which is HDF5) by h5py, structs and cells inside each other; and in plain HDF5."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate._extras import require
+from palpate.errors import InvalidInput
+from palpate.microscopy.found import Found, chosen
+from palpate.microscopy.names import POSITIONS, STDS, VECTORS, which
+
+__all__ = ["read_hdf", "read_mat"]
+
+_DAMAGED = "{path}: cannot be read as .mat or HDF5 ({error}); it is truncated, damaged or of another format. Save it again from the program that made it."
+#: Structs within structs that are looked into.
+DEEPEST = 12
+
+
+def read_mat(path: Path, name: str | None) -> Found:
+    """The field of a .mat file."""
+    with path.open("rb") as file:
+        head = file.read(520)
+    tree = _version_73(path) if head[:10] == b"MATLAB 7.3" or b"\x89HDF\r\n\x1a\n" in head else _version_5(path)
+    return _only(path, tree, name)
+
+
+def read_hdf(path: Path, name: str | None) -> Found:
+    """The field of an HDF5 file that MATLAB did not write: matrices are as they stand."""
+    return _only(path, _version_73(path, turned=False), name)
+
+
+def _only(path: Path, tree: dict[str, Any], name: str | None) -> Found:
+    candidates = dict(_fields(tree, ""))
+    if not candidates:
+        held = ", ".join(list(tree)[:12]) or "nothing"
+        raise InvalidInput(
+            f"{path}: no displacement field: sought are two matrices of one shape called u and v, ux and uy or dx and dy, or pos and vec of "
+            f"(n, 2); it holds {held}. Rename them, or save them as two .csv files."
+        )
+    return chosen(path, candidates, name)
+
+
+def _version_5(path: Path) -> dict[str, Any]:
+    import zlib
+
+    import scipy.io
+    from scipy.io.matlab import MatReadError
+
+    try:
+        held = scipy.io.loadmat(path, struct_as_record=True, squeeze_me=False)
+    except (
+        MatReadError,
+        ValueError,
+        TypeError,
+        OSError,
+        KeyError,
+        IndexError,
+        EOFError,
+        zlib.error,
+        NotImplementedError,
+        MemoryError,
+        UnicodeDecodeError,
+    ) as error:
+        raise InvalidInput(_DAMAGED.format(path=path, error=str(error)[:80] or type(error).__name__)) from error
+    return {key: _unpacked(value, 0) for key, value in held.items() if not key.startswith("__")}
+
+
+def _unpacked(value: Any, depth: int) -> Any:
+    """Structs as dictionaries, arrays of structs and cells as lists."""
+    if depth > DEEPEST or not isinstance(value, np.ndarray):
+        return value
+    if value.dtype.names:
+        each = [{n: _unpacked(one[n], depth + 1) for n in value.dtype.names} for one in value.ravel()]
+        return each[0] if len(each) == 1 else each
+    if value.dtype == object:
+        cells = [_unpacked(one, depth + 1) for one in value.ravel()]
+        return cells[0] if len(cells) == 1 else cells
+    return value
+
+
+def _version_73(path: Path, *, turned: bool = True) -> dict[str, Any]:
+    require("MATLAB 7.3 and HDF5 files", "h5py")
+    import h5py
+
+    from palpate.recordings.netcdf import DAMAGE, guard, opened
+
+    try:
+        with opened(path) as file:
+            guard(file, path)
+            return {key: _followed(file, file[key], h5py, 0, turned) for key in file if not key.startswith("#")}
+    except InvalidInput:
+        raise
+    except DAMAGE as error:
+        raise InvalidInput(_DAMAGED.format(path=path, error=str(error).strip("'\"")[:80])) from error
+
+
+def _followed(file: Any, held: Any, h5py: Any, depth: int, turned: bool) -> Any:
+    """MATLAB keeps matrices by columns, so that HDF5 sees them transposed; structs are groups, cells and arrays of structs are references."""
+    if depth > DEEPEST:
+        return None
+    if isinstance(held, h5py.Group):
+        parts = {key: _followed(file, held[key], h5py, depth + 1, turned) for key in held}
+        if list(parts) == ["0"]:  # one frame of several
+            return parts["0"]
+        lists = {key: part for key, part in parts.items() if isinstance(part, list)}
+        if (
+            parts and len(lists) == len(parts) and len({len(part) for part in lists.values()}) == 1
+        ):  # an array of structs
+            return [dict(zip(lists, each)) for each in zip(*lists.values())]
+        return parts
+    if held.dtype == h5py.ref_dtype:
+        cells = [_followed(file, file[one], h5py, depth + 1, turned) for one in np.asarray(held[()]).T.ravel() if one]
+        return cells[0] if len(cells) == 1 and depth > 1 else cells
+    if held.dtype.kind not in "fiu":
+        return None
+    return np.asarray(held[()]).T if turned else np.asarray(held[()])
+
+
+def _numbers(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.size > 1
+
+
+def _fields(tree: Any, where: str) -> Iterator[tuple[str, Found]]:
+    """Every field of a tree, with its place."""
+    if isinstance(tree, list):
+        for i, each in enumerate(tree):
+            yield from _fields(each, f"{where}({i + 1})")
+        return
+    if not isinstance(tree, dict):
+        return
+    lower = {key.lower(): key for key in tree}
+    prefix = f"{where}." if where else ""
+    for pair in which(lower, VECTORS):
+        u, v = (tree[lower[n]] for n in pair)
+        together = list(zip(u, v)) if isinstance(u, list) and isinstance(v, list) else [(u, v)]
+        for i, (a, b) in enumerate(together):
+            if not (_numbers(a) and _numbers(b) and a.shape == b.shape):
+                continue
+            extra: dict[str, Any] = {}
+            for names, keys in ((POSITIONS, ("x", "y")), (STDS, ("std",))):
+                for found in which(lower, names):
+                    parts = [tree[lower[n]] for n in found]
+                    parts = [p[min(i, len(p) - 1)] if isinstance(p, list) and p else p for p in parts]
+                    if all(_numbers(p) and p.shape == a.shape for p in parts):
+                        extra |= dict(zip(keys, parts)) if len(keys) == 2 else {"std": tuple(parts)}
+                        break
+            name = prefix + f"{lower[pair[0]]}, {prefix}{lower[pair[1]]}" + (f"({i + 1})" if len(together) > 1 else "")
+            flat = {k: v.ravel() for k, v in extra.items() if k in "xy"} if min(a.shape) == 1 else extra
+            yield name, Found(u=a.ravel() if min(a.shape) == 1 else a, v=b.ravel() if min(a.shape) == 1 else b, **flat)
+    if "pos" in lower and "vec" in lower:
+        pos, vec = tree[lower["pos"]], tree[lower["vec"]]
+        if _numbers(pos) and _numbers(vec) and pos.shape == vec.shape and pos.ndim == 2 and 2 in pos.shape:
+            pos, vec = (p if p.shape[1] == 2 else p.T for p in (pos, vec))
+            yield (
+                f"{prefix}pos, {prefix}vec",
+                Found(
+                    u=vec[:, 0],
+                    v=vec[:, 1],
+                    x=pos[:, 0],
+                    y=pos[:, 1],
+                    pixels=True,
+                    notes=["pos and vec are taken as pixels of the picture"],
+                ),
+            )
+    for key, each in tree.items():
+        if isinstance(each, dict | list):
+            yield from _fields(each, prefix + key)

@@ -1,0 +1,157 @@
+"""PIV tables as text: columns x y u v and what follows, as OpenPIV, JPIV, PIVlab, Tecplot and ImageJ's PIV write them; and bare matrices."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+from palpate.microscopy.found import Found
+from palpate.microscopy.names import FLAGS, POSITIONS, STDS, VECTORS, plain, unit_in, which
+from palpate.recordings.csvfile import text_of, warn_of_a_cut
+
+__all__ = ["read_matrix", "read_piv_text"]
+
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?|nan|NaN|NAN", re.ASCII)
+
+
+def _split(line: str) -> list[str]:
+    """Cells of a line: by ; or tab or comma where there is one, else by spaces."""
+    for mark in (";", "\t", ","):
+        if mark in line:
+            parts = [p.strip() for p in line.split(mark)]
+            return parts[:-1] if parts and not parts[-1] else parts
+    return line.split()
+
+
+def _is_number(cell: str) -> bool:
+    return not cell or _NUMBER.fullmatch(cell) is not None
+
+
+def _rows(path: Path) -> tuple[list[str], Floats]:
+    """Lines before the numbers, and the numbers."""
+    lines, ended = text_of(path)
+    head: list[str] = []
+    rows: list[list[float]] = []
+    for count, line in enumerate(lines, 1):
+        text = line.strip()
+        if not text:
+            continue
+        parts = _split(text)
+        if not all(map(_is_number, parts)) or text.startswith(("#", "%")):
+            if rows and not text.startswith(("#", "%")):
+                raise InvalidInput(
+                    f"{path}, line {count}: {text[:60]!r} among the numbers; the file may hold several fields or be damaged: give one."
+                )
+            head.append(text)
+            continue
+        if rows and len(parts) != len(rows[0]):
+            raise InvalidInput(
+                f"{path}, line {count}: {len(parts)} numbers, the lines before have {len(rows[0])}; the file may be truncated."
+            )
+        rows.append([float(p) if p else np.nan for p in parts])
+    if not rows:
+        raise InvalidInput(f"{path}: holds no numbers.")
+    if not ended:
+        warn_of_a_cut(path, lines[-1])
+    return head, np.array(rows, dtype=np.float64)
+
+
+def _names(head: list[str], count: int) -> list[str] | None:
+    """The names of ``count`` columns among the lines before the numbers."""
+    for line in reversed(head):
+        text = re.sub(r"^\s*[#%]+\s*", "", line)
+        text = re.sub(r"^VARIABLES\s*=\s*", "", text, flags=re.IGNORECASE)
+        quoted = re.findall(r'"([^"]*)"', text)
+        names = quoted if len(quoted) == count else _split(text)
+        if len(names) != count and " [" in text:
+            names = re.findall(r"[^\s\[\],;]+(?:\s*\[[^\]]*\])?", text)
+        if len(names) == count and any(re.search("[a-zA-Z]", n) for n in names):
+            return names
+    return None
+
+
+def is_matrix(path: Path) -> bool:
+    """Whether a text file holds a bare matrix: numbers without names, wider than a table of vectors."""
+    head, values = _rows(path)
+    return _names(head, values.shape[1]) is None and values.shape[1] > 16
+
+
+def read_matrix(path: Path) -> Floats:
+    """One component as a matrix of text."""
+    head, values = _rows(path)
+    names = _names(head, values.shape[1])
+    if names is not None and which([plain(n) for n in names], VECTORS):
+        raise InvalidInput(
+            f"{path}: is a table with the columns {', '.join(names)}, not a matrix of one component: give this file alone."
+        )
+    return values
+
+
+def read_piv_text(path: Path) -> Found:
+    """A table of vectors: x, y, u, v by their names, or as the first four columns."""
+    head, values = _rows(path)
+    columns = values.shape[1]
+    names = _names(head, columns)
+    if names is None:
+        if columns < 4:
+            raise InvalidInput(f"{path}: {columns} columns; a table of vectors has x, y, u, v.")
+        if columns > 16:
+            raise InvalidInput(
+                f"{path}: looks like one component as a matrix of {values.shape[0]} x {columns}. Give both files, that along x first."
+            )
+        found = Found(x=values[:, 0], y=values[:, 1], u=values[:, 2], v=values[:, 3], pixels=True)
+        found.notes.append(
+            "a table without names: the columns are taken as x, y, u, v"
+            + (f", the other {columns - 4} left out" if columns > 4 else "")
+        )
+        return found
+    short = [plain(n) for n in names]
+    vectors, places = which(short, VECTORS), which(short, POSITIONS)
+    if len(vectors) != 1 or not places:
+        raise InvalidInput(
+            f"{path}: the columns {', '.join(names)[:160]} do not say which are x, y and the displacements u, v; name them so in the header."
+        )
+    at = {n: short.index(n) for n in short}
+    (u, v), (x, y) = vectors[0], places[0]
+    found = Found(u=values[:, at[u]], v=values[:, at[v]], x=values[:, at[x]], y=values[:, at[y]])
+    found.unit, place = unit_in(names[at[u]]), unit_in(names[at[x]])
+    if found.unit is not None and "/" in found.unit:
+        raise InvalidInput(
+            f"{path}: {names[at[u]]} is a velocity, a field has displacements: export it in pixels a frame."
+        )
+    if place != found.unit:
+        raise InvalidInput(
+            f"{path}: positions in {place or 'no unit'} and displacements in {found.unit or 'no unit'}: export both in pixels."
+        )
+    found.pixels = found.unit in (None, "px")
+    for pair in which(short, STDS):
+        found.std = (values[:, at[pair[0]]], values[:, at[pair[1]]])
+    bad = np.zeros(len(values), dtype=bool)
+    for flag in FLAGS:
+        if flag not in at:
+            continue
+        # PIVlab: 1 is a vector, 0 masked, 2 interpolated; ImageJ and OpenPIV: 0 is a vector
+        regular = 1.0 if flag in ("vector type", "typevector", "chc") else 0.0
+        marked = values[:, at[flag]] != regular
+        bad |= marked
+        if marked.any():
+            found.notes.append(
+                f"{int(marked.sum())} of {len(marked)} vectors are left out: {names[at[flag]]} marks them"
+            )
+    if (
+        "n" in at and found.std is not None
+    ):  # a count of particles: without any there is no error bar, and where all is zero no vector
+        untold = (values[:, at["n"]] == 0) & (found.std[0] == 0)
+        found.std = tuple(np.where(untold, np.nan, one) for one in found.std)  # type: ignore[assignment]
+        empty = untold & (found.u == 0) & (found.v == 0)
+        bad |= empty
+        if empty.any():
+            found.notes.append(
+                f"{int(empty.sum())} of {len(empty)} vectors are left out: they are zero, and no particle tells them"
+            )
+    found.bad = bad
+    return found

@@ -1,0 +1,457 @@
+"""Displacement fields of other programs: NumPy, MATLAB, text, TIFF."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate._extras import missing
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+from palpate.microscopy.fields import EVEN, Field
+from palpate.microscopy.found import Found, chosen, stacked_pair
+from palpate.microscopy.matfile import read_hdf, read_mat
+from palpate.microscopy.names import POSITIONS, STDS, VECTORS, which
+from palpate.microscopy.pivtext import read_matrix, read_piv_text
+from palpate.recordings import Recording
+from palpate.units import UNITS
+
+__all__ = ["READERS", "is_field", "read_field"]
+
+#: Vectors at no regular positions are put on a grid of about as many points.
+_SCATTERED = "the {count} vectors lie at no regular positions: they are interpolated to a grid of {step:.3g} px (cubic, Clough-Tocher)"
+
+
+def read_field(
+    source: str | Path | Sequence[str | Path],
+    *,
+    pixel: float,
+    unit: str | None = None,
+    step: float | None = None,
+    start: tuple[float, float] | None = None,
+    size: tuple[int, int] | None = None,
+    up: bool = False,
+    name: str | None = None,
+    follow: bool = False,
+) -> Field:
+    """A displacement field that another program made.
+
+    Parameters
+    ----------
+    source : path, or two of them
+        ``.npy`` (a pair, or one array of both components), ``.npz``, ``.mat`` (v5 and v7.3, structs and cells inside each other), ``.h5``, text tables with columns
+        x, y, u, v (``.txt``, ``.dat``, ``.csv``, ``.tsv``: OpenPIV, JPIV, PIVlab, Tecplot), a pair of text matrices, ``.tif`` (two pages or channels, or
+        a pair). Of a pair the first is along x (columns).
+    pixel : float
+        Metres in a pixel of the picture.
+    unit : "px", "m", "mm", "um" or "nm", optional
+        Of the displacements (and positions). Tables of PIV programs are in pixels unless they say otherwise; matrices do not tell.
+    step : float, optional
+        Pixels between vectors, for matrices without positions.
+    start : (float, float), optional
+        Pixel (column, row) of the first vector of a matrix; default: half a step from the corner, or the middle of a picture of ``size``.
+    size : (int, int), optional
+        Columns and rows of the picture. With it the step of a matrix that covers the picture need not be given.
+    up : bool
+        v (and the table's y) grow upwards. By default both grow downwards, as rows do.
+    name : str, optional
+        Which field of a file that holds several.
+    follow : bool
+        The vectors of a table belong to where the markers went: each position is moved by its own vector.
+
+    Returns
+    -------
+    Field
+        Its ``notes`` say what was assumed.
+
+    Raises
+    ------
+    InvalidInput
+        A file that is not there, damaged, or holds no field or several; a unit or step that nothing tells; displacements that cannot be in
+        that unit.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from palpate.microscopy import read_field
+    >>> u = np.zeros((30, 40))
+    >>> u[10:20, 10:20] = 1.5  # pixels
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     np.save(f"{folder}/u.npy", u)
+    ...     np.save(f"{folder}/v.npy", 0 * u)
+    ...     field = read_field([f"{folder}/u.npy", f"{folder}/v.npy"], pixel=0.1e-6, unit="px", step=8)
+    >>> field.shape, round(float(field.displacement.max()), 9)
+    ((30, 40), 1.5e-07)
+    """
+    paths = [Path(p) for p in ([source] if isinstance(source, str | Path) else source)]
+    if not (np.isfinite(pixel) and pixel > 0):
+        raise InvalidInput(f"pixel must be a positive number of metres; got {pixel!r}.")
+    known = ("px", *UNITS["length"])
+    if unit is not None and unit not in known:
+        raise InvalidInput(f"unit must be one of {', '.join(known)}; got {unit!r}.")
+    for path in paths:
+        if path.is_dir():
+            raise InvalidInput(f"{path} is a folder; give a file.")
+        if not path.exists():
+            raise InvalidInput(f"{path}: no such file.")
+        if path.stat().st_size == 0:
+            raise InvalidInput(f"{path} is empty.")
+        if path.suffix.lower() not in READERS:
+            raise InvalidInput(f"{path}: the ending {path.suffix!r} is not known; accepted: {', '.join(READERS)}.")
+    if not 1 <= len(paths) <= 2:
+        raise InvalidInput(f"a field is one file, or two with one component each; got {len(paths)}.")
+    found = _pair(paths, name) if len(paths) == 2 else READERS[paths[0].suffix.lower()](paths[0], name)
+    return _field(found, paths[0], pixel, unit, step, start, size, up, follow)
+
+
+def is_field(paths: Sequence[str | Path]) -> bool:
+    """Whether file names are those of displacement fields rather than of pictures; TIFF is looked into: fields are floats that take both signs.
+
+    Examples
+    --------
+    >>> from palpate.microscopy import is_field
+    >>> is_field(["u.npy", "v.npy"]), is_field(["before.png", "after.png"])
+    (True, False)
+    """
+    endings = {Path(p).suffix.lower() for p in paths}
+    if endings <= {".tif", ".tiff"} and all(Path(p).is_file() for p in paths):
+        pages = [page for p in paths for page in _pages(Path(p))]
+        return len(pages) == 2 and all(page.dtype.kind == "f" and (page < 0).any() for page in pages)
+    return endings <= set(READERS) - {".tif", ".tiff"}
+
+
+# -- readers ---------------------------------------------------------------------------------------------------------------
+
+
+def _npy(path: Path, name: str | None) -> Found:
+    return stacked_pair(path, _array(path))
+
+
+def _array(path: Path) -> Any:
+    try:
+        return np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError, SyntaxError, TypeError, MemoryError) as error:
+        raise InvalidInput(
+            f"{path}: cannot be read as .npy ({str(error)[:80]}); it is truncated, damaged, or holds Python objects: save plain numbers with np.save."
+        ) from error
+
+
+def _npz(path: Path, name: str | None) -> Found:
+    import zipfile
+    import zlib
+
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            held = {key: np.asarray(file[key]) for key in file.files}
+    except (
+        ValueError,
+        OSError,
+        EOFError,
+        KeyError,
+        zipfile.BadZipFile,
+        zlib.error,
+        NotImplementedError,
+        RuntimeError,
+        SyntaxError,
+        TypeError,
+        AttributeError,
+    ) as error:
+        raise InvalidInput(
+            f"{path}: cannot be read as .npz ({str(error)[:80]}); it is truncated, damaged or of another format."
+        ) from error
+    lower = {key.lower(): key for key in held}
+    candidates: dict[str, Found] = {}
+    for pair in which(lower, VECTORS):
+        u, v = (held[lower[n]] for n in pair)
+        if u.shape != v.shape or u.ndim not in (1, 2):
+            continue
+        found = Found(u=u, v=v)
+        for names in which(lower, POSITIONS)[:1]:
+            x, y = (held[lower[n]] for n in names)
+            if x.ndim == y.ndim == 1 and u.ndim == 2 and (len(y), len(x)) == u.shape:
+                x, y = np.meshgrid(x, y)
+            if x.shape == y.shape == u.shape:
+                found.x, found.y = x, y
+        for names in which(lower, STDS)[:1]:
+            parts = tuple(held[lower[n]] for n in names)
+            if all(p.shape == u.shape for p in parts):
+                found.std = (parts[0], parts[1])
+        candidates[f"{lower[pair[0]]}, {lower[pair[1]]}"] = found
+    if not candidates:
+        single = [
+            key for key, v in held.items() if v.ndim == 3 and 2 in (v.shape[0], v.shape[-1]) and v.dtype.kind == "f"
+        ]
+        candidates = {key: stacked_pair(path, held[key]) for key in single}
+    if not candidates:
+        raise InvalidInput(
+            f"{path}: no displacement field: sought are two arrays of one shape called u and v, ux and uy or dx and dy; it holds "
+            f"{', '.join(f'{k} {v.shape}' for k, v in list(held.items())[:8]) or 'nothing'}. Save it as np.savez(file, u=..., v=...)."
+        )
+    return chosen(path, candidates, name)
+
+
+def _pages(path: Path) -> list[Any]:
+    try:
+        import tifffile
+    except ImportError as error:
+        raise missing("TIFF fields", error) from error
+    try:
+        with tifffile.TiffFile(path) as file:
+            pages = [np.asarray(page.asarray()) for page in file.pages]
+    except (tifffile.TiffFileError, OSError, ValueError, IndexError, TypeError, KeyError, MemoryError) as error:
+        raise InvalidInput(
+            f"{path}: cannot be read as TIFF ({str(error)[:80]}); it is truncated or damaged."
+        ) from error
+    if len(pages) == 1 and pages[0].ndim == 3:
+        axis = [a for a in (0, 2) if pages[0].shape[a] == 2]
+        if len(axis) == 1:
+            pages = list(np.moveaxis(pages[0], axis[0], 0))
+    return pages
+
+
+def _tiff(path: Path, name: str | None) -> Found:
+    pages = _pages(path)
+    if any(p.dtype.kind != "f" for p in pages):
+        raise InvalidInput(
+            f"{path}: holds pictures ({pages[0].dtype}), not displacements, which are floating-point. As pictures of beads it needs two: the gel at "
+            "rest and the gel that is pulled."
+        )
+    if len(pages) != 2 or pages[0].shape != pages[1].shape or pages[0].ndim != 2:
+        raise InvalidInput(
+            f"{path}: a field has two pages or channels of one size, along x and along y; got {len(pages)} of {' and '.join(str(p.shape) for p in pages[:3])}."
+        )
+    return Found(u=pages[0], v=pages[1])
+
+
+def _text(path: Path, name: str | None) -> Found:
+    return read_piv_text(path)
+
+
+#: Reader of each ending.
+READERS: dict[str, Callable[[Path, str | None], Found]] = {
+    ".npy": _npy,
+    ".npz": _npz,
+    ".mat": read_mat,
+    ".h5": read_hdf,
+    ".hdf5": read_hdf,
+    ".txt": _text,
+    ".dat": _text,
+    ".csv": _text,
+    ".tsv": _text,
+    ".tif": _tiff,
+    ".tiff": _tiff,
+}
+
+
+def _pair(paths: list[Path], name: str | None) -> Found:
+    """Two files with one component each."""
+    if name is not None:
+        raise InvalidInput("name= picks a field of one file that holds several; two files hold one component each.")
+    parts = []
+    for path in paths:
+        ending = path.suffix.lower()
+        if ending == ".npy":
+            values = _array(path)
+        elif ending in (".tif", ".tiff"):
+            pages = _pages(path)
+            if len(pages) != 1 or pages[0].dtype.kind != "f":
+                raise InvalidInput(
+                    f"{path}: one component is one page of floating-point numbers; got {len(pages)} of {pages[0].dtype}."
+                )
+            values = pages[0]
+        elif ending in (".npz", ".mat", ".h5", ".hdf5"):
+            raise InvalidInput(f"{path}: a {ending} file holds both components; give it alone.")
+        else:
+            values = read_matrix(path)
+        if values.ndim != 2 or values.dtype.kind not in "fiu":
+            raise InvalidInput(
+                f"{path}: one component is a matrix (row, column) of real numbers; got {values.dtype} of shape {values.shape}."
+            )
+        parts.append(np.asarray(values, dtype=np.float64))
+    if parts[0].shape != parts[1].shape:
+        turned = " One looks transposed." if parts[0].shape == parts[1].shape[::-1] else ""
+        raise InvalidInput(
+            f"{paths[0]} has {parts[0].shape} vectors and {paths[1]} {parts[1].shape}: both components must have one shape.{turned}"
+        )
+    if np.array_equal(parts[0], parts[1], equal_nan=True) and np.nanstd(parts[0]) > 0:
+        raise InvalidInput(
+            f"{paths[0]} and {paths[1]} hold the same numbers: give the component along x, then that along y."
+        )
+    return Found(
+        u=parts[0], v=parts[1], notes=[f"{paths[0].name} is taken along x (columns), {paths[1].name} along y (rows)"]
+    )
+
+
+# -- from numbers to a field -------------------------------------------------------------------------------------------------
+
+
+def _field(
+    found: Found,
+    path: Path,
+    pixel: float,
+    unit: str | None,
+    step: float | None,
+    start: tuple[float, float] | None,
+    size: tuple[int, int] | None,
+    up: bool,
+    follow: bool,
+) -> Field:
+    notes = list(found.notes)
+    said = found.unit
+    if said is not None and said != "px" and said not in UNITS["length"]:
+        raise InvalidInput(f"{path}: displacements in {said!r}; accepted: px, {', '.join(UNITS['length'])}.")
+    if said is not None and unit is not None and said != unit:
+        raise InvalidInput(
+            f"{path} says that displacements are in {said}, and unit={unit!r} was given: leave out unit."
+        )
+    used = unit or said or ("px" if found.pixels else None)
+    if used is None:
+        raise InvalidInput(
+            f'{path}: nothing says in what unit the displacements are: give unit="px", or "m", "um" and so on (--unit px).'
+        )
+    if unit is None and said is None:
+        notes.append("displacements and positions are taken as pixels")
+    factor = pixel if used == "px" else UNITS["length"][used]
+    u, v = (np.array(p, dtype=np.float64) for p in (found.u, found.v))
+    if np.isinf(u).any() or np.isinf(v).any():
+        raise InvalidInput(f"{path}: holds infinite displacements; mark vectors that are missing as NaN.")
+    if found.bad is not None:
+        u[found.bad] = v[found.bad] = np.nan
+    std: Any = None if found.std is None else np.stack([np.asarray(s, dtype=np.float64) for s in found.std])
+    if follow and found.x is None:
+        raise InvalidInput(f"{path}: follow moves positions, and this file has none: leave it out.")
+    if found.x is not None:
+        if step is not None or start is not None:
+            raise InvalidInput(f"{path}: has positions of its own: leave out step and start.")
+        x, y = (np.array(p, dtype=np.float64) * (factor / pixel) for p in (found.x, found.y))
+        if follow:
+            x, y = x + np.nan_to_num(u) * (factor / pixel), y + np.nan_to_num(v) * (factor / pixel)
+        if up:
+            if size is None:
+                raise InvalidInput(
+                    f"{path}: where y grows upwards the picture's size tells where its top is: give size=(columns, rows), or the picture."
+                )
+            y = size[1] - 1 - y
+        v = -v if up else v
+        values, std, start, step = _placed(np.stack([u, v]), std, x, y, notes)
+    else:
+        values = np.stack([u, -v if up else v])
+        step, start = _grid(values.shape[1:], path, step, start, size, notes)
+    if not up:
+        notes.append("y and v are taken to grow downwards, as rows do (up=True, --up, where they do not)")
+    if size is not None:
+        ends = [s + (n - 1) * step for s, n in zip(start, values.shape[:0:-1])]
+        if min(start) < -step or any(e > n - 1 + step for e, n in zip(ends, size)):
+            raise InvalidInput(
+                f"{path}: the vectors reach from pixel ({start[0]:.4g}, {start[1]:.4g}) to ({ends[0]:.4g}, {ends[1]:.4g}), and the picture has "
+                f"{size[0]} x {size[1]} pixels: check the unit of the positions, the step, and which picture it is."
+            )
+    return Field(
+        displacement=values * factor, start=(float(start[0]), float(start[1])), step=float(step), pixel=float(pixel),
+        std=None if std is None else std * factor, notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _grid(
+    shape: tuple[int, ...],
+    path: Path,
+    step: float | None,
+    start: tuple[float, float] | None,
+    size: tuple[int, int] | None,
+    notes: list[str],
+) -> tuple[float, tuple[float, float]]:
+    """Step and first pixel of a matrix without positions."""
+    rows, columns = shape
+    if step is None:
+        if size is None:
+            raise InvalidInput(
+                f"{path}: a matrix of {rows} x {columns} vectors does not say how far apart they are: give step= (pixels between vectors, --step; "
+                "of PIV windows, their size less their overlap), or the picture."
+            )
+        steps = size[0] / columns, size[1] / rows
+        if abs(steps[0] / steps[1] - 1.0) > 0.1:
+            turned = " The field looks transposed." if abs(size[0] / rows / (size[1] / columns) - 1.0) < 0.1 else ""
+            raise InvalidInput(
+                f"{path}: {columns} x {rows} vectors do not cover a picture of {size[0]} x {size[1]} pixels evenly: give step= (--step), the pixels between vectors.{turned}"
+            )
+        step = float(np.mean(steps))
+        notes.append(
+            f"the vectors are taken to cover the picture: one every {step:.3g} px (give the step where they do not)"
+        )
+    if not (np.isfinite(step) and step > 0):
+        raise InvalidInput(f"step must be a positive number of pixels; got {step!r}.")
+    if start is None:
+        if size is not None:
+            start = ((size[0] - 1 - (columns - 1) * step) / 2, (size[1] - 1 - (rows - 1) * step) / 2)
+            notes.append("the vectors are taken to lie in the middle of the picture (give start where they do not)")
+        else:
+            start = ((step - 1) / 2, (step - 1) / 2)
+    return step, start
+
+
+def _placed(
+    values: Floats, std: Floats | None, x: Floats, y: Floats, notes: list[str]
+) -> tuple[Floats, Floats | None, tuple[float, float], float]:
+    """Vectors at positions (pixels) as a grid, row 0 at the top."""
+    flat = [np.ravel(p) for p in (x, y)]
+    if not all(np.isfinite(p).all() for p in flat):
+        raise InvalidInput("the positions hold values that are not finite.")
+    values = values.reshape(2, -1)
+    stds = None if std is None else std.reshape(2, -1)
+    axes = [_levels(p) for p in flat]
+    steps = [a[1] for a in axes]
+    if len(flat[0]) < 16:
+        raise InvalidInput(f"{len(flat[0])} vectors: at least 16 are needed.")
+    regular = all(s > 0 for s in steps) and abs(steps[0] - steps[1]) <= EVEN * max(steps)
+    if regular:
+        step = 0.5 * (steps[0] + steps[1])
+        start = (float(axes[0][0]), float(axes[1][0]))
+        places = [np.rint((p - s) / step).astype(int) for p, s in zip(flat, start)]
+        regular = all(np.abs((p - s) / step - k).max() <= 0.25 for p, s, k in zip(flat, start, places))
+        columns, rows = (int(k.max()) + 1 for k in places)
+        regular = regular and columns * rows <= 4 * len(flat[0])
+        if regular:
+            where = places[1] * columns + places[0]
+            if len(np.unique(where)) != len(where):
+                raise InvalidInput(
+                    "positions are there twice: the file may hold several fields, one after another. Give one."
+                )
+            out = np.full((2, rows * columns), np.nan)
+            out[:, where] = values
+            spread = None
+            if stds is not None:
+                spread = np.full_like(out, np.nan)
+                spread[:, where] = stds
+                spread = spread.reshape(2, rows, columns)
+            return out.reshape(2, rows, columns), spread, start, step
+    good = np.isfinite(values).all(axis=0)
+    at = np.stack(flat, axis=1)[good]
+    area = float(np.prod(np.ptp(at, axis=0)))
+    if good.sum() < 16 or area <= 0:
+        raise InvalidInput(f"{int(good.sum())} vectors that lie in a line or at one place are no field.")
+    step = float(np.sqrt(area / good.sum()))
+    made = Recording(
+        readings=values[None, :, good], channels=("displacement_x", "displacement_y"), positions=at
+    ).gridded(step)
+    notes.append(_SCATTERED.format(count=int(good.sum()), step=step))
+    if stds is not None:
+        notes.append("the standard deviations of the file are left out")
+    return made.readings[0], None, (float(made.meta["x0"]), float(made.meta["y0"])), step
+
+
+def _levels(values: Floats) -> tuple[float, float]:
+    """The least coordinate and the distance between neighbouring ones; 0 where they are not even."""
+    levels = np.unique(np.round(values, 6))
+    gaps = np.diff(levels)
+    if not len(gaps):
+        return float(levels[0]), 0.0
+    step = float(np.median(gaps))
+    whole = np.rint(gaps / step)
+    if (whole < 1).any() or np.abs(gaps - whole * step).max() > EVEN * step + 1e-6 * np.abs(levels).max():
+        return float(levels[0]), 0.0
+    # the mean step, as coordinates may be rounded
+    return float(levels[0]), float((levels[-1] - levels[0]) / whole.sum())
