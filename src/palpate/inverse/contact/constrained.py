@@ -357,8 +357,11 @@ class ConstrainedEstimator:
         rounding = float(least.max(initial=0.0))
         if self.noise_known and rounding > 0.3:
             known = math.hypot(1.0, rounding)
+        # noise that was given; what the cells of the surface leave beyond it, and what finer ones leave
+        given, coarse, finer = known, 0.0, 0.0
         if h.sign and (self._exceeded(h, data, usable) if self.noise_known else h.present.any()):
             known = max(h.rough.left, self.least_noise(data))
+            coarse = known if self.noise_known else 0.0
         nothing = np.zeros((len(data), 0)), np.zeros(0)
         refined = 0
         follows = self.ambiguous or self._follows(h, rows)
@@ -381,7 +384,7 @@ class ConstrainedEstimator:
                     observed |= short
                     rows = self.readings.planes(np.where(observed, data, explained))
                     continue
-            wrong = self.noise.outliers(data, explained, noise) & ~limited
+            wrong = self.noise.outliers(data, explained, np.maximum(noise, coarse * self.readings.std)) & ~limited
             few = (wrong | ~observed)[alive].mean() <= limits.most_outliers and not loaded(
                 wrong, data, explained, self.pairs
             )
@@ -413,13 +416,25 @@ class ConstrainedEstimator:
                     break
                 levels, learned = own, learned + 1
                 continue
-            if not parts.noise_again or self.noise_known:
+            if not parts.noise_again or (self.noise_known and not coarse):
                 break
             # what pressure that only pushes cannot follow is noise, even where a linear model could
             took = taken_by(leading) if follows else None
             left = self.noise.left(leading, first, data / noise, observed, self.effective_freedom(parameter), took)
             left *= noise[0] / self.readings.std[0]
             change_of_noise = max(left, floor) / max(scale, floor)
+            if self.noise_known:
+                if learned == 0 and change_of_noise * limits.quieter < 1.0:
+                    # finer cells explain more: all but the noise that was given, or what they leave
+                    known, finer = given, max(left, floor)
+                elif learned == 1 and change_of_noise > limits.unexplained:
+                    known = finer
+                elif learned == 1 and change_of_noise > limits.quieter:
+                    known = left
+                else:
+                    break
+                learned += 1
+                continue
             if follows and change_of_noise < 1.0:
                 # it began with the largest noise that explains itself
                 change_of_noise = 1.0 / change_of_noise
