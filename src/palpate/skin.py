@@ -166,7 +166,7 @@ class Skin:
         >>> skin.pad.youngs_modulus, skin.planes[0].shape
         (200000.0, (21,))
         """
-        from palpate.recordings.skinfile import read_skin, read_uncertainty
+        from palpate.recordings import read_skin, read_uncertainty
 
         pad, planes, surface, boundary = read_skin(path, recording)
         return cls(pad, planes, surface=surface, boundary=boundary, uncertainty=read_uncertainty(path))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import errno
 import signal
 import sys
-from typing import Annotated
+import warnings
+from typing import Annotated, Any
 
 import typer
 
@@ -67,6 +68,7 @@ def main() -> None:
     The exit code is 2 where what was asked cannot be done, 1 where the system fails (a full disk), and 128 plus the signal where the
     command is stopped: 130 after ctrl-C, 143 after SIGTERM.
     """
+    warnings.showwarning = _warned
     try:
         # as ctrl-C does: what is half-written is removed on the way out
         signal.signal(signal.SIGTERM, _stop)
@@ -86,6 +88,18 @@ def main() -> None:
     except OSError as error:
         _fail(f"{error.filename or 'file'}: {error.strerror or error}", 1)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _warned(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: Any = None,
+    line: str | None = None,
+) -> None:
+    """A warning is one line too, without the place in the program that it comes from."""
+    sys.stderr.write(f"warning: {' '.join(str(message).split())}\n")
 
 
 class _Stopped(BaseException):

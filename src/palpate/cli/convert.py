@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from palpate.cli.files import Force, check_output, skin_files, written
-from palpate.cli.options import known_channels, numbers, rows_and_columns
+from palpate.cli.options import Columns, known_channels, mapping_for, numbers, rows_and_columns
 from palpate.errors import InvalidInput
 
 
@@ -20,6 +20,7 @@ def convert(
         ),
     ],
     target: Annotated[Path, typer.Argument(help="Recording to write (.nc, .h5, .npz, .csv, .zarr or .mcap).")],
+    mapped: Columns = None,
     columns: Annotated[
         str | None,
         typer.Option(help="Columns x, y and channels of a foreign CSV (x,y,u,v), or data sets pos,vec of HDF5."),
@@ -41,7 +42,8 @@ def convert(
     skin_file: Annotated[
         Path | None,
         typer.Option(
-            "--skin", help="skin.toml whose section [stream] says where the readings are in a robot's messages."
+            "--skin",
+            help="skin.toml whose section [stream] says where the readings are in a robot's messages, or [columns] what the columns of a table are.",
         ),
     ] = None,
     topic: Annotated[str | None, typer.Option(help="Topic of the readings in a robot's MCAP file or bag.")] = None,
@@ -66,7 +68,7 @@ def convert(
     from palpate.elastic.channels import channel_unit
     from palpate.recordings import TopicMapping, read_recording, read_stream, read_table, write_recording
     from palpate.recordings.checked import SALVAGED
-    from palpate.recordings.formats import file_format
+    from palpate.recordings.formats import endings, file_format
     from palpate.recordings.robots import is_bag
     from palpate.units import convert_factor, parse_quantity
 
@@ -76,7 +78,20 @@ def convert(
     if channels is not None and columns is None and topic is None:
         raise InvalidInput("--channels says what --columns or the messages of a --topic measure: name one of them.")
     names = (channels or "displacement_x,displacement_y").split(",")
-    if topic is not None or described or salvage or skin_file is not None:
+    table = source.suffix.lower() in endings("read_mapped")
+    if mapped is not None or (table and skin_file is not None):
+        others = columns, channels, pixel, position_unit, reading_unit, topic, described or None
+        if any(o is not None for o in others) or follow or salvage:
+            raise InvalidInput(
+                "--map, or [columns] in the skin.toml, says all about a table: besides them take only --grid and --force."
+            )
+        mapping: Any = mapping_for(source, skin_file, mapped)
+        if mapping is None:
+            raise InvalidInput(
+                f"{skin_file} has no section [columns] that says what the columns of {source} are: give --map."
+            )
+        recording = read_recording(source, mapping=mapping)
+    elif topic is not None or described or salvage or skin_file is not None:
         if columns is not None:
             raise InvalidInput("--columns describes a table; --topic, --skin and --salvage what a robot recorded.")
         if pixel or position_unit or reading_unit or follow:

@@ -9,7 +9,7 @@ import typer
 
 from palpate.cli.files import check_output, provenance, skin_files, skin_text
 from palpate.cli.methods import tracker_options
-from palpate.cli.options import check_matching, check_watched, grasp_monitor
+from palpate.cli.options import Columns, check_matching, check_watched, grasp_monitor, mapping_for
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
@@ -19,10 +19,12 @@ def live(
     recording_file: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[RECORDING]", help="Recording to replay (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag)."
+            metavar="[RECORDING]",
+            help="Recording to replay (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag), or a table of another program (--map).",
         ),
     ] = None,
     skin_file: Annotated[Path | None, typer.Option("--skin", help="skin.toml with the pad and its array.")] = None,
+    columns: Columns = None,
     udp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this UDP port.")] = None,
     tcp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this TCP port.")] = None,
     ws: Annotated[int | None, typer.Option(min=1, max=65535, help="Take frames by WebSocket on this port.")] = None,
@@ -75,6 +77,8 @@ def live(
         raise InvalidInput(f"--speed must be a positive number; got {speed:g}.")
     if recording_file is None and speed != 1.0:
         raise InvalidInput("--speed is for replaying a RECORDING; a live sensor has its own pace: leave out --speed.")
+    if recording_file is None and columns is not None:
+        raise InvalidInput("--map describes a RECORDING that is a table: leave it out.")
     if listening and loop:
         raise InvalidInput("--loop repeats a RECORDING, not frames from the network: leave out --loop.")
     if record_to is not None and not record_to.is_dir():
@@ -113,9 +117,9 @@ def live(
         def source() -> FrameListener:
             return listener
     else:
-        from palpate.recordings import read_recording, read_stream
+        from palpate.recordings import read_recording
 
-        recording = read_recording(recording_file, mapping=read_stream(skin_file))  # type: ignore[arg-type]
+        recording = read_recording(recording_file, mapping=mapping_for(recording_file, skin_file, columns))
         skin = Skin.from_file(skin_file, recording=recording)  # type: ignore[arg-type]
         check_matching(recording, skin)
         name = str(recording_file)

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from palpate.errors import InvalidInput
 
 if TYPE_CHECKING:
     from palpate.grasp import GraspMonitor
     from palpate.skin import Skin
+
+
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        "--map",
+        help="Of a table of another program: which column is what, with the keys of [columns] in a skin.toml, "
+        'e.g. "frame=frame,marker=id,x=x,y=y,displacement_x=dx,displacement_y=dy,pixel=0.06mm,rate=30".',
+    ),
+]
 
 
 def grasp_monitor(
@@ -52,6 +64,34 @@ def rows_and_columns(text: str | None) -> tuple[int, int] | None:
     return rows, columns
 
 
+def mapping_for(recording: Path, skin_file: Path | None, columns: str | None, *, shape: Any = None) -> Any:
+    """How a recording of others is read: columns of a table by --map or [columns], messages of a robot by [stream]; None for palpate's own."""
+    from palpate.recordings import read_columns, read_stream
+    from palpate.recordings.columns import columns_of, columns_of_text
+    from palpate.recordings.csvfile import is_own
+    from palpate.recordings.formats import endings, existing
+
+    table = recording.suffix.lower() in endings("read_mapped")
+    if columns is None:
+        if skin_file is None:
+            return None
+        return read_columns(skin_file) if table else read_stream(skin_file)
+    if not table:
+        raise InvalidInput(
+            f"--map names the columns of a table ({', '.join(endings('read_mapped'))}); {recording} is none: leave it out."
+        )
+    existing(recording)
+    if is_own(recording):
+        raise InvalidInput(
+            f"--map is for tables of other programs; {recording} names its columns itself: leave it out."
+        )
+    given = columns_of_text(columns)
+    try:
+        return columns_of(given, shape=shape) if skin_file is None else read_columns(skin_file, given)
+    except InvalidInput as error:
+        raise InvalidInput(f"--map: {error}") from error
+
+
 def check_picture(path: Path) -> None:
     if path.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InvalidInput(f"{path}: pictures end in .png, .pdf or .svg.")
@@ -74,3 +114,23 @@ def check_matching(recording: Any, skin: Skin) -> None:
         raise InvalidInput(
             f"the recording has {'x'.join(map(str, recording.readings.shape[2:]))} taxels but the skin describes {' and '.join('x'.join(map(str, s)) for s in shapes)}."
         )
+    if recording.positions is not None:
+        _check_places(recording.positions, skin)
+
+
+def _check_places(positions: Any, skin: Skin) -> None:
+    """Taxels of the recording lie where a positions_file has them."""
+    import numpy as np
+
+    at = np.asarray(positions).reshape(len(positions), -1)
+    for plane in skin.planes:
+        places: Any = getattr(plane, "positions", None)
+        if places is None or np.ndim(places) != at.ndim or np.shape(places) != at.shape:
+            continue
+        off = np.linalg.norm(at - places, axis=1)
+        if off.max() > 1e-3 * np.ptp(at, axis=0).max():
+            worst = int(np.argmax(off))
+            raise InvalidInput(
+                f"taxel {worst} of the recording lies {1e3 * off[worst]:.3g} mm from where the positions_file of the skin has it: is the order another, or a unit? "
+                "Leave out positions_file, and the recording's own positions are taken."
+            )

@@ -11,7 +11,7 @@ import typer
 
 from palpate.cli.files import Force, check_output, provenance, save_figure, skin_files
 from palpate.cli.methods import chosen_method
-from palpate.cli.options import check_matching, check_picture
+from palpate.cli.options import Columns, check_matching, check_picture, mapping_for
 from palpate.cli.progress import Frames
 from palpate.errors import InvalidInput
 
@@ -26,9 +26,13 @@ def reconstruct(
     ctx: typer.Context,
     recording_file: Annotated[
         Path,
-        typer.Argument(metavar="RECORDING", help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag)."),
+        typer.Argument(
+            metavar="RECORDING",
+            help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag), or a table of another program (--map).",
+        ),
     ],
     skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
+    columns: Columns = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Result to write (.nc, .h5, .npz, .csv, .zarr or .mcap); default: RECORDING-touch.nc."),
@@ -67,7 +71,7 @@ def reconstruct(
 ) -> None:
     """Recover pressure and shear from a recording of any length. Nothing to tune."""
     from palpate.archives import reconstruct_recording
-    from palpate.recordings import open_recording, read_stream
+    from palpate.recordings import open_recording
     from palpate.recordings.formats import file_format
     from palpate.skin import Skin
 
@@ -79,7 +83,10 @@ def reconstruct(
         check_picture(plot)
         check_output(plot, inputs=inputs, force=force)
     method = chosen_method(ctx)
-    with open_recording(recording_file, mapping=read_stream(skin_file)) as recording, _said_what_stays(target):
+    with (
+        open_recording(recording_file, mapping=mapping_for(recording_file, skin_file, columns)) as recording,
+        _said_what_stays(target),
+    ):
         skin = Skin.from_file(skin_file, recording=recording.head)
         check_matching(recording.head, skin)
         if drop_missing:
@@ -153,6 +160,11 @@ def _without_missing(skin: Skin, recording: OpenRecording) -> Skin:
     recording.survey(look)
     if not missing.any():
         return skin
+    if missing.mean() > 0.5:
+        raise InvalidInput(
+            f"--drop-missing would leave out {int(missing.sum())} of {missing.size} taxels, because each lacks a reading in some frame. palpate track takes of every frame what "
+            "it has."
+        )
     if len(skin.planes) != 1:
         raise InvalidInput("--drop-missing serves skins of one plane.")
     typer.echo(f"left out {int(missing.sum())} of {missing.size} taxels with missing readings", err=True)

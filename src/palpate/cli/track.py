@@ -9,12 +9,12 @@ import typer
 
 from palpate.cli.files import Force, check_output, provenance, skin_files
 from palpate.cli.methods import tracker_options
-from palpate.cli.options import check_matching, check_watched, grasp_monitor
+from palpate.cli.options import Columns, check_matching, check_watched, grasp_monitor, mapping_for
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
 #: Recordings of readings, which are none of pictures.
-RECORDED = (".nc", ".h5", ".hdf5", ".npz", ".csv", ".zarr", ".mcap", ".bag", ".db3")
+RECORDED = (".nc", ".h5", ".hdf5", ".npz", ".csv", ".txt", ".tsv", ".dat", ".zarr", ".mcap", ".bag", ".db3")
 
 
 def track(
@@ -23,10 +23,11 @@ def track(
         Path,
         typer.Argument(
             metavar="RECORDING",
-            help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag), or pictures of a gel with dots: a video, a folder, a .tif stack.",
+            help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag), a table of another program (--map), or pictures of a gel with dots: a video, a folder, a .tif stack.",
         ),
     ],
     skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
+    columns: Columns = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -76,7 +77,7 @@ def track(
 
     import numpy as np
 
-    from palpate.recordings import read_recording, read_stream, recorder, write_touch
+    from palpate.recordings import read_recording, recorder, write_touch
     from palpate.recordings.files import in_place
     from palpate.recordings.formats import file_format
     from palpate.skin import Skin
@@ -89,8 +90,8 @@ def track(
         from palpate.cli.pictures import track_pictures
 
         if is_pictures(recording_file):
-            if budget is not None or zero_at:
-                raise InvalidInput("--budget and --zero-at are for recordings: leave them out for pictures.")
+            if budget is not None or zero_at or columns is not None:
+                raise InvalidInput("--budget, --zero-at and --map are for recordings: leave them out for pictures.")
             track_pictures(
                 recording_file,
                 skin_file,
@@ -113,7 +114,7 @@ def track(
     if out is not None:
         check_output(out, inputs=[recording_file, *skin_files(skin_file)], force=force)
     options = tracker_options(ctx)
-    recording = read_recording(recording_file, mapping=read_stream(skin_file))
+    recording = read_recording(recording_file, mapping=mapping_for(recording_file, skin_file, columns))
     skin = Skin.from_file(skin_file, recording=recording)
     check_matching(recording, skin)
     if not baseline < len(recording.readings):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from palpate.recordings.columns import TableMapping
 from palpate.recordings.formats import Format, open_recording, read_recording, write_recording
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recorder import Recorder, Sink, recorder
@@ -12,16 +13,19 @@ from palpate.recordings.tables import read_table
 from palpate.recordings.touchfile import read_touch, write_touch
 
 if TYPE_CHECKING:
-    from palpate.recordings.skinfile import read_camera, read_skin, read_stream, read_uncertainty
+    from palpate.recordings.sections import read_camera, read_columns, read_stream, read_uncertainty
+    from palpate.recordings.skinfile import read_skin
 
 __all__ = [
     "Format",
     "Recorder",
     "Recording",
     "Sink",
+    "TableMapping",
     "TopicMapping",
     "open_recording",
     "read_camera",
+    "read_columns",
     "read_recording",
     "read_skin",
     "read_stream",
@@ -36,8 +40,12 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Skin files need pydantic, recordings do not: loaded when first asked for."""
-    if name in ("read_camera", "read_skin", "read_stream", "read_uncertainty"):
+    if name == "read_skin":
         from palpate.recordings import skinfile
 
-        return getattr(skinfile, name)
+        return skinfile.read_skin
+    if name in ("read_camera", "read_columns", "read_stream", "read_uncertainty"):
+        from palpate.recordings import sections
+
+        return getattr(sections, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

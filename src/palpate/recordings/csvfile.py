@@ -8,11 +8,9 @@ of all the numbers. A file of others ends with a line break, or `palpate.errors.
 from __future__ import annotations
 
 import csv
-import io
 import json
 import re
 import tempfile
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,19 +21,22 @@ import numpy as np
 
 from palpate.elastic.channels import channel_unit, is_channel
 from palpate.elastic.pad import Floats
-from palpate.errors import InvalidInput, UncheckedInput
+from palpate.errors import InvalidInput
 from palpate.recordings.checked import CHECKSUM, confirm_recording, json_object, recording_checksum, with_losses
+from palpate.recordings.columns import TableMapping
 from palpate.recordings.formats import Format
+from palpate.recordings.mapped import explained, read_mapped
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording, checked_time
+from palpate.recordings.textlines import cells, lines_of, number, text_of, warn_of_a_cut
 from palpate.recordings.touchstream import Piece, TouchStream
 from palpate.units import convert_factor
 
 if TYPE_CHECKING:
     from palpate.touch import Touch
 
-__all__ = ["Csv", "cells", "number", "text_of", "warn_of_a_cut"]
+__all__ = ["Csv"]
 
 _TITLE = "# palpate recording 2"
 _EDITED = "If you edited it on purpose, delete its last line (# palpate_crc32 ...), and it is read as it is."
@@ -47,7 +48,6 @@ _TRUNCATED = (
 #: Bytes from which on a table is not read into memory but, once, into a temporary file of numbers.
 LONG = 1 << 26
 _COLUMN = re.compile(r"^(?P<name>\w+?)(?:\[(?P<index>\d{1,7}(?:;\d{1,7})?)\])?(?:\s*\((?P<unit>[^)]*)\))?$", re.ASCII)
-_NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?\s*", re.ASCII)
 
 
 class Csv(Format):
@@ -58,7 +58,14 @@ class Csv(Format):
 
     def recognises(self, path: Path) -> bool:
         with path.open("rb") as file:
-            return b"\0" not in file.read(4096)
+            begin = file.read(4096)
+        return b"\0" not in begin or begin[:2] in (
+            b"\xff\xfe",
+            b"\xfe\xff",
+        )  # UTF-16: refused where it is read, with what to do
+
+    def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
+        return self.read(path) if is_own(path) else read_mapped(path, mapping)
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         lines, ended = text_of(path)
@@ -164,51 +171,6 @@ def _write_touches(file: Any, touch: Touch) -> None:
             writer.writerow([repr(float(t)), *where, *(repr(float(v)) for v in frame[place])])
 
 
-def text_of(path: Path) -> tuple[list[str], bool]:
-    """Lines of a text file, and whether the last one is ended; a file that is not text is refused."""
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{path}: cannot be read as text in UTF-8; save it as CSV in UTF-8.") from error
-    if "\0" in text:
-        raise InvalidInput(f"{path}: holds NUL characters; it is damaged or not text.")
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
-    return text.rstrip("\n").split("\n"), text.endswith("\n")
-
-
-def warn_of_a_cut(path: Path, last: str) -> None:
-    """Say that nothing tells whether the last number of a file is whole."""
-    warnings.warn(
-        f"{path}: the last line has no line break; if the file was cut, its last number {last.split(',')[-1][:40]!r} is wrong. "
-        "Compare it with the source, then end the line with a line break.",
-        UncheckedInput,
-        stacklevel=5,
-    )
-
-
-def cells(line: str, where: str) -> list[str]:
-    """The cells of one line."""
-    try:
-        return next(csv.reader(io.StringIO(line), strict=True), [])
-    except csv.Error as error:
-        # without quotes a line needs no parser, and may be as long as it is
-        if '"' not in line:
-            return line.split(",")
-        raise InvalidInput(f"{where}: cannot be read as CSV ({error}).") from error
-
-
-def number(text: str, where: str) -> float:
-    """A number as it is written in files, or `InvalidInput`; nothing (or "nan") is missing."""
-    if not text.strip() or text.strip().lower() == "nan":
-        return float("nan")
-    if _NUMBER.fullmatch(text) is None:
-        raise InvalidInput(f"{where}: {text[:40]!r} is not a number.")
-    value = float(text)
-    if not np.isfinite(value):
-        raise InvalidInput(f"{where}: {text[:40]!r} is larger than numbers can be.")
-    return value
-
-
 def _positions(text: str, where: str) -> Any:
     problem = f'{where}: positions must be a list of [x, y] or of x, in metres, like "[[0.001, 0.002], [0.003, 0.004]]"'
     try:
@@ -220,6 +182,22 @@ def _positions(text: str, where: str) -> Any:
         raise
     except (TypeError, ValueError, RecursionError, OverflowError) as error:
         raise InvalidInput(f"{problem}; got {text[:40]!r}.") from error
+
+
+def is_own(path: Path) -> bool:
+    """Whether a table names its columns as palpate does."""
+    for line in lines_of(path):
+        if line.strip(" ,\r\n") == _TITLE:
+            return True
+        if line.strip() and not line.startswith("#"):
+            found = [_COLUMN.match(t.strip()) for t in cells(line.strip("\r\n"), str(path))]
+            return (
+                len(found) > 1
+                and found[0] is not None
+                and found[0]["name"] == "time"
+                and all(m is not None and m["index"] is not None and is_channel(m["name"]) for m in found[1:])
+            )
+    return False
 
 
 @dataclass(frozen=True)
@@ -240,10 +218,14 @@ class _Columns:
         for title in header:
             match = _COLUMN.match(title.strip())
             if match is None:
-                raise InvalidInput(f'{start}: column {title[:40]!r} is not like "stress_zz[0;1] (Pa)".')
+                raise InvalidInput(
+                    f'{start}: column {title[:40]!r} is not like "stress_zz[0;1] (Pa)". {explained(path)}'
+                )
             columns.append(match)
         if columns[0]["name"] != "time":
-            raise InvalidInput(f'{start}: the first column must be "time (s)"; got {header[0][:40]!r}.')
+            raise InvalidInput(
+                f'{start}: the first column must be "time (s)"; got {header[0][:40]!r}. {explained(path)}'
+            )
         if len(columns) < 2:
             raise InvalidInput(f'{start}: no column of readings, like "stress_zz[0;1] (Pa)", follows the time.')
         channels: list[str] = []
@@ -252,7 +234,9 @@ class _Columns:
         for match, title in zip(columns[1:], header[1:]):
             name = match["name"]
             if match["index"] is None or not is_channel(name):
-                raise InvalidInput(f'{start}: column {title[:40]!r} is not like "stress_zz[0;1] (Pa)".')
+                raise InvalidInput(
+                    f'{start}: column {title[:40]!r} is not like "stress_zz[0;1] (Pa)". {explained(path)}'
+                )
             if match["unit"] is None:
                 raise InvalidInput(f'{start}: column {title!r} has no unit: write "{title} (Pa)" or the like.')
             if name not in channels:
@@ -311,7 +295,7 @@ def _spooled(path: Path, held: Any) -> OpenRecording:
     head = _Head(path)
     columns: _Columns | None = None
     times: list[float] = []
-    for count, line in enumerate(_lines(path), 1):
+    for count, line in enumerate(lines_of(path), 1):
         if head.takes(count, line):
             continue
         if columns is None:
@@ -329,18 +313,6 @@ def _spooled(path: Path, held: Any) -> OpenRecording:
         readings=spooled[0:1], channels=columns.channels, time=checked[:1], positions=head.positions, meta=head.meta
     )
     return OpenRecording(first, checked, spooled, head.expected, str(path), _EDITED)
-
-
-def _lines(path: Path) -> Iterator[str]:
-    """The lines of a text file, each with its end; a file that is not text is refused."""
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            for line in file:
-                if "\0" in line:
-                    raise InvalidInput(f"{path}: holds NUL characters; it is damaged or not text.")
-                yield line
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{path}: cannot be read as text in UTF-8; save it as CSV in UTF-8.") from error
 
 
 class _Head:

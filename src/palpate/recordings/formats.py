@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from palpate._extras import require
 from palpate.errors import InvalidInput
 from palpate.recordings.checked import SALVAGED
+from palpate.recordings.columns import TableMapping
 from palpate.recordings.files import atomically, in_place
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.opened import OpenRecording
@@ -50,6 +51,7 @@ BUILT_IN = (
     "palpate.recordings.robots:Bag",
     "palpate.recordings.zarrstore:Zarr",
     "palpate.recordings.csvfile:Csv",
+    "palpate.recordings.tablefile:Table",
 )
 #: Entry points of other packages, one per format.
 ENTRY_POINTS = "palpate.formats"
@@ -90,6 +92,10 @@ class Format:
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         """The recording in a file; ``salvage``: what is whole of a torn one."""
         raise self._cannot("read", path)
+
+    def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
+        """The recording in a table of another program."""
+        raise self._cannot("read_mapped", path)
 
     @contextmanager
     def opened(self, path: Path, *, mapping: TopicMapping | None = None) -> Iterator[OpenRecording]:
@@ -161,6 +167,7 @@ class Format:
 
 _TASKS = {
     "read": "a recording is read",
+    "read_mapped": "columns are named of a table that another program wrote, which is read",
     "write": "a recording is written",
     "read_touch": "a result is read back",
     "write_touch": "a result is written",
@@ -275,7 +282,9 @@ def _inside(path: Path, task: str) -> Format | None:
     return next((f for f in formats() if f.name != "csv" and not f.folder and f.can(task) and f.recognises(path)), None)
 
 
-def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
+def read_recording(
+    path: str | Path, *, mapping: TopicMapping | TableMapping | None = None, salvage: bool = False
+) -> Recording:
     """Read a recording; the format follows the file name (`endings`), a folder is a ROS 2 bag or a Zarr store.
 
     Files that palpate wrote carry checksums: one that was damaged is refused.
@@ -283,8 +292,8 @@ def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, sal
     Parameters
     ----------
     path : str or Path
-    mapping : TopicMapping, optional
-        Where the readings are in a robot's MCAP file or bag (palpate's own need none).
+    mapping : TopicMapping or TableMapping, optional
+        Where the readings are in a robot's MCAP file or bag, or what the columns of a table of another program are (palpate's own need none).
     salvage : bool
         Read a torn file as far as it goes (MCAP, HDF5 that a `Recorder` did not close, the whole lines of a CSV). What was lost is said
         in ``meta["salvaged"]``.
@@ -310,6 +319,12 @@ def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, sal
     ([[[0.0, 1.0, 0.0]]], ('stress_zz',))
     """
     found, known = existing(path)
+    if isinstance(mapping, TableMapping):
+        if salvage:
+            raise InvalidInput(
+                f"{path}: salvage is for what palpate wrote; leave it out for a table of another program."
+            )
+        return known.read_mapped(found, mapping)
     recording = known.read(found, mapping=mapping, salvage=salvage)
     if salvage and SALVAGED not in recording.meta:  # a format that reads all or nothing
         return replace(recording, meta={**recording.meta, SALVAGED: "nothing is lost"})
@@ -317,7 +332,7 @@ def read_recording(path: str | Path, *, mapping: TopicMapping | None = None, sal
 
 
 @contextmanager
-def open_recording(path: str | Path, *, mapping: TopicMapping | None = None) -> Iterator[OpenRecording]:
+def open_recording(path: str | Path, *, mapping: TopicMapping | TableMapping | None = None) -> Iterator[OpenRecording]:
     """A recording to be read piece by piece, as long as the ``with`` lasts: NetCDF, HDF5, Zarr and long CSV; the others are read whole.
 
     Its checksum is that of all its frames, and is confirmed by `OpenRecording.survey`.
@@ -340,6 +355,9 @@ def open_recording(path: str | Path, *, mapping: TopicMapping | None = None) -> 
     (2, [[[0.0, 2.0, 0.0]]])
     """
     found, known = existing(path)
+    if isinstance(mapping, TableMapping):
+        yield OpenRecording.of(known.read_mapped(found, mapping), str(path))
+        return
     with known.opened(found, mapping=mapping) as recording:
         yield recording
 

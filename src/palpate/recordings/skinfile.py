@@ -27,6 +27,10 @@ unit = "25 Pa"                   # what 1 in a message means; or one per channel
 
 [camera]                         # optional: how pictures become displacements (`palpate.recordings.camerasection`)
 scale = "0.06 mm"                # per pixel; or pitch = "2 mm" of the dots; or points = [[12, 9], ...] and places = [["-8 mm", "6 mm"], ...]
+
+[columns]                        # optional: what the columns of a table of another program are (`palpate.recordings.columns`)
+frame = "frame"                  # or time = "t"; marker = "id"; x and y; one key per channel, with the title of its column
+pixel = "0.06 mm"                # what a 1 means; or unit (of readings) and position_unit, or units in the titles
 """
 
 from __future__ import annotations
@@ -48,21 +52,28 @@ from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.pad import Pad, check_pad
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
-from palpate.recordings.camerasection import CameraSettings
-from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Boundary
-from palpate.sensing.uncertainty import Uncertainty
-from palpate.units import KIND_OF_SI, UNITS, parse_quantity
+from palpate.units import KIND_OF_SI, parse_quantity
 
 try:
     from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 except ImportError as error:
     raise missing("skin files", error) from error
 
-__all__ = ["PADS", "read_camera", "read_skin", "read_stream", "skin_from_text"]
+__all__ = [
+    "PADS",
+    "SkinFile",
+    "StreamSection",
+    "key_of",
+    "line_of",
+    "read_skin",
+    "skin_from_text",
+    "skin_text",
+    "validated",
+]
 
 #: Entry points of this group are makers of pads that other packages bring, by the ``kind`` that a skin.toml names. They are called with the
 #: keys of [pad] as they stand there (`palpate.units.parse_quantity` reads quantities), without ``kind``, and ``prony``, which serves all pads.
@@ -158,7 +169,7 @@ class _Surface(_Strict):
     center: Any = None
 
 
-class _Stream(_Strict):
+class StreamSection(_Strict):
     topic: str
     unit: str | list[str]
     path: str = ""
@@ -201,7 +212,7 @@ class _Uncertainty(_Strict):
     gain: Part = 0.0
 
 
-class _Skin(_Strict):
+class SkinFile(_Strict):
     pad: Annotated[
         Annotated[_HalfSpace, Tag("half_space")]
         | Annotated[_BondedLayers, Tag("bonded_layers")]
@@ -211,8 +222,9 @@ class _Skin(_Strict):
     plane: list[_Plane] = Field(min_length=1)
     surface: _Surface | None = None
     boundary: Literal["free", "periodic"] = "free"
-    stream: _Stream | None = None
+    stream: StreamSection | None = None
     camera: _Camera | None = None
+    columns: dict[str, Any] | None = None
     uncertainty: _Uncertainty = _Uncertainty()
 
 
@@ -252,46 +264,7 @@ def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad
     (200000.0, 21, None, 'free')
     """
     found = Path(path)
-    return skin_from_text(_text(found), str(found), found.parent, recording)
-
-
-def read_uncertainty(path: str | Path) -> Uncertainty:
-    """How well modulus, thickness, depth and gains are known, where the skin.toml says it: "200 kPa +- 10 %", or a section [uncertainty].
-
-    Raises
-    ------
-    InvalidInput
-        As for `read_skin`.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from palpate.recordings import read_uncertainty
-    >>> text = '''
-    ... [pad]
-    ... kind = "half_space"
-    ... youngs_modulus = "200 kPa +- 20 kPa"
-    ... poissons_ratio = 0.48
-    ...
-    ... [[plane]]
-    ... kind = "line"
-    ... count = 21
-    ... pitch = "1 mm"
-    ... depth = "2 mm +- 5 %"
-    ... channels = ["strain_zz"]
-    ...
-    ... [uncertainty]
-    ... gain = "3 %"
-    ... '''
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     _ = Path(f"{folder}/skin.toml").write_text(text)
-    ...     print(read_uncertainty(f"{folder}/skin.toml"))
-    Uncertainty(youngs_modulus=0.1, thickness=0.0, depth=0.05, gain=0.03)
-    """
-    found = Path(path)
-    skin = _validated(_text(found), str(found))
-    return Uncertainty(**skin.uncertainty.model_dump())
+    return skin_from_text(skin_text(found), str(found), found.parent, recording)
 
 
 def _known_to(data: Any, name: str) -> dict[str, Any]:
@@ -331,126 +304,13 @@ def _known_to(data: Any, name: str) -> dict[str, Any]:
     return {**out, "uncertainty": {**{k: f"{100.0 * v:.12g} %" for k, v in found.items()}, **said}}
 
 
-def read_stream(path: str | Path) -> TopicMapping | None:
-    """How the messages of a robot become readings, where the skin.toml says it in a section [stream].
-
-    Channels are those of the planes and the shape that of an area plane, unless the section names others.
-
-    Raises
-    ------
-    InvalidInput
-        As for `read_skin`.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from palpate.recordings import read_stream
-    >>> text = '''
-    ... [pad]
-    ... kind = "half_space"
-    ... youngs_modulus = "200 kPa"
-    ... poissons_ratio = 0.48
-    ...
-    ... [[plane]]
-    ... kind = "line"
-    ... count = 21
-    ... pitch = "1 mm"
-    ... depth = "2 mm"
-    ... channels = ["stress_zz"]
-    ...
-    ... [stream]
-    ... topic = "/skin"
-    ... path = "taxels"
-    ... unit = "kPa"
-    ... '''
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     _ = Path(f"{folder}/skin.toml").write_text(text)
-    ...     mapping = read_stream(f"{folder}/skin.toml")
-    >>> mapping.topic, mapping.channels, mapping.scale
-    ('/skin', ('stress_zz',), (1000.0,))
-    """
-    found = Path(path)
-    text = _text(found)
-    skin = _validated(text, str(found))
-    stream = skin.stream
-    if stream is None:
-        return None
-    channels = stream.channels if stream.channels is not None else [c for p in skin.plane for c in p.channels]
-    shapes = {p.shape for p in skin.plane}
-    key = "channels"
-    try:
-        check_channels(list(dict.fromkeys(channels)), 2)
-        key = "unit"
-        units = stream.unit if isinstance(stream.unit, list) else [stream.unit] * len(channels)
-        if len(units) != len(channels):
-            raise InvalidInput(f"unit must be one quantity or one per channel ({len(channels)}); got {len(units)}.")
-        scale = [_per_count(u, KIND_OF_SI[channel_unit(c)]) for u, c in zip(units, channels)]
-        key = "topic"
-        return TopicMapping(
-            topic=stream.topic,
-            channels=tuple(channels),
-            path=stream.path,
-            fields=tuple(stream.fields),
-            scale=tuple(scale),
-            shape=stream.shape if stream.shape is not None else shapes.pop() if len(shapes) == 1 else None,
-            markers=stream.markers,
-            stamp=stream.stamp,
-            definitions=str(found.parent / stream.definitions) if stream.definitions else "",
-        )
-    except PalpateError as error:
-        raise InvalidInput(f"{found}, line {_line(text, ('stream', key))}: {error}") from error
+def key_of(error: PalpateError) -> str:
+    """The key that a message is about: its first word ("channel" is an entry of channels)."""
+    word = str(error).partition(" ")[0]
+    return {"channel": "channels", "scale": "unit"}.get(word, word)
 
 
-def read_camera(path: str | Path) -> CameraSettings | None:
-    """How pictures become displacements, where the skin.toml says it in a section [camera].
-
-    Raises
-    ------
-    InvalidInput
-        As for `read_skin`.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from palpate.recordings import read_camera
-    >>> text = '''
-    ... [pad]
-    ... kind = "half_space"
-    ... youngs_modulus = "200 kPa"
-    ... poissons_ratio = 0.48
-    ...
-    ... [[plane]]
-    ... kind = "scattered"
-    ... depth = "0.5 mm"
-    ... channels = ["displacement_x", "displacement_y"]
-    ...
-    ... [camera]
-    ... pitch = "2 mm"
-    ... '''
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     _ = Path(f"{folder}/gel.toml").write_text(text)
-    ...     print(read_camera(f"{folder}/gel.toml").pitch)
-    0.002
-    """
-    found = Path(path)
-    text = _text(found)
-    camera = _validated(text, str(found)).camera
-    if camera is None:
-        return None
-    try:
-        return CameraSettings(**camera.model_dump())
-    except PalpateError as error:
-        raise InvalidInput(f"{found}, line {_line(text, ('camera',))}: {error}") from error
-
-
-def _per_count(text: str, kind: str) -> float:
-    """What 1 in a message means: "25 Pa", "-1 kPa", or a unit alone."""
-    return parse_quantity(f"1 {text}" if text in UNITS[kind] and text != "1" else text, kind, "unit")
-
-
-def _text(found: Path) -> str:
+def skin_text(found: Path) -> str:
     if not found.exists():
         raise InvalidInput(
             f"{found}: no such file. A skin file describes pad and array; palpate demo writes one to start from."
@@ -463,13 +323,13 @@ def _text(found: Path) -> str:
         raise InvalidInput(f"{found}: cannot be read as text.") from error
 
 
-def _validated(text: str, name: str) -> _Skin:
+def validated(text: str, name: str) -> SkinFile:
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and brackets in brackets
         raise InvalidInput(f"{name}: not valid TOML: {str(error)[:200].rstrip('.')}.") from error
     try:
-        return _Skin.model_validate(_known_to(data, name))
+        return SkinFile.model_validate(_known_to(data, name))
     except ValidationError as error:
         raise InvalidInput(_explain(error.errors()[0], text, name)) from error
 
@@ -478,7 +338,7 @@ def skin_from_text(
     text: str, name: str, folder: Path, recording: Recording | None = None
 ) -> tuple[Pad, list[Array], Grid | None, Boundary]:
     """Parse the text of a skin.toml; ``name`` is used in errors, ``folder`` to find files that it names."""
-    skin = _validated(text, name)
+    skin = validated(text, name)
     where: tuple[str | int, ...] = ("pad",)
     try:
         if isinstance(skin.pad, _BondedLayers):
@@ -503,10 +363,7 @@ def skin_from_text(
         where = ("surface",)
         surface = _surface(skin.surface, planes[0].dimensions)
     except PalpateError as error:
-        # the message begins with the key that it is about ("channel" is an entry of channels)
-        key = re.match(r"(\w+) ", str(error))
-        named = (*where, {"channel": "channels"}.get(key[1], key[1])) if key else where
-        raise InvalidInput(f"{name}, line {_line(text, named)}: {error}") from error
+        raise InvalidInput(f"{name}, line {line_of(text, (*where, key_of(error)))}: {error}") from error
     return pad, planes, surface, skin.boundary
 
 
@@ -632,7 +489,7 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
     while keys and isinstance(keys[-1], int):  # an entry of a list: name the list
         keys = keys[:-1]
     key = next((str(p) for p in reversed(keys) if isinstance(p, str)), "file")
-    line = _line(text, keys)
+    line = line_of(text, keys)
     message = str(error["msg"]).removeprefix("Value error, ")
     kind = error["type"]
     if kind == "missing":
@@ -643,7 +500,7 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
         return f"{name}, line {line}: {key} is not a key here; check its spelling."
     if kind.startswith("union_tag"):
         accepted = " or ".join(f'"{k}"' for k in (*BUILT_IN, *_other_pads()))
-        return f"{name}, line {_line(text, (*keys, 'kind'))}: kind must be {accepted}."
+        return f"{name}, line {line_of(text, (*keys, 'kind'))}: kind must be {accepted}."
     message = (
         re.sub(r"^(length|pressure|time)\b", key, message)
         .replace("length = ", f"{key} = ")
@@ -654,7 +511,7 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
     return f"{name}, line {line}: {message.rstrip('.')}."
 
 
-def _line(text: str, keys: tuple[str | int, ...]) -> int:
+def line_of(text: str, keys: tuple[str | int, ...]) -> int:
     """Line number of a key such as ("plane", 1, "pitch"): of its section where the key itself is not there."""
     lines = text.splitlines()
     key = keys[-1] if len(keys) > 1 and isinstance(keys[-1], str) else None

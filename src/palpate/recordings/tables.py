@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.recordings.csvfile import cells, number, text_of, warn_of_a_cut
 from palpate.recordings.formats import existing
+from palpate.recordings.mapped import check_apart, check_one_frame, is_frame
 from palpate.recordings.netcdf import DAMAGE, NetCDF, data_sets, guard, opened
 from palpate.recordings.recording import Recording
+from palpate.recordings.tabletext import Titles, read_table_text
 
 __all__ = ["read_table"]
 
@@ -44,7 +44,8 @@ def read_table(
     Raises
     ------
     InvalidInput
-        No such file, an empty one, columns that are not there or are there twice, lines of another length, cells that are no numbers.
+        No such file, an empty one, columns that are not there or are there twice, lines of another length, cells that are no numbers, two lines at one
+        place, a column of frames or times (a table of several frames is read by `read_recording` with a `TableMapping`).
 
     Examples
     --------
@@ -119,26 +120,17 @@ def _read_h5_vectors(path: Path, names: Sequence[str]) -> Floats:
 
 
 def _read_columns(path: Path, columns: Sequence[str]) -> Floats:
-    lines, ended = text_of(path)
-    rows: list[tuple[int, list[str]]] = [
-        (n, cells(line, f"{path}, line {n}")) for n, line in enumerate(lines, 1) if line.strip()
-    ]
-    if len(rows) < 2:
-        raise InvalidInput(f"{path}: a table has a header line and one line per position; got {len(rows)} lines.")
-    header = [c.strip() for c in rows[0][1]]
-    missing = [c for c in columns if c not in header]
-    if missing:
-        raise InvalidInput(f"{path}: no column {', '.join(missing)}; it has {', '.join(header)[:200]}.")
-    double = [c for c in columns if header.count(c) > 1]
-    if double:
-        raise InvalidInput(f"{path}: the column {double[0]} is there {header.count(double[0])} times; name each once.")
-    index = [header.index(c) for c in columns]
-    values: Any = np.empty((len(columns), len(rows) - 1))
-    for place, (count, row) in enumerate(rows[1:]):
-        where = f"{path}, line {count}"
-        if len(row) != len(header):
-            raise InvalidInput(f"{where}: {len(row)} values for {len(header)} columns; the file may be truncated.")
-        values[:, place] = [number(row[i], where) for i in index]
-    if not ended:
-        warn_of_a_cut(path, lines[-1])
-    return np.asarray(values)
+    unnamed: list[str] = []
+
+    def wanted(titles: Titles) -> list[int]:
+        for name in columns:
+            if list(columns).count(name) > 1:
+                raise InvalidInput(f"the column {name} is named twice; name one for each of x, y and the channels.")
+        unnamed.extend([n for n in titles.names if is_frame(n) and n not in columns][:1])
+        return [titles.find(n) for n in (*columns, *unnamed)]
+
+    values = read_table_text(path, wanted).values.T
+    if unnamed:
+        check_one_frame(path, unnamed[0], values[-1])
+    check_apart(path, values[:2].T, unit="")
+    return values[: len(columns)]

@@ -1,0 +1,288 @@
+"""How the columns of a table of another program become readings: which column is what, and what a 1 in it means."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from palpate.elastic.channels import CHANNELS, channel_unit, is_channel
+from palpate.errors import InvalidInput
+from palpate.units import KIND_OF_SI, UNITS, parse_quantity
+
+__all__ = ["TableMapping", "columns_of", "columns_of_text", "per_count"]
+
+#: What stands for the number of a taxel in the name of a column.
+NUMBER = "{}"
+_ROLES = ("frame", "time", "marker", "x", "y")
+_VALUES = ("unit", "position_unit", "pixel", "time_unit", "rate", "reference", "shape")
+#: Names that columns have in tables of others, for the mapping that an error suggests.
+_USUAL = {
+    "frame": ("frame", "frames", "frame_number", "frame_id", "frame_no", "frameid", "image", "img", "picture", "slice"),
+    "time": ("time", "t", "timestamp", "seconds", "sec", "time_s"),
+    "marker": ("marker", "id", "particle", "track", "track_id", "marker_id", "dot", "dot_id", "taxel", "bead", "point"),
+    "x": ("x", "mx", "ox", "x0", "px", "pos_x", "position_x", "x_px", "cx"),
+    "y": ("y", "my", "oy", "y0", "py", "pos_y", "position_y", "y_px", "cy"),
+    "displacement_x": ("dx", "u", "ux", "u_x", "disp_x", "x_disp", "displacement_x"),
+    "displacement_y": ("dy", "v", "uy", "u_y", "disp_y", "y_disp", "displacement_y"),
+    "displacement_z": ("dz", "uz", "u_z", "disp_z", "displacement_z"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableMapping:
+    """What the columns of a table are: one line per frame and marker (long), or one line per frame (wide).
+
+    A column is named by its title, with or without a unit in brackets at its end ("dx (mm)"), or by its number from 1 where the table has no
+    titles. In a wide table the columns of x, y and each channel are listed, or written with ``{}`` for the number of the taxel ("S{}").
+
+    Parameters
+    ----------
+    channels : mapping of str to str or sequence of str, optional
+        Channel -> its column, or its columns. Without channels the table holds positions in every frame: ``x`` and ``y`` are needed, and
+        displacement_x and displacement_y are the way from where each marker was in the first ``reference`` frames.
+    x, y : str or sequence of str, optional
+        Positions at rest, or, beside displacements, positions now: which of both is seen from the numbers, and refused where they are neither.
+    frame, time : str, optional
+        Number of the frame, and its time. Without either a long table is one frame.
+    marker : str, optional
+        Number of the marker or taxel. Without it a place is a marker, which must not move.
+    scale : float or sequence of float, optional
+        Multiplies readings (of each channel) to SI units; negative turns the sign. Without it the titles must name units.
+    position_scale : float or (float, float), optional
+        Multiplies x and y to metres. Without it the titles must name units.
+    time_scale : float, optional
+        Multiplies times to seconds. Without it the title may name the unit, else they are seconds.
+    rate : float, optional
+        Frames a second, where there is no time. Without it and without time, frame numbers are taken for seconds.
+    reference : int
+        Frames at the start that say where markers are at rest, where there are no channels.
+    shape : (int, int), optional
+        Rows and columns of taxels that are an area. With x and y, these must be its grid.
+
+    Raises
+    ------
+    InvalidInput
+        Channels that are not known, neither channels nor both x and y, a mixture of long and wide, or numbers out of range.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from palpate.recordings import TableMapping, read_recording
+    >>> table = '''frame,id,x,y,dx,dy
+    ... 0,1,10,10,0,0
+    ... 0,2,50,10,0,0
+    ... 1,1,10,10,2,0
+    ... 1,2,50,10,1,0
+    ... '''
+    >>> mapping = TableMapping(
+    ...     frame="frame",
+    ...     marker="id",
+    ...     x="x",
+    ...     y="y",
+    ...     channels={"displacement_x": "dx", "displacement_y": "dy"},
+    ...     scale=0.06e-3,  # metres a pixel
+    ...     position_scale=0.06e-3,
+    ...     rate=30.0,
+    ... )
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(f"{folder}/dots.csv").write_text(table)
+    ...     recording = read_recording(f"{folder}/dots.csv", mapping=mapping)
+    >>> recording.readings.shape, recording.readings[1, 0].round(9).tolist()  # (frame, channel, marker)
+    ((2, 2, 2), [0.00012, 6e-05])
+    """
+
+    channels: Mapping[str, str | Sequence[str]] = field(default_factory=dict)
+    x: str | Sequence[str] | None = None
+    y: str | Sequence[str] | None = None
+    frame: str | None = None
+    time: str | None = None
+    marker: str | None = None
+    scale: float | Sequence[float] | None = None
+    position_scale: float | tuple[float, float] | None = None
+    time_scale: float | None = None
+    rate: float | None = None
+    reference: int = 1
+    shape: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        unknown = [c for c in self.channels if not is_channel(c)]
+        if unknown:
+            raise InvalidInput(f"{', '.join(unknown)}: no such channel; channels are {', '.join(CHANNELS)}.")
+        if self.y is not None and self.x is None:
+            raise InvalidInput("y is named without x; name both, or x alone on a line.")
+        if not self.channels and (self.x is None or self.y is None):
+            raise InvalidInput(
+                "no column of readings is named: name channels such as displacement_x and displacement_y, or x and y alone where they are positions in every frame."
+            )
+        if not self.channels and self.shape is not None:
+            raise InvalidInput("shape belongs to taxels that stay; markers known by their positions are scattered.")
+        if self.wide and self.marker is not None:
+            raise InvalidInput(
+                "marker belongs to tables with one line per marker; these columns are listed, one line per frame."
+            )
+        for name, many in (("scale", len(self.channels) or 2), ("position_scale", 2)):
+            self._check_scale(name, many)
+        for name in ("time_scale", "rate"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
+        if self.rate is not None and self.time is not None:
+            raise InvalidInput("rate and time both say when frames were; give one of them.")
+        if isinstance(self.reference, bool) or not (isinstance(self.reference, int) and self.reference >= 1):
+            raise InvalidInput(f"reference must be a number of frames of at least 1; got {self.reference!r}.")
+        if self.channels and self.reference != 1:
+            raise InvalidInput("reference is for tables of positions; here columns hold the readings: leave it out.")
+
+    def _check_scale(self, name: str, many: int) -> None:
+        given = getattr(self, name)
+        if given is None:
+            return
+        values = [given] if isinstance(given, int | float) else list(given)
+        if len(values) not in (1, many) or not all(math.isfinite(v) and v != 0 for v in values):
+            raise InvalidInput(f"{name} must be one number or {many}, finite and not 0; got {given!r}.")
+
+    @property
+    def wide(self) -> bool:
+        """Whether a line holds a whole frame."""
+        named = [self.x, self.y, *self.channels.values()]
+        kinds = {_wide(v) for v in named if v is not None}
+        if len(kinds) > 1:
+            raise InvalidInput(
+                f"some of x, y and the channels name one column and some several: a table has either one line per frame (all listed, or with {NUMBER}) "
+                "or one line per frame and marker."
+            )
+        return kinds == {True}
+
+
+def _wide(column: str | Sequence[str]) -> bool:
+    return NUMBER in column if isinstance(column, str) else True
+
+
+def per_count(text: str, kind: str, what: str = "unit") -> float:
+    """What 1 in a file means: "25 Pa", "-1 kPa", or a unit alone."""
+    return parse_quantity(f"1 {text}" if text in UNITS[kind] and text != "1" else text, kind, what)
+
+
+def columns_of(given: Mapping[str, Any], *, order: Sequence[str] = (), shape: Any = None) -> TableMapping:
+    """The mapping that a section [columns] or --map describes.
+
+    ``order``: channels of the skin, whose order the recording takes; ``shape``: rows and columns of its area.
+    """
+    channels = {k: v for k, v in given.items() if k not in _ROLES and k not in _VALUES}
+    unknown = [k for k in channels if not is_channel(k)]
+    if unknown:
+        raise InvalidInput(
+            f"{', '.join(unknown)} is neither a channel nor a key of columns; keys are {', '.join((*_ROLES, *_VALUES))}, channels {', '.join(CHANNELS)}."
+        )
+    for key, value in given.items():
+        if key in ("frame", "time", "marker", "pixel", "position_unit", "time_unit"):
+            _check_text(key, value, several=key in ("pixel", "position_unit"))
+        elif key in channels or key in ("x", "y", "unit"):
+            _check_text(key, value, several=True)
+    if set(order) == set(channels):
+        channels = {c: channels[c] for c in order}
+    units = [channel_unit(c) for c in channels]
+    scale: Any = None
+    if "pixel" in given:
+        if "unit" in given or "position_unit" in given:
+            raise InvalidInput("pixel already says what a 1 means; leave out unit and position_unit.")
+        place = _factors(given["pixel"], ["m", "m"], "pixel")
+        sideways = {"displacement_x": place[0], "displacement_y": place[1]}
+        if not set(channels) <= set(sideways):
+            raise InvalidInput(
+                "pixel is for displacement_x and displacement_y; give position_unit, and unit with one quantity per channel."
+            )
+        scale = tuple(sideways[c] for c in channels)
+    else:
+        place = _factors(given["position_unit"], ["m", "m"], "position_unit") if "position_unit" in given else None
+        if "unit" in given and not channels:
+            raise InvalidInput("unit is for readings; this table holds positions: give position_unit.")
+        scale = _factors(given["unit"], units, "unit") if "unit" in given else None
+    own_shape = given.get("shape")
+    return TableMapping(
+        channels=channels,
+        **{k: given[k] for k in _ROLES if k in given},
+        scale=scale or None,
+        position_scale=place,
+        time_scale=per_count(given["time_unit"], "time", "time_unit") if "time_unit" in given else None,
+        rate=_plain(given, "rate"),
+        reference=_plain(given, "reference") or 1,
+        shape=tuple(own_shape) if own_shape is not None else shape if channels else None,
+    )
+
+
+def _check_text(key: str, value: Any, *, several: bool) -> None:
+    if isinstance(value, str) and value.strip():
+        return
+    if several and isinstance(value, list | tuple) and value and all(isinstance(v, str) and v.strip() for v in value):
+        return
+    raise InvalidInput(f"{key} must be text{' or a list of texts' if several else ''}; got {value!r}.")
+
+
+def _plain(given: Mapping[str, Any], key: str) -> Any:
+    value = given.get(key)
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+        raise InvalidInput(f"{key} must be a number; got {value!r}.")
+    return value
+
+
+def _factors(text: Any, units: Sequence[str], what: str) -> Any:
+    """One factor to SI units for each of ``units``; strings, one or one for each."""
+    texts = [text] * len(units) if isinstance(text, str) else list(text)
+    if len(texts) != len(units):
+        raise InvalidInput(f"{what} must be one quantity or {len(units)}; got {len(texts)}.")
+    found = [per_count(t, KIND_OF_SI[u], what) for t, u in zip(texts, units)]
+    if any(f == 0 for f in found):
+        raise InvalidInput(f"{what} must not be 0; got {text!r}.")
+    return tuple(found)
+
+
+def columns_of_text(text: str) -> dict[str, Any]:
+    """What --map says, "frame=frame,x=x,y=y,pixel=0.06 mm": the keys of the section [columns]; what has no "=" goes on the list before it."""
+    found: dict[str, list[str]] = {}
+    key = ""
+    for part in text.split(","):
+        name, equals, value = part.partition("=")
+        if equals:
+            key, part = name.strip(), value
+            if key in found:
+                raise InvalidInput(f"--map names {key} twice.")
+            found[key] = []
+        if not key or not part.strip():
+            raise InvalidInput(
+                f"--map must be like frame=frame,marker=id,x=x,y=y,displacement_x=dx,displacement_y=dy,pixel=0.06mm; got {text!r}."
+            )
+        found[key].append(part.strip())
+    given: dict[str, Any] = {k: v[0] if len(v) == 1 else v for k, v in found.items()}
+    for name, make in (("rate", float), ("reference", int)):
+        if name in given:
+            try:
+                given[name] = make(given[name])
+            except (TypeError, ValueError) as error:
+                raise InvalidInput(f"--map: {name} must be a number; got {given[name]!r}.") from error
+    if "shape" in given:
+        match = re.fullmatch(r"(\d{1,6})x(\d{1,6})", str(given["shape"]).lower())
+        if match is None:
+            raise InvalidInput(f"--map: shape must be rows x columns such as 4x6; got {given['shape']!r}.")
+        given["shape"] = (int(match[1]), int(match[2]))
+    return given
+
+
+def suggested(titles: Sequence[str]) -> str:
+    """A --map for these titles, as far as they have usual names."""
+    bare = {re.sub(r"\s*[(\[].*$", "", t).strip().lower().replace(" ", "_"): t for t in titles}
+    found: dict[str, str] = {}
+    for role, names in _USUAL.items():
+        title = next((bare[n] for n in names if n in bare), None)
+        if title is not None and "," not in title and "=" not in title:
+            found[role] = title
+    if "time" in found and "frame" in found:
+        del found["time"]
+    if not ("x" in found and "y" in found):
+        return 'time=TIME,stress_zz=S{},unit="25 Pa" (columns S1, S2, ... of one line per frame)'
+    listed = ",".join(f"{k}={v}" for k, v in found.items())
+    return f'"{listed},pixel=0.06mm" (with the size of your pixel; or unit=, position_unit=)'

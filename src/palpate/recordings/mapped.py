@@ -1,0 +1,488 @@
+"""Tables of another program as recordings: frames x markers, by a `TableMapping`."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.channels import channel_unit
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput, UncheckedInput
+from palpate.recordings.columns import NUMBER, TableMapping, suggested
+from palpate.recordings.recording import Recording
+from palpate.recordings.tabletext import Table, Titles, first_titles, read_table_text
+from palpate.units import KIND_OF_SI, UNITS
+
+__all__ = ["check_apart", "check_one_frame", "explained", "is_frame", "read_mapped"]
+
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+#: Cells of frames x markers per line of a table from which on markers are not the same ones from frame to frame.
+MOST_MISSING = 4
+#: Positions that belong to displacements may differ from frame to frame by this part of the largest displacement (they are rounded).
+ROUNDED = 0.1
+#: Markers that pass their neighbours in one frame, as a part of all, from which on they are numbered anew.
+RENUMBERED = 0.2
+#: Titles of columns that tell frames or times.
+_FRAMES = ("frame", "frames", "frame_number", "frame_id", "frame_no", "frameid", "image", "time", "t", "timestamp")
+
+
+def read_mapped(path: Path, mapping: TableMapping) -> Recording:
+    """The recording in a table.
+
+    Raises
+    ------
+    InvalidInput
+        Columns that are not there, no unit, lines that cannot be numbers, a marker that is twice in a frame or in the place of another, markers that
+        move without numbers or have no rest, or are numbered anew from frame to frame.
+    """
+    roles: dict[str, list[int]] = {}
+    labels: list[list[str]] = []
+
+    def wanted(titles: Titles) -> list[int]:
+        for role, columns in _named(mapping).items():
+            names, roles[role] = _places(titles, columns)
+            if names:
+                labels.append(names)
+        if not mapping.wide and mapping.frame is None and mapping.time is None:
+            roles["unnamed frame"] = [i for i, n in enumerate(titles.names) if is_frame(n)][:1]
+        return [i for places in roles.values() for i in places]
+
+    table = read_table_text(path, wanted)
+    parts, start = {}, 0
+    for role, places in roles.items():
+        parts[role] = table.values[:, start : start + len(places)]
+        start += len(places)
+    factors = _factors(mapping, table.titles, roles)
+    parts = {role: values * factors.get(role, 1.0) for role, values in parts.items()}
+    frames = _wide(path, table, mapping, parts, labels) if mapping.wide else _long(path, table, mapping, parts)
+    return _recording(path, mapping, frames)
+
+
+@dataclass(eq=False)
+class _Frames:
+    """Everything by frame and marker."""
+
+    number: Floats  # of each frame, as the table says it
+    time: Floats | None
+    marker: Floats  # number of each marker
+    numbered: bool  # whether these are the table's own
+    places: Floats | None  # (frame, marker, axis) [m]
+    readings: Floats | None  # (frame, channel, marker)
+
+
+def _named(mapping: TableMapping) -> dict[str, Any]:
+    named = {"frame": mapping.frame, "time": mapping.time, "marker": mapping.marker, "x": mapping.x, "y": mapping.y}
+    return {k: v for k, v in (*named.items(), *mapping.channels.items()) if v is not None}
+
+
+def _places(titles: Titles, columns: str | Sequence[str]) -> tuple[list[str], list[int]]:
+    """What columns are called among the taxels (in a wide table), and where they are."""
+    if isinstance(columns, str):
+        if NUMBER not in columns:
+            return [], [titles.find(columns)]
+        found = titles.matching(columns)
+        return list(found), list(found.values())
+    return [str(i) for i in range(len(columns))], [titles.find(c) for c in columns]
+
+
+def is_frame(title: str) -> bool:
+    """Whether a column by its title tells frames or times."""
+    return title.split("(")[0].split("[")[0].strip().lower().replace(" ", "_") in _FRAMES
+
+
+def _factors(mapping: TableMapping, titles: Titles, roles: dict[str, list[int]]) -> dict[str, float]:
+    """What multiplies each role to SI units: the mapping, or the title."""
+    channels = list(mapping.channels)
+    scales = np.broadcast_to(np.nan if mapping.scale is None else np.asarray(mapping.scale, float), (len(channels),))
+    place = np.broadcast_to(np.nan if mapping.position_scale is None else np.asarray(mapping.position_scale), (2,))
+    given = {
+        **{c: (float(s), channel_unit(c)) for c, s in zip(channels, scales)},
+        "x": (float(place[0]), "m"),
+        "y": (float(place[1]), "m"),
+        "time": (np.nan if mapping.time_scale is None else mapping.time_scale, "s"),
+    }
+    found = {}
+    for role, (factor, si) in given.items():
+        if role not in roles:
+            continue
+        known = UNITS[KIND_OF_SI[si]]
+        title = titles.names[roles[role][0]]
+        said = {titles.unit(i) for i in roles[role]}
+        if len(said) > 1 and any(unit in known for unit in said):
+            raise InvalidInput(
+                f"{titles.source}: the columns of {role} have several units in their titles; save them in one."
+            )
+        unit = said.pop()
+        if unit in known and unit is not None:
+            if np.isfinite(factor) and not np.isclose(factor, known[unit], rtol=1e-9):
+                raise InvalidInput(
+                    f"{titles.source}: the title {title!r} says {unit}, but a 1 is said to be {factor:g} {si}; leave out the one that is wrong."
+                )
+            factor = known[unit]
+        elif not np.isfinite(factor):
+            if role != "time":
+                key = "position_unit" if role in ("x", "y") else "unit"
+                raise InvalidInput(
+                    f"{titles.source}: nothing says what a 1 in the column {title!r} means: give {key} (such as {_example(si)}), or pixel = the size of a pixel where positions "
+                    "and displacements are in pixels."
+                )
+            factor = 1.0
+        found[role] = factor
+    return found
+
+
+def _example(si: str) -> str:
+    return {"m": '"0.06 mm"', "Pa": '"25 Pa"', "1": '"1e-6 1"', "rad": '"1 mrad"'}.get(si, f'"1 {si}"')
+
+
+def _whole(path: Path, table: Table, values: Floats, what: str) -> None:
+    bad = ~(np.isfinite(values) & (values == np.round(values)))
+    if bad.any():
+        first = int(np.argmax(bad))
+        raise InvalidInput(
+            f"{path}, line {int(table.lines[first])}: {what} must be a whole number; got {values[first]:g}."
+            + (" A column of seconds is named time." if what == "frame" else "")
+        )
+
+
+# -- one line per frame and marker -------------------------------------------------------------------------------------
+
+
+def _long(path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floats]) -> _Frames:
+    rows = len(table.values)
+    flat = {role: values[:, 0] for role, values in parts.items() if values.shape[1]}
+    if "unnamed frame" in flat:
+        title = next(n for n in table.titles.names if is_frame(n))
+        check_one_frame(path, title, flat["unnamed frame"])
+    if mapping.frame is not None:
+        _whole(path, table, flat["frame"], "frame")
+    elif mapping.time is not None and not np.isfinite(flat["time"]).all():
+        raise InvalidInput(f"{path}: {int(np.isnan(flat['time']).sum())} lines have no time; take them out.")
+    key = flat["frame"] if mapping.frame is not None else flat["time"] if mapping.time is not None else np.zeros(rows)
+    numbers, frame = np.unique(key, return_inverse=True)
+    where = np.stack([flat[a] for a in "xy" if a in flat], axis=-1) if "x" in flat else None
+    if mapping.marker is not None:
+        _whole(path, table, flat["marker"], "marker")
+        markers, marker = np.unique(flat["marker"], return_inverse=True)
+    elif where is not None:
+        markers, marker = _by_place(path, table, where, len(numbers))
+    else:
+        raise InvalidInput(
+            f"{path}: nothing says which marker a line belongs to: name marker (its number), or x and y."
+        )
+    size = len(numbers) * len(markers)
+    most = int(np.bincount(frame).max())
+    if size > MOST_MISSING * rows and len(markers) > MOST_MISSING * most:
+        raise InvalidInput(
+            f"{path}: {len(markers)} markers in {len(numbers)} frames of at most {most}: they are numbered anew from frame to frame. "
+            + (
+                f"If {mapping.time} differs a little within a frame, name the frame column instead. "
+                if mapping.frame is None
+                else ""
+            )
+            + "Let the program that found them follow them, so that a marker keeps its number, and save the table again."
+        )
+    cell = frame * len(markers) + marker
+    order = np.argsort(cell, kind="stable")
+    double = np.flatnonzero(np.diff(cell[order]) == 0)
+    if len(double):
+        a, b = sorted(int(table.lines[i]) for i in order[double[0] : double[0] + 2])
+        who = f"marker {markers[marker[order[double[0]]]]:g}" if mapping.marker is not None else "one place"
+        if mapping.frame is None and mapping.time is None:
+            raise InvalidInput(
+                f"{path}, lines {a} and {b}: {who} is there twice. A table of several frames needs the name of its frame column (frame or time; the table has "
+                f"{table.titles.listed()}); in a table of one frame, take one of the lines out."
+            )
+        raise InvalidInput(f"{path}, lines {a} and {b}: {who} is twice in frame {numbers[frame[order[double[0]]]]:g}.")
+
+    def by_frame(values: Floats) -> Floats:
+        out = np.full(size, np.nan)
+        out[cell] = values
+        return out.reshape(len(numbers), len(markers))
+
+    readings = [by_frame(flat[c]) for c in mapping.channels]
+    return _Frames(
+        numbers,
+        _times(path, mapping, numbers, None if "time" not in flat else by_frame(flat["time"])),
+        markers,
+        mapping.marker is not None,
+        None if where is None else np.stack([by_frame(w) for w in where.T], axis=-1),
+        np.stack(readings, axis=1) if readings else None,
+    )
+
+
+def _by_place(path: Path, table: Table, where: Floats, frames: int) -> tuple[Floats, Ints]:
+    """Markers that are known by their places: in rows along x."""
+    gone = ~np.isfinite(where).all(axis=1)
+    if gone.any():
+        raise InvalidInput(f"{path}, line {int(table.lines[int(np.argmax(gone))])}: no position; take the line out.")
+    places, marker = np.unique(where[:, ::-1], axis=0, return_inverse=True)
+    if frames > 1 and len(places) * frames > 2 * len(where):
+        raise InvalidInput(
+            f"{path}: {len(places)} places in {frames} frames of {len(where) // frames} or so: markers move, and nothing says which is which. Name the column of "
+            f"their numbers as marker; the table has {table.titles.listed()}."
+        )
+    return np.arange(len(places), dtype=np.float64), np.ravel(marker)
+
+
+def check_one_frame(path: Path, title: str, values: Floats) -> None:
+    """Refuse a table of several frames that is read as one."""
+    count = len(np.unique(values[np.isfinite(values)]))
+    if count > 1:
+        raise InvalidInput(
+            f"{path}: the column {title!r} holds {count} different values: these are several frames. Name it: frame={title} (or time={title}) in --map or in the section [columns] of "
+            "the skin.toml; if all lines are one frame, take this column out of the file."
+        )
+
+
+def _times(path: Path, mapping: TableMapping, numbers: Floats, time: Floats | None) -> Floats | None:
+    if mapping.frame is None:
+        return numbers if mapping.time is not None else None
+    if time is None:
+        return numbers / (mapping.rate or 1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a frame without a time: said below
+        low, high = np.nanmin(time, axis=1), np.nanmax(time, axis=1)
+    if not np.isfinite(low).all():
+        raise InvalidInput(f"{path}: frame {numbers[int(np.argmin(np.isfinite(low)))]:g} has no time.")
+    step = float(np.median(np.diff(low))) if len(low) > 1 else np.inf
+    if (high - low > 0.5 * abs(step)).any():
+        at = int(np.argmax(high - low))
+        raise InvalidInput(
+            f"{path}: the times of frame {numbers[at]:g} go from {low[at]:g} to {high[at]:g} s; a frame has one time. Leave out time and give rate."
+        )
+    return np.asarray(low)
+
+
+# -- one line per frame ------------------------------------------------------------------------------------------------
+
+
+def _wide(
+    path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floats], labels: Sequence[Sequence[str]]
+) -> _Frames:
+    rows, names = len(table.values), labels[0]
+    for one in labels:
+        if one != names:
+            odd = sorted(set(one) ^ set(names))[:8] or [f"{len(names)} and {len(one)}"]
+            raise InvalidInput(
+                f"{path}: the columns of x, y and the channels do not belong to the same taxels: {', '.join(odd)}. Name as many for each."
+            )
+    numbers: Floats = np.arange(rows, dtype=np.float64)
+    for role in ("time", "frame"):
+        if role in parts:
+            numbers = parts[role][:, 0]
+            if not np.isfinite(numbers).all():
+                raise InvalidInput(f"{path}, line {int(table.lines[int(np.argmin(np.isfinite(numbers)))])}: no {role}.")
+    if mapping.frame is not None:
+        _whole(path, table, numbers, "frame")
+    order = np.argsort(numbers, kind="stable")
+    same = np.flatnonzero(np.diff(numbers[order]) == 0)
+    if len(same):
+        a, b = (int(table.lines[i]) for i in order[same[0] : same[0] + 2])
+        what = "frame" if mapping.frame is not None else "time"
+        raise InvalidInput(
+            f"{path}, lines {a} and {b} have the same {what} {numbers[order[same[0]]]:g}. Take one out, or give rate in place of time."
+        )
+    where = np.stack([parts[a] for a in "xy" if a in parts], axis=-1)[order] if "x" in parts else None
+    readings = np.stack([parts[c] for c in mapping.channels], axis=1)[order] if mapping.channels else None
+    time = parts["time"][order] if "time" in parts else None
+    numbers = numbers[order]
+    if mapping.frame is None and mapping.time is None:
+        times: Floats | None = numbers / (mapping.rate or 1.0)
+    else:
+        times = _times(path, mapping, numbers, time)
+    counted = all(n.isdecimal() for n in names)
+    markers = np.array(names, dtype=np.float64) if counted else np.arange(len(names), dtype=np.float64)
+    return _Frames(numbers, times, markers, counted, where, readings)
+
+
+# -- what both become --------------------------------------------------------------------------------------------------
+
+
+def _recording(path: Path, mapping: TableMapping, frames: _Frames) -> Recording:
+    positions = None
+    channels = tuple(mapping.channels)
+    if frames.places is not None:
+        positions, readings = _at_rest(path, mapping, frames)
+        channels = channels or ("displacement_x", "displacement_y")
+        check_apart(path, positions, [f"{m:g}" for m in frames.marker] if frames.numbered else None)
+        if set(channels) >= {"displacement_x", "displacement_y"}:
+            _check_order(path, frames, positions, readings[:, [channels.index(f"displacement_{a}") for a in "xy"]])
+    else:
+        readings = frames.readings
+        _check_counted(path, frames)
+    missing = int(np.isnan(readings).any(axis=1).sum())
+    meta = {
+        "source": path.name,
+        "table": f"{len(readings)} frames of {readings.shape[2]} markers, {missing} of {len(readings) * readings.shape[2]} missing",
+    }
+    if mapping.shape is not None:
+        readings, positions = _as_area(path, mapping.shape, readings, positions), None
+    elif positions is not None and positions.shape[1] == 1:
+        positions = positions[:, 0]
+    return Recording(readings=readings, channels=channels, time=frames.time, positions=positions, meta=meta)
+
+
+def _at_rest(path: Path, mapping: TableMapping, frames: _Frames) -> tuple[Floats, Any]:
+    """Where markers are at rest (marker, axis), and readings (frame, channel, marker)."""
+    places = frames.places
+    if places is None:
+        raise InvalidInput(f"{path}: there are no positions.")
+    there: Any = np.isfinite(places).all(axis=2)
+    if frames.readings is None:
+        there, where = there[: mapping.reference], f"position in the first {mapping.reference} frames (reference)"
+    else:
+        there, where = there & np.isfinite(frames.readings).all(axis=1), "whole reading in any frame"
+    kept: Bools = there.any(axis=0)
+    if not kept.any():
+        raise InvalidInput(f"{path}: no marker has a {where}.")
+    if not kept.all():
+        gone = [f"{m:g}" for m in frames.marker[~kept]]
+        _warn(
+            f"{path}: {len(gone)} of {len(kept)} markers have no {where} and are left out: {', '.join(gone[:8])}{' ...' if len(gone) > 8 else ''}."
+        )
+        frames.marker = frames.marker[kept]
+        places = places[:, kept]
+        frames.readings = None if frames.readings is None else frames.readings[..., kept]
+    if frames.readings is None:
+        rest = np.nanmean(places[: mapping.reference], axis=0)
+        return rest, np.moveaxis(places - rest, 2, 1)
+    still, size = _spread(places), _extent(places)
+    shift = np.zeros_like(places)
+    for axis, name in enumerate(f"displacement_{a}" for a in "xy"[: places.shape[2]]):
+        if name in mapping.channels:
+            shift[..., axis] = frames.readings[:, list(mapping.channels).index(name)]
+    moves = _spread(shift)
+    allowed = max(1e-6 * size, ROUNDED * float(np.nanmax(moves, initial=0.0)))
+    if np.nanmax(still, initial=0.0) <= allowed:
+        return np.nanmedian(places, axis=0), frames.readings
+    before = places - shift
+    left = _spread(before)
+    if np.nanmax(left, initial=0.0) <= allowed:
+        return np.nanmedian(before, axis=0), frames.readings
+    worst = int(np.nanargmax(np.minimum(still, left)))
+    raise InvalidInput(
+        f"{path}: the position of marker {frames.marker[worst]:g} moves by {still[worst]:.3g} m while its readings say {moves[worst]:.3g} m: x and y are neither places at rest nor "
+        "these moved by the displacements. Either the markers are numbered anew from some frame on, or displacements are counted from frame to frame: then name x and y alone, without "
+        "the displacements, which follow from the first frame."
+    )
+
+
+def _spread(values: Floats) -> Floats:
+    """Largest less smallest over frames, of the axis that moves most, by marker."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a marker that is never there: its spread is NaN
+        return np.asarray((np.nanmax(values, axis=0) - np.nanmin(values, axis=0)).max(axis=1))
+
+
+def _extent(places: Floats) -> float:
+    return float(np.nanmax(places, axis=(0, 1)).max() - np.nanmin(places, axis=(0, 1)).min())
+
+
+def check_apart(path: Path, positions: Floats, names: Sequence[str] | None = None, *, unit: str = " m") -> None:
+    """Refuse two markers in the same place."""
+    from scipy.spatial import cKDTree
+
+    if len(positions) < 2:
+        return
+    away, other = cKDTree(positions).query(positions, k=2)
+    near = int(np.argmin(away[:, 1]))
+    if away[near, 1] <= 1e-9 * float(np.ptp(positions, axis=0).max()):
+        first, second = sorted(map(int, other[near]))
+        who = f"markers {names[first]} and {names[second]}" if names is not None else "two lines"
+        place = ", ".join(f"{v:g}" for v in positions[near])
+        raise InvalidInput(
+            f"{path}: {who} are at the same place ({place}){unit}. A table of several frames needs the name of its frame column; in one frame, take one of them out."
+        )
+
+
+def _check_order(path: Path, frames: _Frames, rest: Floats, moved: Floats) -> None:
+    """Markers of a pad that does not fold never pass their neighbours: |u_i - u_j| < |X_i - X_j|."""
+    from scipy.spatial import cKDTree
+
+    count = min(4, len(rest) - 1)
+    if count < 1 or rest.shape[1] != 2:
+        return
+    away, near = (v[:, 1:] for v in cKDTree(rest).query(rest, k=count + 1))
+    wrong = np.zeros((len(moved), len(rest)), dtype=bool)
+    for i, frame in enumerate(moved):
+        apart = np.hypot(*(frame[:, :, None] - frame[:, near]))
+        passed, known = apart >= away, np.isfinite(apart)
+        wrong[i] = (passed.sum(axis=1) * 2 > known.sum(axis=1)) & known.any(axis=1)
+    if not wrong.any():
+        return
+    share = wrong.mean(axis=1)
+    worst = int(np.argmax(share))
+    first = int(np.argmax(wrong.any(axis=1)))
+    if wrong[worst].sum() > max(2, RENUMBERED * wrong.shape[1]):
+        raise InvalidInput(
+            f"{path}: in frame {frames.number[worst]:g} {int(wrong[worst].sum())} of {wrong.shape[1]} markers have passed their neighbours, which no pad does: they are numbered anew. Let the program "
+            "that found them follow them, so that a marker keeps its number; or, where x, y or the displacements have another unit than is said, mend it."
+        )
+    who = ", ".join(f"{m:g}" for m in frames.marker[wrong[first]][:8])
+    _warn(
+        f"{path}: {int(wrong.sum())} readings are of markers that have passed their neighbours, which no pad does (first: marker {who} in frame {frames.number[first]:g}); they "
+        "are mistaken. Take them out of the table, and they count as missing."
+    )
+
+
+def _check_counted(path: Path, frames: _Frames) -> None:
+    """Markers that are known by their number alone: none may be left out."""
+    if not frames.numbered:
+        return
+    whole = np.arange(frames.marker[0], frames.marker[0] + len(frames.marker))
+    if not np.array_equal(whole, frames.marker):
+        gone = int(whole[np.argmax(whole != frames.marker)])
+        raise InvalidInput(
+            f"{path}: marker {gone} is missing between {frames.marker[0]:g} and {frames.marker[-1]:g}, so that which taxel is which is not clear: name x and y, or add "
+            "a line for it with empty readings."
+        )
+
+
+def _as_area(path: Path, shape: tuple[int, int], readings: Any, positions: Floats | None) -> Any:
+    """Readings (frame, channel, y, x) of taxels in rows."""
+    count = readings.shape[2]
+    if count != shape[0] * shape[1]:
+        raise InvalidInput(f"{path}: {count} taxels do not make a shape of {shape[0]} x {shape[1]}.")
+    if positions is None:
+        return readings.reshape(*readings.shape[:2], *shape)
+    if positions.shape[1] != 2:
+        raise InvalidInput(f"{path}: taxels of an area need x and y.")
+    # rows from below, each from the left
+    row = np.argsort(np.argsort(positions[:, 1], kind="stable"), kind="stable") // shape[1]
+    order = np.lexsort((positions[:, 0], row))
+    grid = positions[order].reshape(*shape, 2)
+    x, y = grid[..., 0].mean(axis=0), grid[..., 1].mean(axis=1)
+    steps = [float(np.diff(a).mean()) if len(a) > 1 else 0.0 for a in (x, y)]
+    regular = [
+        np.abs(grid[..., 0] - (x[0] + steps[0] * np.arange(shape[1]))).max() <= 0.05 * abs(steps[0]) + 1e-12,
+        np.abs(grid[..., 1] - (y[0] + steps[1] * np.arange(shape[0]))[:, None]).max() <= 0.05 * abs(steps[1]) + 1e-12,
+    ]
+    if not all(regular):
+        raise InvalidInput(
+            f'{path}: the places of the taxels are no grid of {shape[0]} x {shape[1]}. Use a plane of kind = "scattered" without positions_file, or leave out x and y.'
+        )
+    return readings[..., order].reshape(*readings.shape[:2], *shape)
+
+
+def explained(path: Path) -> str:
+    """How a table of another program is read, for the error of one that is not explained."""
+    try:
+        titles = first_titles(path)
+    except InvalidInput:
+        return "A table of another program needs --map, or a section [columns] in the skin.toml, that says what its columns are."
+    return (
+        f"It has {titles.listed()}; say what these are with --map {suggested(titles.names)}, a section [columns] in the skin.toml, or a TableMapping. Without that, "
+        'a CSV has a column "time (s)" and columns like "stress_zz[0;1] (Pa)".'
+    )
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, UncheckedInput, stacklevel=5)

@@ -1,0 +1,35 @@
+"""Tables of other programs: read only, by what a `TableMapping` says of their columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from palpate.errors import InvalidInput
+from palpate.recordings.columns import TableMapping
+from palpate.recordings.formats import Format
+from palpate.recordings.mapped import explained, read_mapped
+from palpate.recordings.mapping import TopicMapping
+from palpate.recordings.recording import Recording
+
+__all__ = ["Table"]
+
+
+class Table(Format):
+    """Text in columns, separated by tabs, blanks, semicolons or commas. A .csv may be such a table too."""
+
+    name = "table"
+    extensions = (".txt", ".tsv", ".dat")
+
+    def recognises(self, path: Path) -> bool:
+        with path.open("rb") as file:
+            begin = file.read(4096)
+        return b"\0" not in begin or begin[:2] in (
+            b"\xff\xfe",
+            b"\xfe\xff",
+        )  # UTF-16: refused where it is read, with what to do
+
+    def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
+        raise InvalidInput(f"{path} is a table of another program. {explained(path)}")
+
+    def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
+        return read_mapped(path, mapping)

@@ -1,0 +1,75 @@
+"""Lines of text and the numbers in them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from palpate.errors import InvalidInput, UncheckedInput
+
+__all__ = ["cells", "lines_of", "number", "text_of", "warn_of_a_cut"]
+
+_NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?\s*", re.ASCII)
+
+
+def text_of(path: Path) -> tuple[list[str], bool]:
+    """Lines of a text file, and whether the last one is ended; a file that is not text is refused."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: cannot be read as text in UTF-8; save it as CSV in UTF-8.") from error
+    if "\0" in text:
+        raise InvalidInput(f"{path}: holds NUL characters; it is damaged or not text.")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    return text.rstrip("\n").split("\n"), text.endswith("\n")
+
+
+def warn_of_a_cut(path: Path, last: str) -> None:
+    """Say that nothing tells whether the last number of a file is whole."""
+    warnings.warn(
+        f"{path}: the last line has no line break; if the file was cut, its last number {last.split(',')[-1][:40]!r} is wrong. "
+        "Compare it with the source, then end the line with a line break.",
+        UncheckedInput,
+        stacklevel=5,
+    )
+
+
+def cells(line: str, where: str) -> list[str]:
+    """The cells of one line."""
+    try:
+        return next(csv.reader(io.StringIO(line), strict=True), [])
+    except csv.Error as error:
+        # without quotes a line needs no parser, and may be as long as it is
+        if '"' not in line:
+            return line.split(",")
+        raise InvalidInput(f"{where}: cannot be read as CSV ({error}).") from error
+
+
+def number(text: str, where: str) -> float:
+    """A number as it is written in files, or `InvalidInput`; nothing (or "nan") is missing."""
+    if not text.strip() or text.strip().lower() == "nan":
+        return float("nan")
+    if _NUMBER.fullmatch(text) is None:
+        raise InvalidInput(f"{where}: {text[:40]!r} is not a number.")
+    value = float(text)
+    if not np.isfinite(value):
+        raise InvalidInput(f"{where}: {text[:40]!r} is larger than numbers can be.")
+    return value
+
+
+def lines_of(path: Path) -> Iterator[str]:
+    """The lines of a text file, each with its end; a file that is not text is refused."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            for line in file:
+                if "\0" in line:
+                    raise InvalidInput(f"{path}: holds NUL characters; it is damaged or not text.")
+                yield line
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: cannot be read as text in UTF-8; save it as CSV in UTF-8.") from error
