@@ -223,9 +223,9 @@ def test_a_name_that_does_not_fit_what_is_inside(tmp_path: Path) -> None:
     (tmp_path / "b.nc").write_bytes((tmp_path / "a.npz").read_bytes())
     with pytest.raises(pp.InvalidInput, match=r"looks like npz: rename it to b\.npz"):
         read_recording(tmp_path / "b.nc")
-    (tmp_path / "b.dat").write_bytes((tmp_path / "a.npz").read_bytes())
-    with pytest.raises(pp.InvalidInput, match=r"'\.dat' is not known; accepted: \.nc.*rename it to b\.npz"):
-        read_recording(tmp_path / "b.dat")
+    (tmp_path / "b.data").write_bytes((tmp_path / "a.npz").read_bytes())
+    with pytest.raises(pp.InvalidInput, match=r"'\.data' is not known; accepted: \.nc.*rename it to b\.npz"):
+        read_recording(tmp_path / "b.data")
     with pytest.raises(pp.InvalidInput, match=r"read back as \.nc"):
         read_touch(tmp_path / "a.npz")
 

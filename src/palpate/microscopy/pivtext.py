@@ -11,7 +11,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.microscopy.found import Found
 from palpate.microscopy.names import FLAGS, POSITIONS, STDS, VECTORS, plain, unit_in, which
-from palpate.recordings.csvfile import text_of, warn_of_a_cut
+from palpate.recordings.textlines import text_of, warn_of_a_cut
 
 __all__ = ["read_matrix", "read_piv_text"]
 
