@@ -113,6 +113,11 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
             sides = table["shear_force"].bounds(level, value, deviation, outside, floor, away=True)
             for side, shear in zip((low, high), sides):
                 side[..., :-1] = shear[..., :-1]
+        if touch.converged is not None and not touch.converged.all():
+            # what an iteration still had to go may be to either side
+            ended = touch.converged.reshape((*touch.converged.shape, *(1,) * (low.ndim - touch.converged.ndim)))
+            whole = replace(table[of], shift=0.0).bounds(level, value, deviation, outside, floor)
+            low, high = np.where(ended, low, whole[0]), np.where(ended, high, whole[1])
         if touch.pushing is not None and not touch.pushing.all():
             # traction of either sign is neither biased, as pressure that only adds up is, nor bounded by zero
             both = ~touch.pushing & ~pulls
@@ -142,7 +147,11 @@ def exceeds(touch: Touch, limit: float, of: str) -> Floats:
         value, deviation, outside, _ = uncalibrated(touch, known, of)
         if of == "force":
             value, deviation, outside = value[..., -1], deviation[..., -1], outside[..., -1]
-        return (known.quantities[of].above(limit, value, deviation, outside),)
+        table = known.quantities[of]
+        found = table.above(limit, value, deviation, outside)
+        if touch.converged is not None and not touch.converged.all():
+            found = np.where(touch.converged, found, replace(table, shift=0.0).above(limit, value, deviation, outside))
+        return (found,)
 
     return _each_method(touch, chance)[0]
 

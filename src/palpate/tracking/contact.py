@@ -19,7 +19,7 @@ from palpate.tracking.background import Background
 from palpate.tracking.dragging import Drag, Dragging
 from palpate.tracking.errors import ErrorBars
 from palpate.tracking.health import Flags, Index, ReadingCheck
-from palpate.tracking.interim import interim, unconverged
+from palpate.tracking.interim import interim, unconverged, wider
 from palpate.tracking.iteration import Iteration
 from palpate.tracking.learning import NORMAL, Learning
 from palpate.tracking.misfit import Misfit
@@ -133,6 +133,7 @@ class Contact:
         self._behind = 0  # frames in a row that were not finished, or found no contact that pushes
         self._at_once = not self._background.threaded  # whether all is done in this frame
         self._since_learned = 0
+        self.told = True  # whether the last frame told about the offsets
 
     # -- what was found ------------------------------------------------------------------------------------------------
 
@@ -207,14 +208,15 @@ class Contact:
                     converged = False  # on its way: the cells are about to move
         unused = self._check.unused
         holes = unused.any() if self._fresh else not np.array_equal(unused, used)
-        if self.pushing and holes and self._background.threaded and self._since_learned < PATIENCE:
+        if self.pushing and holes and not self._at_once and self._since_learned < PATIENCE:
             self._background.drop("learn")
             self._learn_again(frame, unused)
-        elif self.pushing and learned and holes and not self._background.threaded:
+        elif self.pushing and learned and holes and self._at_once:
             # a hole looks like detail: the penalty is learned again, from readings filled by a smooth contact
+            self._background.drop("learn")
             self._learn_again(frame, unused)
             self._push(frame)
-            if self._learn(frame):
+            if self._learn(frame) or (self._background.wait(("learn",), math.inf) and self._learn(frame)):
                 self._push(frame)
                 converged = self._weigh(frame, restarted)
         self._fresh = False
@@ -271,11 +273,14 @@ class Contact:
                 self.noise * frame.spread,
                 float(np.abs(y).max(initial=0.0)),
             )
-            bars = self._bars or interim(self._estimator, self._solution, self.noise)
+            bars = self._bars
+            if bars is None or not self._errors.serves(self._solution):
+                bars = wider(bars, interim(self._estimator, self._solution, self.noise))
             self._bars = bars if converged or bars is None else unconverged(self._estimator, self._solution, bars)
         if self._looked is not None:
             self.fit, self._looked = self._fit(self._looked, frame), None
         told = self._errors.told
+        self.told = converged
         if told is None or not self.fits:
             return
         if not np.array_equal(told.unused, unused):

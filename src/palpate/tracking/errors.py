@@ -50,6 +50,11 @@ class ErrorBars:
         """The contact has ended."""
         self.errors, self.told, self.taken = None, None, math.nan
 
+    def serves(self, solution: Iteration) -> bool:
+        """Whether the errors that there are were made for a contact like the present one."""
+        count = int((solution.pressure > FAINT * float(solution.pressure.max(initial=0.0))).sum())
+        return abs(count - self._cells) <= CHANGED * max(self._cells, 1)
+
     def age(self) -> None:
         """Make them again soon: what is known of offsets is for other readings."""
         self._age += REFRESH // SOON

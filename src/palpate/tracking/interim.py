@@ -19,7 +19,7 @@ from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors
 from palpate.tracking.iteration import Iteration
 
-__all__ = ["interim", "unconverged"]
+__all__ = ["interim", "unconverged", "wider"]
 
 #: Standard deviations that an estimate of what did not converge counts for: it is damped by rho, and does not know how the constraints
 #: turn it. Of 241 frames of one iteration each, with faults of every kind, none had its force outside the 95 % interval.
@@ -55,6 +55,13 @@ def interim(estimator: ConstrainedEstimator, solution: Iteration, noise: float) 
         variance_reduction=np.full(shape, math.nan),
         **estimator.posterior.outside_parts(traction.reshape(shape)),
     )
+
+
+def wider(one: Errors | None, other: Errors | None) -> Errors | None:
+    """The larger of two errors, number by number."""
+    if one is None or other is None:
+        return other if one is None else one
+    return Errors.gathered([one, other], lambda both: np.fmax(*both))
 
 
 def unconverged(estimator: ConstrainedEstimator, solution: Iteration, errors: Errors) -> Errors:

@@ -34,6 +34,8 @@ __all__ = ["Marginal", "Offsets", "Told"]
 #: Standard deviation of an offset about its rate after a second, as a part of the largest reading met: a contact that covers the array is
 #: known to 0.8 % after a minute.
 WALK = 0.001
+#: Standard deviation of a rate of drift that no frame tells, as a part of the largest reading a second: frames whose iteration did not end.
+UNTOLD = 0.01
 #: A rate of drift is confirmed by frames that correct an offset by this part of what they tell; else it is forgotten with this time constant [s].
 CONFIRMED, RATE_HOLDS = 0.03, 5.0
 #: Without contact, the part of what all taxels of a channel share that one frame corrects.
@@ -126,6 +128,7 @@ class Offsets:
         self._model: Floats = np.zeros(k)  # d
         self._both: Floats = np.zeros((2 * k, 2 * k))  # covariance of c and d
         self._reference: Floats | None = None  # readings that d belongs to
+        self._untold = 0.0  # for how long no frame has told anything about them [s]
         self._gain: _Gain | None = None
         self._unused = None
 
@@ -169,15 +172,16 @@ class Offsets:
             both[k:, k:] += (MODEL * now * min(other, 1.0)) ** 2 * np.eye(k)
             self._both = both
 
-    def pass_time(self, elapsed: float, scale: float) -> None:
-        """Offsets walk while time passes."""
+    def pass_time(self, elapsed: float, scale: float, *, told: bool = True) -> None:
+        """Offsets walk while time passes; where the last frame ``told`` nothing about them, at a rate that is not known."""
         self._scale, self._elapsed = scale, min(max(elapsed, 0.0), 1.0)
         self.rate = np.where(self._share > CONFIRMED, 1.0, math.exp(-self._elapsed / RATE_HOLDS)) * self.rate
         self._share = np.zeros_like(self.rate)
-        step = WALK * scale * math.sqrt(self._elapsed)
+        before, self._untold = (self._untold, self._untold + self._elapsed) if not told else (0.0, 0.0)
+        step = (WALK * scale) ** 2 * self._elapsed + (UNTOLD * scale) ** 2 * (self._untold**2 - before**2)
         k = len(self.mean)
         both = self._both.copy()
-        both[:k, :k] += step**2 * np.eye(k)
+        both[:k, :k] += step * np.eye(k)
         most = float(np.diagonal(both).max())
         if most > (JUMP * scale) ** 2:
             both = both * ((JUMP * scale) ** 2 / most)
@@ -194,7 +198,8 @@ class Offsets:
         self._share = share
         if self._elapsed > 0:
             most = FASTEST * self._scale
-            self.rate = np.clip(self.rate + share / (2.0 - share) * by / self._elapsed, -most, most)
+            since = max(self._elapsed, self._untold)
+            self.rate = np.clip(self.rate + share / (2.0 - share) * by / since, -most, most)
 
     def jump(self) -> None:
         """Nothing is known of them any more: the sensor began anew."""

@@ -321,7 +321,7 @@ class Tracker:
         if noise is None:  # rounding is no contact: a frame that is the zero but for it
             noise = max(rough_noise(y[~unused]), ROUNDING * float(np.abs(scaled[~unused]).max(initial=0.0)))
         if follows:
-            offsets.pass_time(elapsed, offsets.scale(learning.noise, y))
+            offsets.pass_time(elapsed, offsets.scale(learning.noise, y), told=self._contact.told)
         slope = self._equations.adjoint(y, unused)
         highest = float(np.abs(self._equations.score(slope)).max()) / max(noise, 1e-30)
         if not self._touching and highest > TAKEN and self._one_taxel(y, noise):
