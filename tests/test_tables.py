@@ -452,6 +452,7 @@ def test_what_the_command_line_refuses(tmp_path: Path) -> None:
         ): "lies 3 mm from where the positions_file",
         ("convert", "table.csv", "new.nc", "--map", said, "--pixel", "1 mm"): "besides them take only --grid",
         ("convert", "table.csv", "new.nc", "--skin", "gel.toml"): "no section [columns]",
+        ("track", "table.csv", "--skin", "gel.toml", "--map", said, "--out", "t.txt"): "a result is written as .nc",
         ("live", "--demo", "--map", said): "--map describes a RECORDING",
     }.items():
         done = run(*arguments, cwd=tmp_path)

@@ -72,7 +72,7 @@ def convert(
     from palpate.recordings.robots import is_bag
     from palpate.units import convert_factor, parse_quantity
 
-    file_format(target)
+    file_format(target, task="write")
     check_output(target, inputs=[source, *skin_files(skin_file)], force=force)
     described = bool(path or fields or scale != "1" or shape or markers)
     if channels is not None and columns is None and topic is None:

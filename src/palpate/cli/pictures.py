@@ -50,7 +50,7 @@ def track_pictures(
     from palpate.touch import joined
 
     skin_file = known_skin(skin_file)
-    kind = None if out is None else file_format(out)
+    kind = None if out is None else file_format(out, task="write_touch")
     inputs = [source, *skin_files(skin_file)]
     for path in (out, picture):
         if path is not None:

@@ -76,7 +76,7 @@ def reconstruct(
     from palpate.skin import Skin
 
     target = out if out is not None else recording_file.with_name(recording_file.stem + "-touch.nc")
-    file_format(target)
+    file_format(target, task="write_touch")
     inputs = [recording_file, *skin_files(skin_file)]
     check_output(target, inputs=inputs, force=force)
     if plot is not None:

@@ -51,7 +51,7 @@ def simulate(
     from palpate.recordings.formats import file_format
     from palpate.skin import Skin
 
-    file_format(out)
+    file_format(out, task="write")
     check_output(out, inputs=skin_files(skin_file), force=overwrite, option="--overwrite")
     skin = Skin.from_file(skin_file)
     if len({p.shape for p in skin.planes}) != 1:

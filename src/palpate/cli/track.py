@@ -110,7 +110,7 @@ def track(
         raise InvalidInput(
             f"--every, --fast, --rate and --picture are for pictures (a video, a folder, a .tif stack); {recording_file} is a recording."
         )
-    kind = None if out is None else file_format(out)
+    kind = None if out is None else file_format(out, task="write_touch")
     if out is not None:
         check_output(out, inputs=[recording_file, *skin_files(skin_file)], force=force)
     options = tracker_options(ctx)

@@ -216,21 +216,21 @@ def endings(task: str | None = None) -> tuple[str, ...]:
     return tuple(e for f in formats() if task is None or f.can(task) for e in f.extensions)
 
 
-def find_format(path: str | Path) -> Format:
-    """The format of a file name, or `InvalidInput`."""
+def find_format(path: str | Path, *, task: str | None = None) -> Format:
+    """The format of a file name that can do ``task``, the name of a method of `Format`; or `InvalidInput`."""
     suffix = Path(path).suffix.lower()
-    for known in _built_in():  # those of others are looked for only where these do not serve
-        if suffix in known.extensions:
-            return known.usable()
-    for known in _plugged_in():
-        if suffix in known.extensions:
-            return known.usable()
+    for some in (_built_in, _plugged_in):  # those of others are looked for only where these do not serve
+        for known in some():
+            if suffix in known.extensions:
+                if task is not None and not known.can(task):
+                    raise known._cannot(task, Path(path))
+                return known.usable()
     raise InvalidInput(f"{path}: the ending {suffix!r} is not known; accepted: {', '.join(endings())}.")
 
 
-def file_format(path: str | Path) -> str:
-    """The name of the format of a file name, or `InvalidInput`."""
-    return find_format(path).name
+def file_format(path: str | Path, *, task: str | None = None) -> str:
+    """The name of the format of a file name, which can do ``task``; or `InvalidInput`."""
+    return find_format(path, task=task).name
 
 
 # -- reading and writing -----------------------------------------------------------------------------------------------
@@ -279,7 +279,9 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
 
 def _inside(path: Path, task: str) -> Format | None:
     """The format that a file looks like; any text would look like CSV."""
-    return next((f for f in formats() if f.name != "csv" and not f.folder and f.can(task) and f.recognises(path)), None)
+    return next(
+        (f for f in formats() if not f.can("read_mapped") and not f.folder and f.can(task) and f.recognises(path)), None
+    )
 
 
 def read_recording(
@@ -389,9 +391,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
 
 def into_place(path: str | Path, write: Callable[[Format, Path], None], *, task: str) -> None:
     """Write beside the name, in its format, and move it there when it is complete; nothing is left where that fails."""
-    known = find_format(path)
-    if not known.can(task):
-        raise known._cannot(task, Path(path))
+    known = find_format(path, task=task)
     if known.folder:
         if Path(path).exists():
             raise InvalidInput(f"{path} exists; a store is not overwritten. Give another name.")
