@@ -245,6 +245,9 @@ def test_a_video_that_was_cut_off_is_used_as_far_as_it_goes(tmp_path: Path) -> N
     (tmp_path / "cut.mkv").write_bytes(whole[: len(whole) // 2])
     with open_pictures(tmp_path / "cut.mkv") as pictures:
         assert 3 < len(list(pictures)) < 40
+        assert "was cut off" in pictures.notes[0]
+    with open_pictures(tmp_path / "press.mkv") as pictures:
+        assert (len(list(pictures)), pictures.notes) == (40, [])
     whole = film(tmp_path / "press.mp4", 40).read_bytes()
     (tmp_path / "cut.mp4").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(pp.InvalidInput, match="no index"):

@@ -156,7 +156,7 @@ class Displacements:
         self._rest = iter(self.pictures)
         try:
             self._begin(count)
-            self.view: View = view_of(settings, self.size, self.markers.positions) if settings else view  # type: ignore[assignment]
+            self.view = view if isinstance(view, View) else view_of(view, self.size, self.markers.positions)
             self.positions: Floats = self.view.places(self.markers.positions)
         except BaseException:
             self.close()
@@ -169,13 +169,12 @@ class Displacements:
         first: list[Picture] = []
         for picture in islice(self._rest, count + PATIENCE):
             first.append(picture)
-            fault = picture.fault or fault_of(grey(picture.image))  # type: ignore[arg-type]
-            if not fault:
+            if not _fault(picture):
                 good.append(picture)
             if len(good) == count:
                 break
         if len(good) < count:
-            why = "; ".join(dict.fromkeys(p.fault or fault_of(grey(p.image)) or "good" for p in first if p not in good))  # type: ignore[arg-type]
+            why = "; ".join(dict.fromkeys(_fault(p) or "good" for p in first if p not in good))
             raise InvalidInput(
                 f"{self.pictures.name}: {count} pictures of the gel at rest are needed at the start, {len(good)} of the first {len(first)} show something"
                 + (f" ({why}). " if why else ". ")
@@ -262,6 +261,11 @@ class Displacements:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _fault(picture: Picture) -> str:
+    """Why a picture tells nothing; "" where it may."""
+    return picture.fault if picture.image is None else fault_of(grey(picture.image))
 
 
 def _without_stage(positions: Floats, values: Floats, std: Floats) -> tuple[Floats, Stage | None]:

@@ -7,10 +7,15 @@ neighbours' displacements says.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 __all__ = ["Neighbours", "matched", "predicted"]
 
@@ -127,7 +132,7 @@ def matched(near: Neighbours, expected: Floats, found: Floats) -> Index:
     return out
 
 
-def _grow(near: Neighbours, displacement: Floats, out: Index, owner: Index, tree: object, found: Floats) -> None:
+def _grow(near: Neighbours, displacement: Floats, out: Index, owner: Index, tree: cKDTree, found: Floats) -> None:
     """Match the rest, those with most matched neighbours first."""
     tried = np.zeros(len(out), dtype=np.int64)
     while True:
@@ -139,7 +144,7 @@ def _grow(near: Neighbours, displacement: Floats, out: Index, owner: Index, tree
         now = np.flatnonzero(ready & (known == best))
         tried[now] = best
         guess = near.positions[now] + predicted(near, displacement, now)
-        distance, nearest = tree.query(guess)  # type: ignore[attr-defined]
+        distance, nearest = tree.query(guess)
         for i, d, j in zip(now, distance, nearest):
             move = found[j] - near.positions[i] if d < REACH * near.pitch else None
             if move is None or owner[j] >= 0 or _tears(near, displacement, int(i), move):

@@ -29,6 +29,8 @@ Image = npt.NDArray[Any]
 STILLS = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".webp")
 STACKS = (".tif", ".tiff")
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg", ".wmv")
+#: Pictures that a camera may fail to give one after another, and seconds that it may give none, before it is given up.
+FAILED, SILENT = 10, 3.0
 CODEC = "Convert it once, such as with: ffmpeg -i IN -c:v libx264 -crf 12 OUT.mp4"
 
 
@@ -333,7 +335,7 @@ def _video(path: Path) -> Pictures:
     rate = float(stream.average_rate) if stream.average_rate else None
 
     def frames() -> Iterator[tuple[float | None, Image | None, str]]:
-        number = 0
+        number, last = 0, None
         try:
             for frame in container.decode(stream):
                 plain = frame.format.name in ("gray", "gray8", "gray10le", "gray12le", "gray16le")
@@ -341,7 +343,10 @@ def _video(path: Path) -> Pictures:
                 # AVI has no times, only an order in which to decode: it is as even as its rate
                 at = None if frame.time is None or container.format.name == "avi" else float(frame.time)
                 yield at, image, ""
-                number += 1
+                number, last = number + 1, at
+            short = _short(container, rate, last)
+            if short is not None:
+                notes.append(f"{path} was cut off: it ends {short:.3g} s early, after {number} pictures; those are used.")
         except (av.error.FFmpegError, OSError) as error:
             notes.append(
                 f"{path} cannot be decoded after {number} pictures ({_plain(error)}): it is damaged or was cut off; those before are used."
@@ -350,6 +355,15 @@ def _video(path: Path) -> Pictures:
     return Pictures(
         frames(), name=str(path), count=stream.frames or None, rate=rate, timed=True, close=container.close, notes=notes
     )
+
+
+def _short(container: Any, rate: float | None, last: float | None) -> float | None:
+    """Seconds that are missing at the end of a video that does not count its pictures (Matroska), by what its head says of its length."""
+    if container.streams.video[0].frames or not container.duration or last is None or not rate:
+        return None
+    short = 1e-6 * container.duration - (last + 1.0 / rate)
+    # sound may go on longer than pictures
+    return float(short) if short > (0.75 / rate if len(container.streams) == 1 else 1.0) else None
 
 
 def _plain(error: BaseException) -> str:
@@ -367,23 +381,28 @@ def _camera(source: Any, rate: float | None) -> Pictures:
             f"camera {source}: cannot be opened. Is it connected, is another program using it, and may you read it (group video)?"
         )
 
+    notes: list[str] = []
+
     def frames() -> Iterator[tuple[float | None, Image | None, str]]:
-        started = None
+        started = last = clock.monotonic()
         failed = 0
         while True:
             there, image = capture.read()
             now = clock.monotonic()
-            started = now if started is None else started
-            if not there:
-                failed += 1
-                if failed > 10:
-                    return
-                yield now - started, None, "the camera gave no picture"
+            if there and image is not None and image.size:
+                failed, last = 0, now
+                yield now - started, np.ascontiguousarray(image[..., ::-1] if image.ndim == 3 else image), ""
                 continue
-            failed = 0
-            yield now - started, np.ascontiguousarray(image[..., ::-1] if image.ndim == 3 else image), ""
+            failed += 1
+            # a driver may say so at once, or wait for seconds each time
+            if failed > FAILED or now - last > SILENT:
+                notes.append(
+                    f"camera {source} gives no pictures any more: it was unplugged, or another program took it. Plug it in, and begin anew."
+                )
+                return
+            yield now - started, None, "the camera gave no picture"
 
-    return Pictures(frames(), name=f"camera {source}", timed=True, close=capture.release)
+    return Pictures(frames(), name=f"camera {source}", timed=True, close=capture.release, notes=notes)
 
 
 # -- out --------------------------------------------------------------------------------------------------------------------

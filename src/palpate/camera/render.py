@@ -269,7 +269,10 @@ class Scene:
     @property
     def surface(self) -> AreaGrid:
         """Where traction acts: a grid that reaches past the picture."""
-        return self.skin.surface  # type: ignore[return-value]
+        grid = self.skin.surface
+        if not isinstance(grid, AreaGrid):
+            raise InvalidInput("a scene has an area for its surface.")
+        return grid
 
     def _fields(self, contact: Any) -> tuple[Floats, Floats]:
         """Displacement of the print (3, y, x) and u_z of the surface (y, x) [m], as splines' coefficients."""

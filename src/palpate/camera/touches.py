@@ -14,6 +14,7 @@ from palpate.camera.view import View
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.recordings import Recording
+from palpate.recordings.camerasection import CameraSettings
 from palpate.sensing import ScatteredArray
 from palpate.skin import Skin
 from palpate.status import Status
@@ -23,12 +24,6 @@ from palpate.tracking import Tracker
 __all__ = ["CHANNELS", "Touches", "follow", "gel_skin"]
 
 CHANNELS = ("displacement_x", "displacement_y")
-#: What a tracker's touches say where the channels alone do not tell pressure from shear. Balls that press, slide and twist were read 1 to 35 % too small from
-#: dots 0.5 mm deep in a gel of 3.5 to 4 mm, 4 to 20 % too large 1 mm deep, and 60 % too small on its surface; shear forces were within their intervals.
-MISREAD = (
-    "a tracker misreads the normal force from dots that only move sideways, by a third or so where they lie in the gel and more on its surface, and its intervals need not know; "
-    "shear is as good as that of frames by themselves (track=False, or palpate track without --fast)"
-)
 #: At most this part of the dots may be lost in a frame that is solved by itself.
 MOST_LOST = 0.5
 #: Passes over perspective in a frame that is solved by itself.
@@ -85,6 +80,19 @@ def _check(skin: Skin) -> None:
         )
 
 
+def camera_of(skin: Skin | str | Path, view: View | None) -> CameraSettings | None:
+    """The section [camera] of a skin.toml; `InvalidInput` where neither it nor ``view`` says how pixels become metres."""
+    from palpate.recordings import read_camera
+
+    settings = None if isinstance(skin, Skin) else read_camera(skin)
+    if view is None and settings is None:
+        raise InvalidInput(
+            'nothing says how pixels become metres: give view=..., or a skin.toml with a section [camera] such as scale = "0.06 mm" (per pixel) or '
+            'pitch = "2 mm" (of the dots).'
+        )
+    return settings
+
+
 class Touches:
     """Touch of every picture; iterate over it once. Made by `follow`.
 
@@ -111,10 +119,8 @@ class Touches:
         self.readings, self.skin, self.distance, self.every = readings, skin, distance, every
         self._options = dict(options)
         self.tracker: Tracker | None = None
-        self._said: tuple[str, ...] = ()
         if track:
             self.tracker = skin.track(baseline=readings.reference, **self._options)
-            self._said = (MISREAD,) if skin.problem().ambiguous and "z" in self.tracker.names else ()
         self._perspective = None if distance is None else _Perspective(skin, readings, distance)
         self._masked: list[tuple[Any, Skin]] = []
         self.last: Reading | None = None
@@ -124,20 +130,19 @@ class Touches:
             if self.tracker is None and reading.index % self.every:
                 continue
             self.last = reading
-            touch = self._tracked(reading) if self.tracker is not None else self.alone(reading)
-            fault = (f"picture {reading.index}: {reading.fault}",) if reading.fault else ()
-            if fault or self._said:
-                touch = replace(touch, assumptions=(*touch.assumptions, *self._said, *fault))
+            touch = self.alone(reading) if self.tracker is None else self.step(reading.values, reading.time)
+            if reading.fault:
+                touch = replace(touch, assumptions=(*touch.assumptions, f"picture {reading.index}: {reading.fault}"))
             yield touch
 
-    def _tracked(self, reading: Reading) -> Touch:
+    def step(self, values: Floats, time: float) -> Touch:
+        """The touch of displacements (2, n) at a time [s], by the tracker; `Unsupported` where frames are not tracked."""
         if self.tracker is None:
-            raise Unsupported("frames are not tracked here.")
-        values = reading.values
+            raise Unsupported("frames are solved by themselves here; give track=True to follow them.")
         if self._perspective is not None:
             # that of the picture before, as much more or less as the dots have moved: the contact changes little from one to the next
             values = self._perspective.taken_out(values, self._perspective.growth(values))
-        touch = self.tracker.step(values, reading.time)
+        touch = self.tracker.step(values, time)
         if self._perspective is not None:
             self._perspective.learn(touch)
         return touch
@@ -150,9 +155,11 @@ class Touches:
         skin = self._without(lost)
         values = np.where(lost, 0.0, reading.values)
         touch = skin.reconstruct(values[None], time=[reading.time], **self._options)[0]
-        for _ in range(PASSES - 1 if self._perspective is not None else 0):
-            self._perspective.learn(touch)  # type: ignore[union-attr]
-            better = self._perspective.taken_out(values)  # type: ignore[union-attr]
+        if self._perspective is None:
+            return touch
+        for _ in range(PASSES - 1):
+            self._perspective.learn(touch)
+            better = self._perspective.taken_out(values)
             touch = skin.reconstruct(better[None], time=[reading.time], **self._options)[0]
         return touch
 
@@ -189,8 +196,7 @@ class _Perspective:
         middle = (np.array(readings.size) - 1) / 2.0 if lens is None else lens.matrix[:2, 2]
         self._axis = view.places(middle)
         self._positions, self._distance = readings.positions, distance
-        plane = skin.planes[0]
-        array = ScatteredArray(positions=plane.positions, depth=plane.depth, channels=["displacement_z"])  # type: ignore[union-attr]
+        array = ScatteredArray(positions=self._positions, depth=skin.planes[0].depth, channels=["displacement_z"])
         self._towards = Skin(skin.pad, array, surface=skin.surface)
         self._part = np.zeros(len(self._positions))
         self._before: Floats | None = None
@@ -223,8 +229,8 @@ def _missing(skin: Skin, time: float) -> Touch:
         skin.surface,
         skin.components,
         "automatic",
-        time=np.float64(time),  # type: ignore[arg-type]
-        status=np.int8(Status.MISSING),  # type: ignore[arg-type]
+        time=np.asarray(time),
+        status=np.asarray(int(Status.MISSING), dtype=np.int8),
     )
 
 
@@ -287,16 +293,9 @@ def follow(
     >>> len(forces), bool(abs(forces[-1][0] - 0.3) < 0.02)  # sideways [N]
     (8, True)
     """
-    from palpate.recordings import read_camera
-
     if isinstance(every, bool) or not (isinstance(every, int) and every >= 1):
         raise InvalidInput(f"every must be a whole number of at least 1; got {every!r}.")
-    settings = None if isinstance(skin, Skin) else read_camera(skin)
-    if view is None and settings is None:
-        raise InvalidInput(
-            'nothing says how pixels become metres: give view=..., or a skin.toml with a section [camera] such as scale = "0.06 mm" (per pixel) or '
-            'pitch = "2 mm" (of the dots).'
-        )
+    settings = camera_of(skin, view)
     if distance is None and settings is not None:
         distance = settings.distance
     if stage is None and settings is not None:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from palpate._arrays import to_numpy
 from palpate.camera.displacements import Displacements, Reading
-from palpate.camera.touches import Touches, gel_skin
+from palpate.camera.touches import Touches, camera_of, gel_skin
 from palpate.camera.view import View
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.layers import BondedLayers
@@ -117,17 +117,11 @@ def weigh(
     >>> bool(abs(weighed.factor - 2.0) < 0.3)
     True
     """
-    from palpate.recordings import read_camera
-
     listed = list(sources) if isinstance(sources, list | tuple) and not _is_images(sources) else [sources]
     known = np.atleast_1d(np.asarray(forces, dtype=np.float64))
     if known.shape != (len(listed),) or not (np.isfinite(known).all() and (known > 0).all()):
         raise InvalidInput(f"forces must be positive, one for each of {len(listed)} presses [N]; got {known.tolist()}.")
-    settings = None if isinstance(skin, Skin) else read_camera(skin)
-    if view is None and settings is None:
-        raise InvalidInput(
-            'nothing says how pixels become metres: give view=..., or a skin.toml with a section [camera] such as pitch = "2 mm".'
-        )
+    settings = camera_of(skin, view)
     lies: Any = settings if view is None else view
     ratios, stds, fits, modulus = [], [], [], math.nan
     for source, force in zip(listed, known):

@@ -28,6 +28,13 @@ def live(
     udp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this UDP port.")] = None,
     tcp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this TCP port.")] = None,
     ws: Annotated[int | None, typer.Option(min=1, max=65535, help="Take frames by WebSocket on this port.")] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            help="Watch a gel with dots: the number of a camera (0), /dev/video0, or a video, which is played at its rate. "
+            "Nothing may touch the gel in the first pictures."
+        ),
+    ] = None,
     demo: Annotated[bool, typer.Option("--demo", help="A simulated finger: needs nothing else.")] = False,
     baseline: Annotated[
         int | None,
@@ -67,8 +74,8 @@ def live(
     from palpate.skin import Skin
 
     listening = {k: v for k, v in (("udp", udp), ("tcp", tcp), ("ws", ws)) if v is not None}
-    if sum((demo, recording_file is not None, len(listening))) != 1:
-        raise InvalidInput("give either a RECORDING, --udp, --tcp or --ws with a --skin, or --demo.")
+    if sum((demo, recording_file is not None, camera is not None, len(listening))) != 1:
+        raise InvalidInput("give either a RECORDING, --camera, --udp, --tcp or --ws with a --skin, or --demo.")
     if (skin_file is None) != demo:
         raise InvalidInput(
             "--demo has its own skin: leave out --skin." if demo else "what is shown needs its skin: --skin skin.toml."
@@ -79,21 +86,31 @@ def live(
         raise InvalidInput("--speed is for replaying a RECORDING; a live sensor has its own pace: leave out --speed.")
     if recording_file is None and columns is not None:
         raise InvalidInput("--map describes a RECORDING that is a table: leave it out.")
-    if listening and loop:
-        raise InvalidInput("--loop repeats a RECORDING, not frames from the network: leave out --loop.")
+    if (listening or camera is not None) and loop:
+        raise InvalidInput("--loop repeats a RECORDING, not frames from the network or a camera: leave out --loop.")
     if record_to is not None and not record_to.is_dir():
         raise InvalidInput(f"--record-to {record_to}: no such folder.")
     if record is not None:
         if os.path.lexists(record):
             raise InvalidInput(f"{record} exists; a recording is never overwritten. Give --record another name.")
-        check_output(record, inputs=[recording_file, *skin_files(skin_file)], force=False)
+        watched = None if camera is None else Path(camera)
+        check_output(record, inputs=[recording_file, watched, *skin_files(skin_file)], force=False)
     if host not in LOCAL and token == "":
         raise InvalidInput(
             f"--host {host} opens the page to others: they must bring a token; leave --token out to have one made."
         )
     options = tracker_options(ctx)
-    pace, end = True, None
-    if demo:
+    pace, end, seen = True, None, None
+    if camera is not None and skin_file is not None:
+        from palpate.cli.pictures import known_skin
+        from palpate.live.camera import CameraSource
+
+        skin_file = known_skin(skin_file)
+        with busy("looking for the dots, and preparing the skin"):
+            seen = CameraSource(camera, skin_file, reference=baseline or None, options={**options, "budget": BUDGET})
+        skin, name, pace, end = seen.touches.skin, seen.name, False, seen.close
+        source: Any = seen
+    elif demo:
         from palpate.simulation import DEMONSTRATED, demonstration
 
         skin, frames = demonstration()
@@ -101,7 +118,7 @@ def live(
         baseline = 20 if baseline is None else baseline
         loop, name = True, "simulated finger"
 
-        source: Any = frames
+        source = frames
     elif recording_file is None:
         from palpate.network import FrameListener
 
@@ -129,8 +146,11 @@ def live(
 
     check_watched(skin, max_pressure, max_force)
     monitor = grasp_monitor(skin, options.get("friction"), max_pressure, max_force)
-    with busy("preparing the skin"):
-        tracker = skin.track(**options, baseline=baseline or 0, budget=BUDGET)
+    if seen is not None and seen.touches.tracker is not None:
+        tracker = seen.touches.tracker
+    else:
+        with busy("preparing the skin"):
+            tracker = skin.track(**options, baseline=baseline or 0, budget=BUDGET)
     sinks: list[Sink] = []
     if foxglove is not None:
         sinks.append(FoxgloveServer(recorded(skin)["channels"], port=foxglove))
@@ -149,8 +169,11 @@ def live(
         loop=loop,
         end=end,
         sinks=sinks,
-        report=lambda words: typer.echo(f"warning: {words} The live view goes on without it.", err=True),
+        report=lambda words: typer.echo(f"warning: {words}", err=True),
+        step=None if seen is None else seen.touches.step,
     )
+    if seen is not None:
+        seen.report, seen.skip = session.note, session.skip
     view = Live(session, token=token, folder=record_to)
     typer.echo(f"open {address(view, host, port)}    (Ctrl-C ends)")
     serve(view, host=host, port=port)

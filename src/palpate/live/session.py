@@ -124,7 +124,9 @@ class Session:
         Where readings, touches and events go besides the page: a `palpate.recordings.recorder`, a `FoxgloveServer`, a `RerunSink`. One that
         fails is reported and left; the stream goes on.
     report : callable, optional
-        Told in one sentence when a sink fails.
+        Told in one sentence when a sink or the source fails.
+    step : callable, optional
+        Takes readings and time and returns the `Touch`, in place of ``tracker.step``.
     """
 
     def __init__(
@@ -140,9 +142,11 @@ class Session:
         end: Callable[[], None] | None = None,
         sinks: Sequence[Sink] = (),
         report: Callable[[str], None] | None = None,
+        step: Callable[[Any, float], Touch] | None = None,
     ) -> None:
         self.skin, self.source, self.tracker, self.monitor = skin, source, tracker, monitor
         self.name, self.pace, self.loop, self._end = name, pace, loop, end
+        self._step = tracker.step if step is None else step
         self.packet: bytes | None = None
         self.count = self.behind = 0
         self.failure: str | None = None
@@ -229,6 +233,10 @@ class Session:
             "received": {} if listener is None else dict(listener.counts),
         }
 
+    def skip(self) -> None:
+        """Count a frame that came too early to be looked at."""
+        self.behind += 1
+
     def note(self, text: str) -> None:
         """Say something among the events."""
         with self._lock:
@@ -274,6 +282,8 @@ class Session:
         except Exception as error:
             # the page must say that the stream has ended, whatever ended it
             self.failure = str(error) or type(error).__name__
+            if self._report is not None:
+                self._report(self.failure)
             if not isinstance(error, PalpateError):
                 raise
         finally:
@@ -329,7 +339,7 @@ class Session:
         if wanted:
             self.tracker.rezero(frames=wanted)
             self.note(f"{time:.3f} s  the zero is taken anew from {wanted} frames: nothing must touch")
-        touch = self.tracker.step(reading, time)
+        touch = self._step(reading, time)
         events = self.monitor.update(touch) if "z" in touch.components else []
         health = self.tracker.health
         rows = np.flatnonzero(health.left_out)
@@ -371,7 +381,7 @@ class Session:
         with contextlib.suppress(PalpateError):  # it has said why
             sink.close()
         if self._report is not None:
-            self._report(str(error))
+            self._report(f"{error} The live view goes on without it.")
 
     def _notify(self) -> None:
         with self._lock:

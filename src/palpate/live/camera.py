@@ -1,0 +1,136 @@
+"""A camera, or a video played at its rate, as the source of a live session."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from palpate.camera import Pictures, Touches, follow, open_pictures
+from palpate.camera.latest import Latest
+from palpate.camera.pictures import VIDEOS
+from palpate.errors import InvalidInput
+
+__all__ = ["CameraSource"]
+
+
+class CameraSource:
+    """Displacements of the dots in a camera's pictures, as they come: a source of `palpate.live.Session`.
+
+    Parameters
+    ----------
+    source : str, int or Pictures
+        The number of a camera ("0"), /dev/video0, or a video, which is played at its rate; or pictures that are open already.
+    skin : str or Path
+        A skin.toml with a section [camera].
+    reference : int, optional
+        Pictures at the start in which nothing touches; default: what [camera] says.
+    options : mapping
+        Of `Skin.track`.
+
+    Attributes
+    ----------
+    touches : Touches
+        Its skin has the dots where they were found; its ``step`` is the session's.
+    report : callable
+        Told in one sentence what becomes of pictures; a session's ``note``.
+    skip : callable
+        Called for each picture that came too early to be looked at.
+
+    Raises
+    ------
+    InvalidInput
+        No camera, no video, or pictures that cannot be a reference.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.camera import Dots, Scene, dot_grid, open_pictures
+    >>> from palpate.live.camera import CameraSource
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> text = '''
+    ... [pad]
+    ... kind = "half_space"
+    ... youngs_modulus = "300 kPa"
+    ... poissons_ratio = 0.45
+    ...
+    ... [[plane]]
+    ... kind = "scattered"
+    ... depth = "1 mm"
+    ... channels = ["displacement_x", "displacement_y"]
+    ...
+    ... [camera]
+    ... scale = "0.1 mm"
+    ... reference = 2
+    ... '''
+    >>> pad = pp.HalfSpace(youngs_modulus=3e5, poissons_ratio=0.45)
+    >>> scene = Scene(pad=pad, depth=1e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(f"{folder}/gel.toml").write_text(text)
+    ...     source = CameraSource(open_pictures(list(scene.pictures([None] * 3)), rate=30.0), f"{folder}/gel.toml")
+    ...     frames = [values.shape for _, values in source()]
+    ...     source.close()
+    >>> len(frames) + source.latest.skipped, frames[0]
+    (3, (2, 35))
+    """
+
+    def __init__(
+        self,
+        source: str | int | Pictures,
+        skin: str | Path,
+        *,
+        reference: int | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        opened, pace = _opened(source)
+        self.report: Callable[[str], None] = lambda _: None
+        self.skip: Callable[[], None] = lambda: None
+        try:
+            self.latest = Latest(opened, pace=pace)
+            self.touches: Touches = follow(
+                self.latest.pictures, skin, reference=reference, track=True, **dict(options or {})
+            )
+        except BaseException:
+            opened.close()
+            raise
+        self.name = opened.name
+
+    def __call__(self) -> Iterator[tuple[float, Any]]:
+        """(time [s], displacements (2, n) [m]) of the newest picture; a picture that tells nothing is all NaN.
+
+        A camera that ends raises `InvalidInput`: the view must say so.
+        """
+        self.latest.start()
+        skipped, said = 0, ""
+        for reading in self.touches.readings:
+            for _ in range(self.latest.skipped - skipped):
+                self.skip()
+            skipped = self.latest.skipped
+            if reading.fault != said:  # once for as long as it lasts
+                self.report(f"{reading.time:.3f} s  " + (reading.fault or "the pictures are good again"))
+                said = reading.fault
+            self.touches.readings.faults.clear()  # a camera may run for days
+            yield reading.time, reading.values
+        if self.touches.readings.pictures.notes:
+            raise InvalidInput(" ".join(self.touches.readings.pictures.notes))
+
+    def close(self) -> None:
+        """End the pictures; who waits for one gets none."""
+        self.latest.close()
+
+
+def _opened(source: str | int | Pictures) -> tuple[Pictures, bool]:
+    """Pictures, and whether they have to be paced."""
+    if isinstance(source, Pictures):
+        return source, True
+    text = str(source)
+    if text.isdecimal():
+        return open_pictures(int(text)), False
+    if text.startswith("/dev/video"):
+        return open_pictures(text), False
+    if Path(text).suffix.lower() not in VIDEOS:
+        raise InvalidInput(
+            f"--camera takes the number of a camera (0), /dev/video0, or a video ({', '.join(VIDEOS)}); got {text}. Other pictures: palpate track."
+        )
+    return open_pictures(text), True
