@@ -346,7 +346,9 @@ def _video(path: Path) -> Pictures:
                 number, last = number + 1, at
             short = _short(container, rate, last)
             if short is not None:
-                notes.append(f"{path} was cut off: it ends {short:.3g} s early, after {number} pictures; those are used.")
+                notes.append(
+                    f"{path} was cut off: it ends {short:.3g} s early, after {number} pictures; those are used."
+                )
         except (av.error.FFmpegError, OSError) as error:
             notes.append(
                 f"{path} cannot be decoded after {number} pictures ({_plain(error)}): it is damaged or was cut off; those before are used."
