@@ -109,7 +109,7 @@ def read_field(
 
 
 def is_field(paths: Sequence[str | Path]) -> bool:
-    """Whether file names are those of displacement fields rather than of pictures; TIFF is looked into: fields are floats that take both signs.
+    """Whether file names are those of displacement fields rather than of pictures; TIFF is looked into: fields are floats, some below zero.
 
     Examples
     --------
@@ -120,7 +120,11 @@ def is_field(paths: Sequence[str | Path]) -> bool:
     endings = {Path(p).suffix.lower() for p in paths}
     if endings <= {".tif", ".tiff"} and all(Path(p).is_file() for p in paths):
         pages = [page for p in paths for page in _pages(Path(p))]
-        return len(pages) == 2 and all(page.dtype.kind == "f" and (page < 0).any() for page in pages)
+        return (
+            len(pages) == 2
+            and all(page.dtype.kind == "f" for page in pages)
+            and any((page < 0).any() for page in pages)
+        )
     return endings <= set(READERS) - {".tif", ".tiff"}
 
 
