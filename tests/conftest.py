@@ -44,6 +44,8 @@ NEEDS = {
     "test_formats_plug_in.py": (*COMMANDS, "mcap", "zarr"),
     "test_labelled.py": FILES,
     "test_mcap.py": (*COMMANDS, *BAGS),
+    "test_microscopy_beads.py": ("cv2", "tifffile"),
+    "test_microscopy_cell.py": (*COMMANDS, "cv2", "tifffile"),
     "test_methods.py": COMMANDS,
     "test_options.py": COMMANDS,
     "test_overwriting.py": COMMANDS,

@@ -21,6 +21,7 @@ from palpate.cli.paper import paper
 from palpate.cli.reconstruct import reconstruct
 from palpate.cli.sensors import sensors
 from palpate.cli.simulate import simulate
+from palpate.cli.tfm import tfm
 from palpate.cli.track import track
 from palpate.cli.weigh import weigh
 from palpate.errors import PalpateError
@@ -53,7 +54,7 @@ def _root(
 
 #: Those that take the options of methods.
 _TAKING = {track: TrackerCommand, live: TrackerCommand, reconstruct: MethodCommand}
-for _command in (demo, simulate, track, live, convert, pad, paper, reconstruct, sensors, weigh):
+for _command in (demo, simulate, track, live, convert, pad, paper, reconstruct, sensors, tfm, weigh):
     app.command(cls=_TAKING.get(_command))(_command)
 app.add_typer(bench_app, name="bench")
 

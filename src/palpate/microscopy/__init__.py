@@ -1,6 +1,22 @@
 """Traction force microscopy: displacement fields of other programs, or pictures of beads, in; what a cell does to its gel out."""
 
+from palpate.microscopy.beads import bead_displacements
+from palpate.microscopy.cell import CellForces, Quantity, cell_forces
 from palpate.microscopy.fields import Field
+from palpate.microscopy.masks import on_grid, read_mask
+from palpate.microscopy.pictures import read_pair, read_picture
 from palpate.microscopy.readers import is_field, read_field
 
-__all__ = ["Field", "is_field", "read_field"]
+__all__ = [
+    "CellForces",
+    "Field",
+    "Quantity",
+    "bead_displacements",
+    "cell_forces",
+    "is_field",
+    "on_grid",
+    "read_field",
+    "read_mask",
+    "read_pair",
+    "read_picture",
+]

@@ -29,6 +29,7 @@ from palpate._arrays import to_numpy
 from palpate._batches import Deferred
 from palpate._memory import require
 from palpate.elastic.pad import Floats
+from palpate.errors import Unsupported
 from palpate.inverse.estimate import Errors
 from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import spectrum_memory
@@ -198,6 +199,10 @@ class LinearErrors(Deferred, Errors):
         """Whether something may still have to be worked out."""
         return "_made_of" in self.__dict__
 
+    def draws(self, count: int, rng: np.random.Generator) -> Floats:
+        """Samples of the posterior (frame, draw, component, *surface), as the model gives them; `Unsupported` of a decomposition."""
+        return self._made_of.draws(count, rng)
+
     def inputs(self) -> Iterator[tuple[str, Any]]:
         """What the fields are made of."""
         source = self._made_of
@@ -224,6 +229,12 @@ class Source:
     filter: Filter
     traction: Any
     known: Uncertainty
+
+    def draws(self, count: int, rng: np.random.Generator) -> Floats:
+        """Only solutions by iteration draw samples."""
+        raise Unsupported(
+            "samples of the posterior are drawn where the problem is solved by iteration, not of a decomposition."
+        )
 
     # -- maps
 

@@ -44,6 +44,19 @@ class SampledSource(Source):
                 variance = variance + (self._patterns[i] ** 2).sum(axis=0)
             yield variance, i
 
+    def draws(self, count: int, rng: np.random.Generator) -> Floats:
+        """Samples of the posterior (frame, draw, component, *surface): the estimate, plus what it errs by on drawn traction and noise."""
+        size, noise = self._sizes
+        columns = list(self.spread.columns)
+        out = np.repeat(self._all[:, None], count, axis=1)
+        for i, lam in enumerate(np.reshape(self.known.parameter, -1)):
+            error = self.spread.errors(float(lam), size[i], noise[i], count, rng)
+            if self._patterns is not None:
+                weights = rng.standard_normal((count, len(self._patterns[i])))
+                error += np.tensordot(weights, self._patterns[i], axes=1)
+            out[i][:, columns] += error
+        return out
+
     def _summed(self, name: str, rows: Floats) -> Floats:
         first, second = self.spread.sums(name, rows, np.reshape(self.known.parameter, -1))
         size, noise = (each[:, None] for each in self._sizes)

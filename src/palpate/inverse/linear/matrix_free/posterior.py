@@ -95,6 +95,20 @@ class SampledSpread(Spread):
             second += (found[TOGETHER:] ** 2).sum(axis=0)
         return self._even(first / DRAWS), self._even(second / DRAWS)
 
+    def errors(self, lam: float, size: float, noise: float, count: int, rng: np.random.Generator) -> Floats:
+        """What an estimate errs by (draw, component sought, *surface) on traction of covariance ``size`` W and noise of variance ``noise``."""
+        normal, out = self.system.normal, []
+        for first in range(0, count, TOGETHER):
+            some = min(TOGETHER, count - first)
+            traction = math.sqrt(size) * np.stack([p.sample(rng, some) for p in normal.priors], axis=1)
+            rows = math.sqrt(noise) * rng.standard_normal((some, normal.total))
+            if normal.valid is not None:
+                rows *= normal.valid
+            rows += normal.readings(traction)
+            solved = self.system.solve(rows, np.full(some, lam), tolerance=LOOSE, most=MOST, checked=False)
+            out.append(self.system.traction(solved) - traction)
+        return np.concatenate(out)
+
     def _even(self, variance: Floats) -> Floats:
         """The mean over mirror images, where the layout has them."""
         operator = self.system.operator

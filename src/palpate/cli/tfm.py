@@ -1,0 +1,217 @@
+"""palpate tfm: what a cell does to its gel, from pictures of beads or a displacement field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.cli.files import Force, check_output, command_line, provenance, save_figure, skin_files
+from palpate.cli.options import numbers
+from palpate.cli.progress import busy
+from palpate.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from palpate.elastic.pad import Pad
+    from palpate.microscopy import Field
+    from palpate.sensing.uncertainty import Uncertainty
+
+
+def tfm(
+    source: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="SOURCE...",
+            help="Pictures of beads: two files (at rest, then pulled) or a stack; or a displacement field: .npy, .npz, .mat, .h5, a PIV table, "
+            "a pair of matrices (along x, then along y), .tif.",
+        ),
+    ],
+    pixel: Annotated[str | None, typer.Option(help='Size of a pixel, e.g. "0.1 um".')] = None,
+    youngs_modulus: Annotated[
+        str | None, typer.Option(help='Of the gel, e.g. "8 kPa", or "8 kPa +- 10 %" to have it in every error.')
+    ] = None,
+    poissons_ratio: Annotated[float | None, typer.Option(help="Of the gel, e.g. 0.48.")] = None,
+    thickness: Annotated[
+        str | None, typer.Option(help='Of a gel on glass, e.g. "40 um"; default: so thick that it does not matter.')
+    ] = None,
+    skin_file: Annotated[
+        Path | None, typer.Option("--skin", help="skin.toml that describes the gel, in place of the options above.")
+    ] = None,
+    depth: Annotated[str, typer.Option(help="Of the beads below the surface.")] = "0 um",
+    mask: Annotated[
+        Path | None,
+        typer.Option(
+            help="Where the cell is: a picture that is zero outside, or an outline (.csv of x,y in pixels, .json)."
+        ),
+    ] = None,
+    image: Annotated[Path | None, typer.Option(help="Picture of the cell, to be drawn beneath.")] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="Numbers of the pictures at rest and pulled in a stack, e.g. -1,0.")
+    ] = None,
+    window: Annotated[
+        int | None, typer.Option(help="Side of the windows that are compared [pixels]; default: 32.")
+    ] = None,
+    step: Annotated[float | None, typer.Option(help="Pixels between vectors; of pictures: half a window.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Of the displacements of a field: px, um, m and so on.")] = None,
+    up: Annotated[bool, typer.Option("--up", help="y and v of a field grow upwards.")] = False,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="The vectors of a table belong to where the markers went.")
+    ] = False,
+    name: Annotated[str | None, typer.Option(help="Which field of a file that holds several.")] = None,
+    still: Annotated[
+        bool, typer.Option("--still", help="The picture cannot have moved as a whole: no shift is taken out.")
+    ] = False,
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            help="Standard deviation of the displacements, e.g. 5 nm; default: learned, or as the pictures tell."
+        ),
+    ] = None,
+    order: Annotated[int, typer.Option(help="Derivative of the traction that is kept small: 0, 1 or 2.")] = 1,
+    rule: Annotated[str, typer.Option(help="How the regularisation is chosen: evidence, gcv or lcurve.")] = "evidence",
+    draws: Annotated[int, typer.Option(min=8, help="Samples of the posterior that tell the errors.")] = 64,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Name of the results without ending: .html, .png, .csv and .nc are written; default: SOURCE-tfm."
+        ),
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Traction force microscopy: strain energy, contractility and forces of a cell, with their errors, in one report."""
+    from palpate.microscopy import bead_displacements, cell_forces, is_field, read_field, read_pair, read_picture
+    from palpate.recordings import write_touch
+    from palpate.units import parse_quantity
+
+    stem = out if out is not None else source[0].with_name(source[0].stem + "-tfm")
+    targets = {e: stem.with_name(stem.name + e) for e in (".html", ".png", ".csv", ".nc")}
+    inputs = [*source, mask, image, *skin_files(skin_file)]
+    for target in targets.values():
+        check_output(target, inputs=inputs, force=force)
+    if pixel is None:
+        raise InvalidInput('--pixel is needed: the size of a pixel of the picture, such as --pixel "0.1 um".')
+    size_of_pixel = parse_quantity(pixel, "length", "--pixel")
+    if size_of_pixel <= 0:
+        raise InvalidInput(f"--pixel must be positive; got {pixel!r}.")
+    picture = None if image is None else read_picture(image)
+    size = None if picture is None else (int(picture.shape[1]), int(picture.shape[0]))
+    if is_field(source):
+        wrong = [o for o, v in (("--frames", frames), ("--window", window)) if v is not None]
+        if wrong:
+            raise InvalidInput(
+                f"{' and '.join(wrong)} belong to pictures of beads; {source[0]} holds displacements: leave them out."
+            )
+        field = read_field(
+            source, pixel=size_of_pixel, unit=unit, step=step, size=size, up=up, name=name, follow=follow
+        )
+        if not still:
+            field = field.without_drift()
+    else:
+        given = (("--unit", unit), ("--up", up), ("--name", name), ("--follow", follow))
+        if any(v for _, v in given):
+            raise InvalidInput(
+                f"{', '.join(o for o, v in given if v)} belong to displacement fields; {source[0]} is taken as pictures of beads: leave them out."
+            )
+        picks = None if frames is None else [int(n) for n in numbers(frames, "--frames")]
+        if picks is not None and len(picks) != 2:
+            raise InvalidInput(
+                f"--frames takes two numbers, at rest and pulled, such as --frames=-1,0; got {frames!r}."
+            )
+        rest, pulled = read_pair(source, frames=None if picks is None else (picks[0], picks[1]))
+        if step is not None and step != int(step):
+            raise InvalidInput(f"--step of pictures is a whole number of pixels; got {step:g}.")
+        size = size or (int(rest.shape[1]), int(rest.shape[0]))
+        if size != (rest.shape[1], rest.shape[0]):
+            raise InvalidInput(
+                f"{image} has {size[0]} x {size[1]} pixels and the beads {rest.shape[1]} x {rest.shape[0]}: give the picture of the same field of view."
+            )
+        with busy("following the beads"):
+            field = bead_displacements(
+                rest,
+                pulled,
+                pixel=size_of_pixel,
+                window=window or 32,
+                step=None if step is None else int(step),
+                drift=not still,
+            )
+    pad, below, uncertainty = _gel(field, skin_file, youngs_modulus, poissons_ratio, thickness, depth)
+    with busy("solving"):
+        forces = cell_forces(
+            field, pad, mask=mask, size=size, picture=picture, depth=below, noise=None if noise is None else parse_quantity(noise, 'length', '--noise'), order=order, rule=rule, drift=not still, uncertainty=uncertainty, draws=draws,
+        )  # fmt: skip
+    told = ", ".join(p.name for p in source)
+    forces.write_report(targets[".html"], title=source[0].stem, source=told, command=command_line())
+    save_figure(forces.plot(), targets[".png"])
+    forces.write_table(targets[".csv"])
+    write_touch(
+        forces.touch,
+        targets[".nc"],
+        provenance=provenance("" if skin_file is None else skin_file.read_text(encoding="utf-8"), told),
+    )
+    rows, columns = field.shape
+    typer.echo(f"{columns} x {rows} vectors, one every {field.step:.3g} px = {1e6 * field.pitch:.3g} um")
+    if field.drift is not None:
+        typer.echo(
+            f"drift of {field.drift[0] / field.pixel:.3g} px along x and {field.drift[1] / field.pixel:.3g} px along y taken out"
+        )
+    typer.echo(forces.summary())
+    for note in forces.notes:
+        typer.echo(f"note: {note}", err=True)
+    typer.echo(f"wrote {', '.join(map(str, targets.values()))}")
+
+
+def _gel(
+    field: Field, skin_file: Path | None, modulus: str | None, ratio: float | None, thickness: str | None, depth: str
+) -> tuple[Pad, float, Uncertainty | None]:
+    """The gel, the depth of its beads, and how well it is known."""
+    from palpate.elastic import BondedLayers, HalfSpace, Layer
+    from palpate.recordings.skinfile import read_skin, read_uncertainty
+    from palpate.units import parse_quantity
+
+    options: list[tuple[str, Any]] = [
+        ("--youngs-modulus", modulus),
+        ("--poissons-ratio", ratio),
+        ("--thickness", thickness),
+    ]
+    if skin_file is not None:
+        said = [o for o, v in options if v is not None] + (["--depth"] if depth != "0 um" else [])
+        if said:
+            raise InvalidInput(f"{', '.join(said)}: {skin_file} describes the gel; give either.")
+        pad, planes, _, _ = read_skin(skin_file, field.recording())
+        if len(planes) != 1 or set(planes[0].channels) != {"displacement_x", "displacement_y"}:
+            raise InvalidInput(
+                f'{skin_file}: one plane with channels = ["displacement_x", "displacement_y"] is what a picture of beads shows.'
+            )
+        return pad, float(planes[0].depth), read_uncertainty(skin_file)
+    lacking = [o for o, v in options[:2] if v is None]
+    if lacking:
+        raise InvalidInput(
+            f'{" and ".join(lacking)} of the gel are needed, such as --youngs-modulus "8 kPa" --poissons-ratio 0.48, or --skin gel.toml.'
+        )
+    value, uncertainty = _known("--youngs-modulus", str(modulus))
+    below = parse_quantity(depth, "length", "--depth")
+    if thickness is None:
+        return HalfSpace(youngs_modulus=value, poissons_ratio=ratio), below, uncertainty  # type: ignore[arg-type]
+    thick = parse_quantity(thickness, "length", "--thickness")
+    return BondedLayers([Layer(thickness=thick, youngs_modulus=value, poissons_ratio=ratio)]), below, uncertainty  # type: ignore[arg-type]
+
+
+def _known(option: str, text: str) -> tuple[float, Uncertainty | None]:
+    """ "8 kPa +- 10 %" or "8 kPa +- 0.5 kPa"."""
+    import re
+
+    from palpate.sensing.uncertainty import Uncertainty
+    from palpate.units import parse_quantity
+
+    parts = re.split(r"\+-|\+/-|±", text)
+    if len(parts) > 2:
+        raise InvalidInput(f'{option} {text!r}: write a quantity and one uncertainty, such as "8 kPa +- 10 %".')
+    value = parse_quantity(parts[0].strip(), "pressure", option)
+    if len(parts) == 1:
+        return value, None
+    if "%" in parts[1]:
+        share = numbers(parts[1].replace("%", "").strip(), option)[0] / 100.0
+    else:
+        share = parse_quantity(parts[1].strip(), "pressure", option) / value
+    return value, Uncertainty(youngs_modulus=share)

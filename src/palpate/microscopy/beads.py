@@ -1,0 +1,319 @@
+"""Displacements from two pictures of beads: window correlation, refined by least squares on the deformed picture.
+
+Coarse: cross-correlation of windows by FFT, outliers told by their neighbours (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005, 1096-1100). Fine: the
+second picture is deformed by what is known so far, and each window's remaining displacement d solves
+
+    sum w (g g^T) d = -sum w g r,      r = second(x + u(x)) - first(x),
+
+with the gradient g of the mean of both pictures, so that noise does not add to it, and Gaussian weights w, which leave no wavelength of the
+wrong sign. Its covariance is N^-1 M N^-1, with N = sum w g g^T and M the covariance of the scores w g r, neighbouring pixels counted together (the residuals
+of one bead belong together): what the residuals say themselves, whatever made them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+import scipy.ndimage
+
+from palpate.camera import grey
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+from palpate.microscopy.fields import Field
+
+__all__ = ["bead_displacements"]
+
+#: Standard deviation of the Gaussian weights as a part of the window: it weighs as many pixels as a square of that side.
+SIGMA = 1.0 / 3.545
+#: Rounds of deforming the second picture and looking again; between them the field is smoothed by so many steps.
+ROUNDS, SMOOTHED = 4, 0.7
+#: Pixels around which residuals count as one.
+TOGETHER = 5
+#: Neighbours' median test: how far off in units of the neighbours' own spread, and the spread that is always there [px].
+OFF, SPREAD = 3.0, 0.1
+#: A vector known worse than this [px] tells nothing.
+WORST = 1.0
+#: Part of the vectors that may be filled from their neighbours; with more, they are left out.
+FILLED = 0.02
+#: Pictures whose windows are less alike than this (median correlation, after deformation) do not show the same beads.
+ALIKE = 0.35
+#: Interpolation and pixels leave at least this [px].
+FLOOR = 0.005
+
+
+def bead_displacements(
+    rest: npt.ArrayLike,
+    pulled: npt.ArrayLike,
+    *,
+    pixel: float,
+    window: int = 32,
+    step: int | None = None,
+    drift: bool = True,
+) -> Field:
+    """Displacements of the gel from a picture of its beads at rest to one while the cell pulls.
+
+    Parameters
+    ----------
+    rest, pulled : array (row, column)
+        The beads without the cell (after it was taken off), and with it; 8 or 16 bits, or floats.
+    pixel : float
+        Metres in a pixel.
+    window : int
+        Side of the windows [px]: wide enough for some ten beads. It is the finest that is resolved.
+    step : int, optional
+        Pixels between vectors; default: half a window.
+    drift : bool
+        The shift of the whole picture is taken out (default) and said in `Field.drift`.
+
+    Returns
+    -------
+    Field
+        With ``std``, the standard deviation of each displacement, and ``correlation``, over which windows share their noise.
+
+    Raises
+    ------
+    InvalidInput
+        Pictures of different sizes, the same picture twice, pictures without beads or of different beads, windows that do not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import scipy.ndimage
+    >>> from palpate.microscopy import bead_displacements
+    >>> rng = np.random.default_rng(0)
+    >>> beads = np.zeros((160, 192))
+    >>> beads[tuple(rng.integers(0, (160, 192), (900, 2)).T)] = 200.0
+    >>> rest = scipy.ndimage.gaussian_filter(beads, 1.3)
+    >>> pulled = scipy.ndimage.shift(rest, (0.0, 2.4), order=3)  # the stage drifted to the right
+    >>> field = bead_displacements(rest, pulled, pixel=0.1e-6)
+    >>> [round(d / 0.1e-6, 1) for d in field.drift], field.shape
+    ([2.4, 0.0], (9, 11))
+    """
+    first, second = (_checked(p, name) for p, name in ((rest, "rest"), (pulled, "pulled")))
+    if first.shape != second.shape:
+        raise InvalidInput(
+            f"the pictures have {first.shape[1]} x {first.shape[0]} and {second.shape[1]} x {second.shape[0]} pixels: both must show the same field of view."
+        )
+    if not (np.isfinite(pixel) and pixel > 0):
+        raise InvalidInput(f"pixel must be a positive number of metres; got {pixel!r}.")
+    step = window // 2 if step is None else step
+    if not (isinstance(window, int) and 8 <= window <= min(first.shape) // 4):
+        raise InvalidInput(
+            f"window must be from 8 pixels to a quarter of the picture's smaller side, {min(first.shape) // 4}; got {window!r}."
+        )
+    if not (isinstance(step, int) and 1 <= step <= window):
+        raise InvalidInput(f"step must be from 1 pixel to the window, {window}; got {step!r}.")
+    if np.array_equal(first, second):
+        raise InvalidInput("both pictures are the same: give the beads at rest and the beads that are pulled.")
+    a, b = _evened(first, 2.0 * window), _evened(second, 2.0 * window)
+    grid = tuple(np.arange((window - 1) / 2.0, n - (window - 1) / 2.0, step) for n in first.shape)  # rows, columns
+    if min(len(g) for g in grid) < 4:
+        raise InvalidInput(
+            f"windows of {window} every {step} pixels make {len(grid[0])} x {len(grid[1])} vectors: at least 4 x 4 are needed. Take smaller ones."
+        )
+    u = _coarse(a, b, grid, window)
+    fine = _Fine(a, b, grid, window, step)
+    for _ in range(ROUNDS):
+        u = _mended(u)[0]
+        smooth = np.stack(
+            [scipy.ndimage.gaussian_filter(c, SMOOTHED * max(1.0, window / (2.0 * step)), mode="nearest") for c in u]
+        )
+        u, std, alike = fine.round(smooth)
+    if not np.nanmedian(alike) > ALIKE:
+        raise InvalidInput(
+            f"the pictures do not show the same beads in the same places: windows correlate by {float(np.nanmedian(alike)):.2f} after deformation. Are they a pair, in "
+            "focus, and is the window large enough for the shift between them?"
+        )
+    bad = ~np.isfinite(u).all(axis=0) | (std.max(axis=0) > WORST)
+    mended, off = _mended(np.where(bad, np.nan, u))
+    bad |= off
+    notes = [f"windows of {window} px every {step} px, first picture at rest, second pulled"]
+    count = int(bad.sum())
+    if count and count <= FILLED * bad.size:
+        u = mended
+        notes.append(
+            f"{count} of {bad.size} vectors are filled from their neighbours: no beads, or far from what the neighbours do"
+        )
+    elif count:
+        u = np.where(bad, np.nan, u)
+        notes.append(f"{count} of {bad.size} vectors are left out: no beads, or far from what the neighbours do")
+        if count > 0.5 * bad.size:
+            raise InvalidInput(
+                f"{count} of {bad.size} windows show no displacement that their neighbours share: take larger windows, or sharper pictures with more beads."
+            )
+    std = np.where(bad, np.nan, np.hypot(std, FLOOR))
+    sigma = SIGMA * window
+    # Gaussian weights share exp(-d^2/4 sigma^2) at a distance d; of the neighbour it is told as exp(-d/length)
+    shared = (step / (2.0 * sigma)) ** 2
+    field = Field(
+        displacement=u * pixel,
+        start=(float(grid[1][0]), float(grid[0][0])),
+        step=float(step),
+        pixel=float(pixel),
+        std=std * pixel,
+        correlation=0.0 if np.isnan(u).any() else float(step * pixel / shared) if shared < 4.0 else 0.0,
+        notes=tuple(notes),
+    )
+    return field.without_drift() if drift else field
+
+
+def _checked(picture: Any, name: str) -> Floats:
+    values = np.asarray(picture)
+    if values.dtype == np.bool_ or values.dtype.kind not in "iuf":
+        raise InvalidInput(f"{name}: a picture holds grey levels; got {values.dtype}.")
+    if values.dtype not in (np.uint8, np.uint16):
+        values = values.astype(np.float32)
+    plain = grey(values).astype(np.float32)
+    if not np.isfinite(plain).all():
+        raise InvalidInput(f"{name}: the picture holds values that are not finite.")
+    if float(np.ptp(plain)) == 0:
+        raise InvalidInput(f"{name}: the picture is even: it shows no beads.")
+    if values.dtype.kind == "u":
+        full = float(np.mean(plain >= np.iinfo(values.dtype).max))
+        if full > 0.05:
+            raise InvalidInput(f"{name}: {100 * full:.0f} % of the picture is saturated: expose it less.")
+    return np.asarray(plain)
+
+
+def _evened(image: Floats, length: float) -> Floats:
+    """The picture without slow changes of light, with an even contrast."""
+    flat = image - scipy.ndimage.gaussian_filter(image, length / 2, mode="nearest")
+    size = np.sqrt(scipy.ndimage.gaussian_filter(flat**2, length, mode="nearest"))
+    return np.asarray(flat / np.maximum(size, 0.1 * float(np.sqrt((flat**2).mean()))))
+
+
+def _shift(a: Floats, b: Floats) -> tuple[int, int]:
+    """Whole pixels (row, column) that b lies after a, by the cross-correlation of the whole pictures."""
+    shape = [scipy.fft.next_fast_len(n, True) for n in a.shape]
+    product = np.conj(scipy.fft.rfft2(a, shape)) * scipy.fft.rfft2(b, shape)
+    surface = scipy.fft.irfft2(product, shape)
+    at = np.unravel_index(int(surface.argmax()), surface.shape)
+    row, column = ((int(k) + n // 2) % n - n // 2 for k, n in zip(at, shape))
+    return row, column
+
+
+def _coarse(a: Floats, b: Floats, grid: Any, window: int) -> Floats:
+    """Displacements (2, row, column) along x and y on the grid, by cross-correlation of wide windows after the shift of the whole."""
+    wide = min(max(64, 2 * window), min(a.shape) // 2)
+    row, column = _shift(a, b)
+    moved = np.roll(b, (-row, -column), axis=(0, 1))
+    hop = wide // 2
+    starts = [np.unique(np.append(np.arange(0, n - wide + 1, hop), n - wide)) for n in a.shape]
+    taper = np.outer(*[np.hanning(wide + 2)[1:-1]] * 2).astype(np.float32)
+    found = np.full((2, len(starts[0]), len(starts[1])), np.nan)
+    for i, top in enumerate(starts[0]):
+        parts = []
+        for image in (a, moved):
+            block = np.stack([image[top : top + wide, left : left + wide] for left in starts[1]])
+            parts.append((block - block.mean(axis=(1, 2), keepdims=True)) * taper)
+        surface = scipy.fft.irfft2(np.conj(scipy.fft.rfft2(parts[0])) * scipy.fft.rfft2(parts[1]), (wide, wide))
+        for j, one in enumerate(surface):
+            at = np.unravel_index(int(one.argmax()), one.shape)
+            for axis in (0, 1):
+                line = [one[tuple((at[k] + (s if k == axis else 0)) % wide for k in (0, 1))] for s in (-1, 0, 1)]
+                bend = line[0] - 2 * line[1] + line[2]
+                part = 0.5 * (line[0] - line[2]) / bend if bend < 0 else 0.0
+                found[1 - axis, i, j] = (at[axis] + wide // 2) % wide - wide // 2 + part
+    found = _mended(found)[0] + np.array([column, row], dtype=np.float64)[:, None, None]
+    middles = [s + (wide - 1) / 2.0 for s in starts]
+    places = [np.interp(g, m, np.arange(len(m))) for g, m in zip(grid, middles)]
+    at = np.meshgrid(*places, indexing="ij")
+    return np.stack([scipy.ndimage.map_coordinates(c, at, order=1, mode="nearest") for c in found])
+
+
+def _mended(u: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """The field with vectors that differ from their neighbours, or are missing, replaced by the neighbours' median; and which were."""
+    padded = np.pad(u, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
+    rows, columns = u.shape[1:]
+    around = np.stack(
+        [padded[:, r : r + rows, c : c + columns] for r in range(3) for c in range(3) if (r, c) != (1, 1)]
+    )
+    none = np.isnan(around).all(axis=0)
+    around = np.where(none, 0.0, around)
+    middle = np.nanmedian(around, axis=0)
+    spread = np.nanmedian(np.abs(around - middle), axis=0) + SPREAD
+    with np.errstate(invalid="ignore"):
+        off = (np.hypot(*((u - middle) / spread)) > OFF * np.sqrt(2.0)) & ~none.any(axis=0)
+    missing = np.isnan(u).any(axis=0)
+    out = np.where(off | missing, middle, u)
+    alone = none.any(axis=0) & missing
+    if alone.any():  # holes without a neighbour
+        known = np.nanmedian(np.where(alone, np.nan, out), axis=(1, 2))
+        out = np.where(alone, np.nan_to_num(known)[:, None, None], out)
+    return out, off
+
+
+class _Fine:
+    """Least squares on the deformed picture."""
+
+    def __init__(self, a: Floats, b: Floats, grid: Any, window: int, step: int) -> None:
+        self.a, self.grid, self.sigma, self.step = a, grid, SIGMA * window, step
+        self.spline = scipy.ndimage.spline_filter(b, order=3, output=np.float32, mode="mirror")
+        self.rows, self.columns = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in a.shape), indexing="ij")
+        self.places = np.meshgrid(
+            *((np.arange(n) - g[0]) / step for n, g in zip(a.shape, grid)), indexing="ij"
+        )  # pixels in steps of the grid
+
+    def _summed(self, image: Floats, sigma: float) -> Floats:
+        """Weighted means about the grid's points."""
+        smooth = scipy.ndimage.gaussian_filter(image, sigma, mode="constant", truncate=2.6)
+        rows, columns = (np.rint(g).astype(int) for g in self.grid)
+        return np.asarray(smooth[np.ix_(rows, columns)], dtype=np.float64)
+
+    def round(self, known: Floats) -> tuple[Floats, Floats, Floats]:
+        """Displacements, standard deviations [px] and how alike the windows are, from a field that is known already."""
+        dense = [
+            scipy.ndimage.map_coordinates(c, self.places, order=1, mode="nearest", output=np.float32) for c in known
+        ]
+        rows, columns = self.rows + dense[1], self.columns + dense[0]
+        inside = (
+            (rows >= 0) & (rows <= self.a.shape[0] - 1) & (columns >= 0) & (columns <= self.a.shape[1] - 1)
+        ).astype(np.float32)
+        warped = scipy.ndimage.map_coordinates(
+            self.spline, [rows, columns], order=3, prefilter=False, mode="mirror", output=np.float32
+        )
+        r = (warped - self.a) * inside
+        mean = 0.5 * (warped + self.a)
+        gy, gx = (_slope(mean, axis) * inside for axis in (0, 1))
+        nxx, nxy, nyy = (self._summed(p, self.sigma) for p in (gx * gx, gx * gy, gy * gy))
+        sx, sy = gx * r, gy * r
+        bx, by = self._summed(sx, self.sigma), self._summed(sy, self.sigma)
+        both = (self._summed(p * inside, self.sigma) for p in (warped * self.a, warped * warped, self.a * self.a))
+        ab, bb, aa = both
+        det = nxx * nyy - nxy**2
+        good = det > 1e-6 * np.median(nxx + nyy) ** 2
+        safe = np.where(good, det, 1.0)
+        dx, dy = -(nyy * bx - nxy * by) / safe, -(nxx * by - nxy * bx) / safe
+        # no step beyond what a linear model of a bead can tell
+        size = np.hypot(dx, dy)
+        shorter = np.minimum(1.0, 2.0 / np.maximum(size, 1e-9))
+        u = known + np.where(good, np.stack([dx, dy]) * shorter, np.nan)
+        near = [scipy.ndimage.uniform_filter(s, TOGETHER, mode="constant") * TOGETHER**2 for s in (sx, sy)]
+        # w^2 of Gaussian weights w is Gaussian too, sigma/sqrt(2) wide
+        factor = 1.0 / (4.0 * np.pi * self.sigma**2)
+        mxx, myy = (factor * self._summed(s * n, self.sigma / np.sqrt(2.0)) for s, n in zip((sx, sy), near))
+        mxy = (
+            factor
+            * 0.5
+            * (
+                self._summed(sx * near[1], self.sigma / np.sqrt(2.0))
+                + self._summed(sy * near[0], self.sigma / np.sqrt(2.0))
+            )
+        )
+        least = [factor * self._summed(s * s, self.sigma / np.sqrt(2.0)) for s in (sx, sy)]
+        mxx, myy = np.maximum(mxx, least[0]), np.maximum(myy, least[1])
+        vx = (nyy**2 * mxx - 2 * nxy * nyy * mxy + nxy**2 * myy) / safe**2
+        vy = (nxx**2 * myy - 2 * nxy * nxx * mxy + nxy**2 * mxx) / safe**2
+        std = np.sqrt(np.maximum(np.stack([vx, vy]), 0.0))
+        alike = ab / np.sqrt(np.maximum(aa * bb, 1e-30))
+        return u, np.where(good, std, np.inf), np.asarray(alike)
+
+
+def _slope(image: Floats, axis: int) -> Floats:
+    """Derivative by five points."""
+    return np.asarray(
+        scipy.ndimage.correlate1d(image, [1 / 12, -8 / 12, 0.0, 8 / 12, -1 / 12], axis=axis, mode="nearest")
+    )

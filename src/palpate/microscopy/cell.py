@@ -1,0 +1,567 @@
+"""What a cell does to its gel: the numbers that papers report, each with its error."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats, Pad
+from palpate.errors import InvalidInput
+from palpate.microscopy.fields import Field
+from palpate.microscopy.inversion import Inverted, inverted
+from palpate.microscopy.masks import on_grid, read_mask
+from palpate.sensing.uncertainty import Uncertainty
+from palpate.touch import Touch
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["CellForces", "Quantity", "cell_forces"]
+
+#: Half-width of a 95 % interval in standard deviations.
+SIDE = 1.96
+#: Net force or torque is questioned from so many standard deviations on; the two principal moments of a cell that pulls have one sign.
+QUESTIONED = 3.0
+OPPOSED = 0.3
+#: Residuals this many times the noise are questioned.
+MISFIT = 2.0
+#: Remedies of the inversion, as they are said here.
+WORDS = {
+    "Where the image cannot drift, say Skin(..., nuisance=[])": "Where the picture cannot have moved, say drift=False (--still)",
+    "Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap": "Give noise=... (--noise)",
+    "Give the array its noise=..., or a larger parameter": "Give noise=... (--noise)",
+    "uncertainty=Uncertainty(youngs_modulus=0.1) in Python)": 'uncertainty=Uncertainty(youngs_modulus=0.1) in Python, --youngs-modulus "8 kPa +- 10 %")',
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number with its standard deviation.
+
+    Attributes
+    ----------
+    label, unit : str
+    value, std : float
+    expected : float or None
+        What it should be, where physics says so.
+    why : str
+        What it is, in a sentence.
+
+    Examples
+    --------
+    >>> from palpate.microscopy import Quantity
+    >>> energy = Quantity("strain energy", "J", 2.0e-13, 0.1e-13)
+    >>> [round(end, 15) for end in energy.interval], str(energy)
+    ([1.8e-13, 2.2e-13], 'strain energy: 200 +- 10 fJ')
+    """
+
+    label: str
+    unit: str
+    value: float
+    std: float
+    expected: float | None = None
+    why: str = ""
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Lower and upper end at 95 %.
+
+        Examples
+        --------
+        >>> from palpate.microscopy import Quantity
+        >>> Quantity("net force", "N", 0.0, 1.0).interval
+        (-1.96, 1.96)
+        """
+        return self.value - SIDE * self.std, self.value + SIDE * self.std
+
+    def scaled(self) -> tuple[str, str, str]:
+        """Value, standard deviation and unit as they are written.
+
+        Examples
+        --------
+        >>> from palpate.microscopy import Quantity
+        >>> Quantity("net force", "N", 2.34e-9, 0.5e-9).scaled()
+        ('2.3', '0.5', 'nN')
+        """
+        size = max(abs(self.value), self.std)
+        if not math.isfinite(size) or size == 0:
+            return f"{self.value:g}", f"{self.std:g}", self.unit
+        power = 2 if self.unit == "m^2" else 1
+        for prefix, factor in (
+            ("", 1.0),
+            ("m", 1e-3),
+            ("µ", 1e-6),
+            ("n", 1e-9),
+            ("p", 1e-12),
+            ("f", 1e-15),
+            ("a", 1e-18),
+        ):
+            if size >= factor**power or prefix == "a":
+                break
+        factor = factor**power
+        if self.std > 0:
+            digits = max(
+                0,
+                1
+                - math.floor(math.log10(self.std / factor))
+                - (1 if self.std / factor / 10 ** math.floor(math.log10(self.std / factor)) >= 3 else 0),
+            )
+            return f"{self.value / factor:.{digits}f}", f"{self.std / factor:.{digits}f}", prefix + self.unit
+        return f"{self.value / factor:.4g}", "0", prefix + self.unit
+
+    def __str__(self) -> str:
+        value, std, unit = self.scaled()
+        return f"{self.label}: {value} +- {std} {unit}"
+
+
+@dataclass(frozen=True, eq=False)
+class CellForces:
+    """Traction of a cell and what follows from it.
+
+    Attributes
+    ----------
+    field : Field
+        The displacements that were inverted.
+    traction, std : array (2, row, column)
+        Traction on the gel [Pa] along x (right) and y (down), on the field's grid, and its standard deviation.
+    draws : array (draw, 2, row, column)
+        Samples of its posterior.
+    inside : array (row, column) of bool
+        Where the cell is.
+    quantities : dict of str to Quantity
+        strain_energy, contractile_moment, contractility, force_inside, force_outside, net_force_x, net_force_y, torque, background and so on.
+    touch : Touch
+        The whole result, beyond the field of view too.
+    notes : tuple of str
+        What was assumed and what looks wrong.
+    """
+
+    field: Field
+    pad: Pad
+    traction: Floats
+    std: Floats
+    draws: Floats
+    moved: Floats
+    inside: npt.NDArray[np.bool_]
+    masked: bool
+    quantities: dict[str, Quantity]
+    principal: tuple[float, float, float]
+    touch: Touch
+    notes: tuple[str, ...]
+    mask: Any = None
+    picture: Any = None
+
+    def __getitem__(self, name: str) -> Quantity:
+        if name not in self.quantities:
+            raise InvalidInput(f"no quantity {name!r}; there are {', '.join(self.quantities)}.")
+        return self.quantities[name]
+
+    def summary(self) -> str:
+        """The numbers in words, one to a line.
+
+        Examples
+        --------
+        >>> print(forces.summary())  # doctest: +SKIP
+        """
+        width = max(len(q.label) for q in self.quantities.values())
+        lines = []
+        for q in self.quantities.values():
+            value, std, unit = q.scaled()
+            should = "" if q.expected is None else f"   (should be {q.expected:g})"
+            spread = f" +- {std}" if q.std > 0 else ""
+            lines.append(f"{q.label:<{width}}  {value}{spread} {unit}{should}")
+        return "\n".join(lines)
+
+    def plot(self, *, title: str | None = None) -> Figure:
+        """Traction over the picture of the cell, with a scale arrow and a scale bar.
+
+        Examples
+        --------
+        >>> forces.plot().savefig("traction.pdf")  # doctest: +SKIP
+        """
+        from palpate.microscopy.figures import plot_traction
+
+        return plot_traction(self, title=title)
+
+    def write_report(self, path: str | Path, *, title: str = "", source: str = "", command: str = "") -> None:
+        """One HTML file that holds everything: numbers, pictures, what was assumed.
+
+        Examples
+        --------
+        >>> forces.write_report("cell.html")  # doctest: +SKIP
+        """
+        from palpate.microscopy.report import write_report
+
+        write_report(self, path, title=title, source=source, command=command)
+
+    def write_table(self, path: str | Path) -> None:
+        """The numbers as CSV: name, value, standard deviation, ends of the 95 % interval, unit.
+
+        Examples
+        --------
+        >>> forces.write_table("cell.csv")  # doctest: +SKIP
+        """
+        from palpate.microscopy.report import write_table
+
+        write_table(self, path)
+
+
+def cell_forces(
+    field: Field,
+    pad: Pad,
+    *,
+    mask: Any = None,
+    size: tuple[int, int] | None = None,
+    picture: Any = None,
+    depth: float = 0.0,
+    noise: float | None = None,
+    order: int = 1,
+    rule: str = "evidence",
+    drift: bool = True,
+    uncertainty: Uncertainty | None = None,
+    draws: int = 64,
+    seed: int = 0,
+) -> CellForces:
+    """Traction of a cell on its gel, and strain energy, contractility and forces with their errors.
+
+    Parameters
+    ----------
+    field : Field
+        Displacements (`read_field`, `bead_displacements`).
+    pad : Pad
+        The gel: `HalfSpace`, or `BondedLayers` of a thickness on glass.
+    mask : array, path or None
+        Where the cell is (`read_mask`); None: all of the field of view.
+    size : (int, int), optional
+        Columns and rows of the picture that the mask belongs to.
+    picture : array (row, column), optional
+        The cell, to be drawn beneath.
+    depth : float
+        Of the beads below the surface [m].
+    noise : float, optional
+        Standard deviation of the displacements [m]; by default that of the field (`Field.std`), or it is learned where the field has none.
+    order, rule
+        As for `Tikhonov`.
+    drift : bool
+        Besides traction a shift of the whole picture is sought (default); False where it cannot move.
+    uncertainty : Uncertainty, optional
+        How well the modulus is known: it enters every number.
+    draws : int
+        Samples of the posterior that tell the errors.
+    seed : int
+
+    Returns
+    -------
+    CellForces
+
+    Notes
+    -----
+    With t the traction on the gel, u the displacement of the surface that it makes, dA the square of a vector, and sums over the cell:
+
+    - strain energy 1/2 sum (t . u) dA, u less its mean over the field of view;
+    - net contractile moment -sum (t . x) dA, the trace of the matrix of first moments, positive where the cell pulls inwards (J. P. Butler et al., Am. J.
+      Physiol. Cell Physiol. 282, 2002, C595-C605);
+    - contractility: sum of the parts of t dA that point to the force centre, the point nearest to all lines of force (X. Trepat's and pyTFM's);
+    - torque about the cell's middle and net force, which a cell that is wholly in view keeps at zero.
+
+    Errors are standard deviations over the samples. To that of the energy and of sums of sizes |t| is added, in quadrature, the difference between the mean
+    of the samples and the value itself: what the readings do not resolve.
+
+    Raises
+    ------
+    InvalidInput
+        An empty mask, one of another size, or one that holds no vector.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.microscopy import Field, cell_forces
+    >>> gel = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
+    >>> array = pp.AreaArray(shape=(24, 24), pitch=1e-6, depth=0.0, channels=["displacement_x", "displacement_y"])
+    >>> skin = pp.Skin(gel, array)
+    >>> traction = np.zeros((3, *skin.surface.shape))
+    >>> middle = skin.surface.shape[1] // 2
+    >>> traction[0, middle - 1 : middle + 1, middle - 6 : middle - 4] = 500.0  # two adhesions that pull at each other
+    >>> traction[0, middle - 1 : middle + 1, middle + 4 : middle + 6] = -500.0
+    >>> u = skin.sense(traction) + 1e-9 * np.random.default_rng(0).standard_normal((2, 24, 24))
+    >>> field = Field(displacement=u, start=(4.5, 4.5), step=10.0, pixel=0.1e-6)
+    >>> forces = cell_forces(field, gel, draws=16)
+    >>> low, high = forces["contractile_moment"].interval
+    >>> bool(low < 2 * 500.0 * 4e-12 * 5e-6 < high)  # force times distance
+    True
+    """
+    if draws < 8:
+        raise InvalidInput(f"draws must be at least 8; got {draws!r}.")
+    corners = None if mask is None else read_mask(mask)
+    if size is None and picture is not None:
+        size = (int(np.shape(picture)[1]), int(np.shape(picture)[0]))
+    name = str(mask) if isinstance(mask, str | Path) else "the mask"
+    inside = np.ones(field.shape, dtype=bool) if corners is None else on_grid(corners, field, size=size, name=name)
+    if noise is None and field.std is not None and np.isfinite(field.std).any():
+        noise = float(np.sqrt(np.nanmedian(field.std**2)))
+    done = inverted(
+        field, pad, depth=depth, noise=noise, order=order, rule=rule, nuisance="auto" if drift else (), uncertainty=uncertainty, draws=draws, seed=seed,
+    )  # fmt: skip
+    modulus = 0.0 if uncertainty is None else uncertainty.youngs_modulus
+    numbers, principal = _numbers(done, field, inside, corners is not None, modulus)
+    said = [
+        *field.notes,
+        *map(_in_these_words, done.touch.notes),
+        *_doubts(numbers, principal, field, inside, corners is not None, done),
+    ]
+    return CellForces(
+        field, pad, done.traction, np.std(done.draws, axis=0, ddof=1), done.draws, done.moved, inside, corners is not None, numbers, principal,
+        done.touch, tuple(dict.fromkeys(said)), corners, picture,
+    )  # fmt: skip
+
+
+def _numbers(
+    done: Inverted, field: Field, inside: npt.NDArray[np.bool_], masked: bool, modulus: float
+) -> tuple[dict[str, Quantity], tuple[float, float, float]]:
+    """Every number from the estimate and from each sample."""
+    t = np.concatenate([done.traction[None], done.draws])
+    u = np.concatenate([done.moved[None], done.moved_by_draws])
+    u = u - u.mean(axis=(2, 3), keepdims=True)
+    cell, rows, columns = field.pitch**2, *field.shape
+    x, y = np.meshgrid(
+        field.pitch * (np.arange(columns) - 0.5 * (columns - 1)), field.pitch * (np.arange(rows) - 0.5 * (rows - 1))
+    )
+    middle = x[inside].mean(), y[inside].mean()
+    x, y = x - middle[0], y - middle[1]
+    force = np.hypot(t[:, 0], t[:, 1]) * cell
+    out = ~inside
+    found: dict[str, tuple[str, str, Floats, float | None, bool, str]] = {}
+
+    def put(
+        key: str,
+        label: str,
+        unit: str,
+        values: Floats,
+        expected: float | None = None,
+        *,
+        sized: bool = False,
+        why: str = "",
+    ) -> None:
+        found[key] = (label, unit, np.asarray(values), expected, sized, why)
+
+    work = 0.5 * (t * u).sum(axis=1) * cell
+    put(
+        "strain_energy",
+        "strain energy" + (" in the cell" if masked else ""),
+        "J",
+        work[:, inside].sum(axis=1),
+        sized=True,
+        why="half the work of the traction on the displacement that it makes",
+    )
+    moments = np.array(
+        [[(a * t[:, i] * cell)[:, inside].sum(axis=1) for i in (0, 1)] for a in (x, y)]
+    )  # (position, force, draw)
+    put(
+        "contractile_moment",
+        "net contractile moment",
+        "N m",
+        -(moments[0, 0] + moments[1, 1]),
+        why="trace of the first moments, positive where the cell pulls inwards (Butler et al. 2002)",
+    )
+    center = _force_center(t[0], x, y, inside)
+    distance = np.hypot(x - center[0], y - center[1])
+    inward = (
+        np.where(
+            distance > 0,
+            -(t[:, 0] * (x - center[0]) + t[:, 1] * (y - center[1])) / np.where(distance > 0, distance, 1.0),
+            0.0,
+        )
+        * cell
+    )
+    put(
+        "contractility",
+        "contractility",
+        "N",
+        inward[:, inside].sum(axis=1),
+        why="sum of the forces' parts that point to the force centre",
+    )
+    put(
+        "force_inside",
+        "sum of sizes of force" + (" in the cell" if masked else ""),
+        "N",
+        force[:, inside].sum(axis=1),
+        sized=True,
+        why="of every vector, noise included: it grows with noise and never cancels",
+    )
+    if masked and out.any():
+        background = force[:, out].mean(axis=1)
+        put(
+            "force_above_background",
+            "the same less background",
+            "N",
+            force[:, inside].sum(axis=1) - background * inside.sum(),
+            sized=True,
+            why="less what as many vectors outside the cell hold",
+        )
+        put(
+            "force_outside",
+            "sum of sizes of force outside",
+            "N",
+            force[:, out].sum(axis=1),
+            sized=True,
+            why="should be what noise makes",
+        )
+        put(
+            "energy_outside",
+            "strain energy outside",
+            "J",
+            work[:, out].sum(axis=1),
+            sized=True,
+            why="should be small beside that in the cell",
+        )
+        put(
+            "background",
+            "background traction (rms)",
+            "Pa",
+            np.sqrt((t[:, :, out] ** 2).sum(axis=1).mean(axis=1)),
+            sized=True,
+            why="outside the cell: what is not the cell's",
+        )
+    put(
+        "traction_rms",
+        "traction in the cell (rms)" if masked else "traction (rms)",
+        "Pa",
+        np.sqrt((t[:, :, inside] ** 2).sum(axis=1).mean(axis=1)),
+        sized=True,
+    )
+    put(
+        "traction_peak",
+        "largest traction",
+        "Pa",
+        _at_peak(t, inside),
+        why="at the vector where the estimate is largest",
+    )
+    for i, axis in enumerate("xy"):
+        put(
+            f"net_force_{axis}",
+            f"net force along {axis}" + (", cell" if masked else ""),
+            "N",
+            t[:, i][:, inside].sum(axis=1) * cell,
+            0.0,
+            why="a cell that is wholly in view pulls itself along nothing",
+        )
+    put(
+        "torque",
+        "torque" + (", cell" if masked else ""),
+        "N m",
+        moments[0, 1] - moments[1, 0],
+        0.0,
+        why="about the middle of the cell",
+    )
+    if masked and out.any():
+        for i, axis in enumerate("xy"):
+            put(
+                f"net_force_{axis}_view",
+                f"net force along {axis}, field of view",
+                "N",
+                t[:, i].sum(axis=(1, 2)) * cell,
+                0.0,
+            )
+    quantities = {}
+    for key, (label, unit, values, expected, sized, why) in found.items():
+        value, samples = float(values[0]), values[1:]
+        variance = float(np.var(samples, ddof=1)) + (modulus * value) ** 2
+        if sized:
+            variance += (float(samples.mean()) - value) ** 2
+        quantities[key] = Quantity(label, unit, value, math.sqrt(variance), expected, why)
+    if masked:
+        quantities["area"] = Quantity("area of the cell", "m^2", float(inside.sum() * cell), 0.0)
+    symmetric = -0.5 * (moments[..., 0] + moments[..., 0].T)
+    sizes, vectors = np.linalg.eigh(symmetric)
+    return quantities, (float(sizes[1]), float(sizes[0]), float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))))
+
+
+def _force_center(t: Floats, x: Floats, y: Floats, inside: npt.NDArray[np.bool_]) -> tuple[float, float]:
+    """The point with the least sum of squares of distances to the lines of force, weighted by the squares of the forces."""
+    tx, ty, x, y = t[0][inside], t[1][inside], x[inside], y[inside]
+    lever = tx * y - ty * x  # t x position; distance of a line from a point c: |t_x (y - c_y) - t_y (x - c_x)|/|t|
+    matrix = np.array([[(ty**2).sum(), -(tx * ty).sum()], [-(tx * ty).sum(), (tx**2).sum()]])
+    right = np.array([-(ty * lever).sum(), (tx * lever).sum()])
+    if not np.linalg.cond(matrix) < 1e8:
+        return 0.0, 0.0
+    center = np.linalg.solve(matrix, right)
+    if not (x.min() <= center[0] <= x.max() and y.min() <= center[1] <= y.max()):
+        return 0.0, 0.0  # lines that are nearly parallel meet anywhere
+    return float(center[0]), float(center[1])
+
+
+def _at_peak(t: Floats, inside: npt.NDArray[np.bool_]) -> Floats:
+    """Traction along the estimate's own direction at its largest vector."""
+    size = np.where(inside, np.hypot(*t[0]), -1.0)
+    at = np.unravel_index(int(size.argmax()), size.shape)
+    direction = t[0][:, at[0], at[1]] / max(float(size[at]), 1e-300)
+    return np.asarray(t[:, :, at[0], at[1]] @ direction)
+
+
+def _in_these_words(note: str) -> str:
+    """A note with the remedy as it is said here."""
+    for theirs, ours in WORDS.items():
+        note = note.replace(theirs, ours)
+    return note
+
+
+def _doubts(
+    numbers: dict[str, Quantity],
+    principal: tuple[float, float, float],
+    field: Field,
+    inside: npt.NDArray[np.bool_],
+    masked: bool,
+    done: Inverted,
+) -> list[str]:
+    """What looks wrong."""
+    said = []
+    moment = numbers["contractile_moment"]
+    large, small = max(principal[:2], key=abs), min(principal[:2], key=abs)
+    sure = abs(large) > QUESTIONED * moment.std
+    if sure and large * small < 0 and abs(small) > OPPOSED * abs(large):
+        said.append(
+            "the field pulls inwards along one direction and pushes outwards across it, as no cell does: is v's sign right (up), are u and v the right way round, "
+            "are rows and columns those of the picture?"
+        )
+    elif sure and moment.value < -QUESTIONED * moment.std:
+        said.append(
+            "the cell pushes outwards, as hardly any does: are the pictures in order (at rest first, pulled second), or do the displacements have the opposite sign?"
+        )
+    torque = numbers["torque"]
+    if abs(torque.value) > max(2.0 * torque.std, 2.0 * abs(moment.value)):
+        said.append(
+            "the field turns more than it contracts, as no cell does: are u and v the right way round, and are rows and columns those of the picture?"
+        )
+    for key in ("net_force_x", "net_force_y", "torque"):
+        q = numbers[key]
+        if abs(q.value) > QUESTIONED * q.std:
+            said.append(
+                f"{q.label} is {str(q).partition(': ')[2]}, and a cell that is wholly in view has none: it reaches beyond the field of view or the mask, or a neighbour pulls"
+            )
+    edge = inside.copy()
+    edge[1:-1, 1:-1] = False
+    if masked and edge.any():
+        said.append("the mask reaches the edge of the field of view: what lies beyond is missing from every number")
+    if "background" in numbers:
+        share = numbers["background"].value / max(numbers["traction_rms"].value, 1e-300)
+        if share > 0.5:
+            said.append(
+                f"traction outside the cell is {100 * share:.0f} % of that inside: noise, a neighbour, or a mask that misses part of the cell; energy and sums of sizes are partly that"
+            )
+    if numbers["strain_energy"].value < QUESTIONED * numbers["strain_energy"].std:
+        said.append("strain energy is not told from zero: no traction shows above noise")
+    if field.std is not None and done.touch.residual is not None and float(done.touch.residual) > MISFIT:
+        said.append(
+            f"the traction leaves {float(done.touch.residual):.2g} times the noise of the displacements unexplained: outliers, or a gel that is not as described"
+        )
+    if not field.valid.all():
+        said.append(
+            f"{int((~field.valid).sum())} of {field.valid.size} vectors are missing: traction there is what their neighbours suggest"
+        )
+    return said

@@ -1,0 +1,142 @@
+"""Pictures of beads become displacements whose standard deviations are true; what is no pair is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.errors import InvalidInput
+from palpate.microscopy import bead_displacements, read_field, read_pair, read_picture
+
+N, SHIFT = 224, np.array([3.3, -1.7])
+
+
+def moved(x: Any, y: Any, size: float = 1.5) -> np.ndarray:
+    """A pull inwards on both sides [px]."""
+    out = np.zeros((2, *np.shape(x)))
+    for side in (-1, 1):
+        out[0] -= side * size * np.exp(-((x - N / 2 - side * N / 5) ** 2 + (y - 0.45 * N) ** 2) / (2 * 25.0**2))
+    return out
+
+
+def beads(
+    rng: np.random.Generator, places: np.ndarray, light: np.ndarray, noise: float = 40.0, width: float = 1.2
+) -> np.ndarray:
+    y, x = np.mgrid[-6:7, -6:7]
+    image = np.zeros((N + 40, N + 40))
+    for (px, py), a in zip(places + 20, light):
+        c, r = round(px), round(py)
+        if 6 <= r < N + 34 and 6 <= c < N + 34:
+            image[r - 6 : r + 7, c - 6 : c + 7] += a * np.exp(-((x + c - px) ** 2 + (y + r - py) ** 2) / (2 * width**2))
+    return np.clip(200 + 1500 * image[20:-20, 20:-20] + rng.normal(0, noise, (N, N)), 0, 65535).astype(np.uint16)
+
+
+@pytest.fixture(scope="module")
+def pair() -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(3)
+    places = rng.uniform(-15, N + 15, (1500, 2))
+    light = rng.uniform(0.3, 1.0, 1500)
+    after = places + moved(*places.T).T + SHIFT
+    return beads(rng, places, light), beads(rng, after, light)
+
+
+def test_displacements_are_within_their_errors_as_often_as_they_say(pair: tuple[np.ndarray, np.ndarray]) -> None:
+    field = bead_displacements(*pair, pixel=0.1e-6, drift=False)
+    rows, columns = field.shape
+    x, y = np.meshgrid(field.start[0] + field.step * np.arange(columns), field.start[1] + field.step * np.arange(rows))
+    error = field.displacement / field.pixel - moved(x, y) - SHIFT[:, None, None]
+    assert field.std is not None
+    std = field.std / field.pixel
+    assert np.sqrt(np.mean(error**2)) < 0.05
+    assert 0.005 < np.median(std) < 0.04
+    assert 0.88 < np.mean(np.abs(error) < 1.96 * std) <= 1.0
+
+
+def test_drift_is_taken_out_and_said(pair: tuple[np.ndarray, np.ndarray]) -> None:
+    field = bead_displacements(*pair, pixel=0.1e-6)
+    assert field.drift is not None
+    np.testing.assert_allclose(np.array(field.drift) / 0.1e-6, SHIFT, atol=0.1)
+    left = field.displacement[0, :, : field.shape[1] // 2].max() / 0.1e-6
+    assert 1.0 < left < 1.7  # the left side is pulled to the right
+
+
+def test_what_is_no_pair_is_refused(pair: tuple[np.ndarray, np.ndarray]) -> None:
+    rest, pulled = pair
+    rng = np.random.default_rng(9)
+    other = beads(rng, rng.uniform(0, N, (1500, 2)), rng.uniform(0.3, 1, 1500))
+    cases: list[tuple[tuple[Any, Any], dict[str, Any], str]] = [
+        ((rest, rest), {}, "the same"),
+        ((rest, other), {}, "do not show the same beads"),
+        ((rest, np.full_like(rest, 7)), {}, "even"),
+        ((rest, pulled[:100]), {}, "same field of view"),
+        ((rest, np.full_like(rest, 65535) - (np.arange(N) < 9).astype(np.uint16)), {}, "saturated"),
+        ((rest, pulled), {"window": 4}, "window must be"),
+        ((rest, pulled), {"window": 200}, "window must be"),
+        ((rest, pulled), {"step": 0}, "step must be"),
+        ((rest, pulled), {"pixel": -1.0}, "pixel must be"),
+        ((rest, np.where(np.arange(N) < 3, np.nan, pulled.astype(float))), {}, "not finite"),
+    ]
+    for images, options, words in cases:
+        with pytest.raises(InvalidInput, match=words):
+            bead_displacements(*images, **{"pixel": 0.1e-6, **options})
+
+
+def test_stacks_and_files(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    tifffile.imwrite(tmp_path / "stack.tif", np.stack(pair), photometric="minisblack")
+    tifffile.imwrite(tmp_path / "one.tif", pair[0])
+    tifffile.imwrite(tmp_path / "long.tif", np.stack([*pair, pair[0]]), photometric="minisblack")
+    for found in (read_pair([tmp_path / "stack.tif"]), read_pair([tmp_path / "long.tif"], frames=(-1, 1))):
+        assert all(np.array_equal(a, b) for a, b in zip(found, pair))
+    for source, words in (
+        (["one.tif"], "holds one picture"),
+        (["long.tif"], "holds 3 pictures"),
+        (["none.tif"], "no such file"),
+    ):
+        with pytest.raises(InvalidInput, match=words):
+            read_pair([tmp_path / s for s in source])
+    with pytest.raises(InvalidInput, match="two different numbers"):
+        read_pair([tmp_path / "long.tif"], frames=(0, 3))
+    with pytest.raises(InvalidInput, match="several pictures"):
+        read_picture(tmp_path / "long.tif")
+    raw = (tmp_path / "stack.tif").read_bytes()
+    (tmp_path / "cut.tif").write_bytes(raw[: len(raw) // 3])
+    with pytest.raises(InvalidInput):
+        read_pair([tmp_path / "cut.tif"])
+
+
+PUBLISHED = Path(__file__).parents[2] / "shared" / "data" / "pivuq"
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not PUBLISHED.exists(), reason="published data are not here")
+def test_another_program_agrees_within_both_errors() -> None:
+    """Its v grows upwards where its y grows downwards, so that v has the other sign."""
+    theirs = read_field(PUBLISHED / "B00010_UQ.dat", pixel=1.0)
+    mine = bead_displacements(
+        read_picture(PUBLISHED / "B00010.tif"),
+        read_picture(PUBLISHED / "B00011.tif"),
+        pixel=1.0,
+        window=16,
+        step=8,
+        drift=False,
+    )
+    rows, columns = mine.shape
+    at = [
+        np.rint((s + mine.step * np.arange(n) - t) / theirs.step).astype(int)
+        for s, n, t in zip(mine.start[::-1], (rows, columns), theirs.start[::-1])
+    ]
+    keep = [(a >= 0) & (a < 128) for a in at]
+    pick = np.ix_(*(a[k] for a, k in zip(at, keep)))
+    own = np.ix_(*(np.flatnonzero(k) for k in keep))
+    assert theirs.std is not None
+    assert mine.std is not None
+    difference = np.stack([mine.displacement[i][own] - (1, -1)[i] * theirs.displacement[i][pick] for i in (0, 1)])
+    both = np.stack([np.hypot(mine.std[i][own], theirs.std[i][pick]) for i in (0, 1)])
+    good = np.isfinite(difference).all(axis=0) & np.isfinite(both).all(axis=0)
+    assert good.sum() > 1000
+    assert np.median(np.abs(difference[:, good])) < 0.04
+    assert np.mean(np.abs(difference[:, good]) < 1.96 * both[:, good]) > 0.9

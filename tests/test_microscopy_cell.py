@@ -1,0 +1,262 @@
+"""Numbers of a cell: they are the truth's within their errors, and what is wrong with the input is said or refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import palpate as pp
+from palpate.errors import InvalidInput
+from palpate.microscopy import CellForces, Field, Quantity, cell_forces, on_grid, read_mask
+
+GEL = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
+PITCH, COUNT, PIXEL = 1.5e-6, 20, 0.1e-6
+
+
+def skin() -> pp.Skin:
+    return pp.Skin(
+        GEL, pp.AreaArray(shape=(COUNT, COUNT), pitch=PITCH, depth=0.0, channels=["displacement_x", "displacement_y"])
+    )
+
+
+def cell() -> tuple[np.ndarray, np.ndarray]:
+    """Traction on the surface of three adhesions in balance, and the displacements of the array."""
+    made = skin()
+    traction = np.zeros((3, *made.surface.shape))
+    x, y = np.meshgrid(made.surface.x, made.surface.y)
+    for angle, pull in ((0.0, 400.0), (2.0943951, 400.0), (4.1887902, 400.0)):
+        on = np.hypot(x - 8e-6 * np.cos(angle), y - 8e-6 * np.sin(angle)) < 2.2e-6
+        for i, part in enumerate((np.cos(angle), np.sin(angle))):
+            traction[i][on] = -pull * part * 6 / on.sum()
+    return traction, np.asarray(made.sense(traction))
+
+
+def field_of(u: np.ndarray, noise: float = 2e-9, **more: Any) -> Field:
+    rng = np.random.default_rng(5)
+    return Field(
+        displacement=u + noise * rng.standard_normal(u.shape), start=(7.0, 7.0), step=15.0, pixel=PIXEL, **more
+    )
+
+
+def disc(radius: float = 120.0) -> np.ndarray:
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    return 149.5 + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+@pytest.fixture(scope="module")
+def found() -> CellForces:
+    _, u = cell()
+    return cell_forces(field_of(u + np.array([30e-9, -20e-9])[:, None, None]), GEL, mask=disc(), draws=32)
+
+
+def test_numbers_are_the_truths_within_their_errors(found: CellForces) -> None:
+    traction, u = cell()
+    made = skin()
+    x, y = np.meshgrid(made.surface.x, made.surface.y)
+    area = PITCH**2
+    trim = (made.surface.shape[0] - COUNT) // 2
+    inner = traction[:2, trim : trim + COUNT, trim : trim + COUNT]
+    true = {
+        "strain_energy": 0.5 * (inner * (u - u.mean(axis=(1, 2), keepdims=True))).sum() * area,
+        "contractile_moment": -((traction[0] * x + traction[1] * y).sum()) * area,
+        "contractility": np.hypot(*traction[:2]).sum() * area,
+        "net_force_x": 0.0,
+        "net_force_y": 0.0,
+        "torque": 0.0,
+    }
+    for name, value in true.items():
+        q = found[name]
+        assert abs(q.value - value) < 3 * q.std + 0.02 * abs(value), (name, q, value)
+        assert q.std < 0.25 * max(abs(value), found["force_inside"].value), name
+    assert found["force_above_background"].value < found["force_inside"].value
+    assert found["area"].value == pytest.approx(np.pi * 12e-6**2, rel=0.05)
+
+
+@pytest.mark.long
+def test_energy_follows_its_scaling() -> None:
+    """Twice the modulus: twice the traction, and twice the energy for the same displacements."""
+    _, u = cell()
+    soft = cell_forces(field_of(u), GEL, draws=8, drift=False)
+    stiff = cell_forces(field_of(u), pp.HalfSpace(youngs_modulus=16e3, poissons_ratio=0.48), draws=8, drift=False)
+    for name in ("strain_energy", "contractile_moment", "contractility"):
+        assert stiff[name].value == pytest.approx(2 * soft[name].value, rel=0.01)
+    known = cell_forces(field_of(u), GEL, draws=8, drift=False, uncertainty=pp.Uncertainty(youngs_modulus=0.2))
+    assert known["contractility"].std == pytest.approx(
+        np.hypot(soft["contractility"].std, 0.2 * soft["contractility"].value), rel=1e-6
+    )
+
+
+@pytest.mark.long
+def test_a_cell_turned_by_a_quarter_has_the_same_numbers(found: CellForces) -> None:
+    """x to the right and y down: u turned to (-v, u), the picture with it."""
+    u = found.field.displacement
+    turned = np.stack([-np.rot90(u[1], -1), np.rot90(u[0], -1)])
+    other = cell_forces(
+        Field(displacement=turned, start=(7.0, 7.0), step=15.0, pixel=PIXEL), GEL, mask=disc(), draws=8, drift=False
+    )
+    for name in ("strain_energy", "contractile_moment", "contractility", "force_inside"):
+        assert other[name].value == pytest.approx(found[name].value, rel=0.02)
+
+
+@pytest.mark.long
+def test_wrong_signs_and_transposed_components_are_said(found: CellForces) -> None:
+    _, u = cell()
+
+    def notes(values: np.ndarray) -> str:
+        return " ".join(cell_forces(field_of(values), GEL, draws=8, drift=False, noise=2e-9).notes)
+
+    assert not any("no cell does" in n or "hardly any" in n for n in found.notes)
+    assert "as no cell does" in notes(u * np.array([1.0, -1.0])[:, None, None])
+    assert "as no cell does" in notes(np.swapaxes(u, 1, 2))
+    assert "as no cell does" in notes(np.swapaxes(u, 1, 2)[:, ::-1])
+    assert "as hardly any does" in notes(-u)
+    assert "not told from zero" in notes(np.zeros_like(u))
+
+
+def test_pixels_called_micrometres_are_refused() -> None:
+    _, u = cell()
+    with pytest.raises(InvalidInput, match=r"check the size of a pixel"):
+        field_of(1e3 * u / PIXEL * 1e-6)
+
+
+@pytest.mark.long
+def test_holes_and_edges_are_said() -> None:
+    _, u = cell()
+    u = u.copy()
+    u[:, 3:5, 3:5] = np.nan
+    holed = cell_forces(field_of(u), GEL, mask=disc(150), draws=8, drift=False)
+    assert any("4 of 400 vectors are missing" in n for n in holed.notes)
+    assert any("reaches the edge" in n for n in holed.notes)
+    assert np.isfinite(holed.traction).all()
+
+
+@pytest.mark.long
+def test_a_gel_on_glass_is_stiffer_than_it_is_deep() -> None:
+    _, u = cell()
+    thin = pp.BondedLayers([pp.Layer(thickness=8e-6, youngs_modulus=8e3, poissons_ratio=0.48)])
+    on_glass = cell_forces(field_of(u), thin, draws=8, drift=False)
+    deep = cell_forces(field_of(u), GEL, draws=8, drift=False)
+    assert on_glass["contractile_moment"].value > 1.1 * deep["contractile_moment"].value
+
+
+def test_masks(tmp_path: Path) -> None:
+    field = field_of(np.zeros((2, COUNT, COUNT)))
+    corners = disc()
+    y, x = np.mgrid[:300, :300]
+    picture = np.hypot(x - 149.5, y - 149.5) < 120
+    np.savetxt(tmp_path / "a.csv", corners, delimiter=",")
+    (tmp_path / "a.json").write_text(json.dumps(corners.tolist()))
+    shape = {"type": "Polygon", "coordinates": [[*corners.tolist(), corners[0].tolist()]]}
+    (tmp_path / "a.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": shape}]})
+    )
+    np.save(tmp_path / "a.npy", picture)
+    expected = on_grid(corners, field)
+    for name in ("a.csv", "a.json", "a.geojson"):
+        assert np.array_equal(on_grid(read_mask(tmp_path / name), field), expected)
+    assert np.mean(on_grid(read_mask(tmp_path / "a.npy"), field, size=(300, 300)) == expected) > 0.97
+    assert np.array_equal(on_grid(expected, field), expected)
+    for mask, words in (
+        (np.zeros((300, 300), dtype=np.uint8), "is empty"),
+        (np.arange(90000, dtype=np.uint16).reshape(300, 300), "photograph"),
+        (np.repeat([0, 1, 2], 30000).reshape(300, 300).astype(np.uint8), "several cells"),
+        (picture[:150], "150 pixels"),
+        (corners + 1e4, "holds no vector"),
+        (np.array([[0.0, 0.0], [1.0, 1.0]]), "three corners"),
+        (np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]]), "no area"),
+    ):
+        with pytest.raises(InvalidInput, match=words):
+            on_grid(read_mask(mask), field)
+    (tmp_path / "a.roi").write_bytes(b"Iout")
+    with pytest.raises(InvalidInput, match="XY Coordinates"):
+        read_mask(tmp_path / "a.roi")
+
+
+def test_quantities_are_written_as_they_are_known() -> None:
+    for value, std, text in (
+        (1.234e-13, 2e-15, "123.4 +- 2.0 fJ"),
+        (5.0, 0.0, "5 +- 0 J"),
+        (0.0, 3e-9, "0 +- 3 nJ"),
+        (1.26e-9, 1.4e-10, "1.26 +- 0.14 nJ"),
+    ):
+        assert str(Quantity("energy", "J", value, std)).partition(": ")[2] == text
+
+
+def test_the_command_writes_report_figure_table_and_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    from palpate.cli import app
+    from palpate.recordings import read_touch
+
+    monkeypatch.chdir(tmp_path)
+    _, u = cell()
+    for name, one in zip("uv", field_of(u).displacement / PIXEL):
+        np.save(f"{name}.npy", one)
+    np.savetxt("cell.csv", disc(), delimiter=",")
+    gel = [
+        "--pixel",
+        "0.1 um",
+        "--youngs-modulus",
+        "8 kPa +- 10 %",
+        "--poissons-ratio",
+        "0.48",
+        "--draws",
+        "8",
+        "--still",
+    ]
+    run = ["tfm", "u.npy", "v.npy", *gel, "--unit", "px", "--step", "15", "--mask", "cell.csv"]
+    done = CliRunner().invoke(app, [*run, "--out", "res"], catch_exceptions=False)
+    assert "contractility" in done.output
+    page = Path("res.html").read_text()
+    assert page.count("data:image/png;base64") == 3
+    assert "http" not in page.replace("http-equiv", "")
+    rows = [line.split(",") for line in Path("res.csv").read_text().splitlines()]
+    assert rows[0][:3] == ["quantity", "value", "std"]
+    assert {"strain_energy", "contractility", "torque"} <= {r[0] for r in rows}
+    assert Path("res.png").stat().st_size > 10_000
+    assert read_touch("res.nc").traction.dims == ("component", "y", "x")
+    Path("gel.toml").write_text(TOML)
+    for extra, words in (
+        (["--out", "res"], "exists"),
+        (["--window", "32", "--out", "b"], "leave them out"),
+        (["--thickness", "40", "--out", "b"], "has no unit|must be"),
+        (["--skin", "gel.toml", "--out", "b"], "give either"),
+    ):
+        with pytest.raises(InvalidInput, match=words):
+            CliRunner().invoke(app, [*run, *extra], catch_exceptions=False)
+    with pytest.raises(InvalidInput, match="--pixel is needed"):
+        CliRunner().invoke(app, ["tfm", "u.npy", "v.npy"], catch_exceptions=False)
+    assert not Path("b.html").exists()
+
+
+TOML = """[pad]
+kind = "half_space"
+youngs_modulus = "8 kPa +- 10 %"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "area"
+depth = "0 mm"
+channels = ["displacement_x", "displacement_y"]
+"""
+
+
+@pytest.mark.long
+def test_a_skin_file_describes_the_gel_as_options_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from palpate.cli import app
+
+    monkeypatch.chdir(tmp_path)
+    _, u = cell()
+    np.save("both.npy", field_of(u).displacement / PIXEL)
+    Path("gel.toml").write_text(TOML)
+    run = ["tfm", "both.npy", "--pixel", "0.1 um", "--draws", "8", "--unit", "px", "--step", "15"]
+    for out, gel in (
+        ("a", ["--skin", "gel.toml"]),
+        ("b", ["--youngs-modulus", "8 kPa +- 0.8 kPa", "--poissons-ratio", "0.48"]),
+    ):
+        CliRunner().invoke(app, [*run, *gel, "--out", out], catch_exceptions=False)
+    assert Path("a.csv").read_text() == Path("b.csv").read_text()
