@@ -166,7 +166,7 @@ def _gel(
 ) -> tuple[Pad, float, Uncertainty | None]:
     """The gel, the depth of its beads, and how well it is known."""
     from palpate.elastic import BondedLayers, HalfSpace, Layer
-    from palpate.recordings.skinfile import read_skin, read_uncertainty
+    from palpate.recordings import read_skin, read_uncertainty
     from palpate.units import parse_quantity
 
     options: list[tuple[str, Any]] = [
