@@ -13,6 +13,9 @@ from pathlib import Path
 from unittest import mock
 
 import pytest
+
+pytest.importorskip("typer")  # tests of the command line are left out without it
+
 import typer.main
 
 from palpate.cli import main

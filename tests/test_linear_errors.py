@@ -101,7 +101,7 @@ def errors_of(
     decomposition: Decomposition, factors: Any, traction: Floats, parameter: float, noise: float, size: float
 ) -> LinearErrors:
     known = Uncertainty(np.asarray(parameter), np.asarray(noise), np.asarray(size))
-    return LinearErrors.of(decomposition.spread, factors, traction, known)
+    return LinearErrors.of(decomposition.variances, factors, traction, known)
 
 
 @pytest.mark.parametrize("kind", ["posterior", "another amplitude", "truncated"])
@@ -220,7 +220,7 @@ def test_coverage_is_exact_on_tractions_from_the_prior(name: str, rng: np.random
     traction[:, columns] = estimate.reshape(count, len(columns), *op.surface.shape)
     ones = np.ones(count)
     known = Uncertainty(parameter * ones, ones, size * ones)
-    found = LinearErrors.of(decomposition.spread, tikhonov, traction, known)
+    found = LinearErrors.of(decomposition.variances, tikhonov, traction, known)
     z = (true - estimate).reshape(count, -1) / found.traction[:, columns].reshape(count, -1)
     assert np.abs((z**2).mean(axis=0) - 1).max() < 0.18  # 5 standard errors of 2000 frames
     assert np.abs((np.abs(z) < 1.959964).mean(axis=0) - 0.95).max() < 0.025

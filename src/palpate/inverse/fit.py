@@ -81,8 +81,8 @@ def misfit_probability(
     i, j = i[both], j[both]
     if len(i) >= FEWEST and free >= FEWEST:
         size = residual**2 + detail**2
-        spread = math.sqrt(float((size[i] * size[j]).sum()))
-        z = float((residual[i] * residual[j]).sum()) / max(spread, 1e-300)
+        std = math.sqrt(float((size[i] * size[j]).sum()))
+        z = float((residual[i] * residual[j]).sum()) / max(std, 1e-300)
         tests.append(0.5 * math.erfc(z / math.sqrt(2.0)))
     if known and free >= 1.0:
         left = float((residual[observed] ** 2).sum()) / (1.0 + detail**2)

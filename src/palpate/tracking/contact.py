@@ -73,7 +73,7 @@ class Frame(NamedTuple):
     actual: Floats
     noise: float
     deadline: float
-    spread: float = 1.0
+    noisier: float = 1.0
 
 
 class _Found(NamedTuple):
@@ -133,7 +133,7 @@ class Contact:
         self._behind = 0  # frames in a row that were not finished, or found no contact that pushes
         self._at_once = not self._background.threaded  # whether all is done in this frame
         self._since_learned = 0
-        self.told = True  # whether the last frame told about the offsets
+        self.observes = True  # whether the last frame told the offsets
 
     # -- what was found ------------------------------------------------------------------------------------------------
 
@@ -270,7 +270,7 @@ class Contact:
                 marginal.sums,
                 unused,
                 self._offsets,
-                self.noise * frame.spread,
+                self.noise * frame.noisier,
                 float(np.abs(y).max(initial=0.0)),
             )
             bars = self._bars
@@ -279,16 +279,16 @@ class Contact:
             self._bars = bars if converged or bars is None else unconverged(self._estimator, self._solution, bars)
         if self._looked is not None:
             self.fit, self._looked = self._fit(self._looked, frame), None
-        told = self._errors.told
-        self.told = converged
-        if told is None or not self.fits:
+        observed = self._errors.observed
+        self.observes = converged
+        if observed is None or not self.fits:
             return
-        if not np.array_equal(told.unused, unused):
+        if not np.array_equal(observed.unused, unused):
             self._errors.age()
             return
         cells, traction = self._firm()
-        innovation = told.innovation(marginal.sums, self._equations.adjoint(y, unused), cells, traction)
-        self._offsets.update(told.counts, innovation, self.noise)
+        innovation = observed.innovation(marginal.sums, self._equations.adjoint(y, unused), cells, traction)
+        self._offsets.update(observed.counts, innovation, self.noise)
 
     def _fit(self, found: _Found, frame: Frame) -> float:
         """Misfit probability of what is left; NaN until it is known how much the contact takes up."""
@@ -298,7 +298,7 @@ class Contact:
         return self._misfit.probability(
             found.rest,
             used,
-            frame.noise * frame.spread,
+            frame.noise * frame.noisier,
             largest=float(np.abs(frame.actual[used]).max(initial=0.0)),
             taken=self._errors.taken + self._offsets.columns.shape[1],
             known=self._learning.noise_known,
@@ -429,12 +429,12 @@ class Contact:
         marginal = self._marginal
         check.suspects[:] = False
         pulled = self._pulled(frame)
-        spread = (
+        variance = (
             frame.noise**2
             + (self._limits.unexplained_signal * float(np.sqrt(np.mean(frame.actual[~pushed.unused] ** 2)))) ** 2
         )
         costs = [
-            0.5 * f.left**2 * float((~f.unused).sum()) / spread + COST_OF_READING * c + extra
+            0.5 * f.left**2 * float((~f.unused).sum()) / variance + COST_OF_READING * c + extra
             for f, c, extra in ((pushed, count, 0.0), (pulled, int(check.suspects.sum()), COST_OF_PULL))
         ]
         if costs[1] < costs[0]:

@@ -18,7 +18,7 @@ from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background
 from palpate.tracking.health import Flags, Index
 from palpate.tracking.iteration import Iteration
-from palpate.tracking.offsets import Offsets, Told
+from palpate.tracking.offsets import Observed, Offsets
 from palpate.tracking.pulling import Pulling, firm
 from palpate.tracking.region import NormalEquations
 
@@ -43,12 +43,12 @@ class ErrorBars:
         self._no_contact: tuple[float, Errors] | None = None
         self._age, self._cells = 0, 0
         self.errors: Errors | None = None
-        self.told: Told | None = None  # about the channels' offsets
+        self.observed: Observed | None = None  # about the channels' offsets
         self.taken = math.nan  # degrees of freedom of the readings that the contact takes up
 
     def clear(self) -> None:
         """The contact has ended."""
-        self.errors, self.told, self.taken = None, None, math.nan
+        self.errors, self.observed, self.taken = None, None, math.nan
 
     def serves(self, solution: Iteration) -> bool:
         """Whether the errors that there are were made for a contact like the present one."""
@@ -94,13 +94,13 @@ class ErrorBars:
         weight = region.parameter / noise**2 if noise > 0 else 0.0
         cov = offsets.cov.copy()
 
-        def work() -> tuple[Errors | None, Told | None, float, int]:
+        def work() -> tuple[Errors | None, Observed | None, float, int]:
             try:
                 return made()
             except np.linalg.LinAlgError:
                 return None, None, math.nan, len(cells)  # no error bars rather than no answer
 
-        def made() -> tuple[Errors, Told, float, int]:
+        def made() -> tuple[Errors, Observed, float, int]:
             level = estimator.level(1)
             std, data, white = self._data(cells, y, noise, unused)
             shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
@@ -108,12 +108,12 @@ class ErrorBars:
             model = estimator.model(known, estimator.precisions(level, 1, weight), start, keep_face=True)
             model.weight = 1.0
             self._owe(model, shrink, y, std, unused)
-            told = self._told(data, shared, model.penalty.dense(), std, unused)
-            return estimator.summed_up([model])[1], told, _taken(model), len(cells)
+            observed = self._observed(data, shared, model.penalty.dense(), std, unused)
+            return estimator.summed_up([model])[1], observed, _taken(model), len(cells)
 
         found = background.result("errors", work)
         if found is not None:
-            self.errors, self.told, self.taken, self._cells = found
+            self.errors, self.observed, self.taken, self._cells = found
             self._age = 0
 
     def refresh_pulling(
@@ -131,26 +131,26 @@ class ErrorBars:
         self._owe(either, shrink, y, std, unused)
         self.errors = estimator.summed_up([either])[1]
         model = pulling.model(data, weight)
-        self.told, self.taken = self._told(data, shared, model.penalty.dense(), std, unused), _taken(model)
+        self.observed, self.taken = self._observed(data, shared, model.penalty.dense(), std, unused), _taken(model)
         self._cells, self._age = len(cells), 0
 
-    def _told(self, data: Normal, shared: Floats, penalty: Floats, std: float, unused: Flags) -> Told:
+    def _observed(self, data: Normal, shared: Floats, penalty: Floats, std: float, unused: Flags) -> Observed:
         """What a frame tells about offsets; whitened columns of ``data`` and ``shared`` are in units of ``std``."""
         import scipy.linalg
 
         estimator, equations = self._estimator, self._equations
         crossed = np.asarray(data.matrix.T @ shared, dtype=np.float64)
         factor = cholesky(firm(data.gram + penalty / SAME))
-        spread = scipy.linalg.cho_solve((factor, True), crossed, check_finite=False)
-        counts = std**2 * (shared.T @ shared - crossed.T @ spread)
-        parts = spread.T.reshape(shared.shape[1], *data.linear.shape)
+        solved = scipy.linalg.cho_solve((factor, True), crossed, check_finite=False)
+        counts = std**2 * (shared.T @ shared - crossed.T @ solved)
+        parts = solved.T.reshape(shared.shape[1], *data.linear.shape)
         whole = np.zeros((*parts.shape[:2], math.prod(estimator.operator.surface.shape)))
         whole[:, :, data.cells] = parts
         left = [
             s - equations.adjoint(np.where(unused, 0.0, estimator.explained_by(w) / estimator.readings.std), unused)
             for s, w in zip(equations.shared(unused), whole)
         ]
-        return Told(0.5 * (counts + counts.T), data.cells, parts, np.stack(left), unused.copy())
+        return Observed(0.5 * (counts + counts.T), data.cells, parts, np.stack(left), unused.copy())
 
     def _owe(self, model: ContactModel, shrink: Shrink, y: Floats, std: float, unused: Flags) -> None:
         """What is stated of modulus, depth, thickness and gains does to a model's errors; ``std`` is the unit of its readings."""

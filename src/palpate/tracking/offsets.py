@@ -29,13 +29,13 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.linear.whitening import Readings
 from palpate.tracking.health import Flags, Index, Single
 
-__all__ = ["Marginal", "Offsets", "Told"]
+__all__ = ["Marginal", "Observed", "Offsets"]
 
 #: Standard deviation of an offset about its rate after a second, as a part of the largest reading met: a contact that covers the array is
 #: known to 0.8 % after a minute.
 WALK = 0.001
-#: Standard deviation of a rate of drift that no frame tells, as a part of the largest reading a second: frames whose iteration did not end.
-UNTOLD = 0.01
+#: Standard deviation of a rate of drift that no frame observes, as a part of the largest reading a second: frames whose iteration did not end.
+UNOBSERVED = 0.01
 #: A rate of drift is confirmed by frames that correct an offset by this part of what they tell; else it is forgotten with this time constant [s].
 CONFIRMED, RATE_HOLDS = 0.03, 5.0
 #: Without contact, the part of what all taxels of a channel share that one frame corrects.
@@ -82,21 +82,21 @@ class _Gain(NamedTuple):
     cov: Floats
 
 
-class Told(NamedTuple):
+class Observed(NamedTuple):
     """What each frame of a contact tells about the offsets: B'W (channel, channel), X (channel, component, cell) on ``cells``, A'W (channel,
     component, cell of the surface), for the readings that are not ``unused``.
     """
 
     counts: Floats
     cells: Index
-    spread: Floats
+    solved: Floats
     crossed: Floats
     unused: Flags
 
     def innovation(self, sums: Floats, slope: Single, cells: Index, traction: Floats) -> Floats:
         """W'(y - A t) from the sums B'y, A'y and traction (component, cell) on some cells."""
         k = len(sums)
-        contact = self.spread.reshape(k, -1) @ slope[:, self.cells].ravel()
+        contact = self.solved.reshape(k, -1) @ slope[:, self.cells].ravel()
         rest = self.crossed[:, :, cells].reshape(k, -1) @ traction.ravel()
         return np.asarray(sums - contact - rest, dtype=np.float64)
 
@@ -128,7 +128,7 @@ class Offsets:
         self._model: Floats = np.zeros(k)  # d
         self._both: Floats = np.zeros((2 * k, 2 * k))  # covariance of c and d
         self._reference: Floats | None = None  # readings that d belongs to
-        self._untold = 0.0  # for how long no frame has told anything about them [s]
+        self._unobserved = 0.0  # for how long no frame has observed them [s]
         self._gain: _Gain | None = None
         self._unused = None
 
@@ -172,13 +172,13 @@ class Offsets:
             both[k:, k:] += (MODEL * now * min(other, 1.0)) ** 2 * np.eye(k)
             self._both = both
 
-    def pass_time(self, elapsed: float, scale: float, *, told: bool = True) -> None:
-        """Offsets walk while time passes; where the last frame ``told`` nothing about them, at a rate that is not known."""
+    def pass_time(self, elapsed: float, scale: float, *, observed: bool = True) -> None:
+        """Offsets walk while time passes; where the last frame ``observed`` nothing of them, at a rate that is not known."""
         self._scale, self._elapsed = scale, min(max(elapsed, 0.0), 1.0)
         self.rate = np.where(self._share > CONFIRMED, 1.0, math.exp(-self._elapsed / RATE_HOLDS)) * self.rate
         self._share = np.zeros_like(self.rate)
-        before, self._untold = (self._untold, self._untold + self._elapsed) if not told else (0.0, 0.0)
-        step = (WALK * scale) ** 2 * self._elapsed + (UNTOLD * scale) ** 2 * (self._untold**2 - before**2)
+        before, self._unobserved = (self._unobserved, self._unobserved + self._elapsed) if not observed else (0.0, 0.0)
+        step = (WALK * scale) ** 2 * self._elapsed + (UNOBSERVED * scale) ** 2 * (self._unobserved**2 - before**2)
         k = len(self.mean)
         both = self._both.copy()
         both[:k, :k] += step * np.eye(k)
@@ -198,7 +198,7 @@ class Offsets:
         self._share = share
         if self._elapsed > 0:
             most = FASTEST * self._scale
-            since = max(self._elapsed, self._untold)
+            since = max(self._elapsed, self._unobserved)
             self.rate = np.clip(self.rate + share / (2.0 - share) * by / since, -most, most)
 
     def jump(self) -> None:
@@ -242,14 +242,14 @@ class Offsets:
         else:
             used = ~unused
             sums = np.asarray(self._white[used].T @ self._readings.white(y[used], used))
-        kept, spread = self._gain, np.diagonal(self.cov)
-        if spread.max() < (UNSURE * max(self._largest, self._scale)) ** 2:
+        kept, variance = self._gain, np.diagonal(self.cov)
+        if variance.max() < (UNSURE * max(self._largest, self._scale)) ** 2:
             return Marginal(np.zeros_like(counts), sums)
         if (
             kept is None
             or not abs(noise - kept.noise) <= ALIKE * noise
             or kept.counts is not counts
-            or not (np.abs(spread - np.diagonal(kept.cov)) <= ALIKE * spread.max()).all()
+            or not (np.abs(variance - np.diagonal(kept.cov)) <= ALIKE * variance.max()).all()
         ):
             # K = V (s^2 + N V)^-1
             gain = np.linalg.solve((self._level(noise) ** 2 * np.eye(len(counts)) + counts @ self.cov).T, self.cov.T).T

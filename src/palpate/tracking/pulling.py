@@ -102,9 +102,9 @@ class Pulling:
             return np.asarray(scipy.linalg.cho_solve((factor, True), b, check_finite=False))
 
         b = slope[:, self.cells].ravel()
-        x, spread = inverse(b), inverse(shared.T)
-        middle = gain @ np.linalg.inv(np.eye(len(gain)) - shared @ spread @ gain)
-        x = x + spread @ (middle @ (shared @ x))
+        x, solved = inverse(b), inverse(shared.T)
+        middle = gain @ np.linalg.inv(np.eye(len(gain)) - shared @ solved @ gain)
+        x = x + solved @ (middle @ (shared @ x))
         if not np.isfinite(x).all():
             raise np.linalg.LinAlgError("traction of either sign has no finite result")
         self.traction = x.reshape(len(slope), len(self.cells))

@@ -44,7 +44,7 @@ class Region:
 
     ``border`` (cell) are those at the region's edge; ``inverse`` is (H + rho)^-1 with unknowns scaled as by `Cone.scales`; it holds for
     a ``parameter`` of the penalty and for the readings that are not ``unused``. ``shared`` (channel, unknown) is B'A, what offsets of the
-    channels share with the unknowns; ``spread`` is (H + rho)^-1 A'B and ``overlap`` B'A (H + rho)^-1 A'B, by which offsets are marginalised
+    channels share with the unknowns; ``solved`` is (H + rho)^-1 A'B and ``overlap`` B'A (H + rho)^-1 A'B, by which offsets are marginalised
     (M. A. Woodbury, Inverting modified matrices, 1950).
     """
 
@@ -55,13 +55,13 @@ class Region:
     parameter: float
     unused: Flags
     shared: Floats
-    spread: Single
+    solved: Single
     overlap: Floats
 
     def correction(self, gain: Floats) -> tuple[Single, Single]:
         """Factors (unknown, channel) and (channel, unknown) of what is added to ``inverse`` where offsets are marginalised with K = ``gain``."""
         middle = gain @ np.linalg.inv(np.eye(len(gain)) - self.overlap @ gain)
-        return self.spread, middle.astype(np.float32) @ self.spread.T
+        return self.solved, middle.astype(np.float32) @ self.solved.T
 
 
 class NormalEquations:
@@ -181,7 +181,7 @@ class NormalEquations:
         inside.ravel()[cells] = True
         border = inside & dilated(~inside, 1)
         shared = self.shared(unused)[:, :, cells].reshape(-1, c * n) * scale
-        spread = inverse @ shared.T
+        solved = inverse @ shared.T
         return Region(
             cells,
             border.ravel()[cells],
@@ -190,8 +190,8 @@ class NormalEquations:
             parameter,
             unused,
             shared,
-            spread.astype(np.float32),
-            np.asarray(shared @ spread),
+            solved.astype(np.float32),
+            np.asarray(shared @ solved),
         )
 
     def penalised(self, cells: Index, parameter: float, unused: Flags) -> Floats:

@@ -320,7 +320,7 @@ class Tracker:
             learning.take_noise(zero.capture(scaled))
             return Status.CAPTURING_ZERO, True
         follows = self.drift_time is not None
-        spread = math.sqrt(1.0 + zero.variance)
+        of_zero = math.sqrt(1.0 + zero.variance)
         if follows and self._touching:
             offsets.go_on(elapsed)
         actual = scaled - zero.baseline - offsets.value()
@@ -330,7 +330,7 @@ class Tracker:
         if noise is None:  # rounding is no contact: a frame that is the zero but for it
             noise = max(rough_noise(y[~unused]), ROUNDING * float(np.abs(scaled[~unused]).max(initial=0.0)))
         if follows:
-            offsets.pass_time(elapsed, offsets.scale(learning.noise, y), told=self._contact.told)
+            offsets.pass_time(elapsed, offsets.scale(learning.noise, y), observed=self._contact.observes)
         slope = self._equations.adjoint(y, unused)
         highest = float(np.abs(self._equations.score(slope)).max()) / max(noise, 1e-30)
         if not self._touching and highest > TAKEN and self._one_taxel(y, noise):
@@ -356,7 +356,7 @@ class Tracker:
                 self._fit = self._misfit.probability(
                     y,
                     ~unused,
-                    noise * spread,
+                    noise * of_zero,
                     largest=float(np.abs(y).max(initial=0.0)),
                     taken=len(offsets.mean) if follows else 0.0,
                     known=learning.noise_known,
@@ -365,7 +365,7 @@ class Tracker:
         deadline = math.inf if self.budget is None else started + BUDGET_OF_ITERATION * self.budget
         contact = self._contact
         converged = contact.solve(
-            Frame(np.where(np.isfinite(actual), actual, math.nan), noise, deadline, spread),
+            Frame(np.where(np.isfinite(actual), actual, math.nan), noise, deadline, of_zero),
             regular=health.frames % EVERY == 0,
             restarted=follows and self._restarted > 0,
         )

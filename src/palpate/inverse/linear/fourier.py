@@ -106,7 +106,7 @@ class FourierSpectrum:
                 out.append(xp.zeros_like(images[(..., 0, *(slice(None),) * d)]))
         return xp.stack(out, axis=-1 - d)
 
-    def spread(self, rows: Floats) -> tuple[Floats, Floats]:
+    def sums(self, rows: Floats) -> tuple[Floats, Floats]:
         """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface), without a mean that leaves no trace."""
         spectrum = np.moveaxis(rfftn(rows, self.operator.surface.shape) / self._norm, 1, -1)  # (row, *k, component)
         inner = (np.conj(self._back) * spectrum[..., :, None]).sum(axis=-2)  # (row, *k, n)

@@ -178,7 +178,7 @@ class Patterns:
         along: dict[tuple[int, ...], Floats],
         variances: list[Floats],
     ) -> Removed:
-        """Mean and spread of the patterns' sizes over the models of each frame."""
+        """Mean and covariance of the patterns' sizes over the models of each frame."""
         count, q = len(c), len(self.all)
         mean, second = np.zeros((count, q)), np.zeros((count, q, q))
         for i, (model, g) in enumerate(models):
@@ -188,14 +188,14 @@ class Patterns:
                 gain = 1.0 / (g**-2 + model.values[at])
                 vectors = model.vectors[at]
                 size = vectors @ (gain * along[model.members][f, at])
-                spread = variances[i][f, at] * (vectors * gain) @ vectors.T
+                covariance = variances[i][f, at] * (vectors * gain) @ vectors.T
                 mean[f, members] += p * size
-                second[f][np.ix_(members, members)] += p * (spread + np.outer(size, size))
-        spread = second - mean[:, :, None] * mean[:, None, :]
-        eigenvalues, vectors = np.linalg.eigh(spread)
+                second[f][np.ix_(members, members)] += p * (covariance + np.outer(size, size))
+        covariance = second - mean[:, :, None] * mean[:, None, :]
+        eigenvalues, vectors = np.linalg.eigh(covariance)
         kept = slice(-min(DIRECTIONS, q), None)
         root = vectors[:, :, kept] * np.sqrt(np.maximum(eigenvalues[:, None, kept], 0.0))
-        deviation = np.sqrt(np.maximum(np.diagonal(spread, axis1=1, axis2=2), 0.0))
+        deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
         return Removed(
             c - mean @ self.rows,
             np.swapaxes(root, 1, 2) @ self.rows,

@@ -37,7 +37,7 @@ from palpate.inverse.linear.parameter import Filter, amplitude
 from palpate.inverse.linear.spectrum import Spectrum
 from palpate.sensing.grids import Grid
 
-__all__ = ["FINEST", "PATTERN", "UNEXPLAINED", "LinearErrors", "Source", "Spread", "Uncertainty", "unexplained"]
+__all__ = ["FINEST", "PATTERN", "UNEXPLAINED", "LinearErrors", "Source", "Uncertainty", "Variances", "unexplained"]
 
 #: No pad and no grid is known better than this part of the net force: the least error of it that is assumed. A convention, which
 #: matters only where noise is less than that.
@@ -68,7 +68,7 @@ def finest(spectrum: Spectrum, power: Floats) -> Floats:
     return np.asarray((power[:, order] * counts * least).sum(axis=1) / np.maximum((counts * least).sum(), 1.0))
 
 
-class Spread:
+class Variances:
     """Prior and posterior variances of sums of the traction, for any parameter: what does not depend on the frame."""
 
     def __init__(self, spectrum: Spectrum, grid: Grid, columns: tuple[int, ...]) -> None:
@@ -94,11 +94,11 @@ class Spread:
 
     @cached_property
     def force(self) -> tuple[Floats, Floats]:
-        """See `Spectrum.spread`: the net force of each component sought."""
+        """See `Spectrum.sums`: the net force of each component sought."""
         n = len(self.columns)
         rows = np.zeros((n, n, *self.grid.shape))
         rows[np.arange(n), np.arange(n)] = self.grid.cell
-        return self.spectrum.spread(rows)
+        return self.spectrum.sums(rows)
 
     @cached_property
     def moment_rows(self) -> Floats:
@@ -116,8 +116,8 @@ class Spread:
 
     @cached_property
     def moment(self) -> tuple[Floats, Floats]:
-        """See `Spectrum.spread`."""
-        return self.spectrum.spread(self.moment_rows)
+        """See `Spectrum.sums`."""
+        return self.spectrum.sums(self.moment_rows)
 
     @cached_property
     def outside(self) -> Any:
@@ -171,9 +171,9 @@ class LinearErrors(Deferred, Errors):
     _made_of: Source
 
     @classmethod
-    def of(cls, spread: Spread, filter_factors: Filter, traction: Any, known: Uncertainty) -> LinearErrors:
+    def of(cls, variances: Variances, filter_factors: Filter, traction: Any, known: Uncertainty) -> LinearErrors:
         """Of a ``traction`` (*batch, component, *surface) and what is known of each frame."""
-        return cls.made_of(Source(spread, filter_factors, traction, known))
+        return cls.made_of(Source(variances, filter_factors, traction, known))
 
     @classmethod
     def made_of(cls, source: Source) -> LinearErrors:
@@ -225,7 +225,7 @@ _NAMES = tuple(f.name for f in fields(Errors))
 class Source:
     """What the errors of some frames are made of, and how each is made."""
 
-    spread: Spread
+    variances: Variances
     filter: Filter
     traction: Any
     known: Uncertainty
@@ -239,16 +239,16 @@ class Source:
     # -- maps
 
     def traction_error(self) -> Floats:
-        nodes, powers, rest = self.spread.cells
+        nodes, powers, rest = self.variances.cells
         return self._everywhere(np.sqrt(self._cells(nodes, powers, rest)))
 
     def variance_reduction(self) -> Floats:
-        nodes, powers, rest = self.spread.cells
+        nodes, powers, rest = self.variances.cells
         size = self._sizes[0][:, None]
         prior = rest.ravel() + powers.reshape(len(nodes), -1).sum(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             part = 1.0 - self._cells(nodes, powers, rest).reshape(len(size), -1) / (size * prior)
-        shape = (len(part), len(self.spread.columns), *rest.shape[1:])
+        shape = (len(part), len(self.variances.columns), *rest.shape[1:])
         return self._everywhere(np.clip(part, 0.0, 1.0).reshape(shape), fill=math.nan)
 
     def _cells(self, nodes: Floats, powers: Floats, rest: Floats) -> Floats:
@@ -265,27 +265,27 @@ class Source:
     # -- numbers
 
     def force(self) -> Floats:
-        grid, columns = self.spread.grid, list(self.spread.columns)
+        grid, columns = self.variances.grid, list(self.variances.columns)
         rows = np.zeros((len(columns), len(columns), *grid.shape))
         rows[np.arange(len(columns)), np.arange(len(columns))] = grid.cell
         variance = self._summed("force", rows)
         total = self._all[:, columns].reshape(len(variance), len(columns), -1).sum(axis=-1) * grid.cell
         out = np.zeros((len(variance), len(grid.components)))
         out[:, columns] = np.sqrt(variance + (MODEL_FORCE * total) ** 2)
-        out[:, [c for c, seen in zip(columns, self.spread.mean_seen) if not seen]] = math.nan
+        out[:, [c for c, seen in zip(columns, self.variances.mean_seen) if not seen]] = math.nan
         return self._batched(out)
 
     def moment(self) -> Floats:
-        out = np.sqrt(self._summed("moment", self.spread.moment_rows))
-        lost = {c for c, seen in zip(self.spread.columns, self.spread.mean_seen) if not seen}
-        needs = [{1}] if self.spread.grid.dimensions == 1 else [{2}, {2}, {0, 1}]
+        out = np.sqrt(self._summed("moment", self.variances.moment_rows))
+        lost = {c for c, seen in zip(self.variances.columns, self.variances.mean_seen) if not seen}
+        needs = [{1}] if self.variances.grid.dimensions == 1 else [{2}, {2}, {0, 1}]
         out[:, [i for i, n in enumerate(needs) if n & lost]] = math.nan
         return self._batched(out)
 
     def center(self) -> Floats:
-        grid = self.spread.grid
+        grid = self.variances.grid
         out = np.full((self._count, grid.dimensions), math.nan)
-        if not self._presses or not self.spread.mean_seen[-1]:
+        if not self._presses or not self.variances.mean_seen[-1]:
             return self._batched(out)
         out = np.sqrt(self._own(self._center_rows()))
         out[self._all[:, -1].reshape(self._count, -1).max(axis=1) <= 0] = math.nan
@@ -294,7 +294,7 @@ class Source:
     def _center_rows(self) -> Floats:
         """Changes of the centre of pressure with the traction (frame, axis, component sought, *surface)."""
         pressure = self._all[:, -1]
-        rows = np.zeros((self._count, len(self._places), len(self.spread.columns), *self.spread.grid.shape))
+        rows = np.zeros((self._count, len(self._places), len(self.variances.columns), *self.variances.grid.shape))
         for i, p in enumerate(pressure):
             inside = np.where((p > CONTACT * p.max()) & (p.max() > 0), p, 0.0)
             total = inside.sum()
@@ -306,17 +306,17 @@ class Source:
     def peak(self) -> Floats:
         if not self._presses:
             return self._batched(np.full(self._count, math.nan))
-        shape = self.spread.grid.shape
-        rows = np.zeros((self._count, 1, len(self.spread.columns), math.prod(shape)))
+        shape = self.variances.grid.shape
+        rows = np.zeros((self._count, 1, len(self.variances.columns), math.prod(shape)))
         top = self._all[:, -1].reshape(self._count, -1).argmax(axis=1)
         rows[np.arange(self._count), 0, -1, top] = 1.0
         return self._batched(np.sqrt(self._own(rows.reshape(*rows.shape[:3], *shape))[:, 0]))
 
     def _summed(self, name: str, rows: Floats) -> Floats:
-        """Variance (frame, row) of sums that are the same in all frames: ``rows`` w, kept by the spread under a name."""
-        powers, rest = self.spread.force if name == "force" else self.spread.moment
+        """Variance (frame, row) of sums that are the same in all frames: ``rows`` w, kept by the variances under a name."""
+        powers, rest = self.variances.force if name == "force" else self.variances.moment
         parts = []
-        for part, size, weights in self._weights(self.spread.spectrum.eigenvalues):
+        for part, size, weights in self._weights(self.variances.spectrum.eigenvalues):
             variance = weights @ powers.T + size * rest
             if self._patterns is not None:
                 here = self._patterns[part]
@@ -328,9 +328,9 @@ class Source:
     def _own(self, rows: Floats) -> Floats:
         """Variance (frame, row) of sums of their own, ``rows`` (frame, row, component sought, *surface)."""
         parts = []
-        for part, size, weights in self._weights(self.spread.spectrum.eigenvalues):
+        for part, size, weights in self._weights(self.variances.spectrum.eigenvalues):
             here = rows[part]
-            powers, rest = self.spread.spectrum.spread(here.reshape(-1, *here.shape[2:]))
+            powers, rest = self.variances.spectrum.sums(here.reshape(-1, *here.shape[2:]))
             variance = (weights[:, None, :] * powers.reshape(*here.shape[:2], -1)).sum(axis=-1)
             variance = variance + size * rest.reshape(here.shape[:2])
             if self._patterns is not None:
@@ -343,7 +343,7 @@ class Source:
     # -- what was found where nothing is measured: smooth continuation is no observation, and contact that ends is not smooth
 
     def outside_traction(self) -> Floats:
-        return self._batched(np.abs(self._all) * self.spread.outside)
+        return self._batched(np.abs(self._all) * self.variances.outside)
 
     def outside_force(self) -> Floats:
         return self._batched(np.abs(self._far.reshape(*self._far.shape[:2], -1).sum(axis=-1)))
@@ -360,14 +360,14 @@ class Source:
     def outside_center(self) -> Floats:
         out = np.zeros((self._count, len(self._places)))
         if self._presses:
-            weights = self._center_rows()[:, :, -1] * self.spread.outside  # (frame, axis, *surface)
+            weights = self._center_rows()[:, :, -1] * self.variances.outside  # (frame, axis, *surface)
             out = np.abs((weights * self._all[:, None, -1]).reshape(*out.shape, -1).sum(axis=-1))
         return self._batched(out)
 
     def outside_peak(self) -> Floats:
         pressure = self._all[:, -1].reshape(self._count, -1)
         top = pressure.argmax(axis=1)
-        there = self.spread.outside.ravel()[top]
+        there = self.variances.outside.ravel()[top]
         return self._batched(np.abs(pressure[np.arange(self._count), top]) * there)
 
     # -- helpers
@@ -393,23 +393,23 @@ class Source:
     @property
     def _presses(self) -> bool:
         """Whether pressure was sought."""
-        return self.spread.columns[-1] == len(self.spread.grid.components) - 1
+        return self.variances.columns[-1] == len(self.variances.grid.components) - 1
 
     @property
     def _all(self) -> Any:
         """Traction (frame, component, *surface)."""
-        grid = self.spread.grid
+        grid = self.variances.grid
         return to_numpy(self.traction).reshape(-1, len(grid.components), *grid.shape).astype(np.float64)
 
     @property
     def _far(self) -> Any:
         """Force (frame, component, *surface) of the cells outside the outermost taxels."""
-        return self.spread.grid.cell * self._all * self.spread.outside
+        return self.variances.grid.cell * self._all * self.variances.outside
 
     @property
     def _places(self) -> Any:
         """x, then y of every cell."""
-        return np.stack(np.meshgrid(*self.spread.grid.axes, indexing="ij")[::-1])
+        return np.stack(np.meshgrid(*self.variances.grid.axes, indexing="ij")[::-1])
 
     @cached_property
     def _patterns(self) -> Floats | None:
@@ -417,11 +417,11 @@ class Source:
         if self.known.patterns is None:
             return None
         rows = self.known.patterns.reshape(self._count, -1, self.known.patterns.shape[-1])
-        values = self.spread.spectrum.eigenvalues
+        values = self.variances.spectrum.eigenvalues
         phi = self.filter(values[None, :], np.reshape(self.known.parameter, (-1, 1)))
         gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
-        maps = [np.asarray(self.spread.spectrum.solve(part * g)) for part, g in zip(rows, gain)]
-        return np.stack(maps)[:, :, list(self.spread.columns)]
+        maps = [np.asarray(self.variances.spectrum.solve(part * g)) for part, g in zip(rows, gain)]
+        return np.stack(maps)[:, :, list(self.variances.columns)]
 
     @cached_property
     def _sizes(self) -> tuple[Floats, Floats]:
@@ -431,7 +431,7 @@ class Source:
             return np.reshape(known.amplitude, -1), np.reshape(known.noise, -1)
         if known.power is None:
             raise RuntimeError("neither the sizes of noise and traction are given nor what tells them")
-        spectrum = self.spread.spectrum
+        spectrum = self.variances.spectrum
         power = known.power.reshape(self._count, -1)
         floor = None if known.floor is None else np.reshape(known.floor, -1)
         size, noise = amplitude(spectrum.eigenvalues, spectrum.multiplicity, power, floor)
@@ -447,7 +447,7 @@ class Source:
 
     def _everywhere(self, values: Floats, fill: float = 0.0) -> Floats:
         """(*batch, component, *surface) of maps of the components sought."""
-        grid = self.spread.grid
+        grid = self.variances.grid
         out = np.full((len(values), len(grid.components), *grid.shape), fill)
-        out[:, list(self.spread.columns)] = values
+        out[:, list(self.variances.columns)] = values
         return self._batched(out)

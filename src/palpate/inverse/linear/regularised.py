@@ -19,7 +19,7 @@ from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import check_spectrum, check_waves
 from palpate.inverse.linear.parameter import MODEL_ERROR, Filter, check_parameter, choose
 from palpate.inverse.linear.patterns import Patterns
-from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, Spread, Uncertainty, unexplained
+from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, Uncertainty, Variances, unexplained
 from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.spectrum import DataSpectrum, Shared, Spectrum, noise_scales
 from palpate.sensing.operator import Operator
@@ -42,14 +42,14 @@ class Decomposition:
     spectrum: Spectrum
 
     @cached_property
-    def spread(self) -> Spread:
+    def variances(self) -> Variances:
         """How sure estimates with it are."""
-        return Spread(self.spectrum, self.operator.surface, self.columns)
+        return Variances(self.spectrum, self.operator.surface, self.columns)
 
     @property
     def nbytes(self) -> int:
         """Memory that it holds."""
-        return self.spectrum.nbytes + self.spread.nbytes
+        return self.spectrum.nbytes + self.variances.nbytes
 
 
 def decompose(
@@ -149,20 +149,20 @@ class Regularised:
         real = xp.real(coefficients) if xp.isdtype(coefficients.dtype, "complex floating") else coefficients
         traction = self.spectrum.solve(coefficients * from_numpy(gain, real))
         scale = np.sqrt(variance).reshape(batch)
-        spread = None
+        patterns = None
         if removed is not None:
-            spread = removed.directions.reshape(*batch, *removed.directions.shape[1:])
+            patterns = removed.directions.reshape(*batch, *removed.directions.shape[1:])
         if self.absolute:
-            known = Uncertainty(chosen.reshape(batch), np.ones(batch), np.ones(batch), patterns=spread)
+            known = Uncertainty(chosen.reshape(batch), np.ones(batch), np.ones(batch), patterns=patterns)
         else:
             least = None if self.noise_known else floor.reshape(batch)
-            known = Uncertainty(chosen.reshape(batch), power=power.reshape(*batch, -1), floor=least, patterns=spread)
+            known = Uncertainty(chosen.reshape(batch), power=power.reshape(*batch, -1), floor=least, patterns=patterns)
         return Estimate(
             traction,
             chosen.reshape(batch),
             scale,
             residual.reshape(batch),
-            errors=LinearErrors.of(self.decomposition.spread, self.filter, traction, known),
+            errors=LinearErrors.of(self.decomposition.variances, self.filter, traction, known),
             noise_std=scale[..., None] * np.concatenate(self.scales),
             said=tuple(said),
         )

@@ -65,7 +65,7 @@ class Spectrum(Protocol):
         """V weights: traction (..., component, *surface), zero in components not sought."""
         ...
 
-    def spread(self, rows: Floats) -> tuple[Floats, Floats]:
+    def sums(self, rows: Floats) -> tuple[Floats, Floats]:
         """Of sums w't of the traction, ``rows`` (row, component sought, *surface): (w'V_i)^2 (row, n) and w'(W - V V')w (row,)."""
         ...
 
@@ -366,7 +366,7 @@ class DataSpectrum:
         ]
         return xp.stack(parts, axis=-1 - surface.dimensions)
 
-    def spread(self, rows: Floats) -> tuple[Floats, Floats]:
+    def sums(self, rows: Floats) -> tuple[Floats, Floats]:
         """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface)."""
         weighted = np.stack([prior.covariance(rows[:, i]) for i, prior in enumerate(self.priors)], axis=1)
         whole = (rows * weighted).reshape(len(rows), -1).sum(axis=1)

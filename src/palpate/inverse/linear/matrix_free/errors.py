@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.linear.matrix_free.posterior import LONG, TIGHT, SampledSpread
+from palpate.inverse.linear.matrix_free.posterior import LONG, TIGHT, SampledVariances
 from palpate.inverse.linear.matrix_free.rules import Search
 from palpate.inverse.linear.parameter import mean_sizes
 from palpate.inverse.linear.posterior import PATTERN, UNEXPLAINED, Source
@@ -22,13 +22,13 @@ __all__ = ["SampledSource"]
 class SampledSource(Source):
     """What the errors of some frames are made of, by solutions and draws."""
 
-    spread: SampledSpread
+    variances: SampledVariances
 
     def traction_error(self) -> Floats:
         return self._everywhere(np.sqrt(np.stack([v for v, _ in self._variances()])))
 
     def variance_reduction(self) -> Floats:
-        prior = self.spread.prior
+        prior = self.variances.prior
         sizes = self._sizes[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             parts = [1.0 - v / (size * prior) for (v, _), size in zip(self._variances(), sizes)]
@@ -38,7 +38,7 @@ class SampledSource(Source):
         """Variance (component sought, *surface) of each frame."""
         size, noise = self._sizes
         for i, lam in enumerate(np.reshape(self.known.parameter, -1)):
-            first, second = self.spread.maps(float(lam))
+            first, second = self.variances.maps(float(lam))
             variance = size[i] * first + noise[i] * second
             if self._patterns is not None:
                 variance = variance + (self._patterns[i] ** 2).sum(axis=0)
@@ -58,7 +58,7 @@ class SampledSource(Source):
         return out
 
     def _summed(self, name: str, rows: Floats) -> Floats:
-        first, second = self.spread.sums(name, rows, np.reshape(self.known.parameter, -1))
+        first, second = self.variances.sums(name, rows, np.reshape(self.known.parameter, -1))
         size, noise = (each[:, None] for each in self._sizes)
         variance = size * first + noise * second
         if self._patterns is not None:
@@ -71,7 +71,7 @@ class SampledSource(Source):
         parameter = np.reshape(self.known.parameter, -1)
         parts = []
         for i, here in enumerate(rows):
-            first, second = self.spread.own(here, np.full(len(here), parameter[i]))
+            first, second = self.variances.own(here, np.full(len(here), parameter[i]))
             variance = size[i] * first + noise[i] * second
             if self._patterns is not None:
                 flat = self._patterns[i].reshape(len(self._patterns[i]), -1)
@@ -81,7 +81,7 @@ class SampledSource(Source):
 
     @cached_property
     def _sizes(self) -> tuple[Floats, Floats]:
-        known, system = self.known, self.spread.system
+        known, system = self.known, self.variances.system
         if known.amplitude is not None and known.noise is not None:
             return np.reshape(known.amplitude, -1), np.reshape(known.noise, -1)
         if known.rows is None:
@@ -106,7 +106,7 @@ class SampledSource(Source):
     def _patterns(self) -> Floats | None:
         if self.known.patterns is None:
             return None
-        system = self.spread.system
+        system = self.variances.system
         rows = self.known.patterns.reshape(-1, self.known.patterns.shape[-1])
         each = np.repeat(np.reshape(self.known.parameter, -1), len(rows) // self._count)
         solved = system.solve(rows, each, tolerance=TIGHT, most=LONG)

@@ -21,13 +21,13 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.interpolation import between
-from palpate.inverse.linear.posterior import Spread
+from palpate.inverse.linear.posterior import Variances
 from palpate.inverse.linear.spectrum import mirrored
 
 if TYPE_CHECKING:
     from palpate.inverse.linear.matrix_free.system import System
 
-__all__ = ["SampledSpread"]
+__all__ = ["SampledVariances"]
 
 #: Draws of a map: standard deviations are then known to 1/sqrt(2 DRAWS), 13 %; with mirror images (four in area contact) to 6 %.
 DRAWS = 32
@@ -45,7 +45,7 @@ FEW = 4
 TIGHT, LONG = 1e-6, 400
 
 
-class SampledSpread(Spread):
+class SampledVariances(Variances):
     """What error bars of a system need that does not depend on the frame, made when it is first asked for."""
 
     def __init__(self, system: System) -> None:

@@ -81,7 +81,7 @@ class MatrixFree:
             patterns=None if removed is None else removed.reshape(*batch, *removed.shape[1:]),
             rows=None if self.absolute else joined["rows"].reshape(*batch, -1),
         )
-        errors = LinearErrors.made_of(SampledSource(self.system.spread, tikhonov, traction, known))
+        errors = LinearErrors.made_of(SampledSource(self.system.variances, tikhonov, traction, known))
         return Estimate(
             traction,
             chosen,

@@ -12,7 +12,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.freedom import Freedom
 from palpate.inverse.linear.matrix_free.iteration import Solved
 from palpate.inverse.linear.matrix_free.normal import Normal
-from palpate.inverse.linear.matrix_free.posterior import SampledSpread
+from palpate.inverse.linear.matrix_free.posterior import SampledVariances
 from palpate.inverse.linear.matrix_free.spaces import space
 from palpate.inverse.linear.posterior import FINEST
 from palpate.inverse.linear.priors import Prior
@@ -69,15 +69,15 @@ class System:
         return self.space.traction(solved)
 
     @cached_property
-    def spread(self) -> SampledSpread:
+    def variances(self) -> SampledVariances:
         """How sure estimates with it are."""
-        return SampledSpread(self)
+        return SampledVariances(self)
 
     @property
     def nbytes(self) -> int:
         """Memory that it holds."""
         held = self.space.nbytes + self.freedom.nbytes
-        return held + (self.spread.nbytes if "spread" in self.__dict__ else 0)
+        return held + (self.variances.nbytes if "variances" in self.__dict__ else 0)
 
     def finest(self, row: Floats) -> float:
         """Mean power of the part of a row that traction reaches least: no noise that is the same at every wavelength is larger."""
