@@ -47,10 +47,10 @@ class SampledSource(Source):
     def draws(self, count: int, rng: np.random.Generator) -> Floats:
         """Samples of the posterior (frame, draw, component, *surface): the estimate, plus what it errs by on drawn traction and noise."""
         size, noise = self._sizes
-        columns = list(self.spread.columns)
+        columns = list(self.variances.columns)
         out = np.repeat(self._all[:, None], count, axis=1)
         for i, lam in enumerate(np.reshape(self.known.parameter, -1)):
-            error = self.spread.errors(float(lam), size[i], noise[i], count, rng)
+            error = self.variances.errors(float(lam), size[i], noise[i], count, rng)
             if self._patterns is not None:
                 weights = rng.standard_normal((count, len(self._patterns[i])))
                 error += np.tensordot(weights, self._patterns[i], axes=1)
