@@ -47,11 +47,14 @@ def frames(count: int, offset: float = JUMP) -> Iterator[tuple[float, Any]]:
 
 
 def test_a_session_takes_a_new_zero_and_says_so(skin: pp.Skin) -> None:
-    one = Session(skin, lambda: frames(30), skin.track(baseline=0, rezero=None), pp.GraspMonitor(), pace=False)
+    tracker, touching = skin.track(baseline=0, rezero=None), []
+
+    def step(readings: Any, time: float) -> pp.Touch:
+        touching.append(tracker.step(readings, time))
+        return touching[-1]
+
+    one = Session(skin, lambda: frames(30), tracker, pp.GraspMonitor(), pace=False, step=step)
     one.rezero(12)
-    touching = []
-    step = one.tracker.step
-    one.tracker.step = lambda r, t: touching.append(step(r, t)) or touching[-1]  # type: ignore[method-assign]
     one.run()
     found = [Status.coded(int(t.status)) for t in touching]
     assert found[:12] == [Status.CAPTURING_ZERO] * 12

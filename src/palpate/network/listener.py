@@ -113,7 +113,6 @@ class FrameListener:
         self._open = True
         self._kind = kind
         self._connections: dict[str, Any] = {}
-        self._talks: set[asyncio.Task[Any]] = set()
         self._refused: dict[str, float] = {}
         if kind == "ws":
             self._library()
@@ -184,19 +183,20 @@ class FrameListener:
         try:
             await self._end.wait()
         finally:
+            # no more are accepted; those that were come to their end: a server that is closed leaves their sockets open (Python 3.11)
+            with contextlib.suppress(NotImplementedError):
+                self._loop.remove_reader(self._socket)
+            for _ in range(20):
+                self._abort_all()
+                others = asyncio.all_tasks() - {asyncio.current_task()}
+                if not others:
+                    break
+                await asyncio.wait(others, timeout=0.1)
             server.close()
-            self._abort_all()
-            # not left to be cancelled: Python 3.11 writes a traceback for each
-            if self._talks:
-                await asyncio.wait(self._talks, timeout=2)
             await asyncio.sleep(0)  # what was aborted is closed one turn of the loop later
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Frames of one connection, until it leaves or sends what does not begin as a frame: then nothing tells where one begins."""
-        talk = asyncio.current_task()
-        if talk is not None:
-            self._talks.add(talk)
-            talk.add_done_callback(self._talks.discard)
         sender = self._arrived(writer.transport)
         why = None
         try:
