@@ -111,7 +111,7 @@ def watched(source: CameraSource, **options: Any) -> Session:
         pp.GraspMonitor(friction=0.6),
         pace=False,
         end=source.close,
-        step=source.touches.step,
+        step=source.step,
         **options,
     )
     source.report, source.skip = session.note, session.skip

@@ -130,19 +130,23 @@ class Touches:
             if self.tracker is None and reading.index % self.every:
                 continue
             self.last = reading
-            touch = self.alone(reading) if self.tracker is None else self.step(reading.values, reading.time)
+            touch = (
+                self.alone(reading)
+                if self.tracker is None
+                else self.step(reading.values, reading.time, std=reading.std)
+            )
             if reading.fault:
                 touch = replace(touch, assumptions=(*touch.assumptions, f"picture {reading.index}: {reading.fault}"))
             yield touch
 
-    def step(self, values: Floats, time: float) -> Touch:
-        """The touch of displacements (2, n) at a time [s], by the tracker; `Unsupported` where frames are not tracked."""
+    def step(self, values: Floats, time: float, *, std: Floats | None = None) -> Touch:
+        """The touch of displacements (2, n) with their standard deviations at a time [s], by the tracker; `Unsupported` where frames are not tracked."""
         if self.tracker is None:
             raise Unsupported("frames are solved by themselves here; give track=True to follow them.")
         if self._perspective is not None:
             # that of the picture before, as much more or less as the dots have moved: the contact changes little from one to the next
             values = self._perspective.taken_out(values, self._perspective.growth(values))
-        touch = self.tracker.step(values, time)
+        touch = self.tracker.step(values, time, std=std)
         if self._perspective is not None:
             self._perspective.learn(touch)
         return touch

@@ -170,7 +170,7 @@ def live(
         end=end,
         sinks=sinks,
         report=lambda words: typer.echo(f"warning: {words}", err=True),
-        step=None if seen is None else seen.touches.step,
+        step=None if seen is None else seen.step,
     )
     if seen is not None:
         seen.report, seen.skip = session.note, session.skip

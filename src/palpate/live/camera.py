@@ -10,6 +10,7 @@ from palpate.camera import Pictures, Touches, follow, open_pictures
 from palpate.camera.latest import Latest
 from palpate.camera.pictures import VIDEOS
 from palpate.errors import InvalidInput
+from palpate.touch import Touch
 
 __all__ = ["CameraSource"]
 
@@ -31,7 +32,7 @@ class CameraSource:
     Attributes
     ----------
     touches : Touches
-        Its skin has the dots where they were found; its ``step`` is the session's.
+        Its skin has the dots where they were found.
     report : callable
         Told in one sentence what becomes of pictures; a session's ``note``.
     skip : callable
@@ -95,6 +96,7 @@ class CameraSource:
             opened.close()
             raise
         self.name = opened.name
+        self._std: Any = None
 
     def __call__(self) -> Iterator[tuple[float, Any]]:
         """(time [s], displacements (2, n) [m]) of the newest picture; a picture that tells nothing is all NaN.
@@ -111,9 +113,14 @@ class CameraSource:
                 self.report(f"{reading.time:.3f} s  " + (reading.fault or "the pictures are good again"))
                 said = reading.fault
             self.touches.readings.faults.clear()  # a camera may run for days
+            self._std = reading.std
             yield reading.time, reading.values
         if self.touches.readings.pictures.notes:
             raise InvalidInput(" ".join(self.touches.readings.pictures.notes))
+
+    def step(self, values: Any, time: float) -> Touch:
+        """The touch of the displacements that were given last, with their standard deviations."""
+        return self.touches.step(values, time, std=self._std)
 
     def close(self) -> None:
         """End the pictures; who waits for one gets none."""

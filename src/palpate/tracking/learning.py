@@ -41,6 +41,7 @@ class Learning:
     def __init__(self, estimator: ConstrainedEstimator) -> None:
         self._estimator = estimator
         self.noise: float | None = 1.0 if estimator.noise_known else None
+        self._told = self.noise  # given, or told by the zero
         self._from_contact = self.noise is None  # the noise is learned with the penalty, unless the baseline tells it
         self.parameter: float | None = None
         self.resolution: float | None = None
@@ -55,7 +56,11 @@ class Learning:
     def take_noise(self, noise: float | None) -> None:
         """The noise of the frames that were captured as the zero, where they tell it."""
         if self.noise is None and noise is not None:
-            self.noise, self._from_contact = noise, False
+            self.noise, self._told, self._from_contact = noise, noise, False
+
+    def state(self, noise: float) -> None:
+        """The noise of a frame whose source knows it; no less than that of the zero."""
+        self.noise, self._from_contact = max(noise, self._told or 0.0), False
 
     def doubt(self, used: Floats) -> None:
         """Forget a noise that was learned from a frame unlike those that follow: contact would hide in it for ever."""

@@ -239,7 +239,7 @@ class Tracker:
 
     # -- one frame -----------------------------------------------------------------------------------------------------
 
-    def step(self, reading: Any, time: float | None = None) -> Touch:
+    def step(self, reading: Any, time: float | None = None, *, std: Any = None) -> Touch:
         """Contact in the next frame.
 
         Parameters
@@ -250,6 +250,9 @@ class Tracker:
         time : float, optional
             Time of the frame [s]. A time before that of the last frame is taken for a clock that has begun anew: contact is found
             afresh, the zero is kept, and the touch says so in its notes.
+        std : array like ``reading``, optional
+            Standard deviations of these readings, from a source that knows them frame by frame, such as the dots of a camera, which are less well
+            known where they have moved. The noise of the frame is then their typical one, and no less than that of the zero.
 
         Returns
         -------
@@ -262,7 +265,7 @@ class Tracker:
         Raises
         ------
         InvalidInput
-            A reading of the wrong shape or kind, or a time that is not finite; the tracker is then as it was before.
+            A reading or std of the wrong shape or kind, or a time that is not finite; the tracker is then as it was before.
 
         Examples
         --------
@@ -282,11 +285,12 @@ class Tracker:
         flat, like = self._flat(reading)
         if time is not None and not math.isfinite(time):
             raise InvalidInput(f"time must be a finite number of seconds; got {time!r}.")
+        known = None if std is None else self._typical(std)
         frame = self._times.next(time)
         self._said = []
         note = self._note(frame)
         try:
-            status, converged = self._step(flat, frame.elapsed, started)
+            status, converged = self._step(flat, frame.elapsed, started, known)
         except np.linalg.LinAlgError:
             # the next frame begins from nothing, so that what broke this one is not carried on
             self._release()
@@ -308,7 +312,17 @@ class Tracker:
         creep = "; the pad's creep is taken on as if without a pause" if self._filters is not None else ""
         return f"the clock went back from {frame.before:g} s to {frame.now:g} s: contact is found afresh, the zero is kept{creep}"
 
-    def _step(self, flat: Floats, elapsed: float, started: float) -> tuple[Status, bool]:
+    def _typical(self, std: Any) -> float | None:
+        """The typical one of standard deviations that a source states, in units of the readings' own; None where it states none."""
+        scaled = self._flat(std)[0] / self._std
+        if (scaled < 0.0).any():
+            raise InvalidInput(
+                "std must not be negative: standard deviations of the readings, NaN where there are none."
+            )
+        good = scaled[np.isfinite(scaled)]
+        return float(np.median(good)) if good.size else None
+
+    def _step(self, flat: Floats, elapsed: float, started: float, known: float | None) -> tuple[Status, bool]:
         """What becomes of a frame, and whether its iteration converged."""
         health, check, zero, learning, offsets = self.health, self._check, self._zero, self._learning, self._offsets
         health.frames += 1
@@ -319,6 +333,8 @@ class Tracker:
         if zero.baseline is None or zero.capturing:
             learning.take_noise(zero.capture(scaled))
             return Status.CAPTURING_ZERO, True
+        if known is not None:
+            learning.state(known)
         follows = self.drift_time is not None
         of_zero = math.sqrt(1.0 + zero.variance)
         if follows and self._touching:
