@@ -222,7 +222,7 @@ def test_the_command_writes_report_figure_table_and_result(tmp_path: Path, monke
     Path("gel.toml").write_text(TOML)
     for extra, words in (
         (["--out", "res"], "exists"),
-        (["--window", "32", "--out", "b"], "leave them out"),
+        (["--frames", "0,1", "--out", "b"], "leave it out"),
         (["--thickness", "40", "--out", "b"], "has no unit|must be"),
         (["--skin", "gel.toml", "--out", "b"], "give either"),
     ):

@@ -50,7 +50,10 @@ def tfm(
         str | None, typer.Option(help="Numbers of the pictures at rest and pulled in a stack, e.g. -1,0.")
     ] = None,
     window: Annotated[
-        int | None, typer.Option(help="Side of the windows that are compared [pixels]; default: 32.")
+        int | None,
+        typer.Option(
+            help="Side of the windows that are compared, or that a field was made with [pixels]; default: 32 of pictures, points of a field."
+        ),
     ] = None,
     step: Annotated[float | None, typer.Option(help="Pixels between vectors; of pictures: half a window.")] = None,
     unit: Annotated[str | None, typer.Option(help="Of the displacements of a field: px, um, m and so on.")] = None,
@@ -97,13 +100,13 @@ def tfm(
     picture = None if image is None else read_picture(image)
     size = None if picture is None else (int(picture.shape[1]), int(picture.shape[0]))
     if is_field(source):
-        wrong = [o for o, v in (("--frames", frames), ("--window", window)) if v is not None]
+        wrong = ["--frames"] if frames is not None else []
         if wrong:
             raise InvalidInput(
-                f"{' and '.join(wrong)} belong to pictures of beads; {source[0]} holds displacements: leave them out."
+                f"{' and '.join(wrong)} belongs to pictures of beads; {source[0]} holds displacements: leave it out."
             )
         field = read_field(
-            source, pixel=size_of_pixel, unit=unit, step=step, size=size, up=up, name=name, follow=follow
+            source, pixel=size_of_pixel, unit=unit, step=step, size=size, up=up, name=name, follow=follow, window=window
         )
         if not still:
             field = field.without_drift()

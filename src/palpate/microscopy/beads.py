@@ -6,7 +6,8 @@ second picture is deformed by what is known so far, and each window's remaining 
     sum w (g g^T) d = -sum w g r,      r = second(x + u(x)) - first(x),
 
 with the gradient g of the mean of both pictures, so that noise does not add to it, and Gaussian weights w, which leave no wavelength of the
-wrong sign. Its covariance is N^-1 M N^-1, with N = sum w g g^T and M the covariance of the scores w g r, neighbouring pixels counted together (the residuals
+wrong sign; the last time w is the window itself, and what is known already is its mean over the window, so that each displacement is
+that mean. Its covariance is N^-1 M N^-1, with N = sum w g g^T and M the covariance of the scores w g r, neighbouring pixels counted together (the residuals
 of one bead belong together): what the residuals say themselves, whatever made them.
 """
 
@@ -29,7 +30,7 @@ __all__ = ["bead_displacements"]
 #: Standard deviation of the Gaussian weights as a part of the window: it weighs as many pixels as a square of that side.
 SIGMA = 1.0 / 3.545
 #: Rounds of deforming the second picture and looking again; between them the field is smoothed by so many steps.
-ROUNDS, SMOOTHED = 4, 0.7
+ROUNDS, SMOOTHED = 5, 0.4
 #: Pixels around which residuals count as one.
 TOGETHER = 5
 #: Neighbours' median test: how far off in units of the neighbours' own spread, and the spread that is always there [px].
@@ -71,7 +72,8 @@ def bead_displacements(
     Returns
     -------
     Field
-        With ``std``, the standard deviation of each displacement, and ``correlation``, over which windows share their noise.
+        With ``std``, the standard deviation of each displacement, and ``aperture``: each displacement is the mean over its
+        window.
 
     Raises
     ------
@@ -116,12 +118,12 @@ def bead_displacements(
         )
     u = _coarse(a, b, grid, window)
     fine = _Fine(a, b, grid, window, step)
-    for _ in range(ROUNDS):
+    for last in (*[False] * (ROUNDS - 1), True):
         u = _mended(u)[0]
         smooth = np.stack(
             [scipy.ndimage.gaussian_filter(c, SMOOTHED * max(1.0, window / (2.0 * step)), mode="nearest") for c in u]
         )
-        u, std, alike = fine.round(smooth)
+        u, std, alike = fine.round(smooth, means=last)
     if not np.nanmedian(alike) > ALIKE:
         raise InvalidInput(
             f"the pictures do not show the same beads in the same places: windows correlate by {float(np.nanmedian(alike)):.2f} after deformation. Are they a pair, in "
@@ -145,16 +147,13 @@ def bead_displacements(
                 f"{count} of {bad.size} windows show no displacement that their neighbours share: take larger windows, or sharper pictures with more beads."
             )
     std = np.where(bad, np.nan, np.hypot(std, FLOOR))
-    sigma = SIGMA * window
-    # Gaussian weights share exp(-d^2/4 sigma^2) at a distance d; of the neighbour it is told as exp(-d/length)
-    shared = (step / (2.0 * sigma)) ** 2
     field = Field(
         displacement=u * pixel,
         start=(float(grid[1][0]), float(grid[0][0])),
         step=float(step),
         pixel=float(pixel),
         std=std * pixel,
-        correlation=0.0 if np.isnan(u).any() else float(step * pixel / shared) if shared < 4.0 else 0.0,
+        aperture=float(window * pixel),
         notes=tuple(notes),
     )
     return field.without_drift() if drift else field
@@ -250,24 +249,34 @@ class _Fine:
     """Least squares on the deformed picture."""
 
     def __init__(self, a: Floats, b: Floats, grid: Any, window: int, step: int) -> None:
-        self.a, self.grid, self.sigma, self.step = a, grid, SIGMA * window, step
+        self.a, self.grid, self.window, self.sigma, self.step = a, grid, window, SIGMA * window, step
         self.spline = scipy.ndimage.spline_filter(b, order=3, output=np.float32, mode="mirror")
         self.rows, self.columns = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in a.shape), indexing="ij")
         self.places = np.meshgrid(
             *((np.arange(n) - g[0]) / step for n, g in zip(a.shape, grid)), indexing="ij"
         )  # pixels in steps of the grid
 
-    def _summed(self, image: Floats, sigma: float) -> Floats:
-        """Weighted means about the grid's points."""
-        smooth = scipy.ndimage.gaussian_filter(image, sigma, mode="constant", truncate=2.6)
-        rows, columns = (np.rint(g).astype(int) for g in self.grid)
+    def _summed(self, image: Floats, weights: str, mode: str = "constant") -> Floats:
+        """Weighted means about the grid's points: "gaussian", its "square", or "box", the window itself."""
+        if weights == "box":
+            smooth = scipy.ndimage.uniform_filter(image, self.window, mode=mode)
+        else:
+            sigma = self.sigma / np.sqrt(2.0) if weights == "square" else self.sigma
+            smooth = scipy.ndimage.gaussian_filter(image, sigma, mode=mode, truncate=2.6)
+        # windows of an even side lie between pixels, where the filter's own are half a pixel before
+        rows, columns = (np.floor(g + 0.5).astype(int) for g in self.grid)
         return np.asarray(smooth[np.ix_(rows, columns)], dtype=np.float64)
 
-    def round(self, known: Floats) -> tuple[Floats, Floats, Floats]:
-        """Displacements, standard deviations [px] and how alike the windows are, from a field that is known already."""
+    def round(self, known: Floats, *, means: bool) -> tuple[Floats, Floats, Floats]:
+        """Displacements, standard deviations [px] and how alike the windows are, from a field that is known already.
+
+        ``means``: displacements are means over their windows, with its weights and no others: what is known is weighed by them, and only what is left by the
+        beads that happen to be there.
+        """
         dense = [
             scipy.ndimage.map_coordinates(c, self.places, order=1, mode="nearest", output=np.float32) for c in known
         ]
+        weights = "box" if means else "gaussian"
         rows, columns = self.rows + dense[1], self.columns + dense[0]
         inside = (
             (rows >= 0) & (rows <= self.a.shape[0] - 1) & (columns >= 0) & (columns <= self.a.shape[1] - 1)
@@ -278,10 +287,10 @@ class _Fine:
         r = (warped - self.a) * inside
         mean = 0.5 * (warped + self.a)
         gy, gx = (_slope(mean, axis) * inside for axis in (0, 1))
-        nxx, nxy, nyy = (self._summed(p, self.sigma) for p in (gx * gx, gx * gy, gy * gy))
+        nxx, nxy, nyy = (self._summed(p, weights) for p in (gx * gx, gx * gy, gy * gy))
         sx, sy = gx * r, gy * r
-        bx, by = self._summed(sx, self.sigma), self._summed(sy, self.sigma)
-        both = (self._summed(p * inside, self.sigma) for p in (warped * self.a, warped * warped, self.a * self.a))
+        bx, by = self._summed(sx, weights), self._summed(sy, weights)
+        both = (self._summed(p * inside, weights) for p in (warped * self.a, warped * warped, self.a * self.a))
         ab, bb, aa = both
         det = nxx * nyy - nxy**2
         good = det > 1e-6 * np.median(nxx + nyy) ** 2
@@ -290,20 +299,14 @@ class _Fine:
         # no step beyond what a linear model of a bead can tell
         size = np.hypot(dx, dy)
         shorter = np.minimum(1.0, 2.0 / np.maximum(size, 1e-9))
-        u = known + np.where(good, np.stack([dx, dy]) * shorter, np.nan)
+        before = np.stack([self._summed(c, weights, mode="nearest") for c in dense]) if means else known
+        u = before + np.where(good, np.stack([dx, dy]) * shorter, np.nan)
         near = [scipy.ndimage.uniform_filter(s, TOGETHER, mode="constant") * TOGETHER**2 for s in (sx, sy)]
-        # w^2 of Gaussian weights w is Gaussian too, sigma/sqrt(2) wide
-        factor = 1.0 / (4.0 * np.pi * self.sigma**2)
-        mxx, myy = (factor * self._summed(s * n, self.sigma / np.sqrt(2.0)) for s, n in zip((sx, sy), near))
-        mxy = (
-            factor
-            * 0.5
-            * (
-                self._summed(sx * near[1], self.sigma / np.sqrt(2.0))
-                + self._summed(sy * near[0], self.sigma / np.sqrt(2.0))
-            )
-        )
-        least = [factor * self._summed(s * s, self.sigma / np.sqrt(2.0)) for s in (sx, sy)]
+        # w^2 of Gaussian weights w is Gaussian too, sigma/sqrt(2) wide; of a box it is the box
+        squared, factor = ("box", 1.0 / self.window**2) if means else ("square", 1.0 / (4.0 * np.pi * self.sigma**2))
+        mxx, myy = (factor * self._summed(s * n, squared) for s, n in zip((sx, sy), near))
+        mxy = factor * 0.5 * (self._summed(sx * near[1], squared) + self._summed(sy * near[0], squared))
+        least = [factor * self._summed(s * s, squared) for s in (sx, sy)]
         mxx, myy = np.maximum(mxx, least[0]), np.maximum(myy, least[1])
         vx = (nyy**2 * mxx - 2 * nxy * nyy * mxy + nxy**2 * myy) / safe**2
         vy = (nxx**2 * myy - 2 * nxy * nxx * mxy + nxy**2 * mxx) / safe**2

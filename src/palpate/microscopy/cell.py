@@ -244,7 +244,7 @@ def cell_forces(
     depth : float
         Of the beads below the surface [m].
     noise : float, optional
-        Standard deviation of the displacements [m]; by default that of the field (`Field.std`), or it is learned where the field has none.
+        Standard deviation of the displacements [m]; by default that of the field (`Field.noise`), or it is learned where the field has none.
     order, rule
         As for `Tikhonov`.
     drift : bool
@@ -270,7 +270,8 @@ def cell_forces(
     - torque about the cell's middle and net force, which a cell that is wholly in view keeps at zero.
 
     Errors are standard deviations over the samples. To that of the energy and of sums of sizes |t| is added, in quadrature, the difference between the mean
-    of the samples and the value itself: what the readings do not resolve.
+    of the samples and that of the estimate: what the readings do not resolve. The energy itself lies in the middle of both: regularisation makes that of
+    the estimate small, and the samples hold all that the prior thinks possible.
 
     Raises
     ------
@@ -303,8 +304,8 @@ def cell_forces(
         size = (int(np.shape(picture)[1]), int(np.shape(picture)[0]))
     name = str(mask) if isinstance(mask, str | Path) else "the mask"
     inside = np.ones(field.shape, dtype=bool) if corners is None else on_grid(corners, field, size=size, name=name)
-    if noise is None and field.std is not None and np.isfinite(field.std).any():
-        noise = float(np.sqrt(np.nanmedian(field.std**2)))
+    if noise is None:
+        noise = field.noise
     done = inverted(
         field, pad, depth=depth, noise=noise, order=order, rule=rule, nuisance="auto" if drift else (), uncertainty=uncertainty, draws=draws, seed=seed,
     )  # fmt: skip
@@ -474,6 +475,8 @@ def _numbers(
         variance = float(np.var(samples, ddof=1)) + (modulus * value) ** 2
         if sized:
             variance += (float(samples.mean()) - value) ** 2
+        if key == "strain_energy":
+            value = 0.5 * (value + float(samples.mean()))
         quantities[key] = Quantity(label, unit, value, math.sqrt(variance), expected, why)
     if masked:
         quantities["area"] = Quantity("area of the cell", "m^2", float(inside.sum() * cell), 0.0)

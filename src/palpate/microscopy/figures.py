@@ -141,14 +141,14 @@ def _outline(axes: Any, forces: CellForces) -> None:
     if forces.mask is not None and forces.mask.dtype != np.bool_:
         axes.plot(*np.concatenate([forces.mask, forces.mask[:1]]).T, color="white", lw=1.1, ls="--", zorder=4)
         return
-    field = forces.field
-    rows, columns = field.shape
-    if forces.inside.all():
-        return
-    axes.contour(
-        field.start[0] + field.step * np.arange(columns), field.start[1] + field.step * np.arange(rows), forces.inside.astype(float), levels=[0.5],
-        colors="white", linewidths=1.1, linestyles="--", zorder=4,
-    )  # fmt: skip
+    field, shape = forces.field, forces.inside.shape
+    if forces.mask is not None and forces.mask.shape != shape:  # in pixels of the picture
+        values, places = forces.mask, [np.arange(n, dtype=np.float64) for n in forces.mask.shape]
+    else:
+        values, places = forces.inside, [s + field.step * np.arange(n) for s, n in zip(field.start[::-1], shape)]
+    if not values.all():
+        style: dict[str, Any] = {"colors": "white", "linewidths": 1.1, "linestyles": "--", "zorder": 4}
+        axes.contour(places[1], places[0], values.astype(float), levels=[0.5], **style)
 
 
 def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:

@@ -36,6 +36,7 @@ def read_field(
     up: bool = False,
     name: str | None = None,
     follow: bool = False,
+    window: float | None = None,
 ) -> Field:
     """A displacement field that another program made.
 
@@ -61,6 +62,8 @@ def read_field(
         Which field of a file that holds several.
     follow : bool
         The vectors of a table belong to where the markers went: each position is moved by its own vector.
+    window : float, optional
+        Side [px] of the windows that the program compared: each vector is then taken as the mean over its window. None: as values at points.
 
     Returns
     -------
@@ -105,7 +108,7 @@ def read_field(
     if not 1 <= len(paths) <= 2:
         raise InvalidInput(f"a field is one file, or two with one component each; got {len(paths)}.")
     found = _pair(paths, name) if len(paths) == 2 else READERS[paths[0].suffix.lower()](paths[0], name)
-    return _field(found, paths[0], pixel, unit, step, start, size, up, follow)
+    return _field(found, paths[0], pixel, unit, step, start, size, up, follow, window)
 
 
 def is_field(paths: Sequence[str | Path]) -> bool:
@@ -303,8 +306,11 @@ def _field(
     size: tuple[int, int] | None,
     up: bool,
     follow: bool,
+    window: float | None,
 ) -> Field:
     notes = list(found.notes)
+    if window is not None and not (np.isfinite(window) and window > 0):
+        raise InvalidInput(f"window must be a positive number of pixels; got {window!r}.")
     said = found.unit
     if said is not None and said != "px" and said not in UNITS["length"]:
         raise InvalidInput(f"{path}: displacements in {said!r}; accepted: px, {', '.join(UNITS['length'])}.")
@@ -356,7 +362,7 @@ def _field(
             )
     return Field(
         displacement=values * factor, start=(float(start[0]), float(start[1])), step=float(step), pixel=float(pixel),
-        std=None if std is None else std * factor, notes=tuple(notes),
+        std=None if std is None else std * factor, aperture=(window or 0.0) * pixel, notes=tuple(notes),
     )  # fmt: skip
 
 
