@@ -64,7 +64,7 @@ class Estimate:
     analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame), ``resolution`` [m] and
     ``sliding`` (probability that the contact slides as a whole; NaN where nothing touches). ``method`` (*batch) is the short name of what
     decided each frame, where it was not the same for all. ``said`` is what the method says of the batch in words. ``sign`` (*batch)
-    is 1 where traction was found as a push, -1 as a pull, 0 where it does both. ``fit`` (*batch) is the misfit probability
+    is 1 where traction was found as a push, -1 as a pull, 2 as a push with pull about it, 0 where it does both. ``fit`` (*batch) is the misfit probability
     (`palpate.inverse.fit`), ``nuisance`` and
     ``nuisance_std`` (*batch, term) the sizes of what readings hold besides contact, ``nuisance_names`` the label and unit of each, ``at_limit``
     (*batch, reading) the readings at an end of their range.
@@ -106,7 +106,7 @@ class Estimate:
         if self.pushed is not None:
             # a frame that another method took over is solved
             other = np.zeros(np.shape(code), dtype=bool) if self.method is None else self.method != "adaptive"
-            pulls = np.zeros(np.shape(code), dtype=bool) if self.sign is None else self.sign < 0
+            pulls = np.zeros(np.shape(code), dtype=bool) if self.sign is None else (self.sign < 0) | (self.sign > 1)
             code[~self.pushed & ~other & ~pulls] = Status.NOT_PUSHING
         return code
 

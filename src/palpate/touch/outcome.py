@@ -67,6 +67,7 @@ class Outcome:
     pulls: int = 0
     linear: int = 0
     unexplained: int = 0
+    rims: int = 0
     left_out: Mapping[int, str] = field(default_factory=dict)
     at_limit: int = 0
     most_at_limit: int = 0
@@ -82,11 +83,13 @@ class Outcome:
             codes, counts = np.unique(touch.status, return_counts=True)
             status = {int(c): int(n) for c, n in zip(codes, counts)}
         pulls = pulling(touch)
-        linear = unexplained = 0
+        linear = unexplained = rims = 0
         if touch.pushing is not None:
             by_line = (touch.methods != "adaptive") & (touch.methods != "constrained") & ~touch.pushing
             linear = int(np.count_nonzero(by_line))
-            unexplained = int(np.count_nonzero(~touch.pushing & ~by_line & ~pulls))
+            neither = ~touch.pushing & ~by_line & ~pulls
+            both = neither & (False if touch.status is None else touch.status == int(Status.SOLVED))
+            rims, unexplained = int(np.count_nonzero(both)), int(np.count_nonzero(neither & ~both))
         left_out: dict[int, str] = {}
         if touch.outliers is not None:
             rows = np.flatnonzero(touch.outliers.reshape(-1, touch.outliers.shape[-1]).any(axis=0))
@@ -107,6 +110,7 @@ class Outcome:
             int(np.count_nonzero(pulls)),
             linear,
             unexplained,
+            rims,
             left_out,
             at_limit,
             most,
@@ -127,6 +131,7 @@ class Outcome:
             self.pulls + other.pulls,
             self.linear + other.linear,
             self.unexplained + other.unexplained,
+            self.rims + other.rims,
             dict(sorted({**self.left_out, **other.left_out}.items())),
             self.at_limit + other.at_limit,
             max(self.most_at_limit, other.most_at_limit),
@@ -169,6 +174,7 @@ class Outcome:
             said.append(f"the readings pull as a whole{some(self.pulls)}: adhesion, or a wrong sign of the readings?")
         for count, what in (
             (self.linear, "; the linear method was used"),
+            (self.rims, "; pull about it was sought too"),
             (self.unexplained, '; method="tikhonov" assumes nothing of the kind'),
         ):
             if count:
@@ -209,9 +215,10 @@ def pulling(touch: Touch) -> npt.NDArray[np.bool_]:
     if touch.pushing is None:
         return np.zeros(touch.batch, dtype=bool)
     d = touch.surface.dimensions
-    total = np.take(to_numpy(touch.values), -1, axis=-1 - d).sum(axis=tuple(range(-d, 0)))
+    pressure = np.take(to_numpy(touch.values), -1, axis=-1 - d)
+    axes = tuple(range(-d, 0))
     known = (touch.methods == "adaptive") | (touch.methods == "constrained")
-    return np.asarray(~touch.pushing & known & (total < 0))
+    return np.asarray(~touch.pushing & known & (pressure.sum(axis=axes) < 0) & (pressure.max(axis=axes) <= 0))
 
 
 def _nuisances(touch: Touch) -> tuple[Nuisance, ...]:

@@ -36,6 +36,7 @@ from palpate.inverse.contact.posterior import AMBIGUOUS_COUPLED, AMBIGUOUS_FORCE
 from palpate.inverse.contact.products import AT_SIZE, FIRST_AT_SIZE, Applied, Products
 from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven
+from palpate.inverse.contact.rims import with_rims
 from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, silent
 from palpate.inverse.contact.start import LinearStart, linear_models
 from palpate.inverse.contact.summary import Summary
@@ -319,6 +320,7 @@ class ConstrainedEstimator:
             found = self.start.screened(data, alive & ~limits, self.shifts, self.thresholds)
             usable &= ~found.broken
             filled = np.where(usable, data, found.explained)
+        screened = filled, usable
         quiet = explained_by_noise(self, filled, usable)
         h = quiet or hypothesis_of(self, filled, usable, self.terms, signs=self.signs)
         if self.parts.outliers and quiet is None:
@@ -331,7 +333,9 @@ class ConstrainedEstimator:
             everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > self.thresholds.everywhere
             if chance < self.thresholds.structured_chance or everywhere:
                 return self._unexplained(data, ~usable, chance)
-        return self._framed(self._run(h, filled, alive, usable, ends), data, ends, rng)
+        run = self._run(h, filled, alive, usable, ends)
+        frame = self._framed(run, data, ends, rng)
+        return with_rims(self, run, frame, *screened, ends, rng) or frame
 
     @cached_property
     def shifts(self) -> Floats:

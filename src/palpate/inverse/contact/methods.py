@@ -104,8 +104,8 @@ class Constrained(Method):
 class Automatic(Method):
     """The default: `Adaptive` where pressure can be sought, frame by frame; `Tikhonov` for frames that pull and where nothing else can.
 
-    A frame that contact which only pushes does not explain (adhesion, cells that pull) is given to `Tikhonov`, unless ``friction`` says
-    that there is contact. What other frames hold makes no difference.
+    A frame that contact which only pushes does not explain is sought with pull about it (adhesion); where that does not explain it either (cells
+    that pull), it is given to `Tikhonov`, unless ``friction`` says that there is contact. What other frames hold makes no difference.
 
     Examples
     --------
@@ -162,8 +162,8 @@ class AutomaticEstimator:
         method = np.full(batch, Adaptive.name)
         if self._pulling is None or found.pushed is None or found.sign is None:
             return replace(found, method=method)
-        # a pull as a whole is a push of the other sign, and solved as such
-        pulls = ~found.pushed & (found.sign >= 0)
+        # a pull as a whole is a push of the other sign, and solved as such; so is a push with pull about it
+        pulls = ~found.pushed & (found.sign >= 0) & (found.sign < 2)
         if not pulls.any():
             return replace(found, method=method)
         if pulls.all():

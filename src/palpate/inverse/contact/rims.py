@@ -1,0 +1,168 @@
+"""Contact that pushes and pulls at once: an adhesive rim, or what else pulls about a push.
+
+Where contact that only pushes leaves more than noise, the same models are made without the cone over the contact and a margin about it: a
+rim of adhesion is a part of the contact's own size (K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. A 324, 1971, 301-313), and
+farther out nothing pulls. Their answer counts where noise is what they leave.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.cone import Cone
+from palpate.inverse.contact.frame import Frame, Run
+from palpate.inverse.contact.model import ContactModel, dilated
+from palpate.inverse.contact.products import Applied
+from palpate.inverse.contact.screening import Ceilings
+from palpate.inverse.contact.variances import taken_by
+from palpate.inverse.linear.evidence import LinearEvidence
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.adaptive import AdaptiveEstimator
+    from palpate.inverse.contact.constrained import ConstrainedEstimator
+
+__all__ = ["with_rims"]
+
+Flags = npt.NDArray[np.bool_]
+
+#: Misfit probability below which pull about a contact is looked for, and above which it is believed where a push is not possible at all.
+DOUBT, MISFIT = 0.05, 0.01
+#: Cells of less than this part of the peak pressure do not make a contact; the margin as a part of its radius. A rim is narrower.
+FAINT, MARGIN = 0.05, 0.5
+#: Most unknowns: none of them is at a bound, so that each is solved for.
+UNKNOWNS = 1500
+#: Traction that is so many times that of the push is made of pushes and pulls that cancel in the readings; and pressure pulls no harder
+#: than it pushes.
+CANCEL, HARDEST = 3.0, 1.0
+#: Rounds in which the noise is learned; it comes to rest within this factor.
+ROUNDS, SETTLED = 4, 1.2
+
+
+def with_rims(
+    estimator: ConstrainedEstimator,
+    run: Run,
+    frame: Frame,
+    raw: Floats,
+    usable: Flags,
+    ends: Ceilings | None,
+    rng: np.random.Generator | None,
+) -> Frame | None:
+    """The frame with traction of either sign about its contact; None where that explains it no better, or is not worth trying.
+
+    ``raw`` are the readings and ``usable`` those that count, before any was left out that contact which pushes does not explain.
+    """
+    if 0 not in estimator.signs or not run.members or not (frame.fit < DOUBT or run.hypothesis.sign == 0):
+        return None
+    if any(isinstance(m.data.matrix, Applied) for m in run.members):
+        return None
+    size = np.abs(frame.traction[-1])
+    core = size > FAINT * size.max()
+    radius = 0.5 * core.sum() ** (1.0 / core.ndim)
+    region = dilated(core, 1 + math.ceil(MARGIN * radius))
+    if not core.any() or region.sum() * len(estimator.columns) > UNKNOWNS:
+        return None
+    h = run.hypothesis
+    # where it is not known what the contact does, neither is how much of the array's edge is loaded
+    h = replace(h, rough=replace(h.rough, ring=estimator.ring_load(size)))
+    limited = np.zeros(len(raw), dtype=bool) if ends is None else ends.upper | ends.lower
+    free = _without_cone(estimator)
+    # an offset that was found with a push may be what a rim leaves
+    without = replace(h, sizes=np.zeros_like(h.sizes), present=np.zeros_like(h.present))
+    for each in [without, h] if h.present.any() else [h]:
+        data = (h.sign or 1) * (raw - estimator.shifts @ each.sizes)
+        whole = replace(run, hypothesis=each, data=data, observed=run.observed | (usable & ~limited))
+        other = _run(free, whole, size, region)
+        if h.sign and not _gain(free, run, other) > estimator.thresholds.contact:
+            continue
+        found = free._framed(other, raw, ends, rng)
+        pressure = (h.sign or 1) * found.traction[-1]
+        cancels = np.abs(found.traction).sum() > CANCEL * np.abs(frame.traction).sum()
+        least = min(frame.fit, MISFIT) if h.sign and each is h else MISFIT
+        if found.fit > least and not cancels and -pressure.min() <= HARDEST * pressure.max():
+            return replace(found, sign=2, pushed=False)
+    return None
+
+
+def _without_cone(estimator: ConstrainedEstimator) -> AdaptiveEstimator:
+    """The same estimator whose traction may have either sign."""
+    free = cast("AdaptiveEstimator", copy.copy(estimator))
+    free.cone = Cone(estimator.cone.components, tension=True)
+    free.parts = replace(estimator.parts, shear_in_contact=False, trim=False)
+    free.thresholds = replace(estimator.thresholds, unknowns=UNKNOWNS)
+    free.posterior = copy.copy(estimator.posterior)
+    free.posterior.cone = free.cone
+    return free
+
+
+def _run(free: AdaptiveEstimator, run: Run, size: Floats, region: Flags) -> Run:
+    """The models over a region, with noise learned from what they leave."""
+    readings, data, observed = free.readings, run.data, run.observed
+    first = np.zeros((len(free.columns), size.size))
+    first[-1] = size.ravel()
+    floor = free.least_noise(data)
+    rows = readings.planes(data)
+    # from what a push leaves downwards: a linear model may follow any readings
+    known = None if free.noise_known else float(np.median(run.noise / readings.std))
+    levels: Floats | None = None
+    for turn in range(ROUNDS):
+        evidence: Mapping[int, LinearEvidence] = {
+            o: free.evidence(each, rows, known) for o, each in free.orders.items()
+        }
+        scale = max(evidence[1].scale, floor)
+        noise = readings.std * (scale if levels is None else np.maximum(levels[free.noise.index], floor))
+        models = free._ensemble(region, first, data / noise, noise, observed, evidence)
+        leading = next(models)
+        if free.noise_known or turn == ROUNDS - 1:
+            break
+        if levels is None:
+            levels = free.noise.levels(leading, data / noise, noise, observed, unequal=True)
+            if levels is not None:
+                continue
+        spent = taken_by(leading) / max(float(observed.sum()), 1.0)
+        left = scale * _left(free, leading, replace(run, noise=noise)) / math.sqrt(max(1.0 - spent, 1e-3))
+        if max(left / scale, scale / max(left, 1e-300)) < SETTLED:
+            break
+        known = left
+    members: list[ContactModel] = [leading, *models]
+    return replace(
+        run,
+        members=members,
+        noise=noise,
+        parameter=evidence[1].parameter,
+        scale=scale,
+        levels=levels,
+        limit=math.inf,
+    )
+
+
+def _gain(free: AdaptiveEstimator, push: Run, other: Run) -> float:
+    """Log likelihood that the degrees of freedom of traction of either sign gain on those of a push, over their number (H. Akaike, IEEE
+    Trans. Automatic Control 19, 1974, 716-723).
+    """
+    squares, taken = [], []
+    unit = free.readings.std
+    for run in (push, other):
+        model, noise = run.members[0], float(np.median(run.noise / unit))
+        squares.append((noise * _left(free, model, run)) ** 2)
+        taken.append(taken_by(model))
+    n = float(other.observed.sum())
+    if free.noise_known:
+        gain = 0.5 * n * (squares[0] - squares[1])
+    else:
+        gain = 0.5 * n * math.log(squares[0] / max(squares[1], 1e-300))
+    return gain - (taken[1] - taken[0])
+
+
+def _left(free: AdaptiveEstimator, model: ContactModel, run: Run) -> float:
+    """Root mean square of what a model leaves, in units of the noise."""
+    observed = run.observed
+    y = free.readings.white((run.data / run.noise)[observed], observed)
+    return float(np.sqrt(np.mean((model.data.matrix @ model.solution.traction.ravel() - y) ** 2)))

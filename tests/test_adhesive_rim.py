@@ -1,0 +1,65 @@
+"""Adhesion: a contact pushes in its middle and pulls at its rim."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from long_runs import long_runs
+from palpate.elastic.pad import Floats
+
+PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
+PITCH = 2e-3
+FINE = pp.AreaGrid(shape=(76, 76), spacing=0.3e-3)
+
+
+def _array(channels: list[str], noise: float | None = None) -> pp.AreaArray:
+    return pp.AreaArray(shape=(11, 11), pitch=PITCH, depth=2.2e-3, channels=channels, noise=noise)
+
+
+def _jkr() -> Floats:
+    """Traction (component, y, x): p = 3 N/(2 pi a^2) sqrt(1 - r^2/a^2) - P/(2 pi a^2 sqrt(1 - r^2/a^2)), what a ball and a punch leave that
+    are pressed and pulled (K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. A 324, 1971, 301-313).
+    """
+    y, x = FINE.axes
+    ball = pp.solutions.hertz_point(radius=7e-3, force=1.2).shifted(0.4e-3, -0.7e-3)
+    pull = pp.solutions.flat_punch(radius=7e-3, force=0.7).shifted(0.4e-3, -0.7e-3)
+    return np.asarray(ball.averages(x, y) - pull.averages(x, y))
+
+
+@pytest.mark.parametrize(
+    ("channels", "given"),
+    [
+        (["stress_zz"], True),
+        *long_runs((["stress_zz"], False), (["stress_xz", "stress_yz", "stress_zz"], True), (["displacement_z"], True)),
+    ],
+)
+def test_net_force_of_an_adhesive_contact_is_held(channels: list[str], given: bool) -> None:
+    traction = _jkr()
+    force = float(traction[-1].sum() * FINE.cell)
+    assert force == pytest.approx(0.5, rel=0.05)  # of 1.2 N pushed and 0.7 N pulled
+    clean = np.asarray(pp.Skin(PAD, _array(channels), surface=FINE).sense(traction))
+    std = 0.01 * float(np.abs(clean).max())
+    skin = pp.Skin(PAD, _array(channels, std if given else None))
+    touch = skin.reconstruct(clean + std * np.random.default_rng(3).standard_normal((2, *clean.shape)))
+    low, high = (np.asarray(side)[:, 2] for side in touch.interval(0.95, "force"))
+    # before: 1.00 to 1.20 of it, three channels and displacements outside their intervals; not given, intervals of +- 17 %
+    assert np.abs(np.asarray(touch.force)[:, 2] / force - 1.0).max() < 0.05
+    assert ((low < force) & (force < high)).all()
+    assert (high - low).max() < 0.4 * force
+    assert np.median(touch.fit) > 0.01
+    # the rim's pull is part of the answer, and is said
+    assert (np.asarray(touch.values)[:, -1].min(axis=(-2, -1)) < 0.0).all()
+    assert not np.asarray(touch.pushing).any()
+    assert any("pull about it was sought too" in note for note in touch.notes)
+
+
+def test_a_push_is_not_taken_for_an_adhesive_one() -> None:
+    contact = pp.solutions.hertz_point(radius=7e-3, force=0.4)
+    clean = np.asarray(pp.Skin(PAD, _array(["stress_zz"])).sense(contact))
+    std = 0.01 * float(np.abs(clean).max())
+    skin = pp.Skin(PAD, _array(["stress_zz"], std))
+    touch = skin.reconstruct(clean + std * np.random.default_rng(4).standard_normal((2, *clean.shape)))
+    assert np.asarray(touch.pushing).all()
+    assert np.asarray(touch.values)[:, -1].min() >= 0.0
