@@ -52,7 +52,10 @@ class CameraSource:
     >>> from pathlib import Path
     >>> text = '''
     ... [pad]
-    ... kind = "half_space"
+    ... kind = "bonded_layers"
+    ...
+    ... [[pad.layer]]
+    ... thickness = "4 mm"
     ... youngs_modulus = "300 kPa"
     ... poissons_ratio = 0.45
     ...
@@ -65,7 +68,7 @@ class CameraSource:
     ... scale = "0.1 mm"
     ... reference = 2
     ... '''
-    >>> pad = pp.HalfSpace(youngs_modulus=3e5, poissons_ratio=0.45)
+    >>> pad = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.45)])
     >>> scene = Scene(pad=pad, depth=1e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = Path(f"{folder}/gel.toml").write_text(text)

@@ -147,7 +147,14 @@ class TableMapping:
 
     @property
     def wide(self) -> bool:
-        """Whether a line holds a whole frame."""
+        """Whether a line holds a whole frame.
+
+        Examples
+        --------
+        >>> from palpate.recordings import TableMapping
+        >>> TableMapping(channels={"stress_zz": "taxel{}"}).wide, TableMapping(frame="f", channels={"stress_zz": "counts"}).wide
+        (True, False)
+        """
         named = [self.x, self.y, *self.channels.values()]
         kinds = {_wide(v) for v in named if v is not None}
         if len(kinds) > 1:
