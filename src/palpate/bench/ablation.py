@@ -71,9 +71,8 @@ PARTS: dict[str, tuple[str, ...]] = {
     "outliers and broken readings": ("screening", "outliers"),
     "offsets of the readings": ("nuisances",),
     "contact that pulls": ("pulls",),
-    "faint cells left out early (saves time)": ("narrowed",),
+    "faint cells left out early": ("narrowed",),
     "no local weights for the improbable (saves time)": ("skipped",),
-    "rough first rounds (saves time)": ("rough",),
 }
 
 

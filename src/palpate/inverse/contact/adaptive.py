@@ -31,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import TOLERANCE, Cone
+from palpate.inverse.contact.cone import Cone
 from palpate.inverse.contact.constrained import LARGEST_UNKNOWNS, ConstrainedEstimator
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.factors import cholesky
@@ -50,8 +50,6 @@ Flags = npt.NDArray[np.bool_]
 #: Fine cells per surface cell on a line, and per axis on an area, from low noise to high (`Thresholds.spacing`): where noise is high,
 #: detail finer than the taxels cannot be seen.
 LINE_RATIOS, AREA_RATIOS = (5, 3), (3, 2, 1)
-#: Relative residual of the rounds before the last: it saves time and changes nothing (`palpate bench ablation`).
-ROUGH = 1e-4
 #: Models of less weight are dropped: they would move the mean by a thousandth of the difference between models.
 LEAST_WEIGHT = 1e-3
 #: Local scales are made so much larger, in turn, where they would keep contact from explaining the readings.
@@ -266,7 +264,6 @@ class AdaptiveEstimator(ConstrainedEstimator):
                     each,
                     member.solution.traction[:, position],
                     keep_face=variance and not last,
-                    tolerance=TOLERANCE if last or not self.parts.rough else ROUGH,
                 )
                 if self._explains(found, first):
                     break

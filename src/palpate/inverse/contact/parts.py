@@ -64,9 +64,10 @@ class Parts:
         Broken readings are left out before contact is sought, and readings at a ceiling count as "at least".
     nuisances : bool
         Offsets of the readings are sought.
-    narrowed, skipped, rough : bool
-        What saves time: with friction, cells that will be trimmed are left out before; improbable models have no local weights; local
-        weights are learned from solutions that are not exact.
+    narrowed : bool
+        With friction, cells that will be trimmed are left out before: what is left may be solved on finer cells.
+    skipped : bool
+        What saves time: improbable models have no local weights.
     """
 
     constraint: bool = True
@@ -93,7 +94,6 @@ class Parts:
     nuisances: bool = True
     narrowed: bool = True
     skipped: bool = True
-    rough: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
