@@ -8,6 +8,7 @@ filter is named, on the same displacements.
     python benchmarks/tfm_images.py                             # table of errors, some minutes
     python benchmarks/tfm_images.py --markdown tfm_images.md
     python benchmarks/tfm_images.py --times                     # 512, 1024, 2048 pixels
+    python benchmarks/tfm_images.py --published FOLDER          # the sets of github.com/rg314/pytraction: matlab_data.csv, example_dataset.h5
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 import scipy.ndimage
 
 import palpate as pp
-from palpate.microscopy import CellForces, Field, bead_displacements, cell_forces
+from palpate.microscopy import CellForces, Field, bead_displacements, cell_forces, read_field
 
 PIXEL, FINE = 0.1e-6, 0.4e-6
 GEL = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
@@ -122,7 +123,7 @@ def on_field(traction: np.ndarray, grid: Any, field: Field) -> np.ndarray:
     return np.asarray(fine.reshape(2, rows, finer, columns, finer).mean(axis=(2, 4)))
 
 
-def smoothed_fttc(field: Field, *, part: float = 50.0) -> np.ndarray:
+def smoothed_fttc(field: Field, gel: pp.HalfSpace = GEL, *, part: float = 50.0) -> np.ndarray:
     """Fourier transform traction cytometry on a half-space without regularisation, then a Gaussian of max(shape)/part cells (0: none)."""
     u = field.displacement - field.displacement.mean(axis=(1, 2), keepdims=True)
     side = max(u.shape[1:]) + max(u.shape[1:]) % 2
@@ -131,7 +132,7 @@ def smoothed_fttc(field: Field, *, part: float = 50.0) -> np.ndarray:
     kx, ky = k[None, :], k[:, None]
     size = np.hypot(kx, ky)
     safe = np.where(size > 0, size, 1.0)
-    young, ratio = GEL.youngs_modulus, GEL.poissons_ratio
+    young, ratio = gel.youngs_modulus, gel.poissons_ratio
     scale = young / (2 * (1 - ratio**2)) / safe
     cross = ratio * kx * ky * scale
     cross = np.where((np.abs(kx) == np.abs(k).max()) | (np.abs(ky) == np.abs(k).max()), 0.0, cross)
@@ -192,18 +193,54 @@ def measured(found: CellForces, known: dict[str, Any]) -> dict[str, dict[str, fl
 
 
 def times() -> None:
-    """Seconds for pictures of several sizes."""
+    """Seconds of processor time for pictures of several sizes."""
+    print("| pictures | vectors | displacements [s] | traction and errors [s] |\n|---|---|---|---|")
     for size in (512, 1024, 2048):
         known = scene(size, 0, 1500.0)
-        start = time.perf_counter()
+        start = time.process_time()
         field = bead_displacements(*known["pair"], pixel=PIXEL)
-        middle = time.perf_counter()
-        found = cell_forces(field, GEL, mask=known["outline"])
-        end = time.perf_counter()
+        middle = time.process_time()
+        cell_forces(field, GEL, mask=known["outline"])
+        end = time.process_time()
         print(
-            f"| {size} x {size} | {field.shape[1]} x {field.shape[0]} | {middle - start:.1f} | {end - middle:.1f} | {found['strain_energy'].value / known['true']['strain_energy']:.2f} |",
+            f"| {size} x {size} | {field.shape[1]} x {field.shape[0]} | {middle - start:.1f} | {end - middle:.1f} |",
             flush=True,
         )
+
+
+def published(folder: Path) -> None:
+    """Numbers of published displacement fields by each way, over the whole field of view."""
+    table = np.genfromtxt(folder / "matlab_data.csv", delimiter=",", names=True, encoding="utf-8-sig")
+    sets = {
+        "synthetic cell": (
+            read_field(folder / "matlab_data.csv", pixel=1e-6),
+            pp.HalfSpace(youngs_modulus=10e3, poissons_ratio=0.3),
+            1e-6 * float(np.sqrt(0.5 * (table["un"] ** 2 + table["vn"] ** 2).mean())),  # its own sample of the noise
+        ),
+        "axon, 819 beads": (
+            read_field(folder / "example_dataset.h5", pixel=1e-6 / 1.3, follow=True),
+            pp.HalfSpace(youngs_modulus=100.0, poissons_ratio=0.5),
+            None,
+        ),
+    }
+    for name, (field, gel, noise) in sets.items():
+        field = field.without_drift()
+        start = time.perf_counter()
+        found = cell_forces(field, gel, noise=noise)
+        seconds = time.perf_counter() - start
+        inside = np.ones(field.shape, dtype=bool)
+        rows = {"palpate": (found.traction, {k: (found[k].value, found[k].std) for k in NUMBERS[:3]})}
+        for label, part in (("FTTC, smoothed", 50.0), ("FTTC, as it is", 0.0)):
+            t = smoothed_fttc(field, gel, part=part)
+            rows[label] = (t, {k: (v, 0.0) for k, v in numbers_of(t, field, inside).items()})
+        for label, (t, each) in rows.items():
+            size = np.hypot(*t)
+            told = " | ".join(f"{v:.3g}" + (f" +- {s:.2g}" if s else "") for v, s in each.values())
+            print(
+                f"| {name}, {field.shape[1]} x {field.shape[0]} | {label} | {told} | {size.max():.3g} | {np.median(size):.3g} |",
+                flush=True,
+            )
+        print(f"{seconds:.1f} s", *found.notes, sep="\n  ")
 
 
 def main() -> None:
@@ -213,10 +250,14 @@ def main() -> None:
     parser.add_argument("--windows", type=int, nargs="*", default=[24, 32])
     parser.add_argument("--pull", type=float, nargs="*", default=[1500.0, 300.0], help="largest traction [Pa]")
     parser.add_argument("--times", action="store_true")
+    parser.add_argument("--published", type=Path, help="folder of published sets")
     parser.add_argument("--markdown", type=Path)
     args = parser.parse_args()
     if args.times:
         times()
+        return
+    if args.published is not None:
+        published(args.published)
         return
     rows: list[tuple[str, dict[str, float]]] = []
     for pull in args.pull:

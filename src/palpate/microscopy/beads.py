@@ -21,6 +21,7 @@ import scipy.fft
 import scipy.ndimage
 
 from palpate.camera import grey
+from palpate.camera.view import opencv
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.microscopy.fields import Field
@@ -123,7 +124,7 @@ def bead_displacements(
         smooth = np.stack(
             [scipy.ndimage.gaussian_filter(c, SMOOTHED * max(1.0, window / (2.0 * step)), mode="nearest") for c in u]
         )
-        u, std, alike = fine.round(smooth, means=last)
+        u, std, alike = fine.round(smooth, last=last)
     if not np.nanmedian(alike) > ALIKE:
         raise InvalidInput(
             f"the pictures do not show the same beads in the same places: windows correlate by {float(np.nanmedian(alike)):.2f} after deformation. Are they a pair, in "
@@ -179,8 +180,16 @@ def _checked(picture: Any, name: str) -> Floats:
 
 def _evened(image: Floats, length: float) -> Floats:
     """The picture without slow changes of light, with an even contrast."""
-    flat = image - scipy.ndimage.gaussian_filter(image, length / 2, mode="nearest")
-    size = np.sqrt(scipy.ndimage.gaussian_filter(flat**2, length, mode="nearest"))
+
+    def slow(values: Floats, sigma: float) -> Floats:
+        # three boxes are a Gaussian, at a cost that does not grow with it
+        side = max(3, round(2.0 * sigma))
+        for _ in range(3):
+            values = scipy.ndimage.uniform_filter(values, side, mode="nearest")
+        return values
+
+    flat = image - slow(image, length / 2)
+    size = np.sqrt(np.maximum(slow(flat**2, length), 0.0))
     return np.asarray(flat / np.maximum(size, 0.1 * float(np.sqrt((flat**2).mean()))))
 
 
@@ -246,73 +255,86 @@ def _mended(u: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
 
 
 class _Fine:
-    """Least squares on the deformed picture."""
+    """Least squares on the deformed picture. Sums over windows and the field between its vectors are products of two matrices, one for each axis."""
 
     def __init__(self, a: Floats, b: Floats, grid: Any, window: int, step: int) -> None:
-        self.a, self.grid, self.window, self.sigma, self.step = a, grid, window, SIGMA * window, step
-        self.spline = scipy.ndimage.spline_filter(b, order=3, output=np.float32, mode="mirror")
+        self.a, self.b, self.window, self.sigma = a, b, window, SIGMA * window
         self.rows, self.columns = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in a.shape), indexing="ij")
-        self.places = np.meshgrid(
-            *((np.arange(n) - g[0]) / step for n, g in zip(a.shape, grid)), indexing="ij"
-        )  # pixels in steps of the grid
+        self.weights = {
+            name: [self._weights(g, n, name) for g, n in zip(grid, a.shape)] for name in ("gaussian", "box")
+        }
+        self.between = [_between(g, n) for g, n in zip(grid, a.shape)]
 
-    def _summed(self, image: Floats, weights: str, mode: str = "constant") -> Floats:
-        """Weighted means about the grid's points: "gaussian", its "square", or "box", the window itself."""
-        if weights == "box":
-            smooth = scipy.ndimage.uniform_filter(image, self.window, mode=mode)
+    def _weights(self, grid: Floats, count: int, name: str) -> Floats:
+        """Of every pixel along an axis for each vector; they add up to 1."""
+        off = np.arange(count)[None, :] - grid[:, None]
+        if name == "box":
+            each = (np.abs(off) < 0.5 * self.window).astype(np.float64)
         else:
-            sigma = self.sigma / np.sqrt(2.0) if weights == "square" else self.sigma
-            smooth = scipy.ndimage.gaussian_filter(image, sigma, mode=mode, truncate=2.6)
-        # windows of an even side lie between pixels, where the filter's own are half a pixel before
-        rows, columns = (np.floor(g + 0.5).astype(int) for g in self.grid)
-        return np.asarray(smooth[np.ix_(rows, columns)], dtype=np.float64)
+            each = np.where(np.abs(off) < 2.6 * self.sigma, np.exp(-(off**2) / (2 * self.sigma**2)), 0.0)
+        return np.asarray(each / each.sum(axis=1, keepdims=True), dtype=np.float32)
 
-    def round(self, known: Floats, *, means: bool) -> tuple[Floats, Floats, Floats]:
+    def _summed(self, image: Floats, weights: str) -> Floats:
+        """Weighted means about the vectors."""
+        rows, columns = self.weights[weights]
+        return np.asarray(rows @ image @ columns.T, dtype=np.float64)
+
+    def round(self, known: Floats, *, last: bool) -> tuple[Floats, Floats, Floats]:
         """Displacements, standard deviations [px] and how alike the windows are, from a field that is known already.
 
-        ``means``: displacements are means over their windows, with its weights and no others: what is known is weighed by them, and only what is left by the
-        beads that happen to be there.
+        The ``last`` time displacements are means over their windows, with their weights and no others: what is known is weighed by them, and only what is
+        left by the beads that happen to be there. Before, there are no standard deviations.
         """
-        dense = [
-            scipy.ndimage.map_coordinates(c, self.places, order=1, mode="nearest", output=np.float32) for c in known
-        ]
-        weights = "box" if means else "gaussian"
+        weights = "box" if last else "gaussian"
+        dense = [self.between[0] @ c.astype(np.float32) @ self.between[1].T for c in known]
         rows, columns = self.rows + dense[1], self.columns + dense[0]
-        inside = (
-            (rows >= 0) & (rows <= self.a.shape[0] - 1) & (columns >= 0) & (columns <= self.a.shape[1] - 1)
-        ).astype(np.float32)
-        warped = scipy.ndimage.map_coordinates(
-            self.spline, [rows, columns], order=3, prefilter=False, mode="mirror", output=np.float32
-        )
+        inside = (rows >= 0) & (rows <= self.a.shape[0] - 1) & (columns >= 0) & (columns <= self.a.shape[1] - 1)
+        warped = self._warped(rows, columns, exact=last)
         r = (warped - self.a) * inside
         mean = 0.5 * (warped + self.a)
         gy, gx = (_slope(mean, axis) * inside for axis in (0, 1))
         nxx, nxy, nyy = (self._summed(p, weights) for p in (gx * gx, gx * gy, gy * gy))
         sx, sy = gx * r, gy * r
         bx, by = self._summed(sx, weights), self._summed(sy, weights)
-        both = (self._summed(p * inside, weights) for p in (warped * self.a, warped * warped, self.a * self.a))
-        ab, bb, aa = both
         det = nxx * nyy - nxy**2
         good = det > 1e-6 * np.median(nxx + nyy) ** 2
         safe = np.where(good, det, 1.0)
-        dx, dy = -(nyy * bx - nxy * by) / safe, -(nxx * by - nxy * bx) / safe
+        d = np.stack([-(nyy * bx - nxy * by), -(nxx * by - nxy * bx)]) / safe
         # no step beyond what a linear model of a bead can tell
-        size = np.hypot(dx, dy)
-        shorter = np.minimum(1.0, 2.0 / np.maximum(size, 1e-9))
-        before = np.stack([self._summed(c, weights, mode="nearest") for c in dense]) if means else known
-        u = before + np.where(good, np.stack([dx, dy]) * shorter, np.nan)
+        d = d * np.minimum(1.0, 2.0 / np.maximum(np.hypot(*d), 1e-9))
+        before = np.stack([self._summed(c, weights) for c in dense]) if last else known
+        u = before + np.where(good, d, np.nan)
+        if not last:
+            return u, np.zeros_like(u), np.ones(u.shape[1:])
+        ab, bb, aa = (self._summed(p * inside, weights) for p in (warped * self.a, warped * warped, self.a * self.a))
         near = [scipy.ndimage.uniform_filter(s, TOGETHER, mode="constant") * TOGETHER**2 for s in (sx, sy)]
-        # w^2 of Gaussian weights w is Gaussian too, sigma/sqrt(2) wide; of a box it is the box
-        squared, factor = ("box", 1.0 / self.window**2) if means else ("square", 1.0 / (4.0 * np.pi * self.sigma**2))
-        mxx, myy = (factor * self._summed(s * n, squared) for s, n in zip((sx, sy), near))
-        mxy = factor * 0.5 * (self._summed(sx * near[1], squared) + self._summed(sy * near[0], squared))
-        least = [factor * self._summed(s * s, squared) for s in (sx, sy)]
-        mxx, myy = np.maximum(mxx, least[0]), np.maximum(myy, least[1])
+        factor = 1.0 / self.window**2
+        mxx, myy = (factor * self._summed(s * n, weights) for s, n in zip((sx, sy), near))
+        mxy = factor * 0.5 * (self._summed(sx * near[1], weights) + self._summed(sy * near[0], weights))
+        mxx, myy = (np.maximum(m, factor * self._summed(s * s, weights)) for m, s in ((mxx, sx), (myy, sy)))
         vx = (nyy**2 * mxx - 2 * nxy * nyy * mxy + nxy**2 * myy) / safe**2
         vy = (nxx**2 * myy - 2 * nxy * nxx * mxy + nxy**2 * mxx) / safe**2
         std = np.sqrt(np.maximum(np.stack([vx, vy]), 0.0))
-        alike = ab / np.sqrt(np.maximum(aa * bb, 1e-30))
-        return u, np.where(good, std, np.inf), np.asarray(alike)
+        return u, np.where(good, std, np.inf), np.asarray(ab / np.sqrt(np.maximum(aa * bb, 1e-30)))
+
+    def _warped(self, rows: Floats, columns: Floats, *, exact: bool) -> Floats:
+        """The second picture where the field says; OpenCV's places are whole 32nds of a pixel, which serves on the way there."""
+        if not exact:
+            cv2 = opencv()
+            return np.asarray(cv2.remap(self.b, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101))
+        return np.asarray(
+            scipy.ndimage.map_coordinates(self.b, [rows, columns], order=3, mode="mirror", output=np.float32)
+        )
+
+
+def _between(grid: Floats, count: int) -> Floats:
+    """Linear interpolation from a grid to every pixel along an axis, flat beyond its ends."""
+    at = np.clip(np.interp(np.arange(count), grid, np.arange(len(grid))), 0, len(grid) - 1)
+    low = np.minimum(at.astype(int), len(grid) - 2)
+    out = np.zeros((count, len(grid)), dtype=np.float32)
+    out[np.arange(count), low] = 1.0 - (at - low)
+    out[np.arange(count), low + 1] = at - low
+    return out
 
 
 def _slope(image: Floats, axis: int) -> Floats:
