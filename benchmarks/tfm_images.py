@@ -192,9 +192,9 @@ def measured(found: CellForces, known: dict[str, Any]) -> dict[str, dict[str, fl
     return out
 
 
-def times() -> None:
+def times() -> list[str]:
     """Seconds of processor time for pictures of several sizes."""
-    print("| pictures | vectors | displacements [s] | traction and errors [s] |\n|---|---|---|---|")
+    lines = ["| pictures | vectors | displacements [s] | traction and errors [s] |", "|---|---|---|---|"]
     for size in (512, 1024, 2048):
         known = scene(size, 0, 1500.0)
         start = time.process_time()
@@ -202,17 +202,18 @@ def times() -> None:
         middle = time.process_time()
         cell_forces(field, GEL, mask=known["outline"])
         end = time.process_time()
-        print(
-            f"| {size} x {size} | {field.shape[1]} x {field.shape[0]} | {middle - start:.1f} | {end - middle:.1f} |",
-            flush=True,
+        lines.append(
+            f"| {size} x {size} | {field.shape[1]} x {field.shape[0]} | {middle - start:.1f} | {end - middle:.1f} |"
         )
+        print(lines[-1], flush=True)
+    return lines
 
 
-def published(folder: Path) -> None:
+def published(folder: Path) -> list[str]:
     """Numbers of published displacement fields by each way, over the whole field of view."""
     table = np.genfromtxt(folder / "matlab_data.csv", delimiter=",", names=True, encoding="utf-8-sig")
     sets = {
-        "synthetic cell": (
+        "synthetic": (
             read_field(folder / "matlab_data.csv", pixel=1e-6),
             pp.HalfSpace(youngs_modulus=10e3, poissons_ratio=0.3),
             1e-6 * float(np.sqrt(0.5 * (table["un"] ** 2 + table["vn"] ** 2).mean())),  # its own sample of the noise
@@ -223,11 +224,11 @@ def published(folder: Path) -> None:
             None,
         ),
     }
+    names = ("strain energy [J]", "net contractile moment [N m]", "contractility [N]")
+    lines = [f"| set | method | {' | '.join(names)} | largest traction [Pa] | median [Pa] |", "|---" * 7 + "|"]
     for name, (field, gel, noise) in sets.items():
         field = field.without_drift()
-        start = time.perf_counter()
         found = cell_forces(field, gel, noise=noise)
-        seconds = time.perf_counter() - start
         inside = np.ones(field.shape, dtype=bool)
         rows = {"palpate": (found.traction, {k: (found[k].value, found[k].std) for k in NUMBERS[:3]})}
         for label, part in (("FTTC, smoothed", 50.0), ("FTTC, as it is", 0.0)):
@@ -236,11 +237,26 @@ def published(folder: Path) -> None:
         for label, (t, each) in rows.items():
             size = np.hypot(*t)
             told = " | ".join(f"{v:.3g}" + (f" +- {s:.2g}" if s else "") for v, s in each.values())
-            print(
-                f"| {name}, {field.shape[1]} x {field.shape[0]} | {label} | {told} | {size.max():.3g} | {np.median(size):.3g} |",
-                flush=True,
+            lines.append(
+                f"| {name}, {field.shape[1]} x {field.shape[0]} | {label} | {told} | {size.max():.3g} | {np.median(size):.3g} |"
             )
-        print(f"{seconds:.1f} s", *found.notes, sep="\n  ")
+            print(lines[-1], flush=True)
+        print(*found.notes, sep="\n  ")
+    import h5py
+
+    with h5py.File(folder / "example_dataset.h5") as file:
+        axon = np.hypot(*np.moveaxis(file["force_field/0"][()], -1, 0))
+    known = {
+        "synthetic": np.loadtxt(folder / "expected_traction_magnitude_int_Pa.csv", delimiter=","),
+        "axon, 819 beads": axon,
+    }
+    for name, size in known.items():
+        lines.append(
+            f"| {name}, {size.shape[-1]} x {size.shape[-2]} | as published (regularised) | | | | {size.max():.3g} | {np.median(size):.3g} |"
+        )
+    return sorted(
+        lines, key=lambda line: (not line.startswith(("| set", "|--")), line.split("|")[1][:9], "published" in line)
+    )
 
 
 def main() -> None:
@@ -253,11 +269,13 @@ def main() -> None:
     parser.add_argument("--published", type=Path, help="folder of published sets")
     parser.add_argument("--markdown", type=Path)
     args = parser.parse_args()
-    if args.times:
-        times()
-        return
-    if args.published is not None:
-        published(args.published)
+    if args.times or args.published is not None:
+        lines = times() if args.times else published(args.published)
+        if args.markdown is not None:
+            made = "--times" if args.times else "--published FOLDER"
+            args.markdown.write_text(
+                "\n".join([f"Made by `python benchmarks/tfm_images.py {made}`.", "", *lines]) + "\n"
+            )
         return
     rows: list[tuple[str, dict[str, float]]] = []
     for pull in args.pull:

@@ -20,7 +20,7 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 #: Pages whose examples take a second or more.
-SLOW = ("archives.md", "glued.md", "live.md", "shear.md", "sinks.md")
+SLOW = ("archives.md", "cells.md", "glued.md", "live.md", "shear.md", "sinks.md")
 WITH_CODE = [p for p in PAGES if blocks(p, "python")]
 
 

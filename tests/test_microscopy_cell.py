@@ -125,6 +125,15 @@ def test_pixels_called_micrometres_are_refused() -> None:
 
 
 @pytest.mark.long
+def test_units_that_cannot_be_meant_are_said() -> None:
+    """What is not refused outright: ten times too large, and a thousand times too small."""
+    _, u = cell()
+    for factor, words in ((12.0, "beyond linear elasticity"), (1e-3, "less than pictures tell")):
+        notes = cell_forces(field_of(factor * u, 1e-12), GEL, draws=8, drift=False, noise=1e-9 * factor).notes
+        assert any(words in n for n in notes), factor
+
+
+@pytest.mark.long
 def test_holes_and_edges_are_said() -> None:
     _, u = cell()
     u = u.copy()

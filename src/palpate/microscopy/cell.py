@@ -30,10 +30,13 @@ QUESTIONED = 3.0
 OPPOSED = 0.3
 #: Residuals this many times the noise are questioned.
 MISFIT = 2.0
+#: Strains above this are beyond linear elasticity; displacements below this [px] beyond any picture.
+STRAINED, SMALLEST = 0.3, 0.02
 #: Remedies of the inversion, as they are said here.
 WORDS = {
     "Where the image cannot drift, say Skin(..., nuisance=[])": "Where the picture cannot have moved, say drift=False (--still)",
     "Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap": "Give noise=... (--noise)",
+    "where something presses, seek it as well (components x, y, z)": "where the cell presses too, that is an error",
     "Give the array its noise=..., or a larger parameter": "Give noise=... (--noise)",
     "uncertainty=Uncertainty(youngs_modulus=0.1) in Python)": 'uncertainty=Uncertainty(youngs_modulus=0.1) in Python, --youngs-modulus "8 kPa +- 10 %")',
 }
@@ -562,6 +565,17 @@ def _doubts(
     if field.std is not None and done.touch.residual is not None and float(done.touch.residual) > MISFIT:
         said.append(
             f"the traction leaves {float(done.touch.residual):.2g} times the noise of the displacements unexplained: outliers, or a gel that is not as described"
+        )
+    u = field.displacement - np.nanmedian(field.displacement, axis=(1, 2), keepdims=True)
+    steep = max(float(np.nanquantile(np.abs(np.diff(u, axis=a)), 0.99)) / field.pitch for a in (1, 2))
+    if steep > STRAINED:
+        said.append(
+            f"displacements change by {100 * steep:.0f} % of the distance between vectors: beyond linear elasticity, or outliers, or another unit or pixel than was said"
+        )
+    largest = float(np.nanmax(np.abs(u))) / field.pixel
+    if largest < SMALLEST:
+        said.append(
+            f"the largest displacement is {largest:.2g} px, less than pictures tell: is the unit right, and the pixel that of the picture?"
         )
     if not field.valid.all():
         said.append(
