@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from palpate.camera.displacements import Displacements, Reading
+from palpate.camera.lattice import typical_distance
 from palpate.camera.view import View
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.recordings import Recording
 from palpate.recordings.camerasection import CameraSettings
-from palpate.sensing import ScatteredArray
+from palpate.sensing import AreaGrid, Array, ScatteredArray
 from palpate.skin import Skin
 from palpate.status import Status
 from palpate.touch import Touch
@@ -26,8 +28,12 @@ __all__ = ["CHANNELS", "Touches", "follow", "gel_skin"]
 CHANNELS = ("displacement_x", "displacement_y")
 #: At most this part of the dots may be lost in a frame that is solved by itself.
 MOST_LOST = 0.5
-#: Passes over perspective in a frame that is solved by itself.
-PASSES = 3
+#: Cells of the surface a distance of dots: finer ones cost time and show nothing (the force of a ball differs by 2 %, the time by a factor of 3).
+CELLS_A_PITCH = 3.0
+#: Noise that dots state is rounded up to powers of this, so that skins that are prepared serve again; so many of them are kept.
+NOISE_STEP, KEPT = 1.3, 6
+#: Passes over perspective in a frame that is solved by itself, at most; and what a pass must change, as a part of the readings' standard deviation.
+PASSES, MATTERS = 3, 0.5
 
 
 def gel_skin(skin: Skin | str | Path, positions: Floats) -> Skin:
@@ -58,18 +64,29 @@ def gel_skin(skin: Skin | str | Path, positions: Floats) -> Skin:
             raise InvalidInput(
                 f'{skin}: positions come from the pictures: the plane must have kind = "scattered" and no positions_file.'
             )
-        return found
+        return _of_dots(found, found.planes[0], positions)
     _check(skin)
     plane = skin.planes[0]
     array = ScatteredArray(positions=positions, depth=plane.depth, channels=CHANNELS, noise=plane.noise)
+    return _of_dots(skin, array, positions)
+
+
+def _of_dots(skin: Skin, array: Array, positions: Floats) -> Skin:
+    """The skin with this array, on a surface that is no finer than dots can show, unless one was given."""
     kinds = skin.problem().nuisance
-    return Skin(
-        skin.pad,
-        array,
-        surface=skin.surface if skin.problem().fixed else None,
-        nuisance="auto" if kinds is None else kinds,
-        uncertainty=skin.uncertainty,
-    )
+    surface = skin.surface if skin.problem().fixed else None
+    settings: dict[str, Any] = {
+        "boundary": skin.boundary,
+        "nuisance": "auto" if kinds is None else kinds,
+        "uncertainty": skin.uncertainty,
+    }
+    found = Skin(skin.pad, array, surface=surface, **settings)
+    grid, cell = found.surface, typical_distance(positions) / CELLS_A_PITCH
+    if surface is not None or not isinstance(grid, AreaGrid) or not cell > max(grid.spacings):
+        return found
+    shape = tuple(math.ceil(n * step / cell) for n, step in zip(grid.shape, grid.spacings))
+    coarse = AreaGrid(shape=(shape[0], shape[1]), spacing=cell, center=grid.center)
+    return Skin(skin.pad, array, surface=coarse, **settings)
 
 
 def _check(skin: Skin) -> None:
@@ -122,7 +139,7 @@ class Touches:
         if track:
             self.tracker = skin.track(baseline=readings.reference, **self._options)
         self._perspective = None if distance is None else _Perspective(skin, readings, distance)
-        self._masked: list[tuple[Any, Skin]] = []
+        self._known: list[tuple[Any, float, Skin]] = []
         self.last: Reading | None = None
 
     def __iter__(self) -> Iterator[Touch]:
@@ -156,26 +173,36 @@ class Touches:
         lost = np.isnan(reading.values).any(axis=0)
         if lost.mean() > MOST_LOST:
             return _missing(self.skin, reading.time)
-        skin = self._without(lost)
+        skin = self._at(lost, reading.std)
         values = np.where(lost, 0.0, reading.values)
         touch = skin.reconstruct(values[None], time=[reading.time], **self._options)[0]
         if self._perspective is None:
             return touch
+        last, least = values, MATTERS * float(np.nanmedian(reading.std))
         for _ in range(PASSES - 1):
             self._perspective.learn(touch)
             better = self._perspective.taken_out(values)
+            if float(np.sqrt(np.mean((better - last)[:, ~lost] ** 2))) < least:
+                break
+            last = better
             touch = skin.reconstruct(better[None], time=[reading.time], **self._options)[0]
         return touch
 
-    def _without(self, lost: Any) -> Skin:
-        """The skin without some dots; one that is prepared already, where it leaves out little more."""
-        if not lost.any():
-            return self.skin
-        for known, skin in self._masked:
-            if not (lost & ~known).any() and (known & ~lost).sum() <= 0.05 * len(lost):
+    def _at(self, lost: Any, std: Floats) -> Skin:
+        """The skin without some dots, with the noise that they state; one that is prepared already, where it leaves out little more."""
+        plane = self.skin.planes[0]
+        level = 0.0  # as the skin says
+        if plane.noise is None and np.isfinite(std).any():
+            level = NOISE_STEP ** math.ceil(math.log(float(np.nanmedian(std)), NOISE_STEP))
+        for known, noise, skin in self._known:
+            if noise == level and not (lost & ~known).any() and (known & ~lost).sum() <= 0.05 * len(lost):
                 return skin
-        skin = self.skin.masked(~lost)
-        self._masked = [(lost, skin), *self._masked[:3]]
+        skin = self.skin
+        if level:
+            skin = _of_dots(skin, replace(plane, noise=level), self.readings.positions)
+        if lost.any():
+            skin = skin.masked(~lost)
+        self._known = [(lost, level, skin), *self._known[: KEPT - 1]]
         return skin
 
     def close(self) -> None:
