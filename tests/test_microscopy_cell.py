@@ -134,6 +134,19 @@ def test_units_that_cannot_be_meant_are_said() -> None:
 
 
 @pytest.mark.long
+def test_outliers_are_said_and_can_be_left_out() -> None:
+    _, u = cell()
+    u = u.copy()
+    u[0, 3, 16] += 12 * PIXEL
+    field = field_of(u)
+    kept = cell_forces(field, GEL, draws=8, drift=False)
+    assert any("1 of 400 vectors differ from all about them" in n for n in kept.notes)
+    left_out = cell_forces(field.without_outliers(), GEL, draws=8, drift=False)
+    assert not any("differ from all about them, and" in n for n in left_out.notes)
+    assert np.hypot(*kept.traction)[3, 16] > 5 * np.hypot(*left_out.traction)[3, 16]
+
+
+@pytest.mark.long
 def test_holes_and_edges_are_said() -> None:
     _, u = cell()
     u = u.copy()

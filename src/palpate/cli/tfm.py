@@ -62,6 +62,9 @@ def tfm(
         bool, typer.Option("--follow", help="The vectors of a table belong to where the markers went.")
     ] = False,
     name: Annotated[str | None, typer.Option(help="Which field of a file that holds several.")] = None,
+    drop_outliers: Annotated[
+        bool, typer.Option("--drop-outliers", help="Leave out vectors that differ from all about them.")
+    ] = False,
     still: Annotated[
         bool, typer.Option("--still", help="The picture cannot have moved as a whole: no shift is taken out.")
     ] = False,
@@ -138,6 +141,8 @@ def tfm(
                 step=None if step is None else int(step),
                 drift=not still,
             )
+    if drop_outliers:
+        field = field.without_outliers()
     pad, below, uncertainty = _gel(field, skin_file, youngs_modulus, poissons_ratio, thickness, depth)
     with busy("solving"):
         forces = cell_forces(

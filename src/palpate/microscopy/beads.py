@@ -5,7 +5,7 @@ second picture is deformed by what is known so far, and each window's remaining 
 
     sum w (g g^T) d = -sum w g r,      r = second(x + u(x)) - first(x),
 
-with the gradient g of the mean of both pictures, so that noise does not add to it, and Gaussian weights w, which leave no wavelength of the
+with the gradient g of the mean of both pictures, so that noise does not add to it (in N, of one times that of the other), and Gaussian weights w, which leave no wavelength of the
 wrong sign; the last time w is the window itself, and what is known already is its mean over the window, so that each displacement is
 that mean. Its covariance is N^-1 M N^-1, with N = sum w g g^T and M the covariance of the scores w g r, neighbouring pixels counted together (the residuals
 of one bead belong together): what the residuals say themselves, whatever made them.
@@ -24,7 +24,7 @@ from palpate.camera import grey
 from palpate.camera.view import opencv
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.microscopy.fields import Field
+from palpate.microscopy.fields import Field, mended
 
 __all__ = ["bead_displacements"]
 
@@ -34,14 +34,14 @@ SIGMA = 1.0 / 3.545
 ROUNDS, SMOOTHED = 5, 0.4
 #: Pixels around which residuals count as one.
 TOGETHER = 5
-#: Neighbours' median test: how far off in units of the neighbours' own spread, and the spread that is always there [px].
-OFF, SPREAD = 3.0, 0.1
 #: A vector known worse than this [px] tells nothing.
 WORST = 1.0
 #: Part of the vectors that may be filled from their neighbours; with more, they are left out.
 FILLED = 0.02
 #: Pictures whose windows are less alike than this (median correlation, after deformation) do not show the same beads.
 ALIKE = 0.35
+#: A window that is less alike than this part of the median holds no beads, or others.
+UNLIKE = 0.4
 #: Interpolation and pixels leave at least this [px].
 FLOOR = 0.005
 
@@ -120,7 +120,7 @@ def bead_displacements(
     u = _coarse(a, b, grid, window)
     fine = _Fine(a, b, grid, window, step)
     for last in (*[False] * (ROUNDS - 1), True):
-        u = _mended(u)[0]
+        u = mended(u)[0]
         smooth = np.stack(
             [scipy.ndimage.gaussian_filter(c, SMOOTHED * max(1.0, window / (2.0 * step)), mode="nearest") for c in u]
         )
@@ -130,13 +130,14 @@ def bead_displacements(
             f"the pictures do not show the same beads in the same places: windows correlate by {float(np.nanmedian(alike)):.2f} after deformation. Are they a pair, in "
             "focus, and is the window large enough for the shift between them?"
         )
-    bad = ~np.isfinite(u).all(axis=0) | (std.max(axis=0) > WORST)
-    mended, off = _mended(np.where(bad, np.nan, u))
+    unlike = alike < UNLIKE * np.nanmedian(alike)
+    bad = ~np.isfinite(u).all(axis=0) | (std.max(axis=0) > WORST) | unlike
+    filled, off = mended(np.where(bad, np.nan, u))
     bad |= off
     notes = [f"windows of {window} px every {step} px, first picture at rest, second pulled"]
     count = int(bad.sum())
     if count and count <= FILLED * bad.size:
-        u = mended
+        u = filled
         notes.append(
             f"{count} of {bad.size} vectors are filled from their neighbours: no beads, or far from what the neighbours do"
         )
@@ -225,33 +226,11 @@ def _coarse(a: Floats, b: Floats, grid: Any, window: int) -> Floats:
                 bend = line[0] - 2 * line[1] + line[2]
                 part = 0.5 * (line[0] - line[2]) / bend if bend < 0 else 0.0
                 found[1 - axis, i, j] = (at[axis] + wide // 2) % wide - wide // 2 + part
-    found = _mended(found)[0] + np.array([column, row], dtype=np.float64)[:, None, None]
+    found = mended(found)[0] + np.array([column, row], dtype=np.float64)[:, None, None]
     middles = [s + (wide - 1) / 2.0 for s in starts]
     places = [np.interp(g, m, np.arange(len(m))) for g, m in zip(grid, middles)]
     at = np.meshgrid(*places, indexing="ij")
     return np.stack([scipy.ndimage.map_coordinates(c, at, order=1, mode="nearest") for c in found])
-
-
-def _mended(u: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """The field with vectors that differ from their neighbours, or are missing, replaced by the neighbours' median; and which were."""
-    padded = np.pad(u, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
-    rows, columns = u.shape[1:]
-    around = np.stack(
-        [padded[:, r : r + rows, c : c + columns] for r in range(3) for c in range(3) if (r, c) != (1, 1)]
-    )
-    none = np.isnan(around).all(axis=0)
-    around = np.where(none, 0.0, around)
-    middle = np.nanmedian(around, axis=0)
-    spread = np.nanmedian(np.abs(around - middle), axis=0) + SPREAD
-    with np.errstate(invalid="ignore"):
-        off = (np.hypot(*((u - middle) / spread)) > OFF * np.sqrt(2.0)) & ~none.any(axis=0)
-    missing = np.isnan(u).any(axis=0)
-    out = np.where(off | missing, middle, u)
-    alone = none.any(axis=0) & missing
-    if alone.any():  # holes without a neighbour
-        known = np.nanmedian(np.where(alone, np.nan, out), axis=(1, 2))
-        out = np.where(alone, np.nan_to_num(known)[:, None, None], out)
-    return out, off
 
 
 class _Fine:
@@ -259,6 +238,7 @@ class _Fine:
 
     def __init__(self, a: Floats, b: Floats, grid: Any, window: int, step: int) -> None:
         self.a, self.b, self.window, self.sigma = a, b, window, SIGMA * window
+        self.slopes = _slope(a, 0), _slope(a, 1)
         self.rows, self.columns = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in a.shape), indexing="ij")
         self.weights = {
             name: [self._weights(g, n, name) for g, n in zip(grid, a.shape)] for name in ("gaussian", "box")
@@ -293,13 +273,15 @@ class _Fine:
         r = (warped - self.a) * inside
         mean = 0.5 * (warped + self.a)
         gy, gx = (_slope(mean, axis) * inside for axis in (0, 1))
-        nxx, nxy, nyy = (self._summed(p, weights) for p in (gx * gx, gx * gy, gy * gy))
+        # what both pictures share, without the noise of either
+        ay, ax, by, bx = *self.slopes, _slope(warped, 0) * inside, _slope(warped, 1) * inside
+        nxx, nxy, nyy = (self._summed(p, weights) for p in (ax * bx, 0.5 * (ax * by + ay * bx), ay * by))
         sx, sy = gx * r, gy * r
-        bx, by = self._summed(sx, weights), self._summed(sy, weights)
+        qx, qy = self._summed(sx, weights), self._summed(sy, weights)
         det = nxx * nyy - nxy**2
-        good = det > 1e-6 * np.median(nxx + nyy) ** 2
+        good = (det > 1e-4 * np.median(np.abs(nxx + nyy)) ** 2) & (nxx + nyy > 0)
         safe = np.where(good, det, 1.0)
-        d = np.stack([-(nyy * bx - nxy * by), -(nxx * by - nxy * bx)]) / safe
+        d = np.stack([-(nyy * qx - nxy * qy), -(nxx * qy - nxy * qx)]) / safe
         # no step beyond what a linear model of a bead can tell
         d = d * np.minimum(1.0, 2.0 / np.maximum(np.hypot(*d), 1e-9))
         before = np.stack([self._summed(c, weights) for c in dense]) if last else known

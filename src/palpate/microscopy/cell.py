@@ -577,6 +577,17 @@ def _doubts(
         said.append(
             f"the largest displacement is {largest:.2g} px, less than pictures tell: is the unit right, and the pixel that of the picture?"
         )
+    if field.aperture == 0:
+        said.append(
+            "each vector is taken as the displacement of a point: where it is the mean over a window, what the window blurs is missing from energy and peaks; say window= "
+            "(--window)"
+        )
+    unlike = int(field.unlike.sum())
+    if unlike:
+        said.append(
+            f"{unlike} of {field.valid.size} vectors differ from all about them, and make traction of their own: if they are bad ones, leave them out with without_outliers() "
+            "(--drop-outliers)"
+        )
     if not field.valid.all():
         said.append(
             f"{int((~field.valid).sum())} of {field.valid.size} vectors are missing: traction there is what their neighbours suggest"

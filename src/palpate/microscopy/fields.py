@@ -12,12 +12,14 @@ from palpate.errors import InvalidInput
 from palpate.recordings import Recording
 from palpate.sensing.arrays import AreaArray
 
-__all__ = ["Field"]
+__all__ = ["Field", "mended"]
 
 #: Displacements larger than this part of the field of view, or gradients larger than the next number, are those of a wrong unit.
 LARGEST, STEEPEST = 0.25, 1.0
 #: Steps between vectors may differ by this part of a step: coordinates are often rounded.
 EVEN = 0.02
+#: Neighbours' median test: how far off in units of the neighbours' own spread, and the spread that is always there [px].
+OFF, SPREAD = 3.0, 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -193,6 +195,40 @@ class Field:
         x, y = ((s + 0.5 * (n - 1) * self.step) * self.pixel for s, n in zip(self.start, (columns, rows)))
         return float(x), float(y)
 
+    @property
+    def unlike(self) -> npt.NDArray[np.bool_]:
+        """Vectors (row, column) that differ from all about them, as bad ones of a PIV program do: the normalised median test, with 0.1 px that always may be
+        (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005, 1096-1100).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.microscopy import Field
+        >>> u = np.zeros((2, 30, 40))
+        >>> u[0, 3, 4] = 0.3e-6
+        >>> np.argwhere(Field(displacement=u, start=(3.5, 3.5), step=8.0, pixel=0.1e-6).unlike).tolist()
+        [[3, 4]]
+        """
+        return mended(self.displacement / self.pixel)[1]
+
+    def without_outliers(self) -> Field:
+        """The field without the vectors that are `unlike` those about them; ``notes`` say how many.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.microscopy import Field
+        >>> u = np.zeros((2, 30, 40))
+        >>> u[0, 3, 4] = 0.3e-6
+        >>> int((~Field(displacement=u, start=(3.5, 3.5), step=8.0, pixel=0.1e-6).without_outliers().valid).sum())
+        1
+        """
+        bad = self.unlike
+        if not bad.any():
+            return self
+        said = f"{int(bad.sum())} of {bad.size} vectors are left out: they differ from all about them"
+        return replace(self, displacement=np.where(bad, np.nan, self.displacement), notes=(*self.notes, said))
+
     def without_drift(self) -> Field:
         """The field without the shift of the whole: the median of the vectors along its border, where a cell moves least; ``drift`` says how much.
 
@@ -281,3 +317,27 @@ class Field:
             channels=("displacement_x", "displacement_y"),
             meta={"x0": repr(float(x)), "y0": repr(float(y)), "pitch": repr(self.pitch)},
         )
+
+
+def mended(u: Any) -> tuple[Any, npt.NDArray[np.bool_]]:
+    """Displacements (2, row, column) [px] with vectors that differ from their neighbours, or are missing, replaced by the neighbours' median; and which
+    differ.
+    """
+    padded = np.pad(u, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
+    rows, columns = u.shape[1:]
+    around = np.stack(
+        [padded[:, r : r + rows, c : c + columns] for r in range(3) for c in range(3) if (r, c) != (1, 1)]
+    )
+    none = np.isnan(around).all(axis=0)
+    around = np.where(none, 0.0, around)
+    middle = np.nanmedian(around, axis=0)
+    spread = np.nanmedian(np.abs(around - middle), axis=0) + SPREAD
+    with np.errstate(invalid="ignore"):
+        off = (np.hypot(*((u - middle) / spread)) > OFF * np.sqrt(2.0)) & ~none.any(axis=0)
+    missing = np.isnan(u).any(axis=0)
+    out = np.where(off | missing, middle, u)
+    alone = none.any(axis=0) & missing
+    if alone.any():  # holes without a neighbour
+        known = np.nanmedian(np.where(alone, np.nan, out), axis=(1, 2))
+        out = np.where(alone, np.nan_to_num(known)[:, None, None], out)
+    return out, off
