@@ -240,6 +240,8 @@ def hypothesis_of(
     if 0 in signs:
         free = _both(estimator, data, observed, total, none)
         if free is not None:
+            # of the linear model's traction some lies everywhere
+            free = replace(free, rough=replace(free.rough, ring=plain.rough.ring))
             tried.append(free)
     best = _best(tried, t)
     chance = 1.0 if 0 not in signs or best.sign == 0 or free is None else rough_fit(estimator, best, data, observed)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
@@ -79,9 +79,14 @@ def with_rims(
     for each in [without, h] if h.present.any() else [h]:
         data = (h.sign or 1) * (raw - estimator.shifts @ each.sizes)
         whole = replace(run, hypothesis=each, data=data, observed=run.observed | (usable & ~limited))
-        other = _run(free, whole, size, region)
-        if h.sign and not _gain(free, run, other) > estimator.thresholds.contact:
+        other, rest = _run(free, whole, size, region)
+        gains = _gain(free, run, other) > estimator.thresholds.contact
+        if not gains and h.sign == 0 and frame.fit > DOUBT:
+            # cells of the surface were too coarse for it: a push does on finer ones
+            return replace(frame, sign=1, pushed=True)
+        if not gains and h.sign:
             continue
+        other.members.extend(rest)
         found = free._framed(other, raw, ends, rng)
         pressure = (h.sign or 1) * found.traction[-1]
         cancels = np.abs(found.traction).sum() > CANCEL * np.abs(frame.traction).sum()
@@ -102,8 +107,8 @@ def _without_cone(estimator: ConstrainedEstimator) -> AdaptiveEstimator:
     return free
 
 
-def _run(free: AdaptiveEstimator, run: Run, size: Floats, region: Flags) -> Run:
-    """The models over a region, with noise learned from what they leave."""
+def _run(free: AdaptiveEstimator, run: Run, size: Floats, region: Flags) -> tuple[Run, Iterator[ContactModel]]:
+    """The first model over a region, with noise learned from what it leaves, and the others, not yet made."""
     readings, data, observed = free.readings, run.data, run.observed
     first = np.zeros((len(free.columns), size.size))
     first[-1] = size.ravel()
@@ -131,16 +136,16 @@ def _run(free: AdaptiveEstimator, run: Run, size: Floats, region: Flags) -> Run:
         if max(left / scale, scale / max(left, 1e-300)) < SETTLED:
             break
         known = left
-    members: list[ContactModel] = [leading, *models]
-    return replace(
+    solved = replace(
         run,
-        members=members,
+        members=[leading],
         noise=noise,
         parameter=evidence[1].parameter,
         scale=scale,
         levels=levels,
         limit=math.inf,
     )
+    return solved, models
 
 
 def _gain(free: AdaptiveEstimator, push: Run, other: Run) -> float:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +16,7 @@ from palpate.inverse.contact.hypotheses import Hypothesis
 from palpate.inverse.contact.model import ContactModel, scattered
 from palpate.inverse.contact.parts import STATED
 from palpate.inverse.contact.products import Applied
-from palpate.inverse.contact.variances import posterior_factor, shared_errors
+from palpate.inverse.contact.variances import face_of, posterior_factor, shared_errors
 from palpate.sensing.grids import block_means
 
 if TYPE_CHECKING:
@@ -87,6 +89,39 @@ def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviat
     for one in (model, model.contact):
         if one is not None:
             owe(one, white, prior, each)
+    matrix_free = isinstance(model.data.matrix, Applied)
+    if len(estimator.columns) > 1 and not (
+        estimator.cone.coupled or estimator.ambiguous or matrix_free or model.contact
+    ):
+        y = estimator.readings.white((run.data / noise)[observed], observed)
+        drag = with_common_shear(model, y, estimator.variances[:-1], pulls=estimator.cone.free)
+        model.shared = drag if model.shared is None else np.concatenate([model.shared, drag], axis=1)
+
+
+def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float], *, pulls: bool) -> Floats:
+    """Add shear in one proportion b to the pressure all over the contact, q = b p, which penalties of gradients shrink as they do noise; what
+    its error adds to the model's, as in `variances.shared_errors`.
+
+    On readings ``y``, whitened, b is told by what the model leaves: precision S = B'B - Z'Z with B = A p, and a prior with the
+    ``variances`` of shear over pressure. What the model is short of is (1 - H^-1 A'A) b p = H^-1 P b p, P being the penalty.
+    """
+    t, matrix = model.solution.traction, model.data.matrix
+    ways = np.zeros((len(t) - 1, *t.shape))
+    for i, way in enumerate(ways):
+        way[i] = t[-1]
+    seen = np.stack([matrix @ way.ravel() for way in ways], axis=1)
+    z = posterior_factor(model.solution, seen.T @ matrix)
+    covariance = np.linalg.inv(seen.T @ seen - z.T @ z + np.diag(1.0 / np.asarray(variances)))
+    size = covariance @ (seen.T @ (y - matrix @ t.ravel()))
+    short = posterior_factor(model.solution, np.stack([model.penalty.product(way).ravel() for way in ways]))
+    face, factor = face_of(model.solution)
+    change = np.zeros(t.size)
+    change[face.index] = factor.back(short) @ size
+    found = t + change.reshape(t.shape)
+    if not pulls:
+        found[-1] = np.maximum(found[-1], 0.0)
+    model.solution = replace(model.solution, traction=found)
+    return np.asarray(short @ np.linalg.cholesky(covariance))
 
 
 def owe(model: ContactModel, columns: Floats, prior: Floats, gains: Floats) -> None:
