@@ -398,31 +398,37 @@ def pressed(folder: Path) -> np.ndarray[Any, Any]:
     return readings
 
 
-def test_from_the_table_to_newtons(tmp_path: Path) -> None:
-    """reconstruct, track and convert read the table as if it were a recording, by [columns] and by --map."""
+SAID = "frame=frame,marker=id,x=x,y=y,displacement_x=dx,displacement_y=dy,displacement_z=dz,unit=um,position_unit=mm,rate=20"
 
-    def cli(*arguments: str) -> None:
-        done = run(*arguments, cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
 
+def succeed(folder: Path, *arguments: str) -> None:
+    done = run(*arguments, cwd=folder)
+    assert done.returncode == 0, done.stderr
+
+
+def test_convert_reads_a_table_by_columns_and_by_map(tmp_path: Path) -> None:
     readings = pressed(tmp_path)
-    table, plain, skin = tmp_path / "table.csv", tmp_path / "gel.toml", tmp_path / "mapped.toml"
-    skin.write_text(SKIN + COLUMNS)
-    said = "frame=frame,marker=id,x=x,y=y,displacement_x=dx,displacement_y=dy,displacement_z=dz,unit=um,position_unit=mm,rate=20"
-    cli("convert", str(table), str(tmp_path / "a.npz"), "--map", said)
-    cli("convert", str(table), str(tmp_path / "b.npz"), "--skin", str(skin))
+    (tmp_path / "mapped.toml").write_text(SKIN + COLUMNS)
+    succeed(tmp_path, "convert", "table.csv", "a.npz", "--map", SAID)
+    succeed(tmp_path, "convert", "table.csv", "b.npz", "--skin", "mapped.toml")
     one, two = (read_recording(tmp_path / f"{n}.npz") for n in "ab")
     np.testing.assert_allclose(one.readings, readings, atol=1e-12)
     np.testing.assert_array_equal(one.readings, two.readings)
     assert one.time.tolist() == two.time.tolist() == [5.0, 5.05, 5.1]
-    mapping = read_columns(skin)
+    mapping = read_columns(tmp_path / "mapped.toml")
     assert mapping is not None
     assert list(mapping.channels) == ["displacement_x", "displacement_y", "displacement_z"]
-    cli("reconstruct", str(table), "--skin", str(plain), "--map", said, "--out", str(tmp_path / "t.npz"))
-    force = np.load(tmp_path / "t.npz")["force"]
-    assert abs(force[2, 2] - 1.0) < 0.1
-    cli("track", str(table), "--skin", str(skin), "--out", str(tmp_path / "v.npz"))
-    assert abs(np.load(tmp_path / "v.npz")["force"][2, 2] - 1.0) < 0.15
+
+
+@pytest.mark.long
+def test_from_the_table_to_newtons(tmp_path: Path) -> None:
+    """reconstruct and track read the table as if it were a recording."""
+    pressed(tmp_path)
+    (tmp_path / "mapped.toml").write_text(SKIN + COLUMNS)
+    succeed(tmp_path, "reconstruct", "table.csv", "--skin", "gel.toml", "--map", SAID, "--out", "t.npz")
+    succeed(tmp_path, "track", "table.csv", "--skin", "mapped.toml", "--out", "v.npz")
+    for name, within in (("t", 0.1), ("v", 0.15)):
+        assert abs(np.load(tmp_path / f"{name}.npz")["force"][2, 2] - 1.0) < within
 
 
 def test_what_the_command_line_refuses(tmp_path: Path) -> None:
