@@ -106,9 +106,8 @@ class CameraSource:
 
         A camera that ends raises `InvalidInput`: the view must say so.
         """
-        self.latest.start()
         skipped, said = 0, ""
-        for reading in self.touches.readings:
+        for count, reading in enumerate(self.touches.readings, 1):
             for _ in range(self.latest.skipped - skipped):
                 self.skip()
             skipped = self.latest.skipped
@@ -118,6 +117,8 @@ class CameraSource:
             self.touches.readings.faults.clear()  # a camera may run for days
             self._std = reading.std
             yield reading.time, reading.values
+            if count == self.touches.readings.reference:
+                self.latest.start()  # the zero is taken, and what the first frames prepare is there
         if self.touches.readings.pictures.notes:
             raise InvalidInput(" ".join(self.touches.readings.pictures.notes))
 
