@@ -23,6 +23,7 @@ import scipy.ndimage
 
 import palpate as pp
 from palpate.microscopy import CellForces, Field, bead_displacements, cell_forces, read_field
+from palpate.microscopy.fields import mended
 
 PIXEL, FINE = 0.1e-6, 0.4e-6
 GEL = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
@@ -123,9 +124,15 @@ def on_field(traction: np.ndarray, grid: Any, field: Field) -> np.ndarray:
     return np.asarray(fine.reshape(2, rows, finer, columns, finer).mean(axis=(2, 4)))
 
 
+def whole(field: Field) -> np.ndarray:
+    """Displacements without their mean; vectors that are missing are the median of their neighbours."""
+    u = mended(field.displacement / field.pixel)[0] * field.pixel if not field.valid.all() else field.displacement
+    return np.asarray(u - u.mean(axis=(1, 2), keepdims=True))
+
+
 def smoothed_fttc(field: Field, gel: pp.HalfSpace = GEL, *, part: float = 50.0) -> np.ndarray:
     """Fourier transform traction cytometry on a half-space without regularisation, then a Gaussian of max(shape)/part cells (0: none)."""
-    u = field.displacement - field.displacement.mean(axis=(1, 2), keepdims=True)
+    u = whole(field)
     side = max(u.shape[1:]) + max(u.shape[1:]) % 2
     spectrum = np.fft.fft2(u, (side, side))
     k = 2 * np.pi * np.fft.fftfreq(side, field.pitch)
@@ -146,7 +153,7 @@ def smoothed_fttc(field: Field, gel: pp.HalfSpace = GEL, *, part: float = 50.0) 
 
 def numbers_of(t: np.ndarray, field: Field, inside: np.ndarray) -> dict[str, float]:
     """The same numbers from a traction without errors, with the displacements as they were measured."""
-    u = field.displacement - field.displacement.mean(axis=(1, 2), keepdims=True)
+    u = whole(field)
     rows, columns = field.shape
     x, y = np.meshgrid(field.pitch * np.arange(columns), field.pitch * np.arange(rows))
     x, y = x - x[inside].mean(), y - y[inside].mean()

@@ -10,7 +10,7 @@ import pytest
 import scipy.ndimage
 
 from palpate.errors import InvalidInput
-from palpate.microscopy import Field, bead_displacements, read_field, read_pair, read_picture
+from palpate.microscopy import Field, bead_displacements, is_field, read_field, read_pair, read_picture
 
 N, SHIFT = 224, np.array([3.3, -1.7])
 
@@ -136,6 +136,16 @@ def test_stacks_and_files(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -
     (tmp_path / "cut.tif").write_bytes(raw[: len(raw) // 3])
     with pytest.raises(InvalidInput):
         read_pair([tmp_path / "cut.tif"])
+
+
+def test_compressed_stacks_are_read(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -> None:
+    """LZW, as ImageJ and microscopes write it, which tifffile alone does not unpack."""
+    cv2 = pytest.importorskip("cv2")
+    for name, one in zip(("rest", "pulled"), pair):
+        assert cv2.imwrite(str(tmp_path / f"{name}.tif"), one, [cv2.IMWRITE_TIFF_COMPRESSION, 5])
+    paths = [tmp_path / "rest.tif", tmp_path / "pulled.tif"]
+    assert not is_field(paths)
+    assert all(np.array_equal(a, b) for a, b in zip(read_pair(paths), pair))
 
 
 PUBLISHED = Path(__file__).parents[2] / "shared" / "data" / "pivuq"

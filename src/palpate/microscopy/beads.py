@@ -36,8 +36,6 @@ ROUNDS, SMOOTHED = 5, 0.4
 TOGETHER = 5
 #: A vector known worse than this [px] tells nothing.
 WORST = 1.0
-#: Part of the vectors that may be filled from their neighbours; with more, they are left out.
-FILLED = 0.02
 #: Pictures whose windows are less alike than this (median correlation, after deformation) do not show the same beads.
 ALIKE = 0.35
 #: A window that is less alike than this part of the median holds no beads, or others.
@@ -132,22 +130,16 @@ def bead_displacements(
         )
     unlike = alike < UNLIKE * np.nanmedian(alike)
     bad = ~np.isfinite(u).all(axis=0) | (std.max(axis=0) > WORST) | unlike
-    filled, off = mended(np.where(bad, np.nan, u))
-    bad |= off
+    bad |= mended(np.where(bad, np.nan, u))[1]
     notes = [f"windows of {window} px every {step} px, first picture at rest, second pulled"]
     count = int(bad.sum())
-    if count and count <= FILLED * bad.size:
-        u = filled
-        notes.append(
-            f"{count} of {bad.size} vectors are filled from their neighbours: no beads, or far from what the neighbours do"
+    if count > 0.5 * bad.size:
+        raise InvalidInput(
+            f"{count} of {bad.size} windows show no displacement that their neighbours share: take larger windows, or sharper pictures with more beads."
         )
-    elif count:
-        u = np.where(bad, np.nan, u)
+    if count:
         notes.append(f"{count} of {bad.size} vectors are left out: no beads, or far from what the neighbours do")
-        if count > 0.5 * bad.size:
-            raise InvalidInput(
-                f"{count} of {bad.size} windows show no displacement that their neighbours share: take larger windows, or sharper pictures with more beads."
-            )
+    u = np.where(bad, np.nan, u)
     std = np.where(bad, np.nan, np.hypot(std, FLOOR))
     field = Field(
         displacement=u * pixel,

@@ -122,12 +122,10 @@ def is_field(paths: Sequence[str | Path]) -> bool:
     """
     endings = {Path(p).suffix.lower() for p in paths}
     if endings <= {".tif", ".tiff"} and all(Path(p).is_file() for p in paths):
+        if not all(_floats(Path(p)) for p in paths):
+            return False
         pages = [page for p in paths for page in _pages(Path(p))]
-        return (
-            len(pages) == 2
-            and all(page.dtype.kind == "f" for page in pages)
-            and any((page < 0).any() for page in pages)
-        )
+        return len(pages) == 2 and any((page < 0).any() for page in pages)
     return endings <= set(READERS) - {".tif", ".tiff"}
 
 
@@ -218,6 +216,21 @@ def _pages(path: Path) -> list[Any]:
         if len(axis) == 1:
             pages = list(np.moveaxis(pages[0], axis[0], 0))
     return pages
+
+
+def _floats(path: Path) -> bool:
+    """Whether the pages of a TIFF file hold floats; nothing is unpacked."""
+    try:
+        import tifffile
+    except ImportError as error:
+        raise missing("TIFF fields", error) from error
+    try:
+        with tifffile.TiffFile(path) as file:
+            return all(page.dtype is not None and page.dtype.kind == "f" for page in file.pages)
+    except (tifffile.TiffFileError, OSError, ValueError, IndexError, TypeError, KeyError, AttributeError) as error:
+        raise InvalidInput(
+            f"{path}: cannot be read as TIFF ({str(error)[:80]}); it is truncated or damaged."
+        ) from error
 
 
 def _tiff(path: Path, name: str | None) -> Found:
