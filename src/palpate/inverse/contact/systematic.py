@@ -89,10 +89,7 @@ def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviat
     for one in (model, model.contact):
         if one is not None:
             owe(one, white, prior, each)
-    matrix_free = isinstance(model.data.matrix, Applied)
-    if len(estimator.columns) > 1 and not (
-        estimator.cone.coupled or estimator.ambiguous or matrix_free or model.contact
-    ):
+    if len(estimator.columns) > 1 and not (estimator.cone.coupled or estimator.ambiguous or model.contact):
         y = estimator.readings.white((run.data / noise)[observed], observed)
         drag = with_common_shear(model, y, estimator.variances[:-1], pulls=estimator.cone.free)
         model.shared = drag if model.shared is None else np.concatenate([model.shared, drag], axis=1)
