@@ -99,8 +99,8 @@ def test_violations_are_what_they_say() -> None:
         steps = np.unique(rounded.readings)
         assert len(steps) <= 256
         thick = trust.make_frame("thickness", index)
-        assert thick.told.layers != thick.sensor.layers
-        assert thick.told.depth == thick.sensor.depth < thick.told.thickness
+        assert thick.described.layers != thick.sensor.layers
+        assert thick.described.depth == thick.sensor.depth < thick.described.thickness
         railed = np.sort(np.abs(trust.make_frame("railed", index).readings).ravel())
         assert railed[-1] > 8 * railed[-2]
 

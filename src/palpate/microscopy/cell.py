@@ -176,8 +176,8 @@ class CellForces:
         for q in self.quantities.values():
             value, std, unit = q.scaled()
             should = "" if q.expected is None else f"   (should be {q.expected:g})"
-            spread = f" +- {std}" if q.std > 0 else ""
-            lines.append(f"{q.label:<{width}}  {value}{spread} {unit}{should}")
+            error = f" +- {std}" if q.std > 0 else ""
+            lines.append(f"{q.label:<{width}}  {value}{error} {unit}{should}")
         return "\n".join(lines)
 
     def plot(self, *, title: str | None = None) -> Figure:

@@ -445,12 +445,12 @@ def _placed(
                 )
             out = np.full((2, rows * columns), np.nan)
             out[:, where] = values
-            spread = None
+            deviations = None
             if stds is not None:
-                spread = np.full_like(out, np.nan)
-                spread[:, where] = stds
-                spread = spread.reshape(2, rows, columns)
-            return out.reshape(2, rows, columns), spread, start, step
+                deviations = np.full_like(out, np.nan)
+                deviations[:, where] = stds
+                deviations = deviations.reshape(2, rows, columns)
+            return out.reshape(2, rows, columns), deviations, start, step
     good = np.isfinite(values).all(axis=0)
     at = np.stack(flat, axis=1)[good]
     area = float(np.prod(np.ptp(at, axis=0)))

@@ -33,8 +33,8 @@ class Frame:
     ----------
     row : str
     index : int
-    sensor, told : Sensor
-        What the readings were made with, and what the library is told.
+    sensor, described : Sensor
+        What the readings were made with, and what the library takes it for.
     uncertainty : mapping
         Relative standard deviations that it is told besides, as `palpate.Uncertainty` takes them.
     friction : float or None
@@ -47,7 +47,7 @@ class Frame:
     typical : Load
         What errors are counted in parts of: the load, or where nothing touches, the load that the noise would fit.
     reference : array (channel, *array)
-        A clean frame of the sensor as told: a ball in the middle. What is said of it too is no word on this frame.
+        A clean frame of the sensor as described: a ball in the middle. What is said of it too is no word on this frame.
     words : str
         What is wrong, in figures.
     """
@@ -55,7 +55,7 @@ class Frame:
     row: str
     index: int
     sensor: Sensor
-    told: Sensor
+    described: Sensor
     uncertainty: Mapping[str, float]
     friction: float | None
     noise: tuple[float, ...] | None
@@ -68,7 +68,7 @@ class Frame:
     @cached_property
     def skin(self) -> Skin:
         """What a user would make."""
-        return self.told.skin(self.noise, uncertainty=self.uncertainty)
+        return self.described.skin(self.noise, uncertainty=self.uncertainty)
 
     @property
     def empty(self) -> bool:
@@ -76,9 +76,9 @@ class Frame:
         return not np.any(self.load.traction)
 
     def __str__(self) -> str:
-        told = [] if self.friction is None else [f"friction {self.friction:.2g} given"]
-        told.append("noise given" if self.noise is not None else "noise not given")
-        return f"{self.row} {self.index}: {self.sensor}; {self.load.words}; {', '.join(told)}; {self.words}"
+        given = [] if self.friction is None else [f"friction {self.friction:.2g} given"]
+        given.append("noise given" if self.noise is not None else "noise not given")
+        return f"{self.row} {self.index}: {self.sensor}; {self.load.words}; {', '.join(given)}; {self.words}"
 
 
 @dataclass
@@ -170,16 +170,16 @@ def _dead(draft: _Draft) -> None:
 
 
 def _gains(draft: _Draft) -> None:
-    _spread_gains(draft, float(draft.rng.uniform(0.05, 0.10)))
+    _uneven_gains(draft, float(draft.rng.uniform(0.05, 0.10)))
 
 
 def _stated_gains(draft: _Draft) -> None:
-    _spread_gains(draft, GAIN)
+    _uneven_gains(draft, GAIN)
 
 
-def _spread_gains(draft: _Draft, spread: float) -> None:
-    draft.say(f"gains spread by {100 * spread:.0f} %")
-    draft.readings = draft.readings * (1.0 + spread * draft.rng.standard_normal(draft.readings.shape))
+def _uneven_gains(draft: _Draft, std: float) -> None:
+    draft.say(f"gains spread by {100 * std:.0f} %")
+    draft.readings = draft.readings * (1.0 + std * draft.rng.standard_normal(draft.readings.shape))
 
 
 def _negated(draft: _Draft) -> None:
@@ -266,41 +266,41 @@ def _mixed(draft: _Draft) -> None:
         _MIXABLE[int(i)](draft)
 
 
-# -- what is told --------------------------------------------------------------------------------------------------------
+# -- what is described --------------------------------------------------------------------------------------------------------
 
 
-Spread = Callable[[np.random.Generator], float]
-Told = Callable[[Sensor, np.random.Generator], Sensor]
+Factor = Callable[[np.random.Generator], float]
+Described = Callable[[Sensor, np.random.Generator], Sensor]
 
 #: Relative standard deviations that descriptions state, where they do.
 MODULUS, THICKNESS, DEPTH, GAIN = 0.2, 0.2, 0.3, 0.075
 
 
-def _off(low: float, high: float) -> Spread:
+def _off(low: float, high: float) -> Factor:
     """A factor off by ``low`` to ``high``, up or down."""
     return lambda rng: float(1.0 + rng.uniform(low, high) * rng.choice([-1, 1]))
 
 
-def _stated(std: float) -> Spread:
+def _stated(std: float) -> Factor:
     """A truth drawn from what is stated, a relative standard deviation ``std``, two of them at the most."""
     return lambda rng: float(1.0 / (1.0 + std * np.clip(rng.standard_normal(), -2.0, 2.0)))
 
 
-def _modulus(spread: Spread) -> Told:
-    return lambda sensor, rng: replace(sensor, modulus=sensor.modulus * spread(rng))
+def _modulus(factor_of: Factor) -> Described:
+    return lambda sensor, rng: replace(sensor, modulus=sensor.modulus * factor_of(rng))
 
 
-def _thickness(spread: Spread) -> Told:
-    def told(sensor: Sensor, rng: np.random.Generator) -> Sensor:
-        # what is told must still hold the taxels
-        factor = max(spread(rng), 1.001 * sensor.depth / sensor.thickness)
+def _thickness(factor_of: Factor) -> Described:
+    def described(sensor: Sensor, rng: np.random.Generator) -> Sensor:
+        # what is described must still hold the taxels
+        factor = max(factor_of(rng), 1.001 * sensor.depth / sensor.thickness)
         return replace(sensor, layers=tuple((t * factor, part) for t, part in sensor.layers))
 
-    return told
+    return described
 
 
-def _depth(spread: Spread) -> Told:
-    return lambda sensor, rng: replace(sensor, depth=min(sensor.depth * spread(rng), 0.999 * sensor.thickness))
+def _depth(factor_of: Factor) -> Described:
+    return lambda sensor, rng: replace(sensor, depth=min(sensor.depth * factor_of(rng), 0.999 * sensor.thickness))
 
 
 @dataclass(frozen=True)
@@ -318,7 +318,7 @@ class Row:
         "press", "nothing", "pull", "adhesion" or "unseen shear".
     change : callable or None
         What happens to readings.
-    told : callable (Sensor, rng) -> Sensor or None
+    described : callable (Sensor, rng) -> Sensor or None
         What the library is told in place of the truth.
     uncertainty : mapping
         Relative standard deviations that the description states.
@@ -333,7 +333,7 @@ class Row:
     suits: Callable[[Sensor], bool] = lambda s: True
     load: str = "press"
     change: Change | None = None
-    told: Told | None = None
+    described: Described | None = None
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     noise: tuple[float, float] = USUAL
     misstated: bool = False
@@ -383,39 +383,39 @@ _TABLE: Sequence[Row] = (
         "modulus",
         "the pad 20 to 25 % stiffer or softer than said",
         suits=_modulus_matters,
-        told=_modulus(_off(0.2, 0.25)),
+        described=_modulus(_off(0.2, 0.25)),
     ),
     Row(
         "modulus named",
         "the modulus said to be known to 20 %, and it is",
         suits=_modulus_matters,
-        told=_modulus(_stated(MODULUS)),
+        described=_modulus(_stated(MODULUS)),
         uncertainty={"youngs_modulus": MODULUS},
     ),
     Row(
         "thickness",
         "the layer 15 to 25 % thicker or thinner than said",
         suits=_thick_in_doubt,
-        told=_thickness(_off(0.15, 0.25)),
+        described=_thickness(_off(0.15, 0.25)),
     ),
     Row(
         "thickness named",
         "the thickness said to be known to 20 %, and it is",
         suits=_thick_in_doubt,
-        told=_thickness(_stated(THICKNESS)),
+        described=_thickness(_stated(THICKNESS)),
         uncertainty={"thickness": THICKNESS},
     ),
     Row(
         "depth",
         "taxels said to be 0.7 or 1.4 times as deep as they are",
         suits=_buried,
-        told=_depth(lambda rng: float(rng.choice([0.7, 1.4]))),
+        described=_depth(lambda rng: float(rng.choice([0.7, 1.4]))),
     ),
     Row(
         "depth named",
         "the depth said to be known to 30 %, and it is",
         suits=_buried,
-        told=_depth(_stated(DEPTH)),
+        described=_depth(_stated(DEPTH)),
         uncertainty={"depth": DEPTH},
     ),
     Row("transposed", "rows and columns swapped", suits=_square, change=_transposed),
@@ -479,11 +479,11 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
         draft.readings = np.zeros_like(readings)
     if this.change is not None:
         this.change(draft)
-    told = sensor if this.told is None else this.told(sensor, rng)
-    if this.told is not None:
+    described = sensor if this.described is None else this.described(sensor, rng)
+    if this.described is not None:
         draft.say(
-            f"told depth {told.depth / sensor.depth if sensor.depth else 1:.2f}, modulus {told.modulus / sensor.modulus:.2f}, "
-            f"thickness {told.thickness / sensor.thickness if sensor.layers else 1:.2f} times the true one"
+            f"described depth {described.depth / sensor.depth if sensor.depth else 1:.2f}, modulus {described.modulus / sensor.modulus:.2f}, "
+            f"thickness {described.thickness / sensor.thickness if sensor.layers else 1:.2f} times the true one"
         )
     given = rng.random() < 0.5 or this.misstated
     says = std * (float(rng.choice([1 / 3, 3.0])) if this.misstated else 1.0)
@@ -494,14 +494,14 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
     friction = mu * float(rng.choice([1.0, 1.0, 1.3])) if presses and sensor.shears and rng.random() < 0.5 else None
     if this.load == "unseen shear":
         friction = None
-    ball = plain_ball(told, float(np.abs(typical.traction).max()))
-    clean = _sensed(told, ball)
+    ball = plain_ball(described, float(np.abs(typical.traction).max()))
+    clean = _sensed(described, ball)
     clean = clean + column * rng.standard_normal(clean.shape)
     return Frame(
         row=row,
         index=index,
         sensor=sensor,
-        told=told,
+        described=described,
         uncertainty=this.uncertainty,
         friction=friction,
         noise=tuple(float(v) for v in says) if given else None,

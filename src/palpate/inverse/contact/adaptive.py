@@ -153,10 +153,10 @@ class AdaptiveEstimator(ConstrainedEstimator):
         if self.cone.coupled and self.parts.sliding:
             coarse = data if ratio == 1 else refined(1)[0]
             precisions = self.precisions(coarse.level, 1, parameter / scale**2)
-            told = coarse, first, precisions
+            given = coarse, first, precisions
             if isinstance(coarse.matrix, Applied):
-                told = in_blocks(*told)
-            slides = ways_of_sliding(told[0], told[1], self.cone, told[2], self.thresholds)
+                given = in_blocks(*given)
+            slides = ways_of_sliding(given[0], given[1], self.cone, given[2], self.thresholds)
         rest = max(1.0 - sum(chance for _, _, chance in slides), 0.0)
         # what is as good as excluded is not worth its local weights
         whole = rest >= self.thresholds.slides or not self.parts.skipped

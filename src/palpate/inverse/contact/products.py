@@ -231,13 +231,13 @@ class Box:
                 part = whole
             image = part.reshape(len(rows), plane.rows, *plane.taxels)
             if any(r > 1 for r in plane.ratios):
-                spread = np.zeros(
+                whole = np.zeros(
                     (len(rows), plane.rows, *((m - 1) * r + 1 for m, r in zip(plane.taxels, plane.ratios))),
                     dtype=rows.dtype,
                 )
                 every: Any = (..., *(slice(None, None, r) for r in plane.ratios))
-                spread[every] = image
-                image = spread
+                whole[every] = image
+                image = whole
             out = _mixed(spectrum, rfftn(image, size))
             total = total + irfftn(out, size, [slice(0, n) for n in self.shape], overwrite=True)
         return total

@@ -85,8 +85,8 @@ def in_blocks(data: Normal, first: Floats, precisions: Sequence[Sparse]) -> tupl
             gram[:, :, column, some] = np.stack([sums @ seen[:, i].T for i in range(c)])
     known = gram.reshape(c * k, c * k)
     linear = (sums @ data.linear.T).T
-    spread = scipy.sparse.csr_array((np.ones(n), (data.cells, inverse)), shape=(math.prod(shape), k))
-    coarse = [scipy.sparse.csr_array(spread.T @ q @ spread) / side for q in precisions]
+    onto = scipy.sparse.csr_array((np.ones(n), (data.cells, inverse)), shape=(math.prod(shape), k))
+    coarse = [scipy.sparse.csr_array(onto.T @ q @ onto) / side for q in precisions]
     means = (sums @ first[:, data.cells].T).T / sums.sum(axis=1)
     cells = np.arange(k)
     return Normal(data.level, cells, np.zeros((0, c * k)), linear, 0.5 * (known + known.T)), means, coarse

@@ -69,15 +69,15 @@ def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats
     large the traction may be was learned from these very readings) is no knowledge.
     """
     z = posterior_factor(model.solution, columns.T @ model.data.matrix)
-    told = np.isinf(prior)
-    out = z * np.where(told, 0.0, prior)
-    if told.any():
-        b, found = columns[:, told], z[:, told]
+    observed = np.isinf(prior)
+    out = z * np.where(observed, 0.0, prior)
+    if observed.any():
+        b, found = columns[:, observed], z[:, observed]
         precision = b.T @ b - found.T @ found
         values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
         # what the readings do not tell at all stays as wide as the readings themselves allow
         floor = 1e-6 * max(float(np.trace(b.T @ b)), 1e-300)
-        out[:, told] = found @ (vectors / np.sqrt(np.maximum(values, floor)))
+        out[:, observed] = found @ (vectors / np.sqrt(np.maximum(values, floor)))
     return np.asarray(out)
 
 
