@@ -70,7 +70,9 @@ PARTS: dict[str, tuple[str, ...]] = {
     "outliers left out": ("outliers",),
     "outliers and broken readings": ("screening", "outliers"),
     "offsets of the readings": ("nuisances",),
-    "contact that pulls": ("pulls",),
+    "contact that pulls": ("pulls", "rims"),
+    "pull about a contact": ("rims",),
+    "shear in proportion to the pressure": ("common_shear",),
     "faint cells left out early": ("narrowed",),
     "no local weights for the improbable (saves time)": ("skipped",),
 }
@@ -99,7 +101,7 @@ NUMBERS = (
 #: What parts and numbers need to make any difference: friction that is known, shear that is sought, more than one channel.
 NEEDS = {
     **dict.fromkeys(("sliding", "finer_sliding", "narrowed", "skipped", "slides", "jointly"), "friction"),
-    **dict.fromkeys(("common_profile", "shear_in_contact", "shear"), "shear"),
+    **dict.fromkeys(("common_profile", "shear_in_contact", "common_shear", "shear"), "shear"),
     **dict.fromkeys(("channel_noise", "uneven_evidence", "unequal"), "channels"),
 }
 

@@ -60,6 +60,10 @@ class Parts:
         Readings that no contact explains are left out.
     pulls : bool
         A frame that pushing does not explain is given to the linear method (where friction is not known).
+    rims : bool
+        Pull about a contact is sought where a push leaves more than noise.
+    common_shear : bool
+        Shear in one proportion to the pressure, which penalties shrink, is added to every model (where friction is not known).
     screening : bool
         Broken readings are left out before contact is sought, and readings at a ceiling count as "at least".
     nuisances : bool
@@ -90,6 +94,8 @@ class Parts:
     explains: bool = True
     outliers: bool = True
     pulls: bool = True
+    rims: bool = True
+    common_shear: bool = True
     screening: bool = True
     nuisances: bool = True
     narrowed: bool = True

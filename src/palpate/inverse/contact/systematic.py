@@ -89,7 +89,8 @@ def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviat
     for one in (model, model.contact):
         if one is not None:
             owe(one, white, prior, each)
-    if len(estimator.columns) > 1 and not (estimator.cone.coupled or estimator.ambiguous or model.contact):
+    free = not (estimator.cone.coupled or estimator.ambiguous or model.contact)
+    if estimator.parts.common_shear and len(estimator.columns) > 1 and free:
         y = estimator.readings.white((run.data / noise)[observed], observed)
         drag = with_common_shear(model, y, estimator.variances[:-1], pulls=estimator.cone.free)
         model.shared = drag if model.shared is None else np.concatenate([model.shared, drag], axis=1)
