@@ -59,7 +59,12 @@ def with_rims(
 
     ``raw`` are the readings and ``usable`` those that count, before any was left out that contact which pushes does not explain.
     """
-    if not estimator.parts.rims or 0 not in estimator.signs or not run.members or not (frame.fit < DOUBT or run.hypothesis.sign == 0):
+    if (
+        not estimator.parts.rims
+        or 0 not in estimator.signs
+        or not run.members
+        or not (frame.fit < DOUBT or run.hypothesis.sign == 0)
+    ):
         return None
     if any(isinstance(m.data.matrix, Applied) for m in run.members):
         return None
