@@ -34,8 +34,6 @@ __all__ = ["Marginal", "Observed", "Offsets"]
 #: Standard deviation of an offset about its rate after a second, as a part of the largest reading met: a contact that covers the array is
 #: known to 0.8 % after a minute.
 WALK = 0.001
-#: Standard deviation of a rate of drift that no frame observes, as a part of the largest reading a second: frames whose iteration did not end.
-UNOBSERVED = 0.01
 #: A rate of drift is confirmed by frames that correct an offset by this part of what they tell; else it is forgotten with this time constant [s].
 CONFIRMED, RATE_HOLDS = 0.03, 5.0
 #: Without contact, the part of what all taxels of a channel share that one frame corrects.
@@ -173,15 +171,15 @@ class Offsets:
             self._both = both
 
     def pass_time(self, elapsed: float, scale: float, *, observed: bool = True) -> None:
-        """Offsets walk while time passes; where the last frame ``observed`` nothing of them, at a rate that is not known."""
+        """Offsets walk while time passes; ``observed``: whether the last frame told them."""
         self._scale, self._elapsed = scale, min(max(elapsed, 0.0), 1.0)
         self.rate = np.where(self._share > CONFIRMED, 1.0, math.exp(-self._elapsed / RATE_HOLDS)) * self.rate
         self._share = np.zeros_like(self.rate)
-        before, self._unobserved = (self._unobserved, self._unobserved + self._elapsed) if not observed else (0.0, 0.0)
-        step = (WALK * scale) ** 2 * self._elapsed + (UNOBSERVED * scale) ** 2 * (self._unobserved**2 - before**2)
+        self._unobserved = 0.0 if observed else self._unobserved + self._elapsed
+        step = WALK * scale * math.sqrt(self._elapsed)
         k = len(self.mean)
         both = self._both.copy()
-        both[:k, :k] += step * np.eye(k)
+        both[:k, :k] += step**2 * np.eye(k)
         most = float(np.diagonal(both).max())
         if most > (JUMP * scale) ** 2:
             both = both * ((JUMP * scale) ** 2 / most)
