@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.fft
 import scipy.ndimage
 
 import palpate as pp
@@ -135,8 +136,8 @@ def smoothed_fttc(field: Field, gel: pp.HalfSpace = GEL, *, part: float = 50.0) 
     """Fourier transform traction cytometry on a half-space without regularisation, then a Gaussian of max(shape)/part cells (0: none)."""
     u = whole(field)
     side = max(u.shape[1:]) + max(u.shape[1:]) % 2
-    spectrum = np.fft.fft2(u, (side, side))
-    k = 2 * np.pi * np.fft.fftfreq(side, field.pitch)
+    spectrum = scipy.fft.fft2(u, (side, side))
+    k = 2 * np.pi * scipy.fft.fftfreq(side, field.pitch)
     kx, ky = k[None, :], k[:, None]
     size = np.hypot(kx, ky)
     safe = np.where(size > 0, size, 1.0)
@@ -146,7 +147,7 @@ def smoothed_fttc(field: Field, gel: pp.HalfSpace = GEL, *, part: float = 50.0) 
     cross = np.where((np.abs(kx) == np.abs(k).max()) | (np.abs(ky) == np.abs(k).max()), 0.0, cross)
     tx = ((1 - ratio) * size**2 + ratio * kx**2) * scale * spectrum[0] + cross * spectrum[1]
     ty = cross * spectrum[0] + ((1 - ratio) * size**2 + ratio * ky**2) * scale * spectrum[1]
-    t = np.real(np.fft.ifft2(np.stack([tx, ty])))[:, : u.shape[1], : u.shape[2]]
+    t = np.real(scipy.fft.ifft2(np.stack([tx, ty])))[:, : u.shape[1], : u.shape[2]]
     if part:
         t = np.stack([scipy.ndimage.gaussian_filter(c, max(u.shape[1:]) / part) for c in t])
     return np.asarray(t)

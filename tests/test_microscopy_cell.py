@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import palpate as pp
 from palpate.errors import InvalidInput
@@ -211,6 +211,8 @@ def test_quantities_are_written_as_they_are_known() -> None:
 
 def test_the_command_writes_report_figure_table_and_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
+    CliRunner = pytest.importorskip("typer.testing").CliRunner
+
     from palpate.cli import app
     from palpate.recordings import read_touch
 
@@ -269,6 +271,8 @@ channels = ["displacement_x", "displacement_y"]
 
 @pytest.mark.long
 def test_a_skin_file_describes_the_gel_as_options_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    CliRunner = pytest.importorskip("typer.testing").CliRunner
+
     from palpate.cli import app
 
     monkeypatch.chdir(tmp_path)
@@ -282,3 +286,29 @@ def test_a_skin_file_describes_the_gel_as_options_do(tmp_path: Path, monkeypatch
     ):
         CliRunner().invoke(app, [*run, *gel, "--out", out], catch_exceptions=False)
     assert Path("a.csv").read_text() == Path("b.csv").read_text()
+
+
+def test_remedies_that_are_said_in_other_words_are_those_of_the_notes() -> None:
+    """A note that is worded anew elsewhere must not pass with the remedy of another call."""
+    from palpate.microscopy.cell import WORDS
+
+    inverse = Path(pp.__file__).parent / "inverse"
+    source = "".join(path.read_text(encoding="utf-8") for path in inverse.rglob("*.py"))
+    source = re.sub(r'"\s*\n\s*f?"', "", source)  # a sentence of several strings
+    source = source.replace("{', '.join(problem.surface.components)}", "x, y, z")
+    assert [theirs for theirs in WORDS if theirs not in source] == []
+
+
+def test_what_is_known_of_the_gel_enters_the_map_or_is_said_not_to() -> None:
+    u = np.zeros((2, 16, 16))
+    u[0, 6:10, 3:6], u[0, 6:10, 10:13] = 0.2e-6, -0.2e-6
+    u += 2e-9 * np.random.default_rng(0).standard_normal(u.shape)
+    field = Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6)
+    gel = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
+    exact = cell_forces(field, gel, draws=8)
+    stated = cell_forces(field, gel, draws=8, uncertainty=pp.Uncertainty(youngs_modulus=0.2, depth=0.1))
+    assert np.allclose(
+        stated.std**2 - exact.std**2, (0.2 * exact.traction) ** 2, atol=1e-6 * float(exact.std.max()) ** 2
+    )
+    assert any("depth" in note and "does not enter" in note for note in stated.notes)
+    assert not any("does not enter" in note for note in exact.notes)

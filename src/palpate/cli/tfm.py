@@ -192,17 +192,17 @@ def _gel(
                 f'{skin_file}: one plane with channels = ["displacement_x", "displacement_y"] is what a picture of beads shows.'
             )
         return pad, float(planes[0].depth), read_uncertainty(skin_file)
-    lacking = [o for o, v in options[:2] if v is None]
-    if lacking:
+    if modulus is None or ratio is None:
+        lacking = [o for o, v in options[:2] if v is None]
         raise InvalidInput(
             f'{" and ".join(lacking)} of the gel are needed, such as --youngs-modulus "8 kPa" --poissons-ratio 0.48, or --skin gel.toml.'
         )
-    value, uncertainty = _known("--youngs-modulus", str(modulus))
+    value, uncertainty = _known("--youngs-modulus", modulus)
     below = parse_quantity(depth, "length", "--depth")
     if thickness is None:
-        return HalfSpace(youngs_modulus=value, poissons_ratio=ratio), below, uncertainty  # type: ignore[arg-type]
+        return HalfSpace(youngs_modulus=value, poissons_ratio=ratio), below, uncertainty
     thick = parse_quantity(thickness, "length", "--thickness")
-    return BondedLayers([Layer(thickness=thick, youngs_modulus=value, poissons_ratio=ratio)]), below, uncertainty  # type: ignore[arg-type]
+    return BondedLayers([Layer(thickness=thick, youngs_modulus=value, poissons_ratio=ratio)]), below, uncertainty
 
 
 def _known(option: str, text: str) -> tuple[float, Uncertainty | None]:

@@ -253,7 +253,7 @@ def cell_forces(
     drift : bool
         Besides traction a shift of the whole picture is sought (default); False where it cannot move.
     uncertainty : Uncertainty, optional
-        How well the modulus is known: it enters every number.
+        How well the modulus is known: it enters every number and the map's standard deviation. Thickness, depth and gains do not, and a note says so.
     draws : int
         Samples of the posterior that tell the errors.
     seed : int
@@ -312,15 +312,22 @@ def cell_forces(
     done = inverted(
         field, pad, depth=depth, noise=noise, order=order, rule=rule, nuisance="auto" if drift else (), uncertainty=uncertainty, draws=draws, seed=seed,
     )  # fmt: skip
-    modulus = 0.0 if uncertainty is None else uncertainty.youngs_modulus
+    known = uncertainty or Uncertainty()
+    modulus = known.youngs_modulus
+    beside = [n for n in ("thickness", "depth", "gain") if getattr(known, n)]
     numbers, principal = _numbers(done, field, inside, corners is not None, modulus)
     said = [
         *field.notes,
         *map(_in_these_words, done.touch.notes),
+        *(
+            [f"how well {', '.join(beside)} is known does not enter these errors, only how well the modulus is"]
+            if beside
+            else []
+        ),
         *_doubts(numbers, principal, field, inside, corners is not None, done),
     ]
     return CellForces(
-        field, pad, done.traction, np.std(done.draws, axis=0, ddof=1), done.draws, done.moved, inside, corners is not None, numbers, principal,
+        field, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), modulus * done.traction), done.draws, done.moved, inside, corners is not None, numbers, principal,
         done.touch, tuple(dict.fromkeys(said)), corners, picture,
     )  # fmt: skip
 

@@ -145,9 +145,10 @@ def read_piv_text(path: Path) -> Found:
     if (
         "n" in at and found.std is not None
     ):  # a count of particles: without any there is no error bar, and where all is zero no vector
-        untold = (values[:, at["n"]] == 0) & (found.std[0] == 0)
-        found.std = tuple(np.where(untold, np.nan, one) for one in found.std)  # type: ignore[assignment]
-        empty = untold & (found.u == 0) & (found.v == 0)
+        unknown = (values[:, at["n"]] == 0) & (found.std[0] == 0)
+        along_x, along_y = (np.where(unknown, np.nan, one) for one in found.std)
+        found.std = (along_x, along_y)
+        empty = unknown & (found.u == 0) & (found.v == 0)
         bad |= empty
         if empty.any():
             found.notes.append(

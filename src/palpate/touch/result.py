@@ -434,7 +434,8 @@ class Touch(Numbers):
         value + std (b -+ s t), with t the quantile of Student's distribution and b, s and its degrees of freedom fixed
         once for each quantity, method and case on simulated contacts (`palpate.uncertainty`), so that the intervals hold the truth as
         often as they say. That is a statement about contacts like those: a mean over contacts and noise, not a promise about one. Where the
-        case has no constants of its own, `calibration_note` says whose are used. Contact found beyond the outermost taxels adds a fixed part
+        case has no constants of its own, `calibration_note` says whose are used. Frames whose iteration did not end (`converged`) have b = 0:
+        what it still had to go may be to either side. Contact found beyond the outermost taxels adds a fixed part
         of itself to s std, in quadrature.
 
         Examples
