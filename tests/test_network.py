@@ -16,7 +16,7 @@ import palpate as pp
 from long_runs import long_runs
 from palpate import solutions
 from palpate.network import FrameListener, Limits, frame_bytes, frame_from_bytes
-from palpate.network.listener import WAITING
+from palpate.network.waiting import WAITING
 
 SHAPE = (3, 6, 5)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.network.listener import WAITING
+from palpate.network.waiting import WAITING
 
 TABLE = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "network.py"))
 CASES = [(name, kind) for name, (_, kinds) in TABLE["CASES"].items() for kind in kinds]

@@ -44,6 +44,7 @@ ROOMS = [
     "paper",
     "bench",
     "live",
+    "ros",
     "cli",
     "__main__",
 ]

@@ -30,6 +30,12 @@ EXTRAS = {
     "tifffile": "camera",
     "dask": "dask",
     "distributed": "dask",
+    "rclpy": "ros2",
+    "geometry_msgs": "ros2",
+    "sensor_msgs": "ros2",
+    "diagnostic_msgs": "ros2",
+    "std_msgs": "ros2",
+    "std_srvs": "ros2",
 }
 
 

@@ -19,6 +19,7 @@ from palpate.cli.methods import MethodCommand, TrackerCommand
 from palpate.cli.pad import pad
 from palpate.cli.paper import paper
 from palpate.cli.reconstruct import reconstruct
+from palpate.cli.ros import RosCommand, ros
 from palpate.cli.sensors import sensors
 from palpate.cli.simulate import simulate
 from palpate.cli.tfm import tfm
@@ -53,8 +54,8 @@ def _root(
 
 
 #: Those that take the options of methods.
-_TAKING = {track: TrackerCommand, live: TrackerCommand, reconstruct: MethodCommand}
-for _command in (demo, simulate, track, live, convert, pad, paper, reconstruct, sensors, tfm, weigh):
+_TAKING = {track: TrackerCommand, live: TrackerCommand, ros: RosCommand, reconstruct: MethodCommand}
+for _command in (demo, simulate, track, live, convert, pad, paper, reconstruct, ros, sensors, tfm, weigh):
     app.command(cls=_TAKING.get(_command))(_command)
 app.add_typer(bench_app, name="bench")
 

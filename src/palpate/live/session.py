@@ -24,7 +24,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import Event, GraspMonitor
-from palpate.network import FrameListener
+from palpate.network.waiting import FrameSource
 from palpate.recordings import Sink, recorder
 from palpate.skin import Skin
 from palpate.status import Status
@@ -110,7 +110,7 @@ class Session:
     ----------
     skin : Skin
     source : callable
-        Returns an iterable of (time [s], readings), or a `FrameListener`. Where its times go back (a sensor that restarts) or another
+        Returns an iterable of (time [s], readings), or a `FrameSource`. Where its times go back (a sensor that restarts) or another
         sender is served, times go on from the last one by this machine's clock: page, tracker and sinks see one time that only
         increases. That is said among the events. The zero is kept.
     tracker, monitor : Tracker, GraspMonitor
@@ -146,14 +146,15 @@ class Session:
     ) -> None:
         self.skin, self.source, self.tracker, self.monitor = skin, source, tracker, monitor
         self.name, self.pace, self.loop, self._end = name, pace, loop, end
-        self._step = tracker.step if step is None else step
+        self._step = step
+        self._next: Tracker | None = None
         self.packet: bytes | None = None
         self.count = self.behind = 0
         self.failure: str | None = None
         self.ended = False
         self.past: list[str] = []
         self._noted = 0
-        self._listener: FrameListener | None = None
+        self._listener: FrameSource | None = None
         self._shift: float | None = None
         self._raw = self._now = self._arrived = 0.0
         self.history: deque[dict[str, Any]] = deque(maxlen=HISTORY)
@@ -272,6 +273,13 @@ class Session:
         with self._lock:
             self._zero_from = frames
 
+    def go_on_with(self, tracker: Tracker) -> None:
+        """Follow the contact with another tracker of the skin, from the next frame that the zero is known in; it takes that over."""
+        with self._lock:
+            unused, self._next = self._next, tracker
+        if unused is not None:
+            unused.close()
+
     def run(self) -> None:
         """The stream to its end, in this thread."""
         try:
@@ -322,7 +330,7 @@ class Session:
     def _frames(self) -> Iterator[tuple[int, float, Any]]:
         """(session, time [s], readings) of the source."""
         source = self.source()
-        if isinstance(source, FrameListener):
+        if isinstance(source, FrameSource):
             self._listener = source
             for text in list(source.events):
                 self.note(text)
@@ -336,10 +344,14 @@ class Session:
         born = 1e3 * clock.time()
         with self._lock:
             wanted, self._zero_from = self._zero_from, 0
+            fresh = self._next
+            if fresh is not None and fresh.take_zero(self.tracker):
+                self.tracker.close()
+                self.tracker, self._next = fresh, None
         if wanted:
             self.tracker.rezero(frames=wanted)
             self.note(f"{time:.3f} s  the zero is taken anew from {wanted} frames: nothing must touch")
-        touch = self._step(reading, time)
+        touch = (self.tracker.step if self._step is None else self._step)(reading, time)
         events = self.monitor.update(touch) if "z" in touch.components else []
         health = self.tracker.health
         rows = np.flatnonzero(health.left_out)

@@ -15,6 +15,7 @@ import math
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -81,7 +82,7 @@ class _Run:
     name: str
     sequence: int
     time: float
-    values: list[tuple[float, Floats]]
+    values: list[tuple[float, Any]]
     count: int = 1
 
 
@@ -172,7 +173,12 @@ class Admission:
         if values.shape != self.wire:
             text = f"a frame of {_times(values.shape)} came, {_times(self.wire)} (channel x row x column) is expected"
             return self.refuse("shape", sender, now, text), []
-        values = values.reshape(tuple(self.shape))
+        return self.take(sender, sequence, time, values.reshape(tuple(self.shape)), now)
+
+    def take(
+        self, sender: str, sequence: int, time: float, values: Any, now: float
+    ) -> tuple[str, list[tuple[int, float, Any]]]:
+        """The same of a frame that has been read already; ``values`` are handed on as they are."""
         session = self._session
         if session is None or sender != session.sender:
             if session is not None and now - session.last < self._patience(session):
@@ -200,8 +206,8 @@ class Admission:
         return min(LONGEST, max(self.limits.quiet, INTERVALS * session.interval) * 2.0 ** min(turns, 10))
 
     def _next(
-        self, session: _Session, sequence: int, time: float, values: Floats, now: float
-    ) -> tuple[str, list[tuple[int, float, Floats]]]:
+        self, session: _Session, sequence: int, time: float, values: Any, now: float
+    ) -> tuple[str, list[tuple[int, float, Any]]]:
         ahead, silent, step = (sequence - session.sequence) % 2**32, now - session.last, time - session.time
         if 0 < ahead <= AHEAD + FASTEST * silent and 0 < step <= LEAP + silent + STEPS * session.step:
             session.interval += 0.1 * (silent - session.interval) if session.interval else silent
@@ -227,8 +233,8 @@ class Admission:
         return "frames", self._begin(session.sender, sequence, run.values, now)
 
     def _begin(
-        self, sender: str, sequence: int, values: list[tuple[float, Floats]], now: float
-    ) -> list[tuple[int, float, Floats]]:
+        self, sender: str, sequence: int, values: list[tuple[float, Any]], now: float
+    ) -> list[tuple[int, float, Any]]:
         old, time = self._session, values[-1][0]
         self.counts["sessions"] += 1
         self.counts["frames"] += len(values)

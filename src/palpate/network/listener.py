@@ -9,22 +9,16 @@ import socket
 import struct
 import threading
 import time as clock
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from palpate._extras import missing
-from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.network.admission import Admission, Limits
+from palpate.network.admission import Limits
 from palpate.network.frames import MAGIC, ZERO, zero_from_bytes
+from palpate.network.waiting import FrameSource
 
-__all__ = ["WAITING", "FrameListener"]
-
-#: Frames that wait to be taken; the oldest make room for the newest.
-WAITING = 8
-#: Words about senders that are kept for whoever asks later.
-EVENTS = 100
+__all__ = ["FrameListener"]
 
 
 def _quiet() -> logging.Logger:
@@ -34,7 +28,7 @@ def _quiet() -> logging.Logger:
     return logger
 
 
-class FrameListener:
+class FrameListener(FrameSource):
     """Listens for frames and gives them out one by one, the newest first where too many wait.
 
     One sender is served at a time; `palpate.network.admission` says which frames are taken. A sender that restarts, or another in its
@@ -101,16 +95,8 @@ class FrameListener:
     ) -> None:
         if kind not in ("udp", "tcp", "ws"):
             raise InvalidInput(f'kind must be "udp", "tcp" or "ws"; got {kind!r}.')
-        self.events: deque[str] = deque(maxlen=EVENTS)
-        self.report, self.zero = report, zero
-        self._admission = Admission(shape, limits or Limits(), self._say)
-        self.shape = tuple(self._admission.shape)
-        self.counts = self._admission.counts
-        self.counts["dropped"] = 0
+        super().__init__(shape, limits=limits, report=report, zero=zero)
         self._limits = self._admission.limits
-        self._frames: deque[tuple[int, float, Floats]] = deque(maxlen=WAITING)
-        self._ready = threading.Condition()
-        self._open = True
         self._kind = kind
         self._connections: dict[str, Any] = {}
         self._refused: dict[str, float] = {}
@@ -123,31 +109,9 @@ class FrameListener:
         self._thread = threading.Thread(target=self._run, name=f"palpate-{kind}", daemon=True)
         self._thread.start()
 
-    def __iter__(self) -> Iterator[tuple[float, Floats]]:
-        """(time [s], readings (channel, *array)) until `close`."""
-        for _, time, values in self.frames():
-            yield time, values
-
-    def frames(self) -> Iterator[tuple[int, float, Floats]]:
-        """(session, time [s], readings (channel, *array)) until `close`; the session counts up where a sender begins (again)."""
-        while True:
-            with self._ready:
-                self._ready.wait_for(lambda: self._frames or not self._open)
-                if not self._frames:
-                    return
-                found = self._frames.popleft()
-            yield found
-
-    @property
-    def sender(self) -> str | None:
-        """Who is being served."""
-        return self._admission.sender
-
     def close(self) -> None:
         """Stop listening."""
-        with self._ready:
-            self._open = False
-            self._ready.notify_all()
+        super().close()
         with contextlib.suppress(RuntimeError):  # it has ended already
             self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join(timeout=5)
@@ -157,11 +121,6 @@ class FrameListener:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _say(self, text: str) -> None:
-        self.events.append(text)
-        if self.report is not None:
-            self.report(text)
 
     def _run(self) -> None:
         with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
@@ -340,13 +299,7 @@ class FrameListener:
         if data[:4] == ZERO and self.zero is not None:
             return self._zeroed(sender, data, self.zero)
         result, found = self._admission.offer(sender, data, clock.monotonic())
-        if found:
-            with self._ready:
-                for frame in found:
-                    if len(self._frames) == WAITING:
-                        self.counts["dropped"] += 1
-                    self._frames.append(frame)
-                self._ready.notify()
+        self._put(found)
         return result
 
     def _zeroed(self, sender: str, data: bytes, zero: Callable[[int], None]) -> str:

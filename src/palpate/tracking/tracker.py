@@ -237,6 +237,35 @@ class Tracker:
         self._offsets.rate = np.zeros_like(self._offsets.rate)
         self._zero.again(frames, only)
 
+    def take_zero(self, other: Tracker) -> bool:
+        """Go on from the zero of another tracker of the same skin; False, and nothing is done, while that one captures its own.
+
+        Raises
+        ------
+        InvalidInput
+            A tracker of other readings.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> offset = [[0.0] * 21, [50.0] * 21]
+        >>> first, second = skin.track(baseline=1), skin.track(friction=0.5)
+        >>> second.take_zero(first)  # it has none yet
+        False
+
+        >>> touch = first.step(offset)
+        >>> second.take_zero(first), str(pp.Status.coded(second.step(offset).status))
+        (True, 'no contact')
+        """
+        if len(other._std) != len(self._std):
+            raise InvalidInput(f"a tracker of {len(other._std)} readings has no zero for one of {len(self._std)}.")
+        if other._zero.capturing or other._zero.baseline is None:
+            return False
+        self._zero = Zero(other._zero.baseline * other._std / self._std, 0, self.drift_time)
+        return True
+
     # -- one frame -----------------------------------------------------------------------------------------------------
 
     def step(self, reading: Any, time: float | None = None, *, std: Any = None) -> Touch:

@@ -1,0 +1,188 @@
+"""palpate ros: a node of ROS 2."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palpate.cli.files import check_output, provenance, skin_files, skin_text
+from palpate.cli.methods import TrackerCommand, tracker_options
+from palpate.cli.options import check_watched
+from palpate.cli.progress import busy
+from palpate.errors import InvalidInput
+
+_KEY = "palpate.ros"
+
+
+class RosCommand(TrackerCommand):
+    """A command that takes what ROS adds to the command line of a node: --ros-args ... up to -- or the end."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        own: list[str] = []
+        ros: list[str] = []
+        inside = False
+        for word in args:
+            if word == "--ros-args":
+                inside = True
+            elif inside and word == "--":
+                inside = False
+            else:
+                (ros if inside else own).append(word)
+        ctx.meta[_KEY] = ros
+        return super().parse_args(ctx, own)
+
+
+def ros(
+    ctx: typer.Context,
+    skin_file: Annotated[
+        Path, typer.Option("--skin", help="skin.toml with the pad, its array, and a section [stream].")
+    ],
+    topic: Annotated[str | None, typer.Option(help="Topic of the readings, in place of that of [stream].")] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            "--type", help="Type of its messages, e.g. sensor_msgs/msg/Image; without it what its publishers say."
+        ),
+    ] = None,
+    baseline: Annotated[int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches.")] = 0,
+    max_pressure: Annotated[str | None, typer.Option(help='Event above this peak pressure, e.g. "40 kPa".')] = None,
+    max_force: Annotated[str | None, typer.Option(help='Event above this normal force, e.g. "2 N".')] = None,
+    budget: Annotated[float, typer.Option(help="Milliseconds a frame may take.")] = 10.0,
+    frame: Annotated[
+        str, typer.Option(help="Frame of reference of what is published; without it that of the messages.")
+    ] = "",
+    record: Annotated[
+        Path | None, typer.Option(help="Record from the start (.mcap, .nc, .h5, .zarr): readings, touches, events.")
+    ] = None,
+    page: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Show the live page on this port of this machine too.")
+    ] = None,
+) -> None:
+    """Run as a node of ROS 2: readings from a topic in, forces, traction, slip and events out.
+
+    Publishes ~/wrench with its 95 % interval (~/wrench_low, ~/wrench_high), ~/center, ~/traction, ~/slip_margin, ~/events and /diagnostics; takes ~/rezero.
+    Arguments of ROS come last, e.g. --ros-args -r __ns:=/left -p friction:=0.6.
+    """
+    import os
+
+    from palpate.recordings import Sink, read_stream, recorder
+    from palpate.ros.client import message_class, ros_client
+    from palpate.ros.node import Ros, TouchNode
+    from palpate.units import parse_quantity
+
+    ros_client()
+    mapping = read_stream(skin_file)
+    if mapping is None:
+        raise InvalidInput(
+            f"{skin_file} has no section [stream]: write one with the topic, where the taxels are in its messages, and the unit of their numbers, e.g. "
+            f'[stream] topic = "{topic or "/finger"}", path = "data", unit = "Pa".'
+        )
+    if topic is not None:
+        mapping = replace(mapping, topic=topic)
+    if not budget > 0:
+        raise InvalidInput(f"--budget must be a positive number of milliseconds; got {budget:g}.")
+    if kind is not None:
+        message_class(kind)
+    if record is not None:
+        if os.path.lexists(record):
+            raise InvalidInput(f"{record} exists; a recording is never overwritten. Give --record another name.")
+        check_output(record, inputs=[*skin_files(skin_file)], force=False)
+    options = tracker_options(ctx)
+    connection = Ros(ctx.meta.get(_KEY, []))
+    try:
+        kind = kind or _kind(connection, mapping.topic)
+        skin, rest = _skin(connection, skin_file, mapping, kind)
+        check_watched(skin, max_pressure, max_force)
+        force = "force per length" if skin.surface.dimensions == 1 else "force"
+        sinks: list[Sink] = []
+        if record is not None:
+            from palpate.live.session import recorded
+
+            sinks.append(recorder(record, **recorded(skin), meta=provenance(skin_text(skin_file), mapping.topic)))
+        with busy("preparing the skin"):
+            node = TouchNode(
+                connection,
+                skin,
+                mapping,
+                kind=kind,
+                options=options,
+                baseline=baseline,
+                budget=1e-3 * budget,
+                max_pressure=None
+                if max_pressure is None
+                else parse_quantity(max_pressure, "pressure", "--max-pressure"),
+                max_force=None if max_force is None else parse_quantity(max_force, force, "--max-force"),
+                rest=rest,
+                frame=frame,
+                sinks=sinks,
+            )
+        for note in node.session.tracker.notes:
+            typer.echo(f"note: {note}", err=True)
+        name = connection.node.get_fully_qualified_name()
+        typer.echo(
+            f"{name}: {connection.node.resolve_topic_name(mapping.topic)} ({kind}) to {name}/wrench and others    (Ctrl-C ends)"
+        )
+        _run(node, page)
+        if node.session.lost:
+            raise node.session.lost[0]
+    finally:
+        connection.close()
+
+
+def _kind(connection: Any, topic: str) -> str:
+    """Type of the topic, once it has a publisher."""
+    found: str | None = connection.type_of(topic, wait=1.0)
+    if found is None:
+        full = connection.node.resolve_topic_name(topic)
+        typer.echo(f"waiting for a publisher of {full} (Ctrl-C ends; --type spares the wait)", err=True)
+        while found is None:
+            found = connection.type_of(topic, wait=1.0)
+    return found
+
+
+def _skin(connection: Any, skin_file: Path, mapping: Any, kind: str) -> tuple[Any, Any]:
+    """The skin, and where its markers are at rest: the first message says so."""
+    import numpy as np
+
+    from palpate.recordings import Recording
+    from palpate.skin import Skin
+
+    if not mapping.markers:
+        return Skin.from_file(skin_file), None
+    message = connection.first(mapping.topic, kind, wait=1.0)
+    if message is None:
+        typer.echo("waiting for the first message: where the markers are at rest", err=True)
+        while message is None:
+            message = connection.first(mapping.topic, kind, wait=5.0)
+    rest = mapping.readings(message)
+    rest = rest[:, 0] if rest.ndim == 3 and rest.shape[1] == 1 else rest
+    places = Recording(
+        readings=np.zeros((1, *rest.shape), dtype=np.float32),
+        channels=mapping.channels,
+        time=np.zeros(1),
+        positions=rest[:2].T,
+    )
+    return Skin.from_file(skin_file, recording=places), rest
+
+
+def _run(node: Any, page: int | None) -> None:
+    """Until Ctrl-C, or the stream fails."""
+    import time
+
+    try:
+        if page is not None:
+            from palpate.live import Live, address, serve
+
+            view = Live(node.session)  # it begins and ends the session
+            typer.echo(f"open {address(view, '127.0.0.1', page)}")
+            serve(view, port=page)
+            return
+        node.start()
+        while not node.session.ended:
+            time.sleep(0.2)
+        raise InvalidInput(f"the stream has ended: {node.session.failure or 'nothing more comes'}.")
+    finally:
+        node.close()

@@ -1,0 +1,83 @@
+"""Frames that wait between whoever receives them and whoever answers: few, the oldest making room for the newest."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from palpate.network.admission import Admission, Limits
+
+__all__ = ["EVENTS", "WAITING", "FrameSource"]
+
+#: Frames that wait to be taken; the oldest make room for the newest.
+WAITING = 8
+#: Words about senders that are kept for whoever asks later.
+EVENTS = 100
+
+
+class FrameSource:
+    """Frames of live senders, one sender at a time: what `FrameListener` and the node for ROS 2 have in common.
+
+    A subclass gives what it receives to ``_admission`` and what that takes to `_put`; ``report`` and ``zero`` are as in `FrameListener`.
+    """
+
+    def __init__(
+        self,
+        shape: Sequence[int],
+        *,
+        limits: Limits | None = None,
+        report: Callable[[str], None] | None = None,
+        zero: Callable[[int], None] | None = None,
+    ) -> None:
+        self.events: deque[str] = deque(maxlen=EVENTS)
+        self.report, self.zero = report, zero
+        self._admission = Admission(shape, limits or Limits(), self._say)
+        self.shape = tuple(self._admission.shape)
+        self.counts = self._admission.counts
+        self.counts["dropped"] = 0
+        self._frames: deque[tuple[int, float, Any]] = deque(maxlen=WAITING)
+        self._ready = threading.Condition()
+        self._open = True
+
+    def __iter__(self) -> Iterator[tuple[float, Any]]:
+        """(time [s], readings (channel, *array)) until `close`."""
+        for _, time, values in self.frames():
+            yield time, values
+
+    def frames(self) -> Iterator[tuple[int, float, Any]]:
+        """(session, time [s], readings (channel, *array)) until `close`; the session counts up where a sender begins (again)."""
+        while True:
+            with self._ready:
+                self._ready.wait_for(lambda: self._frames or not self._open)
+                if not self._frames:
+                    return
+                found = self._frames.popleft()
+            yield found
+
+    @property
+    def sender(self) -> str | None:
+        """Who is being served."""
+        return self._admission.sender
+
+    def close(self) -> None:
+        """No more frames come: `frames` ends."""
+        with self._ready:
+            self._open = False
+            self._ready.notify_all()
+
+    def _put(self, frames: Sequence[tuple[int, float, Any]]) -> None:
+        """Frames that were taken."""
+        if frames:
+            with self._ready:
+                for frame in frames:
+                    if len(self._frames) == WAITING:
+                        self.counts["dropped"] += 1
+                    self._frames.append(frame)
+                self._ready.notify()
+
+    def _say(self, text: str) -> None:
+        self.events.append(text)
+        if self.report is not None:
+            self.report(text)

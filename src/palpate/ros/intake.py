@@ -1,0 +1,207 @@
+"""Messages of a topic become frames: read by the mapping, from one publisher at a time, in order, with the stamps that answers will carry.
+
+Publishers are told apart by their identifiers, frames by the sequence numbers that the middleware gives them; `palpate.network.admission` decides
+as it does for frames from the network. A publisher that is killed and started again is another one: it is served when the first has left the
+graph, or has been silent for a while.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+from palpate.network.admission import Limits
+from palpate.network.waiting import FrameSource
+from palpate.recordings import TopicMapping
+
+__all__ = ["Header", "Intake", "readings_of"]
+
+#: Least time between two looks at which publishers there are [s].
+LOOK = 0.1
+#: Time between frames without a stamp where the clock (a simulated one) has not moved [s].
+STILL = 1e-6
+#: Publishers whose names and sequence numbers are kept.
+REMEMBERED = 64
+
+
+@dataclass(frozen=True)
+class Header:
+    """When a frame was taken by the clock of ROS (nanoseconds), in which frame of reference, and when it came by this machine's steady clock [ns]."""
+
+    stamp: int
+    frame: str
+    came: int
+
+
+def readings_of(mapping: TopicMapping, shape: Sequence[int], message: Any) -> Floats:
+    """(channel, *array) of a message; `InvalidInput` where it does not hold what is described."""
+    try:
+        values = mapping.readings(message)
+    except InvalidInput:
+        raise
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"{mapping.topic}: a message does not hold numbers where they should be ({error})."
+        ) from error
+    wanted = tuple(shape)
+    if len(wanted) == 2 and values.ndim == 3 and values.shape[1] == 1:
+        values = values[:, 0]
+    if values.shape != wanted:
+        raise InvalidInput(
+            f"{mapping.topic}: a message holds {_times(values.shape)} numbers, the skin describes {_times(wanted)} (channel x taxels)."
+        )
+    return values
+
+
+class Intake(FrameSource):
+    """Frames from the messages of a topic.
+
+    Parameters
+    ----------
+    mapping : TopicMapping
+        What is where in a message.
+    shape : sequence of int
+        (channel, *array) that the skin describes.
+    now : callable
+        The clock of ROS [ns]; that of a simulation where there is one.
+    rest : array (channel, marker), optional
+        Where markers are at rest; without it the first message says so, where ``mapping.markers``.
+    publishers : callable, optional
+        Names of the publishers that there are, by their identifiers in hexadecimal digits.
+    limits : Limits, optional
+        How long a publisher may be silent until another is served.
+
+    Attributes
+    ----------
+    counts : dict
+        As of a `FrameListener`; and "messages" that came, and "lost" ones, which publishers sent and the middleware did not deliver.
+    header : Header
+        Of the frame that was given out last.
+    """
+
+    def __init__(
+        self,
+        mapping: TopicMapping,
+        shape: Sequence[int],
+        *,
+        now: Callable[[], int],
+        rest: Floats | None = None,
+        publishers: Callable[[], dict[str, str]] | None = None,
+        limits: Limits | None = None,
+    ) -> None:
+        super().__init__(shape, limits=limits)
+        self.counts.update(messages=0, lost=0)
+        self.header = Header(0, "", 0)
+        self._mapping, self._now, self._rest = mapping, now, rest
+        self._publishers = publishers
+        self._keys: dict[str, str] = {}
+        self._looked = -math.inf
+        self._sequences: dict[str, int] = {}
+        self._counted = 0
+        self._unstamped = -math.inf
+
+    def frames(self) -> Iterator[tuple[int, float, Any]]:
+        """(session, time [s], readings); `header` is that of the frame."""
+        for session, time, (values, header) in super().frames():
+            self.header = header
+            yield session, time, values
+
+    def take(self, message: Any, info: Any = None) -> str:
+        """What becomes of a message ("frames", or why it was refused); ``info`` is what rclpy says of it."""
+        came, now = clock.monotonic_ns(), clock.monotonic()
+        self.counts["messages"] += 1
+        said = info if isinstance(info, dict) else {}
+        sender = self._key(bytes((said.get("publisher_gid") or {}).get("data", b"")))
+        sequence = said.get("publication_sequence_number")
+        self._counted += 1
+        if sequence is None:
+            sequence = self._counted
+        else:
+            self._count_lost(sender, int(sequence))
+        try:
+            values = readings_of(self._mapping, self._admission.shape, message)
+            time, header = self._times(message, came)
+        except InvalidInput as error:
+            return self._admission.refuse("malformed", sender, now, str(error).rstrip("."))
+        if self._mapping.markers:
+            self._rest = values if self._rest is None else self._rest
+            values = values - self._rest
+        result, found = self._admission.take(sender, int(sequence), time, (values, header), now)
+        if result == "busy" and self._left(now):
+            result, found = self._admission.take(sender, int(sequence), time, (values, header), now)
+        self._put(found)
+        return result
+
+    def _times(self, message: Any, came: int) -> tuple[float, Header]:
+        """The frame's time [s], and what its answer carries."""
+        now = self._now()
+        header = getattr(message, "header", None)
+        stamp = getattr(header, "stamp", None)
+        taken = 0 if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
+        if self._mapping.stamp:
+            time = self._mapping.time(message, now / 1e9)
+            if not math.isfinite(time):
+                raise InvalidInput(f"{self._mapping.topic}: {self._mapping.stamp} is {time}, which is no time.")
+        elif taken > 0:
+            time = taken / 1e9
+        else:  # drivers that leave the stamp empty
+            time = now / 1e9
+            if 0.0 <= self._unstamped - time < 1.0:
+                time = self._unstamped + STILL
+            self._unstamped = time
+        return time, Header(taken if taken > 0 else now, str(getattr(header, "frame_id", "")), came)
+
+    def _count_lost(self, publisher: str, sequence: int) -> None:
+        last = self._sequences.get(publisher)
+        if last is not None and sequence > last + 1:
+            self.counts["lost"] += sequence - last - 1
+        elif last is None and len(self._sequences) >= REMEMBERED:
+            del self._sequences[next(iter(self._sequences))]
+        self._sequences[publisher] = sequence
+
+    def _say(self, text: str) -> None:
+        """Publishers by the names of their nodes."""
+        for key in [k for k in self._keys if k in text]:
+            text = text.replace(key, self._named(key))
+        super()._say(text)
+
+    @property
+    def sender(self) -> str | None:
+        """Who is being served, by name."""
+        key = self._admission.sender
+        return None if key is None else self._named(key)
+
+    def _key(self, publisher: bytes) -> str:
+        key = publisher.hex() or "publisher"
+        if key not in self._keys:
+            self._keys[key] = ""
+            while len(self._keys) > REMEMBERED:
+                del self._keys[next(iter(self._keys))]
+        return key
+
+    def _named(self, key: str) -> str:
+        """The name of its node, and what tells two of one name apart; the graph may know it only after its first message."""
+        if not self._keys.get(key) and self._publishers is not None:
+            self._keys[key] = self._publishers().get(key, "")
+        return f"{self._keys.get(key) or 'of no known node'} ({zlib.crc32(key.encode()):08x})"
+
+    def _left(self, now: float) -> bool:
+        """Whether the publisher that is served is not there any more; its place is then free."""
+        served = self._admission.sender
+        if now - self._looked < LOOK or self._publishers is None or served is None:
+            return False
+        self._looked = now
+        if served in self._publishers():
+            return False
+        self._admission.gone(served)
+        return True
+
+
+def _times(shape: Sequence[int]) -> str:
+    return " x ".join(map(str, shape))

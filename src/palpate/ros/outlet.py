@@ -1,0 +1,209 @@
+"""What was found, as messages: net force with its interval, centre of pressure with its covariance, the traction as a cloud, words.
+
+All of a frame carry its stamp: that of the message it was found in. The surface's frame of reference has x and y along it and z into the pad, so that
+a push has fz > 0. What a frame could not tell is NaN, so that nobody goes on with an old answer.
+"""
+
+from __future__ import annotations
+
+import array
+import math
+import time as clock
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate.elastic.pad import Floats
+from palpate.sensing.grids import AreaGrid
+from palpate.status import Status
+from palpate.touch import Touch
+
+if TYPE_CHECKING:
+    from palpate.grasp import Event, GraspMonitor
+    from palpate.ros.intake import Intake
+    from palpate.sensing.grids import Grid
+
+__all__ = ["CLOUD", "TOPICS", "Outlet"]
+
+#: Topics below the node's name, and their types.
+TOPICS = {
+    "wrench": "geometry_msgs/msg/WrenchStamped",
+    "wrench_low": "geometry_msgs/msg/WrenchStamped",
+    "wrench_high": "geometry_msgs/msg/WrenchStamped",
+    "center": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "traction": "sensor_msgs/msg/PointCloud2",
+    "slip_margin": "std_msgs/msg/Float32",
+    "events": "std_msgs/msg/String",
+}
+#: Fields of the cloud, float32: where a cell is [m], the force on it and the standard deviation of fz [N].
+CLOUD = ("x", "y", "z", "fx", "fy", "fz", "std")
+#: Covariance of what is not measured: the height and the orientation of the centre of pressure.
+UNKNOWN = 1e6
+#: Frames whose latency is kept.
+KEPT = 2000
+
+
+class Outlet:
+    """A sink of a `palpate.live.Session` that publishes.
+
+    Parameters
+    ----------
+    publishers : dict
+        One for each of `TOPICS`.
+    messages : dict
+        Class of messages for each type's name.
+    intake : Intake
+        Where the frames come from: its header is that of the answer.
+    monitor : GraspMonitor
+    frame : str
+        Frame of reference; "": that of the messages, or "palpate" where they name none.
+    cloud_rate : float
+        Clouds a second at most; 0: none.
+    """
+
+    def __init__(
+        self,
+        publishers: dict[str, Any],
+        messages: dict[str, Any],
+        intake: Intake,
+        monitor: GraspMonitor,
+        *,
+        frame: str = "",
+        cloud_rate: float = 30.0,
+    ) -> None:
+        self._publishers, self._messages, self._intake, self._monitor = publishers, messages, intake, monitor
+        self.frame, self.cloud_rate = frame, cloud_rate
+        #: From a message's arrival to its answer [s], of the last frames.
+        self.latency: deque[float] = deque(maxlen=KEPT)
+        self.answered = 0
+        self.status = Status.NO_CONTACT
+        self.force: Floats = np.full(3, math.nan)
+        self.fit = math.nan
+        self._cloud_at = -math.inf
+        self._layout: tuple[int, Any] | None = None
+
+    # -- a sink --------------------------------------------------------------------------------------------------------
+
+    def readings(self, time: float, values: Any) -> None:
+        """Readings came from a topic: they are not sent again."""
+
+    def touch(self, touch: Touch, time: float | None = None) -> None:
+        """What was found in one frame."""
+        header = self._header()
+        self.status = Status.SOLVED if touch.status is None else Status.coded(int(touch.status))
+        force, moment = spatial(to_numpy(touch.force), to_numpy(touch.moment))
+        self.force, self.fit = force, math.nan if touch.fit is None else float(touch.fit)
+        self._send("wrench", self._wrench(header, force, moment))
+        for name, bounds in self._bounds(touch).items():
+            self._send(name, self._wrench(header, *bounds))
+        if self._wanted("center") and "z" in touch.components:
+            self._send("center", self._center(header, touch))
+        state = self._monitor.state
+        margin = math.nan if state is None or not state.touching else float(state.slip_margin)
+        self._send("slip_margin", self._messages[TOPICS["slip_margin"]](data=margin))
+        self._publish_cloud(header, touch)
+        self.answered += 1
+        self.latency.append(1e-9 * (clock.monotonic_ns() - self._intake.header.came))
+
+    def event(self, event: Event) -> None:
+        """Events are among the words of the session: see `say`."""
+
+    def close(self) -> None:
+        """The node ends its publishers."""
+
+    def say(self, text: str) -> None:
+        """Words for the log of events."""
+        self._send("events", self._messages[TOPICS["events"]](data=text))
+
+    # -- messages ------------------------------------------------------------------------------------------------------
+
+    def _send(self, name: str, message: Any) -> None:
+        self._publishers[name].publish(message)
+
+    def _wanted(self, name: str) -> bool:
+        return bool(self._publishers[name].get_subscription_count())
+
+    def _header(self) -> Any:
+        seen = self._intake.header
+        header = self._messages["std_msgs/msg/Header"]()
+        header.stamp.sec, header.stamp.nanosec = divmod(seen.stamp, 10**9)
+        header.frame_id = self.frame or seen.frame or "palpate"
+        return header
+
+    def _wrench(self, header: Any, force: Floats, moment: Floats) -> Any:
+        out = self._messages[TOPICS["wrench"]](header=header)
+        for axis, f, m in zip("xyz", force.tolist(), moment.tolist()):
+            setattr(out.wrench.force, axis, f)
+            setattr(out.wrench.torque, axis, m)
+        return out
+
+    def _bounds(self, touch: Touch) -> dict[str, tuple[Floats, Floats]]:
+        """Lower and upper ends of the 95 % intervals, where somebody listens."""
+        names = [n for n in ("wrench_low", "wrench_high") if self._wanted(n)]
+        if not names:
+            return {}
+        if touch.errors is None:
+            lost = np.full(3, math.nan)
+            return dict.fromkeys(names, (lost, lost))
+        ends = zip(touch.interval(0.95, "force"), touch.interval(0.95, "moment"))
+        both = dict(zip(("wrench_low", "wrench_high"), (spatial(f, m) for f, m in ends)))
+        return {n: both[n] for n in names}
+
+    def _center(self, header: Any, touch: Touch) -> Any:
+        out = self._messages[TOPICS["center"]](header=header)
+        d = touch.surface.dimensions
+        place = np.zeros(3)
+        place[:d] = np.atleast_1d(to_numpy(touch.center_of_pressure))
+        # on a line nothing is known of the other direction
+        variance = np.array([UNKNOWN] * 6)
+        if touch.errors is None:
+            variance[:d] = math.nan
+        else:
+            low, high = touch.interval(0.6827, "center_of_pressure")
+            variance[:d] = (0.5 * (np.atleast_1d(high) - np.atleast_1d(low))) ** 2
+        pose = out.pose.pose
+        pose.position.x, pose.position.y, pose.position.z = map(float, place)
+        pose.orientation.w = 1.0
+        out.pose.covariance = np.diag(variance).reshape(-1)
+        return out
+
+    def _publish_cloud(self, header: Any, touch: Touch) -> None:
+        now = clock.monotonic()
+        if not (self.cloud_rate > 0 and now - self._cloud_at >= 1.0 / self.cloud_rate and self._wanted("traction")):
+            return
+        self._cloud_at = now
+        grid = touch.surface
+        if self._layout is None or self._layout[0] != id(grid):
+            self._layout = (id(grid), places(grid))
+        out = self._messages[TOPICS["traction"]](header=header)
+        points = self._layout[1].copy()
+        values = to_numpy(touch.values) * grid.cell
+        points[..., 3] = values[0]
+        points[..., 4] = values[1] if grid.dimensions == 2 else 0.0
+        points[..., 5] = values[-1]
+        points[..., 6] = math.nan if touch.errors is None else to_numpy(touch.std.values)[-1] * grid.cell
+        field = self._messages["sensor_msgs/msg/PointField"]
+        out.height, out.width = points.shape[:2]
+        out.fields = [field(name=n, offset=4 * i, datatype=7, count=1) for i, n in enumerate(CLOUD)]
+        out.point_step, out.row_step = 4 * len(CLOUD), 4 * len(CLOUD) * out.width
+        out.data = array.array("B", points.tobytes())  # the kind that rclpy takes without looking at every byte
+        out.is_dense = bool(np.isfinite(points).all())
+        self._send("traction", out)
+
+
+def spatial(force: Any, moment: Any) -> tuple[Floats, Floats]:
+    """Force and moment with three components each; a line, along x, has none across it."""
+    f, m = np.atleast_1d(np.asarray(force, float)), np.atleast_1d(np.asarray(moment, float))
+    if len(f) == 2:
+        return np.array([f[0], 0.0, f[1]]), np.array([0.0, m[0], 0.0])
+    return f, m
+
+
+def places(grid: Grid) -> Any:
+    """(y, x, field) with the places of the cells filled in."""
+    y = grid.axes[0] if isinstance(grid, AreaGrid) else np.zeros(1)
+    out = np.zeros((len(y), len(grid.x), len(CLOUD)), dtype="<f4")
+    out[..., 0], out[..., 1] = grid.x, np.asarray(y)[:, None]
+    return out

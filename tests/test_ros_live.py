@@ -1,0 +1,270 @@
+"""The node for ROS 2 as a robot meets it: `palpate ros` in a process of its own, publishers and subscribers of ROS in this one."""
+
+from __future__ import annotations
+
+import array
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate.ros import message_class, ros_client
+
+# two processes that find each other over the network's own discovery: the gate runs it, where ROS is
+pytestmark = [
+    pytest.mark.long,
+    # the parser of message definitions that comes with ROS's own wheels
+    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
+]
+
+SKIN = """
+[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "area"
+shape = [4, 4]
+pitch = "3 mm"
+depth = "2 mm"
+channels = ["stress_xz", "stress_yz", "stress_zz"]
+noise = "100 Pa"
+
+[stream]
+topic = "/finger"
+unit = "kPa"
+"""
+WRENCH, IMAGE = "geometry_msgs/msg/WrenchStamped", "sensor_msgs/msg/Image"
+#: How long something may take on a busy machine [s].
+PATIENCE = 60.0
+
+
+class Robot:
+    """A node with the publishers and subscribers of a robot, and the readings that its sensor gives."""
+
+    def __init__(self) -> None:
+        self.client = ros_client()
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        self.context = self.client.Context()
+        self.client.init(context=self.context)
+        self.node = self.client.create_node("robot", context=self.context)
+        self.heard: dict[str, list[Any]] = {}
+        past = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        for topic, kind, profile in (
+            ("/palpate/wrench", WRENCH, 100),
+            ("/palpate/wrench_low", WRENCH, 100),
+            ("/palpate/wrench_high", WRENCH, 100),
+            ("/palpate/center", "geometry_msgs/msg/PoseWithCovarianceStamped", 100),
+            ("/palpate/traction", "sensor_msgs/msg/PointCloud2", 100),
+            ("/palpate/slip_margin", "std_msgs/msg/Float32", 100),
+            ("/palpate/events", "std_msgs/msg/String", past),
+            ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 10),
+        ):
+            kept = self.heard[topic.removeprefix("/palpate/")] = []
+            self.node.create_subscription(message_class(kind), topic, kept.append, profile)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.thread = threading.Thread(target=self.executor.spin, daemon=True)
+        self.thread.start()
+        self.driver: Any = None
+        self.restart()
+
+    def restart(self) -> None:
+        """The sensor's driver as it is after a crash: another publisher."""
+        from rclpy.qos import qos_profile_sensor_data
+
+        if self.driver is not None:
+            self.node.destroy_publisher(self.driver)
+        self.driver = self.node.create_publisher(message_class(IMAGE), "/finger", qos_profile_sensor_data)
+
+    def send(self, readings: Any, at: float) -> None:
+        """One frame [Pa] with its stamp."""
+        values = np.ascontiguousarray(np.moveaxis(np.asarray(readings) * 1e-3, 0, -1), dtype="<f4")
+        rows, columns = values.shape[:2]
+        message = message_class(IMAGE)(height=rows, width=columns, encoding="32FC3", step=12 * columns)
+        message.data = array.array("B", values.tobytes())
+        message.header.stamp.sec, message.header.stamp.nanosec = int(at), round((at - int(at)) * 1e9)
+        message.header.frame_id = "fingertip"
+        self.driver.publish(message)
+
+    def until(self, done: Callable[[], Any], what: str, meanwhile: Callable[[], None] = lambda: None) -> Any:
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            meanwhile()
+            found = done()
+            if found:
+                return found
+            time.sleep(0.02)
+        raise AssertionError(f"not within {PATIENCE:g} s: {what}; events: {self.events()}")
+
+    def events(self) -> list[str]:
+        return [m.data for m in self.heard["events"]]
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        client = self.node.create_client(kind, service)
+        assert client.wait_for_service(timeout_sec=PATIENCE)
+        future = client.call_async(request)
+        self.until(future.done, service)
+        self.node.destroy_client(client)
+        return future.result()
+
+    def set(self, name: str, value: float) -> Any:
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        return self.call(SetParameters, "/palpate/set_parameters", request).results[0]
+
+    def close(self) -> None:
+        self.executor.shutdown(timeout_sec=2.0)
+        self.thread.join(timeout=5.0)
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """On a domain of its own, on this machine only."""
+    found = tmp_path_factory.mktemp("ros")
+    (found / "skin.toml").write_text(SKIN)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(100 + os.getpid() % 100))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        patch.setenv("ROS_LOG_DIR", str(found))
+        yield found
+
+
+def started(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    with (folder / "node.log").open("w") as log:
+        return subprocess.Popen(
+            [sys.executable, "-m", "palpate", "ros", "--skin", "skin.toml", *arguments],
+            cwd=folder, stdout=log, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+
+
+def ended(process: subprocess.Popen[str], how: int = signal.SIGINT) -> int:
+    process.send_signal(how)
+    try:
+        return process.wait(PATIENCE)
+    finally:
+        process.kill()
+
+
+def test_a_robot_and_the_node(folder: Path) -> None:
+    robot = Robot()
+    process = started(folder, "--baseline", "5", "--record", "run.h5", "--ros-args", "-p", "max_force:=3")
+    try:
+        story(robot, pp.Skin.from_file(folder / "skin.toml"))
+        assert ended(process) == 130, (folder / "node.log").read_text()
+    finally:
+        process.kill()
+        process.wait()
+        robot.close()
+    assert len(pp.recordings.read_recording(folder / "run.h5").time) > 5
+
+
+def story(robot: Robot, skin: pp.Skin) -> None:
+    rest = np.zeros((3, 4, 4))
+    press = np.asarray(skin.sense(pp.solutions.hertz_point(radius=4e-3, force=2.0)))
+    heard, now = robot.heard, [1000.0]
+
+    def frame(readings: Any = press) -> None:
+        now[0] += 0.02
+        robot.send(readings, now[0])
+
+    def force() -> Any:
+        return heard["wrench"][-1].wrench.force if heard["wrench"] else None
+
+    # a late publisher, a zero, a press
+    robot.until(lambda: len(heard["wrench"]) > 7, "an answer at rest", lambda: frame(rest))
+    robot.until(lambda: force().z > 1.5, "a press", frame)
+    for _ in range(20):
+        frame()
+        time.sleep(0.02)
+    last = heard["wrench"][-1]
+    assert last.wrench.force.z == pytest.approx(2.0, abs=0.15)
+    assert last.header.frame_id == "fingertip"
+    assert 1000.0 < last.header.stamp.sec + 1e-9 * last.header.stamp.nanosec <= now[0] + 1e-6
+    low, high = heard["wrench_low"][-1].wrench.force, heard["wrench_high"][-1].wrench.force
+    assert low.z < 2.0 < high.z
+    cloud = heard["traction"][-1]
+    points = np.frombuffer(bytes(cloud.data), dtype="<f4").reshape(-1, len(cloud.fields))
+    assert points[:, 5].sum() == pytest.approx(2.0, abs=0.2)
+    assert heard["center"][-1].pose.covariance[0] > 0
+    assert any("contact began" in text for text in robot.events())
+
+    # limits from the launch file, changed while it runs; what cannot be is refused
+    robot.until(lambda: robot.set("max_force", 1.0).successful, "a parameter")
+    robot.until(lambda: any("excess force began" in t for t in robot.events()), "an excess", frame)
+    refused = robot.set("friction", -1.0)
+    assert not refused.successful
+    assert "friction must be a number from 0 on; got -1.0" in refused.reason
+    assert robot.set("friction", 0.4).successful
+    robot.until(lambda: any("the friction is 0.4" in t for t in robot.events()), "another friction", frame)
+    for _ in range(10):
+        frame()
+        time.sleep(0.02)
+    assert force().z == pytest.approx(2.0, abs=0.2), "the zero was kept"
+
+    # messages that do not fit are refused and said; the stream goes on
+    robot.send(np.zeros((3, 5, 4)), now[0] + 0.01)
+    robot.until(lambda: any("20 taxels do not make a shape of 4 x 4" in t for t in robot.events()), "a refusal", frame)
+
+    # a driver that is killed and started again, with a clock that begins anew
+    robot.restart()
+    now[0] = 0.0
+    robot.until(lambda: heard["wrench"][-1].header.stamp.sec < 1000, "answers after a restart", frame)
+    assert force().z == pytest.approx(2.0, abs=0.2)
+
+    # a new zero, while something touches: done, and said
+    from std_srvs.srv import Trigger
+
+    answer = robot.call(Trigger, "/palpate/rezero", Trigger.Request())
+    assert answer.success
+    assert "it will count as zero" in answer.message
+    robot.until(lambda: abs(force().z) < 0.1, "a new zero", frame)
+
+    # the topic falls silent: no old answer is sent again, and the diagnostics say so
+    robot.until(lambda: any(s.status[0].level == b"\x03" for s in heard["/diagnostics"][-1:]), "stale")
+    count = len(heard["wrench"])
+    time.sleep(0.3)
+    assert len(heard["wrench"]) == count
+
+
+def test_a_node_that_waits_says_so_and_ends(folder: Path) -> None:
+    process = started(folder, "--topic", "/nobody")
+    log = folder / "node.log"
+    end = time.monotonic() + PATIENCE
+    while "waiting for a publisher of /nobody" not in log.read_text() and time.monotonic() < end:
+        time.sleep(0.1)
+    assert ended(process, signal.SIGTERM) == 143, log.read_text()
+    assert "waiting for a publisher of /nobody" in log.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--ros-args", "-p", "friction:=-1.0"], "friction must be a number from 0 on"),
+        (["--ros-args", "-r", "nonsense"], "ROS does not begin"),
+        (["--type", "no_such_msgs/msg/Skin"], "no_such_msgs"),
+    ],
+)
+def test_what_cannot_be_is_said_at_once(folder: Path, arguments: list[str], said: str) -> None:
+    kind = [] if "--type" in arguments else ["--type", IMAGE]
+    process = started(folder, *kind, *arguments)
+    assert process.wait(PATIENCE) == 2
+    text = (folder / "node.log").read_text()
+    assert said in text.splitlines()[-1]
+    assert "Traceback" not in text
