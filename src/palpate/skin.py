@@ -114,7 +114,7 @@ class Skin:
             if boundary == "periodic" and not isinstance(planes[0], ScatteredArray):
                 surface = planes[0].grid
             else:
-                surface = default_surface(planes)
+                surface = default_surface(planes, thickness=pad.thickness)
         self._pad, self._planes, self._boundary, self._surface = pad, planes, boundary, surface
         # every spatial computation is that of the instantaneous pad; creep is a filter in time
         self._elastic: Pad = pad.elastic if isinstance(pad, Viscoelastic) else pad

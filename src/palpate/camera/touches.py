@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from palpate.camera.displacements import Displacements, Reading
-from palpate.camera.lattice import typical_distance
 from palpate.camera.view import View
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.recordings import Recording
 from palpate.recordings.camerasection import CameraSettings
-from palpate.sensing import AreaGrid, Array, ScatteredArray
+from palpate.sensing import Array, ScatteredArray
 from palpate.skin import Skin
 from palpate.status import Status
 from palpate.touch import Touch
@@ -28,8 +27,6 @@ __all__ = ["CHANNELS", "Touches", "follow", "gel_skin"]
 CHANNELS = ("displacement_x", "displacement_y")
 #: At most this part of the dots may be lost in a frame that is solved by itself.
 MOST_LOST = 0.5
-#: Cells of the surface a distance of dots: finer ones cost time and show nothing (the force of a ball differs by 2 %, the time by a factor of 3).
-CELLS_A_PITCH = 3.0
 #: Noise that dots state is rounded up to powers of this, so that skins that are prepared serve again; so many of them are kept.
 NOISE_STEP, KEPT = 1.3, 6
 #: Passes over perspective in a frame that is solved by itself, at most; and what a pass must change, as a part of the readings' standard deviation.
@@ -64,29 +61,24 @@ def gel_skin(skin: Skin | str | Path, positions: Floats) -> Skin:
             raise InvalidInput(
                 f'{skin}: positions come from the pictures: the plane must have kind = "scattered" and no positions_file.'
             )
-        return _of_dots(found, found.planes[0], positions)
+        return found
     _check(skin)
     plane = skin.planes[0]
     array = ScatteredArray(positions=positions, depth=plane.depth, channels=CHANNELS, noise=plane.noise)
-    return _of_dots(skin, array, positions)
+    return _of_dots(skin, array)
 
 
-def _of_dots(skin: Skin, array: Array, positions: Floats) -> Skin:
-    """The skin with this array, on a surface that is no finer than dots can show, unless one was given."""
-    kinds = skin.problem().nuisance
-    surface = skin.surface if skin.problem().fixed else None
-    settings: dict[str, Any] = {
-        "boundary": skin.boundary,
-        "nuisance": "auto" if kinds is None else kinds,
-        "uncertainty": skin.uncertainty,
-    }
-    found = Skin(skin.pad, array, surface=surface, **settings)
-    grid, cell = found.surface, typical_distance(positions) / CELLS_A_PITCH
-    if surface is not None or not isinstance(grid, AreaGrid) or not cell > max(grid.spacings):
-        return found
-    shape = tuple(math.ceil(n * step / cell) for n, step in zip(grid.shape, grid.spacings))
-    coarse = AreaGrid(shape=(shape[0], shape[1]), spacing=cell, center=grid.center)
-    return Skin(skin.pad, array, surface=coarse, **settings)
+def _of_dots(skin: Skin, array: Array) -> Skin:
+    """The skin with this array, on the surface that was given, if one was."""
+    problem = skin.problem()
+    return Skin(
+        skin.pad,
+        array,
+        surface=skin.surface if problem.fixed else None,
+        boundary=skin.boundary,
+        nuisance="auto" if problem.nuisance is None else problem.nuisance,
+        uncertainty=skin.uncertainty,
+    )
 
 
 def _check(skin: Skin) -> None:
@@ -199,7 +191,7 @@ class Touches:
                 return skin
         skin = self.skin
         if level:
-            skin = _of_dots(skin, replace(plane, noise=level), self.readings.positions)
+            skin = _of_dots(skin, replace(plane, noise=level))
         if lost.any():
             skin = skin.masked(~lost)
         self._known = [(lost, level, skin), *self._known[: KEPT - 1]]

@@ -151,7 +151,7 @@ class Problem:
     @property
     def wide_surface(self) -> Grid:
         """The surface that `wide` starts from."""
-        return self.surface if self.fixed else default_surface(self.planes, depths=WIDE)
+        return self.surface if self.fixed else default_surface(self.planes, depths=WIDE, thickness=self.pad.thickness)
 
     @property
     def wide(self) -> Operator:

@@ -121,7 +121,9 @@ class Windows:
         from palpate.inverse.linear.regularised import decompose
 
         planes = [_cut(a, counts) for a in self.problem.planes]
-        operator = Operator(self.problem.pad, planes, default_surface(planes, depths=WIDE), self.problem.boundary)
+        pad = self.problem.pad
+        surface = default_surface(planes, depths=WIDE, thickness=pad.thickness)
+        operator = Operator(pad, planes, surface, self.problem.boundary)
         priors = [DifferencePrior(operator.surface, 1, v) for v in self.variances]
         linear = decompose(operator, priors, self.columns)
         terms = nuisances(planes, [k for k in self.kinds if k == "offset"])

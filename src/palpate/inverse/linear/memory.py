@@ -91,7 +91,7 @@ def check_waves(planes: Sequence[Array], surface: Grid) -> None:
 
 
 def _served(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) -> bool:
-    surface = default_surface(planes, depths=WIDE)
+    surface = default_surface(planes, depths=WIDE, thickness=pad.thickness)
     peak = spectrum_memory(pad, planes, surface, sought)
     return block_size(pad, planes, surface) <= LARGEST_BLOCK and (
         free is None or peak <= RECOMMENDED * free or peak < SMALL
