@@ -75,7 +75,7 @@ def _of_dots(skin: Skin, array: Array) -> Skin:
         skin.pad,
         array,
         surface=skin.surface if problem.fixed else None,
-        boundary=skin.boundary,
+        boundary=problem.boundary,
         nuisance="auto" if problem.nuisance is None else problem.nuisance,
         uncertainty=skin.uncertainty,
     )
