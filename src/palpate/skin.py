@@ -499,20 +499,20 @@ class Skin:
         chosen, names, prepared = self._ready(chosen, components)
         estimate = prepared.solve(parts, rng)
         sought = chosen.returns(names)
-        problem = self._problem.seeking(sought)
         found_by = [chosen.name] if estimate.method is None else np.unique(estimate.method)
         return Touch(
             estimate.traction,
             prepared.grid,
             sought,
             str(found_by[0]),
-            (*notes(problem, self.components, chosen, prepared), *estimate.remarks()),
+            (*notes(self._problem.seeking(sought), self.components, chosen, prepared), *estimate.remarks()),
             estimate.parameter,
             estimate.noise_std,
             estimate.residual,
             sought if without_mean(self._elastic, self._planes, self._boundary) else (),
             times,
             case=self.case(sought),
+            friction=chosen.friction_given,
             errors=estimate.errors,
             converged=estimate.converged,
             touching=estimate.contact,

@@ -9,11 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import palpate
 from palpate._memory import require
 from palpate.archives.pools import in_order, pool_of
+from palpate.archives.rested import Rest
 from palpate.archives.work import Task, fingerprint
 from palpate.elastic import Viscoelastic
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.method import Method
 from palpate.inverse.registry import method_asked
@@ -22,9 +26,13 @@ from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
 from palpate.recordings.touchstream import Collected
 from palpate.sensing.readings import Creep, Layout, joined_planes
+from palpate.sensing.zero import OFFSETS, Levels
 from palpate.touch import Touch
+from palpate.touch.table import columns, table_of
 
 if TYPE_CHECKING:
+    import pandas
+
     from palpate.skin import Skin
 
 __all__ = ["Reconstructed", "piece_length", "reconstruct_recording"]
@@ -33,20 +41,43 @@ __all__ = ["Reconstructed", "piece_length", "reconstruct_recording"]
 PIECE = 3_000_000
 #: Frames in a piece at the most: what a run that is broken off has to do again.
 LONGEST = 256
+#: The same of methods that solve one frame after another, a hundredth of a second to some seconds each.
+SLOW = 8
 
 
 @dataclass(frozen=True)
 class Reconstructed:
-    """What a run has made: the file, its frames (``before``: those that an earlier run had done), and the touch of one of them."""
+    """What a run has made.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    frames, before : int
+        Its frames, and how many of them an earlier run had done.
+    frame : int
+        The frame of the recording that ``touch`` is of: the one that was asked for, or that with the largest traction.
+    touch : Touch
+        The result of this frame.
+    table : pandas.DataFrame
+        Numbers of all frames; see `Touch.table`.
+    remarks : tuple of str
+        What is to be said of the readings.
+    """
 
     path: Path
     frames: int
     before: int
+    frame: int
     touch: Touch
+    table: pandas.DataFrame
+    remarks: tuple[str, ...] = ()
 
 
-def piece_length(skin: Skin) -> int:
-    """Frames in a piece where the user does not say; it depends on the skin alone, so that a run can be made again.
+def piece_length(skin: Skin, method: Method | None = None) -> int:
+    """Frames in a piece where the user does not say; it depends on skin and method alone, so that a run can be made again.
+
+    Methods that take their time over each frame get short pieces, so that what is done is written and told.
 
     Examples
     --------
@@ -59,7 +90,7 @@ def piece_length(skin: Skin) -> int:
     (217, 6)
     """
     frame = 8 * len(skin.surface.components) * math.prod(skin.surface.shape)
-    return max(1, min(LONGEST, PIECE // frame))
+    return max(1, min(LONGEST if method is None or not method.by_frame else SLOW, PIECE // frame))
 
 
 def reconstruct_recording(
@@ -74,7 +105,8 @@ def reconstruct_recording(
     chunk: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
-    frame: int = -1,
+    frame: int | None = None,
+    baseline: int = 0,
     provenance: Mapping[str, str] | None = None,
     progress: Callable[[int, int], object] | None = None,
     **options: Any,
@@ -101,8 +133,12 @@ def reconstruct_recording(
         Go on with a run into the same Zarr store that was broken off, or begin it. It must be the same run: recording, skin, method, chunk.
     overwrite : bool
         Replace a result, or a run that was broken off.
-    frame : int
-        The frame whose touch is returned; -1 is the last.
+    frame : int, optional
+        Solve and write this frame alone; -1 is the last. Default: all frames.
+    baseline : int
+        Frames at the start in which nothing touches: their mean (`palpate.sensing.zero.zero_of`) is the zero that is taken from all readings.
+        From five on, and where the array's noise is not given, they also tell the noise by which frames without contact are known.
+        0 (default): the readings are zero already. Readings that evidently are not (raw counts) are said in ``remarks``.
     provenance : mapping of str to str
         Kept as attributes of the result.
     progress : callable (done, frames)
@@ -144,23 +180,43 @@ def reconstruct_recording(
     target = Path(out)
     known = find_format(target)
     chosen = method_asked(method, options)
-    length = piece_length(skin) if chunk is None else chunk
+    length = piece_length(skin, chosen) if chunk is None else chunk
     if isinstance(length, bool) or not isinstance(length, int) or length < 1:
         raise InvalidInput(f"chunk must be a whole number of frames from 1 on; got {chunk!r}.")
     if target.exists() and not overwrite:
         raise InvalidInput(f"{target} exists. Give another name, or overwrite=True (--force) to replace it.")
+    if resume and frame is not None:
+        raise InvalidInput(
+            f"frame {frame} alone is solved at once: leave out resume (--resume), or frame (--frame) for all frames."
+        )
     if resume and not known.can("touch_stream"):
         raise InvalidInput(f"{target}: only a run into a Zarr store (.zarr) can go on after it was broken off.")
     with ExitStack() as stack:
         source = stack.enter_context(_opened(recording))
         count = len(source)
-        if not -count <= frame < count:
-            raise InvalidInput(f"frame {frame} is not among the {count} frames of {source.name}.")
+        if frame is not None and not -count <= frame < count:
+            raise InvalidInput(
+                f"frame {frame} is not among the {count} frames of {source.name}: give 0 to {count - 1}, or -1 for the last."
+            )
+        if isinstance(baseline, bool) or not isinstance(baseline, int) or not 0 <= baseline < max(count, 1):
+            raise InvalidInput(
+                f"baseline must be a number of frames at the start, from 0 to {count - 1} of the {count} in {source.name}; got {baseline!r}."
+            )
+        wanted = range(count) if frame is None else range(frame % count, frame % count + 1)
         elastic = skin.without_creep() if isinstance(skin.pad, Viscoelastic) else skin
         settings: dict[str, Any] = {"method": chosen, "components": components}
-        pool = pool_of(elastic, settings, workers=workers, scheduler=scheduler)
+        rest = Rest.of(source.frames(0, baseline).readings) if baseline else None
+        zero = None if rest is None else rest.zero
+        split = rest.at_rest(elastic) if rest is not None and chosen.by_frame and len(elastic.planes) == 1 else None
+        pool = pool_of(split or elastic, settings, workers=workers, scheduler=scheduler)
         stack.enter_context(pool)
-        crc = source.survey(lambda part: Layout(elastic.planes, elastic.pad).checked(part.readings))
+        levels, layout = Levels(), Layout(elastic.planes, elastic.pad)
+
+        def look(part: Recording) -> None:
+            levels.look(part.readings)
+            layout.checked(part.readings if zero is None else part.readings - zero)
+
+        crc = source.survey(look)
         # what cannot be served is refused before anything is written
         elastic.prepare(**settings)
         run = {
@@ -169,37 +225,67 @@ def reconstruct_recording(
             "frames": count,
             "chunk": length,
             "method": str(chosen),
+            "baseline": baseline,
             "options": fingerprint([chosen, components]),
             "skin": fingerprint(
                 [skin.pad, skin.planes, skin.surface, skin.boundary, skin.problem().nuisance, skin.uncertainty]
             ),
         }
         stream = stack.enter_context(
-            known.touch_stream(target, count, dict(provenance or {}), run=run, resume=resume, replace=overwrite)
+            known.touch_stream(target, len(wanted), dict(provenance or {}), run=run, resume=resume, replace=overwrite)
         )
         if isinstance(stream, Collected):
             cells = 8 * len(skin.surface.components) * math.prod(skin.surface.shape)
             require(
-                (8 if chosen.error_bars else 4) * count * cells,
-                f"the touches of {count:,} frames",
+                (8 if chosen.error_bars else 4) * len(wanted) * cells,
+                f"the touches of {len(wanted):,} frames",
                 "Write .nc, .h5, .zarr, .csv or .mcap, which take them piece by piece.",
             )
         done = dict(getattr(stream, "done", {}))
         before = finished = sum(done.values())
         if progress is not None and before:
             progress(finished, count)
-        watched: Touch | None = None
-        wanted = frame % count
-        for task, piece in in_order(pool, _tasks(source, skin, length, done)):
-            stream.add(task.start, piece)
-            if task.start <= wanted < task.stop:
-                watched = piece.touch()[wanted - task.start]
+        gathered = _Gathered()
+        for start, frames in done.items():  # by an earlier run
+            gathered.add(start, stream.part(start, start + frames))
+        for task, piece in in_order(pool, _tasks(source, skin, length, done, zero, wanted)):
+            stream.add(task.start - wanted.start, piece)
+            gathered.add(task.start, piece.touch())
             finished += task.stop - task.start
             if progress is not None:
-                progress(finished, count)
-        if watched is None:  # an earlier run has done that frame
-            watched = stream.touch(wanted)
-    return Reconstructed(target, count, before, watched)
+                progress(finished, len(wanted))
+    remarks: tuple[str, ...] = (OFFSETS,) if not baseline and levels.standing() else ()
+    if rest is not None and rest.wanders:
+        remarks += (
+            f"the readings drift in the {baseline} frames of the zero, or something touches: give fewer (--baseline, baseline=)",
+        )
+    touch, at = gathered.largest
+    return Reconstructed(target, len(wanted), before, at, touch, gathered.table(), remarks)
+
+
+class _Gathered:
+    """Numbers of all frames, and the frame with the largest traction, as pieces come in any order."""
+
+    def __init__(self) -> None:
+        self._parts: dict[int, dict[str, Any]] = {}
+        self._largest: tuple[float, Touch, int] | None = None
+
+    def add(self, start: int, touch: Touch) -> None:
+        self._parts[start] = columns(touch)
+        loads = np.nansum(np.abs(touch.values), axis=tuple(range(1, np.ndim(touch.values))))
+        at = int(np.argmax(loads))
+        found = (float(loads[at]), start + at)
+        if self._largest is None or found[0] > self._largest[0]:
+            self._largest = found[0], touch[at], found[1]
+
+    @property
+    def largest(self) -> tuple[Touch, int]:
+        if self._largest is None:
+            raise InvalidInput("there are no frames.")
+        return self._largest[1:]
+
+    def table(self) -> pandas.DataFrame:
+        return table_of([self._parts[start] for start in sorted(self._parts)])
 
 
 def _opened(recording: str | Path | Recording | OpenRecording) -> Any:
@@ -212,16 +298,21 @@ def _opened(recording: str | Path | Recording | OpenRecording) -> Any:
     return open_recording(recording)
 
 
-def _tasks(source: OpenRecording, skin: Skin, length: int, done: Mapping[int, int]) -> Iterator[Task]:
-    """What is still to be done, with the creep taken out: it remembers, so that it goes through all frames in turn."""
+def _tasks(
+    source: OpenRecording, skin: Skin, length: int, done: Mapping[int, int], zero: Floats | None, wanted: range
+) -> Iterator[Task]:
+    """What is still to be done, with zero and creep taken out: creep remembers, so that it goes through all frames in turn."""
     creep = Creep(skin.planes, skin.pad.prony, "remove") if isinstance(skin.pad, Viscoelastic) else None
     layout = Layout(skin.planes, skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad)
-    for start, stop in source.pieces(length):
-        if done.get(start) == stop - start and creep is None:
+    whole = len(wanted) == len(source)
+    pieces = source.pieces(length) if whole or creep is not None else [(wanted.start, wanted.stop)]
+    for start, stop in pieces:
+        if start >= wanted.stop or (done.get(start) == stop - start and creep is None):
             continue
         part = source.frames(start, stop)
-        readings = part.readings
+        readings = part.readings if zero is None else part.readings - zero
         if creep is not None:
             readings = joined_planes(creep(layout.checked(readings), part.time), skin.planes)
-        if done.get(start) != stop - start:
-            yield Task(start, stop, readings, part.time)
+        first, last = max(start, wanted.start), min(stop, wanted.stop)
+        if done.get(start) != stop - start and first < last:
+            yield Task(first, last, readings[first - start : last - start], part.time[first - start : last - start])

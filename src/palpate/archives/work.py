@@ -16,6 +16,7 @@ from palpate.errors import Unsupported
 from palpate.recordings.touchstream import Piece, piece_of
 
 if TYPE_CHECKING:
+    from palpate.archives.rested import AtRest
     from palpate.elastic.pad import Floats
     from palpate.skin import Skin
 
@@ -32,12 +33,12 @@ class Task:
     time: Floats
 
 
-def solve(skin: Skin, options: dict[str, Any], task: Task) -> Piece:
+def solve(skin: Skin | AtRest, options: dict[str, Any], task: Task) -> Piece:
     """The touches of a task's frames, as they are written."""
     return piece_of(skin.reconstruct(task.readings, time=task.time, **options))
 
 
-def packed(skin: Skin, options: dict[str, Any]) -> bytes:
+def packed(skin: Skin | AtRest, options: dict[str, Any]) -> bytes:
     """Skin and options on their way to another process.
 
     Raises
@@ -59,7 +60,7 @@ def solve_packed(job: bytes, task: Task) -> Piece:
 
 
 @functools.lru_cache(maxsize=2)
-def _unpacked(job: bytes) -> tuple[Skin, dict[str, Any]]:
+def _unpacked(job: bytes) -> tuple[Skin | AtRest, dict[str, Any]]:
     version, skin, options = pickle.loads(job)
     if version != palpate.__version__:
         raise Unsupported(

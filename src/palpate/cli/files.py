@@ -132,4 +132,4 @@ def _fill(name: str, text: str) -> None:
 def save_figure(figure: Any, path: Path) -> None:
     from palpate.recordings.files import atomically
 
-    atomically(path, lambda name: figure.savefig(name, dpi=130))
+    atomically(path, lambda name: figure.savefig(name, dpi=200))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -27,30 +29,65 @@ def busy(label: str) -> Any:
     return Console(stderr=True).status(label)
 
 
+#: Seconds between two lines about long work where no terminal shows a bar.
+EVERY = 30.0
+
+
 class Bar:
-    """A progress bar that is fed by a callback."""
+    """A progress bar with the time that is left, fed by a callback; where no terminal shows it, a line every half minute."""
 
     def __init__(self, label: str, total: int) -> None:
         from rich.console import Console
-        from rich.progress import Progress
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         console = Console(stderr=True)
-        self._progress = Progress(console=console, transient=True, disable=not console.is_terminal)
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            TextColumn("left"),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
         self._label, self._total = label, total
+        self._silent = not console.is_terminal
+        self._done = self._begun = self._told = 0.0
 
     def __enter__(self) -> Any:
-        self._progress.start()
-        task = self._progress.add_task(self._label, total=self._total)
-        return lambda what: self._progress.update(task, advance=1, description=what)
+        self._begin()
+        return lambda what="": self._show(self._done + 1, f"{self._label} {what}".strip())
 
     def __exit__(self, *_: object) -> None:
         self._progress.stop()
+
+    def _begin(self) -> None:
+        self._progress.start()
+        self._task = self._progress.add_task(self._label, total=self._total)
+        self._begun = self._told = time.monotonic()
+
+    def _show(self, done: float, what: str) -> None:
+        self._done = done
+        self._progress.update(self._task, completed=done, description=what)
+        now = time.monotonic()
+        if self._silent and now - self._told > EVERY and 0 < done < self._total:
+            left = (now - self._begun) / done * (self._total - done)
+            sys.stderr.write(f"{self._label}: {done:.0f} of {self._total}, about {in_words(left)} left\n")
+            sys.stderr.flush()
+            self._told = now
 
 
 class Frames(Bar):
     """The same, told how many are done."""
 
     def __enter__(self) -> Any:
-        self._progress.start()
-        task = self._progress.add_task(self._label, total=self._total)
-        return lambda done: self._progress.update(task, completed=done)
+        self._begin()
+        return lambda done: self._show(done, self._label)
+
+
+def in_words(seconds: float) -> str:
+    """A time as it is said: "40 s", "12 min", "3.5 h"."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

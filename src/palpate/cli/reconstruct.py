@@ -35,10 +35,25 @@ def reconstruct(
     columns: Columns = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Result to write (.nc, .h5, .npz, .csv, .zarr or .mcap); default: RECORDING-touch.nc."),
+        typer.Option(
+            help="Result to write: maps and numbers of every frame (.nc, .h5, .zarr, .npz, .mcap), or a table of forces with one row a frame (.csv). Default: RECORDING-touch.nc."
+        ),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Picture of one frame to write (.png, .pdf or .svg).")] = None,
-    frame: Annotated[int, typer.Option(help="Frame to draw and to print; -1 is the last.")] = -1,
+    baseline: Annotated[
+        int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches. Needed for raw counts.")
+    ] = 0,
+    frame: Annotated[
+        int | None, typer.Option(help="Solve this frame alone; 0 is the first, -1 the last. Default: all frames.")
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            help="Picture to write (.png, .pdf or .svg) of pressure and shear in the frame with the largest traction, or in that of --frame."
+        ),
+    ] = None,
+    plot_forces: Annotated[
+        Path | None, typer.Option(help="Picture to write (.png, .pdf or .svg) of the forces over time.")
+    ] = None,
     components: Annotated[
         str | None, typer.Option(help="What is sought, e.g. z or x,z; default: what the channels can tell apart.")
     ] = None,
@@ -69,19 +84,26 @@ def reconstruct(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Recover pressure and shear from a recording of any length. Nothing to tune."""
+    """Recover pressure and shear from a recording of any length, each frame by itself. Nothing to tune.
+
+    Example: palpate reconstruct finger.csv --skin skin.toml --baseline 30 --out forces.csv --plot touch.png
+    """
     from palpate.archives import reconstruct_recording
     from palpate.recordings import open_recording
     from palpate.recordings.formats import file_format
     from palpate.skin import Skin
+    from palpate.touch.table import table_words
 
     target = out if out is not None else recording_file.with_name(recording_file.stem + "-touch.nc")
     file_format(target, task="write_touch")
     inputs = [recording_file, *skin_files(skin_file)]
     check_output(target, inputs=inputs, force=force)
-    if plot is not None:
-        check_picture(plot)
-        check_output(plot, inputs=inputs, force=force)
+    for picture in (plot, plot_forces):
+        if picture is not None:
+            check_picture(picture)
+            check_output(picture, inputs=inputs, force=force)
+    if plot_forces is not None and frame is not None:
+        raise InvalidInput(f"--plot-forces draws forces over time, and --frame {frame} is one frame: leave out either.")
     method = chosen_method(ctx)
     with (
         open_recording(recording_file, mapping=mapping_for(recording_file, skin_file, columns)) as recording,
@@ -94,7 +116,7 @@ def reconstruct(
         names = None if components is None else [c.strip() for c in components.split(",")]
         if prepared is not None:
             _prepare(skin, prepared, method, names)
-        with Frames("reconstructing", len(recording)) as bar:
+        with Frames("solving frames", len(recording) if frame is None else 1) as bar:
             done = reconstruct_recording(
                 skin,
                 recording,
@@ -107,22 +129,35 @@ def reconstruct(
                 resume=resume,
                 overwrite=force,
                 frame=frame,
+                baseline=baseline,
                 provenance=provenance(skin_file.read_text(encoding="utf-8"), str(recording_file)),
                 progress=lambda finished, _: bar(finished),
             )
-    touch = done.touch
+        total = len(recording)
+    touch, written = done.touch, [str(target)]
     if plot is not None:
         save_figure(touch.plot(), plot)
-    both = set(touch.components) == set(touch.surface.components)
-    friction = getattr(method, "friction", None)
-    slip = abs(friction) if friction is not None and both else None
-    typer.echo(f"frame {frame % done.frames} of {done.frames}")
-    typer.echo(touch.summary(friction=slip))
+        written.append(str(plot))
+    if plot_forces is not None:
+        from palpate._plot import plot_forces as drawn
+
+        save_figure(drawn(done.table), plot_forces)
+        written.append(str(plot_forces))
+    if done.frames > 1:
+        typer.echo(table_words(done.table))
+        typer.echo(f"largest traction: frame {done.frame} of {total}")
+    else:
+        typer.echo(f"frame {done.frame} of {total}")
+    typer.echo(touch.summary())
     if touch.parameter is not None:
         typer.echo(f"parameter       {float(touch.parameter):.4g}")
     if done.before:
         typer.echo(f"resumed         {done.before} frames were done before")
-    typer.echo(f"wrote           {target}" + (f", {plot}" if plot else ""))
+    for remark in done.remarks:
+        typer.echo(f"warning: {remark}.", err=True)
+    typer.echo(f"wrote           {', '.join(written)}")
+    if target.suffix.lower() == ".csv" and frame is None:
+        typer.echo("maps            are not in a .csv: --out touch.nc keeps them")
 
 
 def _prepare(skin: Skin, file: Path, method: Method | None, components: list[str] | None) -> None:

@@ -99,6 +99,8 @@ class Method(abc.ABC):
     comparison: ClassVar[bool] = False
     #: Whether components that the channels alone cannot tell apart may be sought: that pressure pushes, and where, tells them apart.
     narrows: ClassVar[bool] = False
+    #: Whether it solves one frame after another, in a hundredth of a second or more each.
+    by_frame: ClassVar[bool] = False
     #: Rules that choose ``parameter`` where it is not given; the first one by default.
     rules: ClassVar[tuple[str, ...]] = ()
 
@@ -116,6 +118,12 @@ class Method(abc.ABC):
         """The parameter, or the rule that chooses it."""
         parameter, named = getattr(self, "parameter", None), getattr(self, "rule", None)
         return parameter if parameter is not None else named or self.rules[0]
+
+    @property
+    def friction_given(self) -> float | None:
+        """The coefficient of friction that it was given, without a sign; None where it was given none."""
+        given = getattr(self, "friction", None)
+        return None if given is None else abs(float(given))
 
     @abc.abstractmethod
     def prepare(self, problem: Problem) -> Prepared:

@@ -31,6 +31,8 @@ from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording, checked_time
 from palpate.recordings.textlines import cells, lines_of, number, text_of, warn_of_a_cut
 from palpate.recordings.touchstream import Piece, TouchStream
+from palpate.touch import Forces
+from palpate.touch.table import write_table
 from palpate.units import convert_factor
 
 if TYPE_CHECKING:
@@ -120,55 +122,25 @@ class Csv(Format):
             file.write(f"# {CHECKSUM} {recording_checksum(recording)}\n")
 
     def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
-        """One line per frame, cell and component."""
-        with path.open("w", newline="", encoding="utf-8") as file:
-            _begin_touches(file, touch, record)
-            _write_touches(file, touch)
+        """Forces over time: one line a frame, as `Touch.table` has them."""
+        write_table(touch.table(), path)
 
     def _touches(self, path: Path, count: int, record: Mapping[str, str]) -> TouchStream:
         return _CsvStream(path, count, record)
 
 
 class _CsvStream(TouchStream):
-    """Lines that grow; what is said of the whole is known at their end, and stands there."""
+    """Numbers of each frame, written at the end; maps are not kept."""
 
-    _file: Any = None
+    def __init__(self, path: Path, count: int, record: Mapping[str, str]) -> None:
+        super().__init__(path, count, record)
+        self._forces = Forces()
 
     def _add(self, start: int, piece: Piece) -> None:
-        touch = piece.touch()
-        if self._file is None:
-            self._file = self.path.open("w", newline="", encoding="utf-8")
-            _begin_touches(self._file, touch, {"method": touch.method, **self.record})
-        _write_touches(self._file, touch)
+        self._forces.add(piece.touch())
 
     def _finish(self) -> None:
-        self._file.write(f"# {json.dumps({'notes': self.whole.notes})}\n")
-        self._file.close()
-
-    def _abandon(self) -> None:
-        if self._file is not None:
-            self._file.close()
-
-
-def _begin_touches(file: Any, touch: Touch, record: Mapping[str, str]) -> None:
-    names = ("x",) if touch.surface.dimensions == 1 else ("y", "x")
-    file.write(f"# {json.dumps(dict(record))}\n")
-    csv.writer(file).writerow(
-        ["time (s)", *(f"{n} (m)" for n in names), *(f"traction_{c} (Pa)" for c in touch.surface.components)]
-    )
-
-
-def _write_touches(file: Any, touch: Touch) -> None:
-    traction = touch.traction
-    if "time" not in traction.dims:
-        traction = traction.expand_dims("time")
-    writer = csv.writer(file)
-    values = np.moveaxis(traction.values, 1, -1)
-    axes = [traction[n].values for n in ("y", "x") if n in traction.dims]
-    for t, frame in zip(traction["time"].values, values):
-        for place in np.ndindex(*frame.shape[:-1]):
-            where = [repr(float(a[i])) for a, i in zip(axes, place)]
-            writer.writerow([repr(float(t)), *where, *(repr(float(v)) for v in frame[place])])
+        self._forces.write(self.path)
 
 
 def _positions(text: str, where: str) -> Any:

@@ -59,6 +59,7 @@ OWN = (
     ),
     "reading_names",
     "nuisance_names",
+    "friction",
 )
 #: Fields that are text by frame; kept as codes of what an attribute lists, because Zarr 3 has no settled form of text.
 _TEXT = ("found_by",)
@@ -215,6 +216,8 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
         codes = np.array([names.index(n) for n in np.ravel(touch.found_by)], dtype=np.int8)
         dataset["found_by"] = (batch, codes.reshape(touch.batch), {"long_name": "place among the attribute methods"})
         dataset.attrs["methods"] = json.dumps(names)
+    if touch.friction is not None:
+        dataset.attrs["friction"] = float(touch.friction)
     if touch.case is not None:
         dataset.attrs["case"] = json.dumps(asdict(touch.case))
     return dataset
@@ -261,6 +264,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         errors=errors,
         found_by=_found_by(dataset, name),
         case=_case(attrs["case"], name) if "case" in attrs else None,
+        friction=float(attrs["friction"]) if "friction" in attrs else None,
         nuisance_names=tuple((str(a), str(b)) for a, b in _loaded(attrs.get("nuisance_names", "[]"), name)),
         **fields_of,
     )

@@ -17,7 +17,7 @@ __all__ = ["read_touch", "write_touch"]
 def write_touch(touch: Touch, path: str | Path, *, provenance: Mapping[str, str] | None = None) -> None:
     """Write traction with coordinates and units, net force, and ``provenance`` (skin, command, version).
 
-    NetCDF (.nc, .h5) opens in xarray; .npz holds the same arrays; .csv one line per frame, cell and component; .mcap a
+    NetCDF (.nc, .h5) opens in xarray; .npz holds the same arrays; .csv forces over time, one line a frame (`Touch.table`), without maps; .mcap a
     foxglove.Grid and a WrenchStamped per frame, in single precision; .zarr is a store for xarray.
 
     Examples

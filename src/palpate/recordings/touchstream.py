@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Arrays", "Collected", "Piece", "TouchStream", "Whole", "piece_of"]
 
 #: Attributes that all pieces of a run have alike.
-_COMMON = ("sought", "unobservable_force", "surface", "case", "nuisance_names")
+_COMMON = ("sought", "unobservable_force", "surface", "case", "nuisance_names", "friction")
 
 
 @dataclass(frozen=True)
@@ -138,9 +138,9 @@ class TouchStream(abc.ABC):
         except OSError as error:
             raise InvalidInput(f"{self.path}: writing failed ({error.strerror or error}).") from error
 
-    def touch(self, frame: int) -> Touch:
-        """One frame that an earlier run has written; only streams that go on have any."""
-        raise InvalidInput(f"{self.path}: frame {frame} is not there.")
+    def part(self, start: int, stop: int) -> Touch:
+        """Frames that an earlier run has written; only streams that go on have any."""
+        raise InvalidInput(f"{self.path}: frames {start} to {stop - 1} are not there.")
 
     def abandon(self) -> None:
         """Let go without another word."""

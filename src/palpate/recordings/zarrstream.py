@@ -218,8 +218,8 @@ class ZarrStream(Arrays):
             self.path, engine="zarr", chunks=None, cache=False, decode_times=False, backend_kwargs=options
         )
 
-    def touch(self, frame: int) -> Touch:
+    def part(self, start: int, stop: int) -> Touch:
         with self._opened() as found:
-            one = found.isel(time=slice(frame, frame + 1)).load()
-            named = one.assign_coords(component=list(map(str, one.attrs["component"])))
-            return touch_of(named.assign_attrs(self.whole.attributes(self.record)))[0]
+            some = found.isel(time=slice(start, stop)).load()
+            named = some.assign_coords(component=list(map(str, some.attrs["component"])))
+            return touch_of(named.assign_attrs(self.whole.attributes(self.record)))

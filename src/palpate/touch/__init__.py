@@ -1,5 +1,6 @@
 """The result: traction on the surface, what can be read off it, and how sure it is."""
 
 from palpate.touch.result import Touch, joined
+from palpate.touch.table import Forces
 
-__all__ = ["Touch", "joined"]
+__all__ = ["Forces", "Touch", "joined"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,9 @@ from palpate.touch.numbers import Numbers
 from palpate.uncertainty import Case, contact_kind
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["Touch", "joined"]
@@ -95,6 +97,8 @@ class Touch(Numbers):
         Channel and taxel of the readings that are left out in some frame.
     case : Case or None
         What the error bars' constants must be for: contact, kind of channels, body (`palpate.uncertainty`).
+    friction : float or None
+        The coefficient of friction that it was found with, where one was given.
 
     Notes
     -----
@@ -145,6 +149,7 @@ class Touch(Numbers):
     at_limit: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame("reading", missing=False))
     reading_names: Mapping[int, str] = field(default_factory=dict)
     case: Case | None = None
+    friction: float | None = None
 
     def __post_init__(self) -> None:
         expected = (len(self.surface.components), *self.surface.shape)
@@ -508,8 +513,34 @@ class Touch(Numbers):
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 
-    def plot(self, *, frame: int = 0, truth: Any = None, title: str | None = None) -> Figure:
-        """A figure of pressure and shear (of one ``frame`` of a batch); ``truth`` (component, *surface) is drawn beside it.
+    def plot(
+        self,
+        *,
+        frame: int = 0,
+        truth: Any = None,
+        title: str | None = None,
+        ax: Axes | None = None,
+        seen_from: str = "inside",
+    ) -> Figure:
+        """A figure of pressure, shear and their uncertainty (of one ``frame`` of a batch), for a journal's page.
+
+        Parameters
+        ----------
+        frame : int
+            Counted over all batch axes.
+        truth : array (component, *surface), optional
+            Drawn below, with what was missed.
+        title : str, optional
+        ax : matplotlib Axes, optional
+            Axes of a figure of your own to draw into: pressure in colour, shear as arrows.
+        seen_from : str
+            "inside" (default): x to the right, y up and z, which points into the pad, towards the viewer, as a camera behind a gel sees it; "outside": y down, as one
+            who looks at the surface sees it.
+
+        Notes
+        -----
+        Arrows lie on the strongest cells first, so that none that is small is missed, and a key says their scale. Pressure of both signs has a colour map that is
+        centred at zero.
 
         Examples
         --------
@@ -523,10 +554,37 @@ class Touch(Numbers):
         """
         from palpate._plot import plot_touch
 
-        return plot_touch(self, frame=frame, truth=truth, title=title)
+        return plot_touch(self, frame=frame, truth=truth, title=title, ax=ax, seen_from=seen_from)
+
+    def plot_forces(self, *, ax: Axes | None = None, events: Sequence[Any] = (), title: str | None = None) -> Figure:
+        """A figure of the forces over time with their 95 % bands, and of peak pressure and (with `friction`) slip margin.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Axes of a figure of your own to draw the forces into.
+        events : sequence of Event
+            Those of a `GraspMonitor`, to be marked where they begin.
+        title : str, optional
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> touch = pp.Touch(np.ones((5, 2, 4)), grid, ("x", "z"), "tikhonov", time=np.arange(5) / 10)
+        >>> len(touch.plot_forces().axes)  # net force, peak pressure
+        2
+        """
+        from palpate._plot import draw_forces, plot_forces
+
+        if ax is None:
+            return plot_forces(self.table(), events=events, title=title)
+        draw_forces(ax, self.table(), events=events)
+        return cast("Figure", ax.figure)
 
     def summary(self, *, friction: float | None = None, frame: int = 0) -> str:
-        """Force, peak pressure, centre of pressure and (with ``friction``) slip margin in words, one to a line.
+        """Force, peak pressure, centre of pressure and (with ``friction``) slip margin in words, one to a line; brackets hold 95 %.
 
         Examples
         --------
@@ -536,15 +594,54 @@ class Touch(Numbers):
         >>> shear, pressure = [0.0, 100.0, 200.0, 0.0], [0.0, 500.0, 1000.0, 0.0]
         >>> touch = pp.Touch(np.array([shear, pressure]), grid, ("x", "z"), "tikhonov")
         >>> print(touch.summary(friction=0.5))
-        net force       x 0.3 N/m, z 1.5 N/m
-        peak pressure   1000 Pa
-        centre          0.1667 mm
-        contact         2 mm
-        slip margin     150 Pa at friction 0.5
+        net force x     0.3 N/m
+        net force z     1.5 N/m
+        peak pressure   1 kPa
+        centre x        0.1667 mm
+        contact width   2 mm
+        slip margin     150 Pa, at friction 0.5
         """
         from palpate.touch.words import summary
 
-        return summary(self.frame(frame), friction)
+        return summary(self.frame(frame), self.friction if friction is None else friction)
+
+    def table(self, *, friction: float | None = None, level: float = 0.95) -> pandas.DataFrame:
+        """Numbers over time: one row a frame, each number with its interval.
+
+        Parameters
+        ----------
+        friction : float, optional
+            Coefficient of friction, for the slip margin. Default: `friction`; without any there is no slip margin.
+        level : float
+            Part of the true values that the intervals hold.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Titles hold the unit (SI): ``time (s)`` (``frame`` where frames have no time) and ``status`` (`Status`); ``force_x``, ``moment_x``, ``center_x``,
+            ``peak_pressure``, ``slip_margin``, each followed by its bounds ``_low`` and ``_high``; ``contact_area`` (`contact_area`) without bounds; ``fit``.
+            Components that were not sought have no column. What is not known is NaN. ``to_csv`` writes it; `palpate.recordings.write_touch` does to .csv.
+
+        Raises
+        ------
+        InvalidInput
+            Several batch axes.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> press = np.array([[0.0] * 4, [0.0, 500.0, 1000.0, 0.0]])
+        >>> touch = pp.Touch(np.stack([press, 2 * press]), grid, ("x", "z"), "tikhonov", time=np.array([0.0, 0.1]))
+        >>> touch.table()[["time (s)", "force_z (N/m)", "peak_pressure (Pa)"]].values.tolist()
+        [[0.0, 1.5, 1000.0], [0.1, 3.0, 2000.0]]
+        """
+        from palpate.touch.table import Forces
+
+        forces = Forces(friction=friction, level=level)
+        forces.add(self)
+        return forces.table()
 
 
 def joined(touches: Sequence[Touch]) -> Touch:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate._arrays import to_numpy
+from palpate._plot import scaled
+from palpate.elastic.pad import Floats
 from palpate.touch.outcome import Outcome
+from palpate.touch.rounding import force_unit, said
 
 if TYPE_CHECKING:
     from palpate.touch.result import Touch
@@ -24,37 +28,73 @@ def outcome(touch: Touch) -> list[str]:
 
 
 def summary(one: Touch, friction: float | None) -> str:
-    """Force, peak pressure, centre of pressure, contact and slip margin of one frame, one to a line, then the notes."""
+    """Force, peak pressure, centre of pressure, contact and slip margin of one frame, one to a line, then the notes.
+
+    A number and its 95 % interval are rounded alike.
+    """
     line = one.surface.dimensions == 1
-    force = to_numpy(one.force)
-    unit = "N/m" if line else "N"
+    force = np.asarray(to_numpy(one.force), dtype=np.float64)
     components = one.surface.components
     if not np.isfinite(force).any():
         return "\n".join(["net force       not known", *(f"note: {n}" for n in one.notes)])
-    lines = ["net force       " + ", ".join(f"{c} {v:.4g} {unit}" for c, v in zip(components, force))]
-    # some frames have none: found by a method without error bars, or before a stream has made them
-    known = one.errors is not None and bool(np.isfinite(one.errors.force).all())
+    # some frames have no intervals: found by a method without error bars, or before a stream has made them
+    known = one.errors is not None and bool(np.isfinite(one.errors.force).any())
+
+    def bounds(of: str, **given: float) -> tuple[Floats, Floats]:
+        if not known:
+            return np.full(9, np.nan), np.full(9, np.nan)
+        low, high = (np.ravel(to_numpy(v)) for v in one.interval(0.95, of, **given))
+        return low, high
+
+    lines = []
+
+    def say(name: str, value: float, low: float, high: float, factor: float, unit: str) -> None:
+        lines.append(f"{name:<16}{said(value, low, high, factor=factor, unit=unit)}")
+
+    low, high = bounds("force")
+    sizes = np.abs(force if force.any() else np.array([*low, *high]))
+    factor, unit = force_unit(float(np.max(sizes[np.isfinite(sizes)], initial=0.0)), "N/m" if line else "N")
+    force_factor, force_name = factor, unit
+    for i, c in enumerate(components):
+        if c in one.components:
+            say(f"net force {c}", float(force[i]), float(low[i]), float(high[i]), factor, unit)
+        else:
+            lines.append(f"{f'net force {c}':<16}taken as 0, not measured")
     if one.errors is not None and not known:
-        lines.append(f"  95 %          not known for this frame (method {one.methods.item()})")
-    elif one.errors is not None:
-        low, high = (to_numpy(v) for v in one.interval(0.95, "force"))
-        sought = [(c, a, b) for c, a, b in zip(components, low, high) if c in one.components]
-        lines.append("  95 %          " + ", ".join(f"{c} {a:.3g} to {b:.3g}" for c, a, b in sought) + f" {unit}")
+        lines.append(f"{'95 % interval':<16}not known for this frame (method {one.methods.item()})")
     if "z" in one.components:
-        lines.append(f"peak pressure   {float(one.peak_pressure):.4g} Pa")
-        if known:
-            low, high = one.interval(0.95, "peak_pressure")
-            lines.append(f"  95 %          {float(low):.3g} to {float(high):.3g} Pa")
-        centre = to_numpy(one.center_of_pressure)
-        lines.append("centre          " + ", ".join(f"{1e3 * float(v):.4g} mm" for v in centre))
+        peak = float(one.peak_pressure)
+        low, high = bounds("peak_pressure")
+        factor, unit = _unit([peak or float(high[0])], "Pa")
+        say("peak pressure", peak, float(low[0]), float(high[0]), factor, unit)
+        factor, unit = _unit([max(float(np.ptp(a)) for a in one.surface.axes)], "m")
+        factor, unit = (1e3, "mm") if unit == "m" else (factor, unit)
+        centre = np.ravel(to_numpy(one.center_of_pressure))
+        low, high = bounds("center_of_pressure")
+        for i, value in enumerate(centre):
+            if np.isfinite(value):
+                say(f"centre {'xy'[i]}", float(value), float(low[i]), float(high[i]), factor, unit)
         if one.errors is not None and float(one.errors.outside_force[-1]) > OUTSIDE * abs(float(force[-1])):
             outside = float(one.errors.outside_force[-1])
-            lines.append(f"outside array   {outside:.3g} {unit} of the normal force, where nothing is measured")
-        size = float(one.contact_area())
-        lines.append(f"contact         {1e3 * size:.4g} mm" if line else f"contact area    {1e6 * size:.4g} mm^2")
+            lines.append(
+                f"{'outside array':<16}{said(outside, factor=force_factor, unit=force_name)} of the normal force, where nothing is measured"
+            )
+        size = float(one.contact_area()) * (factor if line else factor**2)
+        lines.append(f"{'contact width' if line else 'contact area':<16}{size:.4g} {unit}{'' if line else '^2'}")
     if friction is not None and set(one.components) == set(components):
-        lines.append(f"slip margin     {float(one.slip_margin(friction)):.4g} Pa at friction {friction:g}")
+        margin = float(one.slip_margin(friction))
+        low, high = bounds("slip_margin", friction=friction)
+        factor, unit = _unit([margin], "Pa")
+        if np.isfinite(margin):  # where something touches
+            say("slip margin", margin, float(low[0]), float(high[0]), factor, unit)
+            lines[-1] += f", at friction {friction:g}"
     if one.sliding is not None and float(one.sliding) > 0.5:
         sure = 100 * float(one.sliding)
-        lines.append(f"shear           in one proportion to pressure, as where all of it slides: sure to {sure:.0f} %")
+        lines.append(f"{'shear':<16}in one proportion to pressure, as where all of it slides: sure to {sure:.0f} %")
     return "\n".join([*lines, *(f"note: {n}" for n in one.notes)])
+
+
+def _unit(values: Sequence[float], unit: str) -> tuple[float, str]:
+    """Factor and unit for the largest of some numbers."""
+    size = max((abs(float(v)) for v in values if np.isfinite(v)), default=0.0)
+    return scaled(size, unit) if size > 0 else (1.0, unit)

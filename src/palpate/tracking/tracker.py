@@ -572,6 +572,7 @@ class Tracker:
             time=np.asarray(now),
             resolution=None if learning.resolution is None else np.asarray(learning.resolution),
             case=self._case,
+            friction=estimator.cone.friction,
             status=np.asarray(int(status), dtype=np.int8),
             pushing=np.asarray(pushing),
             drag=None if drag is None else drag.ratio,

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.sensing.zero import far_frames
 from palpate.tracking.health import Flags
 from palpate.tracking.search import TAKEN
 
@@ -14,9 +15,6 @@ __all__ = ["Zero"]
 
 #: Frames from which the noise is taken with the zero: with 5, and some hundred readings that share it, it is known to a few per cent.
 FRAMES_FOR_NOISE = 5
-#: A frame that is so many times as far from the median of the frames as half of them are is no zero: a glitch, or a touch. (Noise: up to
-#: 1.5 times, of twenty readings; a drift in the meantime: twice.)
-FAR = 5.0
 #: Largest part of the time constant that one frame counts for, however long the pause before it: ten frames must agree on a new zero.
 ONE_FRAME = 0.1
 
@@ -60,7 +58,7 @@ class Zero:
         self._captured = []
         with np.errstate(invalid="ignore"):
             good = np.isfinite(frames)
-            far = _far(np.where(good, frames, math.nan))
+            far = far_frames(np.where(good, frames, math.nan))
             good &= ~far[:, None]
             count = np.maximum(good.sum(axis=0), 1)
             mean = np.where(good, frames, 0.0).sum(axis=0) / count
@@ -90,15 +88,3 @@ class Zero:
         self.baseline[good] += share * change[good]
         self.variance = (1.0 - share) ** 2 * self.variance + share**2
         return True
-
-
-def _far(frames: Floats) -> Flags:
-    """Which of the frames (frame, reading) are unlike most of them; NaN where missing."""
-    there = frames[:, np.isfinite(frames).any(axis=0)]
-    if len(frames) < 3 or not there.size:
-        return np.zeros(len(frames), dtype=bool)
-    away = np.nan_to_num(there - np.nanmedian(there, axis=0))
-    with np.errstate(over="ignore"):
-        sizes = np.sqrt((away**2).mean(axis=1))
-    typical = float(np.median(sizes))
-    return np.asarray(sizes > FAR * typical) if typical > 0 else np.zeros(len(frames), dtype=bool)

@@ -59,6 +59,7 @@ class Adaptive(Method):
     needs: ClassVar[Needs] = Needs(free_boundary=True, pressure=True)
     error_bars: ClassVar[bool] = True
     narrows: ClassVar[bool] = True
+    by_frame: ClassVar[bool] = True
 
     friction: float | None = number(help=_FRICTION)
     draws: int = count(help=_DRAWS)
@@ -87,6 +88,7 @@ class Constrained(Method):
     needs: ClassVar[Needs] = Needs(free_boundary=True, pressure=True)
     error_bars: ClassVar[bool] = True
     narrows: ClassVar[bool] = True
+    by_frame: ClassVar[bool] = True
     rules: ClassVar[tuple[str, ...]] = ("evidence",)
 
     friction: float | None = number(help=_FRICTION)
@@ -120,6 +122,7 @@ class Automatic(Method):
     summary: ClassVar[str] = "the default: adaptive, and tikhonov for frames that pull"
     error_bars: ClassVar[bool] = True
     narrows: ClassVar[bool] = True
+    by_frame: ClassVar[bool] = True
 
     friction: float | None = number(help=_FRICTION)
     draws: int = count(help=_DRAWS)

@@ -1,0 +1,19 @@
+"""Pictures. Figures are made without pyplot, so nothing opens a window or keeps state."""
+
+from palpate._plot.forces import draw_forces, plot_forces
+from palpate._plot.maps import arrow_cells, plot_touch
+from palpate._plot.style import INK, journal, nice, scaled
+from palpate._plot.tables import plot_accuracy, plot_trust
+
+__all__ = [
+    "INK",
+    "arrow_cells",
+    "draw_forces",
+    "journal",
+    "nice",
+    "plot_accuracy",
+    "plot_forces",
+    "plot_touch",
+    "plot_trust",
+    "scaled",
+]

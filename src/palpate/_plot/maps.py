@@ -1,0 +1,298 @@
+"""Pressure and shear on the surface."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import to_numpy
+from palpate._extras import require
+from palpate._plot.style import COLUMN, INK, PAGE, journal, nice, scaled
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from palpate.touch import Touch
+
+__all__ = ["arrow_cells", "plot_touch"]
+
+#: Arrows are drawn down to this part of the largest.
+WEAK = 0.12
+#: Arrows across a panel at the most.
+ACROSS = 15
+#: Pull from which on, as a part of the largest pressure, a map shows both signs.
+PULL = 0.02
+#: How a map lies, by where it is seen from: z points into the pad, and x, y, z are right-handed.
+SEEN = {
+    "inside": "seen from inside the pad (z towards the viewer)",
+    "outside": "seen from outside (z away from the viewer)",
+}
+
+
+def plot_touch(
+    touch: Touch,
+    *,
+    frame: int = 0,
+    truth: Any = None,
+    title: str | None = None,
+    ax: Axes | None = None,
+    seen_from: str = "inside",
+) -> Figure:
+    """A figure of one frame; see `Touch.plot`."""
+    require("figures", "matplotlib")
+    one = touch.frame(frame)
+    values = to_numpy(one.values).astype(np.float64)
+    true = None if truth is None else to_numpy(truth).astype(np.float64)
+    if true is not None and true.shape != values.shape:
+        raise InvalidInput(f"truth must have shape {values.shape} like one frame of the touch; got {true.shape}.")
+    if seen_from not in SEEN:
+        raise InvalidInput(f"seen_from must be {' or '.join(SEEN)}; got {seen_from!r}.")
+    if ax is not None and true is not None:
+        raise InvalidInput("truth is drawn in panels of its own, which one ax cannot hold: leave out either.")
+    with journal():
+        if one.surface.dimensions == 1:
+            return _plot_line(one, values, true, title, ax)
+        if ax is not None:
+            return _plot_into(one, values, title, ax, seen_from)
+        return _plot_area(one, values, true, title, seen_from)
+
+
+def _std(touch: Touch) -> Floats | None:
+    """Standard deviation of the traction, where there is one."""
+    if touch.errors is None:
+        return None
+    std = np.asarray(touch.std.values, dtype=np.float64)
+    return std if np.isfinite(std).any() else None
+
+
+# -- lines -------------------------------------------------------------------------------------------------------------
+
+
+def _plot_line(touch: Touch, values: Floats, true: Floats | None, title: str | None, ax: Axes | None) -> Figure:
+    from matplotlib.figure import Figure
+
+    factor, unit = scaled(float(np.nanmax(np.abs(values), initial=0.0)) or 1.0, "Pa")
+    width, width_unit = scaled(float(np.ptp(touch.surface.x)), "m")
+    if ax is None:
+        axes = Figure(figsize=(COLUMN, 2.4), layout="constrained").subplots()
+    else:
+        axes = ax
+    x = touch.surface.x * width
+    bounds = touch.interval(0.95) if _std(touch) is not None else None
+    for name, row in (("pressure", 1), ("shear", 0)):
+        if touch.surface.components[row] not in touch.components:
+            continue
+        if bounds is not None:
+            low, high = (np.asarray(b.values)[row] * factor for b in bounds)
+            axes.fill_between(x, low, high, color=INK[name], alpha=0.22, linewidth=0, label=f"{name}, 95 %")
+        if true is not None:
+            axes.plot(x, true[row] * factor, color=INK["truth"], lw=0.9, ls="--" if row else ":", label=f"{name}, true")
+        axes.plot(x, values[row] * factor, color=INK[name], label=f"{name}, recovered" if true is not None else name)
+    axes.axhline(0.0, color="0.75", lw=0.5, zorder=0)
+    axes.set_xlabel(f"x [{width_unit}]")
+    axes.set_ylabel(f"traction [{unit}]")
+    axes.margins(x=0)
+    axes.legend(frameon=False)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    if title:
+        axes.set_title(title)
+    return cast("Figure", axes.figure)
+
+
+# -- areas -------------------------------------------------------------------------------------------------------------
+
+
+def _plot_area(touch: Touch, values: Floats, true: Floats | None, title: str | None, seen_from: str) -> Figure:
+    """Panels of pressure, shear and uncertainty; beside a truth a second row, with what was missed in the place of the uncertainty."""
+    from matplotlib.figure import Figure
+
+    pressure, sheared = "z" in touch.components, bool({"x", "y"} & set(touch.components))
+    std = _std(touch)
+    rows = [values] if true is None else [values, true]
+    columns = [*(["pressure"] if pressure else []), *(["shear"] if sheared else [])]
+    columns += ["error"] if std is not None or true is not None else []
+    lengths = [float(np.ptp(a)) + s for a, s in zip(touch.surface.axes, touch.surface.spacings)]
+    tall = min(max(lengths[0] / lengths[1], 0.3), 2.0)
+    across = PAGE / 3 if len(columns) > 1 else COLUMN
+    figure = Figure(
+        figsize=(across * len(columns), (0.78 * across * tall + 0.85) * len(rows) + 0.3), layout="constrained"
+    )
+    grid = figure.subplots(len(rows), len(columns), squeeze=False)
+    largest = {"pressure": _top(*(r[2] for r in rows)), "shear": _top(*(np.hypot(r[0], r[1]) for r in rows))}
+    names = [""] if true is None else ["recovered: ", "true: "]
+    for i, (row, name) in enumerate(zip(rows, names)):
+        for axes, what in zip(grid[i], columns):
+            if what == "pressure":
+                _pressure(axes, touch, row[2], f"{name}pressure", largest["pressure"], rows, seen_from)
+            elif what == "shear":
+                _shear(axes, touch, row, f"{name}shear", largest["shear"], seen_from)
+            elif i == 1 and true is not None:
+                _size(axes, touch, _misses(touch, values - true), "recovered less true, size", seen_from)
+            elif std is not None:
+                _size(axes, touch, _misses(touch, std), "standard deviation", seen_from)
+            else:
+                axes.set_axis_off()
+    said = [title] if title else []
+    figure.suptitle("\n".join([*said, SEEN[seen_from]]), fontsize=8 if said else 7)
+    return figure
+
+
+def _plot_into(touch: Touch, values: Floats, title: str | None, ax: Axes, seen_from: str) -> Figure:
+    """One panel in a figure of the user's: pressure in colour with the shear as arrows."""
+    if "z" in touch.components:
+        _pressure(ax, touch, values[2], title or "pressure", _top(values[2]), [values], seen_from)
+        if {"x", "y"} & set(touch.components):
+            _arrows(ax, touch, values, _top(np.hypot(values[0], values[1])), seen_from, "#222222")
+    else:
+        _shear(ax, touch, values, title or "shear", _top(np.hypot(values[0], values[1])), seen_from)
+    return cast("Figure", ax.figure)
+
+
+def _top(*images: Floats) -> float:
+    return max(float(np.nanmax(np.abs(i), initial=0.0)) for i in images) or 1.0
+
+
+def _misses(touch: Touch, field: Floats) -> Floats:
+    """The size of a field over the components that were sought."""
+    sought = [touch.surface.components.index(c) for c in touch.components]
+    return np.asarray(np.sqrt((field[sought] ** 2).sum(axis=0)))
+
+
+def _show(
+    axes: Axes, touch: Touch, image: Floats, cmap: str, low: float, high: float, label: str, seen_from: str, title: str
+) -> None:
+    width, width_unit = scaled(max(float(np.ptp(a)) for a in touch.surface.axes), "m")
+    (y, x), (dy, dx) = touch.surface.axes, touch.surface.spacings
+    left, right, bottom, top = (
+        float(v * width) for v in (x[0] - dx / 2, x[-1] + dx / 2, y[0] - dy / 2, y[-1] + dy / 2)
+    )
+    drawn = axes.imshow(
+        image,
+        extent=(left, right, bottom, top),
+        origin="lower",
+        cmap=cmap,
+        vmin=low,
+        vmax=high,
+        interpolation="nearest",
+        rasterized=True,
+    )
+    if seen_from == "outside":
+        axes.invert_yaxis()
+    axes.set_title(title, loc="left")
+    axes.set_xlabel(f"x [{width_unit}]")
+    axes.set_ylabel(f"y [{width_unit}]")
+    axes.figure.colorbar(drawn, ax=axes, label=label, location="bottom", aspect=30, pad=0.02)
+
+
+def _pressure(
+    axes: Axes, touch: Touch, image: Floats, title: str, largest: float, rows: list[Floats], seen_from: str
+) -> None:
+    factor, unit = scaled(largest, "Pa")
+    # push and pull are told apart around zero; pressure that only pushes needs no second colour
+    both = min(float(np.nanmin(r[2], initial=0.0)) for r in rows) < -PULL * largest
+    _show(
+        axes,
+        touch,
+        image * factor,
+        "RdBu_r" if both else "viridis",
+        -largest * factor if both else 0.0,
+        largest * factor,
+        f"pressure [{unit}]",
+        seen_from,
+        title,
+    )
+
+
+def _size(axes: Axes, touch: Touch, image: Floats, title: str, seen_from: str) -> None:
+    top = _top(image)
+    factor, unit = scaled(top, "Pa")
+    _show(axes, touch, image * factor, "magma", 0.0, top * factor, f"traction [{unit}]", seen_from, title)
+
+
+def _shear(axes: Axes, touch: Touch, values: Floats, title: str, largest: float, seen_from: str) -> None:
+    factor, unit = scaled(largest, "Pa")
+    size = np.hypot(values[0], values[1])
+    _show(axes, touch, size * factor, "cividis", 0.0, largest * factor, f"shear [{unit}]", seen_from, title)
+    _arrows(axes, touch, values, largest, seen_from, "white")
+
+
+def _arrows(axes: Axes, touch: Touch, values: Floats, largest: float, seen_from: str, colour: str) -> None:
+    """Arrows on the strongest cells first, and what an arrow's length means."""
+    from matplotlib.patheffects import withStroke
+
+    size = np.nan_to_num(np.hypot(values[0], values[1]))
+    if not size.any():
+        return
+    width, _ = scaled(max(float(np.ptp(a)) for a in touch.surface.axes), "m")
+    (y, x), (dy, dx) = touch.surface.axes, touch.surface.spacings
+    apart = max(float(np.ptp(x)), float(np.ptp(y))) / ACROSS
+    i, j = arrow_cells(size, (apart / dy, apart / dx), WEAK * largest)
+    arrows = axes.quiver(
+        x[j] * width,
+        y[i] * width,
+        values[0][i, j],
+        values[1][i, j],
+        color=colour,
+        angles="xy",
+        scale_units="xy",
+        scale=largest / (1.6 * apart * width),
+        width=0.008,
+        pivot="mid",
+    )
+    arrows.set_path_effects([withStroke(linewidth=1.2, foreground="white" if colour != "white" else "0.2")])
+    key = nice(largest)
+    factor, unit = scaled(key, "Pa")
+    axes.quiverkey(
+        arrows,
+        1.0 - 1.6 * apart / float(np.ptp(x)) * key / largest,
+        1.035,
+        key,
+        f"{key * factor:g} {unit}",
+        labelpos="W",
+        coordinates="axes",
+        color="0.2",
+        labelsep=0.03,
+        fontproperties={"size": 7},
+    )
+
+
+def arrow_cells(
+    size: Floats, apart: tuple[float, float], least: float
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Rows and columns of the cells that get an arrow: the strongest first, none nearer to another than ``apart`` cells, none below ``least``.
+
+    A fixed subsample misses what is smaller than its step; the strongest cell of a small adhesion is always there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate._plot import arrow_cells
+    >>> size = np.zeros((40, 40))
+    >>> size[7, 13] = 2.0  # a single cell
+    >>> size[20:30, 20:30] = 1.0
+    >>> rows, columns = arrow_cells(size, (5.0, 5.0), 0.1)
+    >>> (int(rows[0]), int(columns[0])), len(rows)
+    ((7, 13), 4)
+    """
+    rows, columns = np.nonzero(size > least)
+    order = np.argsort(-size[rows, columns], kind="stable")
+    free = np.ones(size.shape, dtype=bool)
+    picked = []
+    reach = [max(int(np.ceil(a)), 1) for a in apart]
+    for i, j in zip(rows[order], columns[order]):
+        if not free[i, j]:
+            continue
+        picked.append((i, j))
+        top, left = max(i - reach[0] + 1, 0), max(j - reach[1] + 1, 0)
+        here = free[top : i + reach[0], left : j + reach[1]]
+        ii, jj = np.ogrid[top - i : top - i + here.shape[0], left - j : left - j + here.shape[1]]
+        here &= (ii / apart[0]) ** 2 + (jj / apart[1]) ** 2 >= 1.0
+        free[i, j] = False
+    found = np.array(picked, dtype=np.intp).reshape(-1, 2)
+    return found[:, 0], found[:, 1]

@@ -1,0 +1,104 @@
+"""The zero of readings: the mean of frames in which nothing touches, and whether readings look as if they had none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+
+__all__ = ["OFFSETS", "Levels", "far_frames", "zero_of"]
+
+#: A frame that is so many times as far from the median of the frames as half of them are is no zero: a glitch, or a touch. (Noise: up to
+#: 1.5 times, of twenty readings; a drift in the meantime: twice.)
+FAR = 5.0
+#: Readings that stand so many times as far from 0 as any of them ever moves have offsets: contact moves what it loads.
+STANDING = 2.0
+#: Part of the readings that do.
+MOST = 0.75
+#: What is then said.
+OFFSETS = (
+    "most readings stand far from 0 and move little, as raw counts with offsets do, and what stands is taken for load: where nothing touches in the "
+    "first frames, make these the zero, such as the first ten with --baseline 10 (baseline=10)"
+)
+
+
+def zero_of(frames: Floats) -> Floats:
+    """The zero (channel, *array) of ``frames`` (frame, channel, *array) in which nothing touches: their mean, without those that are far from most.
+
+    NaN where a reading is missing in all of them.
+
+    Raises
+    ------
+    InvalidInput
+        No frames.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.sensing.zero import zero_of
+    >>> zero_of(np.array([[[7.0, 5.0]], [[7.2, 5.2]], [[6.8, 4.8]], [[9.9, 8.8]]])).round(3).tolist()  # the last one is a touch
+    [[7.0, 5.0]]
+    """
+    frames = np.asarray(frames, dtype=np.float64)
+    if not len(frames):
+        raise InvalidInput("the zero is the mean of some frames; got none.")
+    flat = frames.reshape(len(frames), -1)
+    good = np.isfinite(flat) & ~far_frames(flat)[:, None]
+    count = good.sum(axis=0)
+    mean = np.where(good, flat, 0.0).sum(axis=0) / np.maximum(count, 1)
+    return np.where(count > 0, mean, math.nan).reshape(frames.shape[1:])
+
+
+def far_frames(frames: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Which of the frames (frame, reading) are unlike most of them; NaN where missing."""
+    there = frames[:, np.isfinite(frames).any(axis=0)]
+    if len(frames) < 3 or not there.size:
+        return np.zeros(len(frames), dtype=bool)
+    away = np.nan_to_num(there - np.nanmedian(there, axis=0))
+    with np.errstate(over="ignore"):
+        sizes = np.sqrt((away**2).mean(axis=1))
+    typical = float(np.median(sizes))
+    return np.asarray(sizes > FAR * typical) if typical > 0 else np.zeros(len(frames), dtype=bool)
+
+
+class Levels:
+    """Between what values each reading of a recording moves, gathered as its frames are looked at.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.sensing.zero import Levels
+    >>> press = np.linspace(0.0, 100.0, 10)[:, None, None] * np.array([[1.0, 0.3]])
+    >>> levels = Levels()
+    >>> levels.look(press + 5000.0)
+    >>> levels.standing()
+    True
+    """
+
+    def __init__(self) -> None:
+        self._low: Floats | None = None
+        self._high: Floats | None = None
+        self._frames = 0
+
+    def look(self, frames: Floats) -> None:
+        """Some more frames (frame, channel, *array)."""
+        low, high = np.fmin.reduce(frames, axis=0), np.fmax.reduce(frames, axis=0)
+        self._low = low if self._low is None else np.fmin(self._low, low)
+        self._high = high if self._high is None else np.fmax(self._high, high)
+        self._frames += len(frames)
+
+    def standing(self) -> bool:
+        """Whether the readings stand far from 0 for all that they move, as raw counts with offsets do.
+
+        Of fewer than three frames nothing is said.
+        """
+        if self._low is None or self._high is None or self._frames < 3:
+            return False
+        moved = self._high - self._low
+        nearest = np.where(self._low * self._high > 0, np.minimum(abs(self._low), abs(self._high)), 0.0)
+        known = np.isfinite(moved)
+        largest = float(moved[known].max(initial=0.0))
+        return bool(known.any() and largest > 0 and (nearest[known] > STANDING * largest).mean() > MOST)

@@ -1,0 +1,65 @@
+"""Numbers and their intervals as they are said: rounded alike, to what the interval supports."""
+
+from __future__ import annotations
+
+import math
+
+from palpate._plot import scaled
+
+__all__ = ["decimals", "force_unit", "said"]
+
+#: Digits of a number without an interval.
+PLAIN = 4
+
+
+def decimals(half_width: float) -> int:
+    """Decimals that show two digits of half an interval's width; 0 where that is 10 or more.
+
+    Examples
+    --------
+    >>> from palpate.touch.rounding import decimals
+    >>> decimals(0.013), decimals(0.5), decimals(70.0)
+    (3, 2, 0)
+    """
+    if not (math.isfinite(half_width) and half_width > 0):
+        return 0
+    return min(max(1 - math.floor(math.log10(half_width)), 0), 12)
+
+
+def said(value: float, low: float = math.nan, high: float = math.nan, *, factor: float = 1.0, unit: str = "") -> str:
+    """A number with its unit and its interval, all with the same decimals; ``factor`` brings it to the unit.
+
+    Examples
+    --------
+    >>> from palpate.touch.rounding import said
+    >>> said(1.00234, 0.98911, 1.01432, unit="N")
+    '1.002 N (0.989 to 1.014)'
+
+    >>> said(18550.0, 17800.0, 19100.0, factor=1e-3, unit="kPa"), said(0.30756, unit="N"), said(float("nan"))
+    ('18.55 kPa (17.80 to 19.10)', '0.3076 N', 'not known')
+    """
+    after = f" {unit}" if unit else ""
+    if not math.isfinite(value):
+        return "not known"
+    value, low, high = (v * factor for v in (value, low, high))
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return f"{value:.{PLAIN}g}{after}"
+    n = decimals(0.5 * (high - low)) if high > low else PLAIN
+    return f"{_fixed(value, n)}{after} ({_fixed(low, n)} to {_fixed(high, n)})"
+
+
+def _fixed(value: float, n: int) -> str:
+    """With ``n`` decimals, and no minus before a zero."""
+    return f"{round(value, n) + 0.0:.{n}f}"
+
+
+def force_unit(size: float, unit: str) -> tuple[float, str]:
+    """Factor and unit for forces as large as ``size``: newtons from 0.05 N on, as robots have them, and prefixes for what is smaller or very large.
+
+    Examples
+    --------
+    >>> from palpate.touch.rounding import force_unit
+    >>> force_unit(0.3, "N"), force_unit(3e-8, "N")
+    ((1.0, 'N'), (999999999.9999999, 'nN'))
+    """
+    return (1.0, unit) if 0.05 <= size < 1e4 or size <= 0 else scaled(size, unit)

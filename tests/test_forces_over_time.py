@@ -1,0 +1,277 @@
+"""The answer first: numbers of every frame with their intervals, in tables and pictures; raw counts, single frames, zeros."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+import pytest
+
+import palpate as pp
+from command_line import run
+from palpate._plot import arrow_cells, nice, plot_forces
+from palpate.archives.rested import Rest
+from palpate.grasp import Event
+from palpate.recordings import read_touch, write_recording, write_touch
+from palpate.sensing.zero import Levels, zero_of
+from palpate.touch import Forces
+from palpate.touch.rounding import decimals, said
+from palpate.touch.table import table_words
+
+SKIN = """
+[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "line"
+count = 15
+pitch = "1 mm"
+depth = "1 mm"
+channels = ["stress_xz", "stress_zz"]
+"""
+NOISE, OFFSETS = 5.0, 4e4
+
+
+@pytest.fixture(scope="module")
+def press() -> tuple[pp.Skin, Any]:
+    """Ten frames at rest, two of a press that slides, four at rest; with the offsets of raw counts."""
+    pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+    skin = pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+    ball = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0).sliding(0.3))
+    loads = np.array([0.0] * 10 + [0.5, 1.0] + [0.0] * 4)
+    rng = np.random.default_rng(0)
+    return skin, loads[:, None, None] * ball + NOISE * rng.standard_normal((16, 2, 15))
+
+
+@pytest.fixture(scope="module")
+def folder(press: tuple[pp.Skin, Any], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("press")
+    _, readings = press
+    raw = readings + OFFSETS * (1.0 + np.random.default_rng(1).random((2, 15)))
+    write_recording(
+        pp.Recording(readings=raw, channels=("stress_xz", "stress_zz"), time=np.arange(16) / 50), path / "raw.csv"
+    )
+    (path / "skin.toml").write_text(SKIN)
+    return path
+
+
+@pytest.fixture(scope="module")
+def touch(press: tuple[pp.Skin, Any]) -> pp.Touch:
+    skin, readings = press
+    return skin.reconstruct(readings[8:12], time=np.arange(4) / 50, friction=0.5)
+
+
+def test_numbers_and_their_intervals_are_rounded_alike() -> None:
+    assert said(1.00234, 0.986, 1.0191, unit="N") == "1.002 N (0.986 to 1.019)"
+    assert said(-1e-9, -0.02, 0.02, unit="N") == "0.000 N (-0.020 to 0.020)"  # no minus before a zero
+    assert said(math.nan, 0.0, 1.0) == "not known"
+    assert [decimals(w) for w in (0.013, 0.5, 70.0, math.inf, 0.0)] == [3, 2, 0, 0, 0]
+    assert [nice(v) for v in (3.7e4, 1e3, 0.0)] == [2e4, 1e3, 1.0]
+
+
+def test_a_table_holds_what_the_touch_says(touch: pp.Touch) -> None:
+    table = touch.table()
+    assert len(table) == 4
+    np.testing.assert_allclose(table["time (s)"], np.arange(4) / 50)
+    np.testing.assert_array_equal(table["force_z (N/m)"], touch.force[:, 1])
+    low, high = touch.interval(0.95, "force")
+    np.testing.assert_array_equal(table["force_x_low (N/m)"], low[:, 0])
+    np.testing.assert_array_equal(table["force_x_high (N/m)"], high[:, 0])
+    np.testing.assert_array_equal(
+        table["slip_margin (Pa)"], touch.slip_margin(0.5)
+    )  # with the friction it was found with
+    np.testing.assert_array_equal(table["contact_width (m)"], touch.contact_area())
+    assert table["status"].tolist() == ["no contact", "no contact", "solved", "solved"]
+    assert touch.table(level=0.5)["force_z_high (N/m)"][3] < table["force_z_high (N/m)"][3]
+
+
+def test_a_table_leaves_out_what_was_not_sought(press: tuple[pp.Skin, Any]) -> None:
+    skin, readings = press
+    table = skin.reconstruct(readings[11], components=["z"], method="tikhonov").table(friction=0.5)
+    assert "force_z (N/m)" in table
+    assert not [t for t in table if t.startswith(("force_x", "slip_margin", "moment"))]
+    assert "frame" in table  # no time
+    words = table_words(table)
+    assert "force x" not in words
+
+
+def test_a_missing_frame_among_others(touch: pp.Touch) -> None:
+    """No number, no word "nan", and the others stay."""
+    lost = pp.Touch(
+        np.full((2, *touch.surface.shape), np.nan),
+        touch.surface,
+        ("x", "z"),
+        "automatic",
+        time=np.array(0.08),
+        status=np.array(6, dtype=np.int8),
+    )
+    forces = Forces()
+    forces.add(lost)
+    forces.add(touch)
+    table = forces.table()
+    assert np.isnan(table["force_z (N/m)"][0])
+    assert np.isfinite(table["slip_margin (Pa)"][3:]).all()
+    words = table_words(table)
+    assert "nan" not in words
+    assert "missing" in words
+    other = pp.Touch(np.zeros((3, 4, 4)), pp.AreaGrid(shape=(4, 4), spacing=1e-3), ("x", "y", "z"), "dft")
+    with pytest.raises(pp.InvalidInput, match="begin a new one"):
+        forces.add(other)
+    with pytest.raises(pp.InvalidInput, match="no frames yet"):
+        Forces().table()
+
+
+def test_a_csv_opens_in_any_program(touch: pp.Touch, tmp_path: Path) -> None:
+    """A line of titles, a line a frame, nothing else; seconds since 1970 keep their digits."""
+    late = pp.Touch(touch.values, touch.surface, touch.components, "dft", time=1.7e9 + np.arange(4) / 1024)
+    write_touch(late, tmp_path / "forces.csv")
+    rows = pandas.read_csv(tmp_path / "forces.csv")
+    assert rows.shape[0] == 4
+    np.testing.assert_array_equal(rows["time (s)"], late.time)
+    write_touch(touch, tmp_path / "touch.nc")
+    assert read_touch(tmp_path / "touch.nc").attrs["friction"] == 0.5
+
+
+def test_raw_counts_are_noticed_and_zeroed(folder: Path, press: tuple[pp.Skin, Any], tmp_path: Path) -> None:
+    skin, _ = press
+    raw = pp.reconstruct_recording(skin, folder / "raw.csv", tmp_path / "a.csv", method="tikhonov")
+    assert "--baseline 10" in raw.remarks[0]
+    done = pp.reconstruct_recording(skin, folder / "raw.csv", tmp_path / "t.nc", baseline=10)
+    assert done.remarks == ()
+    force = done.table["force_z (N/m)"]
+    assert force[:10].tolist() == [0.0] * 10
+    low, high = done.table["force_z_low (N/m)"], done.table["force_z_high (N/m)"]
+    true = np.array([5.0, 10.0])
+    np.testing.assert_allclose(force[10:12], true, atol=0.4)
+    assert (low[10:12] < true).all()
+    assert (high[10:12] > true).all()
+    assert done.frame == 11
+    np.testing.assert_array_equal(done.touch.values, read_touch(done.path).traction.values[done.frame])
+    one = pp.reconstruct_recording(skin, folder / "raw.csv", tmp_path / "one.nc", baseline=10, frame=11)
+    assert (one.frames, one.frame, len(one.table)) == (1, 11, 1)
+    np.testing.assert_allclose(one.touch.force, done.table.loc[11, ["force_x (N/m)", "force_z (N/m)"]].astype(float))
+    assert float(read_touch(one.path).time[0]) == pytest.approx(11 / 50)
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"baseline": 16}, "from 0 to 15 of the 16"),
+        ({"baseline": -1}, "from 0 to 15"),
+        ({"frame": 16}, "give 0 to 15, or -1"),
+        ({"frame": 1, "resume": True}, "leave out resume"),
+    ],
+)
+def test_what_cannot_be_zeroed_or_picked(
+    options: dict[str, Any], match: str, folder: Path, press: tuple[pp.Skin, Any], tmp_path: Path
+) -> None:
+    with pytest.raises(pp.InvalidInput, match=match):
+        pp.reconstruct_recording(press[0], folder / "raw.csv", tmp_path / "t.zarr", method="dft", **options)
+    assert not (tmp_path / "t.zarr").exists()
+
+
+def test_levels_tell_offsets_from_a_press() -> None:
+    rng = np.random.default_rng(0)
+    field = rng.standard_normal((1, 30))
+    held = Levels()
+    held.look(
+        np.linspace(0.9, 1.0, 10)[:, None, None] * field
+    )  # a press from the first frame on: some readings are near 0
+    assert not held.standing()
+    few = Levels()
+    few.look(np.full((2, 1, 5), 1e4))
+    assert not few.standing()  # two frames tell nothing
+    bare = Levels()
+    bare.look(np.full((5, 1, 5), np.nan))
+    assert not bare.standing()
+
+
+def test_rest_tells_noise_and_drift() -> None:
+    rng = np.random.default_rng(2)
+    frames = 300.0 + rng.standard_normal((20, 2, 4, 4))
+    rest = Rest.of(frames)
+    assert rest.noise is not None
+    np.testing.assert_allclose(rest.noise, 1.0, atol=0.15)
+    assert rest.quiet(frames - rest.zero).all()
+    pressed = frames - rest.zero
+    pressed[:, 0, 1, 1] += 9.0
+    assert not rest.quiet(pressed).any()
+    assert Rest.of(frames + np.linspace(0, 20, 20)[:, None, None, None]).wanders
+    assert Rest.of(frames[:2]).noise is None
+    assert Rest.of(np.full((9, 1, 3), 7.0)).noise is None  # no noise to be seen
+    glitch = frames.copy()
+    glitch[3] += 500.0
+    np.testing.assert_allclose(zero_of(glitch), 300.0, atol=1.5)
+
+
+def test_the_shell_says_the_answer_first(folder: Path, tmp_path: Path) -> None:
+    out = run(
+        *("reconstruct", "raw.csv", "--skin", "skin.toml", "--baseline", "10", "--friction", "0.5"),
+        *(
+            "--out",
+            str(tmp_path / "f.csv"),
+            "--plot",
+            str(tmp_path / "a.png"),
+            "--plot-forces",
+            str(tmp_path / "f.png"),
+        ),
+        cwd=folder,
+    )
+    assert out.returncode == 0, out.stderr
+    lines = out.stdout.splitlines()
+    assert lines[0].split("  ")[0] == "time [s]"
+    assert len([line for line in lines if line.endswith(("solved", "no contact"))]) == 16
+    assert "largest traction: frame 1" in out.stdout
+    assert len(pandas.read_csv(tmp_path / "f.csv")) == 16
+    assert (tmp_path / "a.png").stat().st_size > 5000
+    assert (tmp_path / "f.png").stat().st_size > 5000
+    refused = run(
+        *("reconstruct", "raw.csv", "--skin", "skin.toml", "--frame", "3", "--plot-forces", "x.png"), cwd=folder
+    )
+    assert refused.returncode == 2
+    assert "leave out either" in refused.stderr
+
+
+def test_arrows_miss_no_small_adhesion() -> None:
+    """Wherever a single strong cell lies, it gets an arrow."""
+    for i, j in ((0, 0), (7, 13), (39, 39), (20, 3)):
+        size = np.full((40, 40), 0.01)
+        size[i, j] = 1.0
+        rows, columns = arrow_cells(size, (4.0, 4.0), 0.1)
+        assert (rows.tolist(), columns.tolist()) == ([i], [j])
+    rows, columns = arrow_cells(np.ones((30, 30)), (3.0, 3.0), 0.1)
+    far = np.hypot(rows[:, None] - rows, columns[:, None] - columns)
+    assert far[far > 0].min() >= 3.0
+
+
+def test_figures(touch: pp.Touch) -> None:
+    figure = touch.plot_forces(title="a press")
+    assert [a.get_ylabel() for a in figure.axes] == ["net force [N/m]", "peak pressure\n[kPa]", "slip margin\n[Pa]"]
+    event = Event("contact", True, 0.02, 1.0, 1.0, 0.0)
+    marked = plot_forces(touch.table(), events=[event])
+    assert "contact" in [t.get_text() for t in marked.axes[0].texts]
+    from matplotlib.figure import Figure
+
+    mine = Figure().subplots()
+    assert touch.plot_forces(ax=mine) is mine.figure
+    assert touch.plot(frame=2, ax=mine) is mine.figure
+    area = np.zeros((3, 12, 10))
+    area[2, 3, 4], area[2, 6, 6], area[0, 3, 4] = 5e3, -2e3, 1e3
+    grid = pp.AreaGrid(shape=(12, 10), spacing=1e-3)
+    pulled = pp.Touch(area, grid, ("x", "y", "z"), "tikhonov")
+    drawn = pulled.plot()
+    image = drawn.axes[0].images[0]
+    assert image.get_clim() == (-5.0, 5.0)  # kPa, zero in the middle
+    assert "seen from inside" in drawn.get_suptitle()
+    outside = pulled.plot(seen_from="outside")
+    assert outside.axes[0].yaxis_inverted()
+    with pytest.raises(pp.InvalidInput, match="inside or outside"):
+        pulled.plot(seen_from="above")
+    with pytest.raises(pp.InvalidInput, match="leave out either"):
+        pulled.plot(ax=mine, truth=area)
+    assert pulled.plot(truth=area).axes[0].get_title(loc="left") == "recovered: pressure"
