@@ -97,12 +97,15 @@ def _plot_line(touch: Touch, values: Floats, true: Floats | None, title: str | N
     axes.set_xlabel(f"x [{width_unit}]")
     axes.set_ylabel(f"traction [{unit}]")
     axes.margins(x=0)
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderpad=0.1)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    if title:
-        axes.set_title(title)
-    return cast("Figure", axes.figure)
+    figure = cast("Figure", axes.figure)
+    if title and ax is None:
+        figure.suptitle(title)
+    elif title:
+        axes.set_title(title, pad=40.0)
+    return figure
 
 
 # -- areas -------------------------------------------------------------------------------------------------------------
@@ -125,6 +128,8 @@ def _plot_area(touch: Touch, values: Floats, true: Floats | None, title: str | N
     )
     grid = figure.subplots(len(rows), len(columns), squeeze=False)
     largest = {"pressure": _top(*(r[2] for r in rows)), "shear": _top(*(np.hypot(r[0], r[1]) for r in rows))}
+    missed = np.zeros(touch.surface.shape) if true is None else _misses(touch, values - true)
+    largest["error"] = _top(missed, *([] if std is None else [_misses(touch, std)]))
     names = [""] if true is None else ["recovered: ", "true: "]
     for i, (row, name) in enumerate(zip(rows, names)):
         for axes, what in zip(grid[i], columns):
@@ -133,9 +138,9 @@ def _plot_area(touch: Touch, values: Floats, true: Floats | None, title: str | N
             elif what == "shear":
                 _shear(axes, touch, row, f"{name}shear", largest["shear"], seen_from)
             elif i == 1 and true is not None:
-                _size(axes, touch, _misses(touch, values - true), "recovered less true, size", seen_from)
+                _size(axes, touch, missed, "recovered less true, size", largest["error"], seen_from)
             elif std is not None:
-                _size(axes, touch, _misses(touch, std), "standard deviation", seen_from)
+                _size(axes, touch, _misses(touch, std), "standard deviation", largest["error"], seen_from)
             else:
                 axes.set_axis_off()
     said = [title] if title else []
@@ -209,8 +214,7 @@ def _pressure(
     )
 
 
-def _size(axes: Axes, touch: Touch, image: Floats, title: str, seen_from: str) -> None:
-    top = _top(image)
+def _size(axes: Axes, touch: Touch, image: Floats, title: str, top: float, seen_from: str) -> None:
     factor, unit = scaled(top, "Pa")
     _show(axes, touch, image * factor, "magma", 0.0, top * factor, f"traction [{unit}]", seen_from, title)
 
@@ -232,7 +236,10 @@ def _arrows(axes: Axes, touch: Touch, values: Floats, largest: float, seen_from:
     width, _ = scaled(max(float(np.ptp(a)) for a in touch.surface.axes), "m")
     (y, x), (dy, dx) = touch.surface.axes, touch.surface.spacings
     apart = max(float(np.ptp(x)), float(np.ptp(y))) / ACROSS
-    i, j = arrow_cells(size, (apart / dy, apart / dx), WEAK * largest)
+    std = _std(touch)
+    # what may be noise gets no arrow
+    doubt = 0.0 if std is None else 1.96 * np.hypot(std[0], std[1]) / np.sqrt(2.0)
+    i, j = arrow_cells(size, (apart / dy, apart / dx), np.maximum(WEAK * largest, doubt))
     arrows = axes.quiver(
         x[j] * width,
         y[i] * width,
@@ -263,7 +270,7 @@ def _arrows(axes: Axes, touch: Touch, values: Floats, largest: float, seen_from:
 
 
 def arrow_cells(
-    size: Floats, apart: tuple[float, float], least: float
+    size: Floats, apart: tuple[float, float], least: Floats | float
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Rows and columns of the cells that get an arrow: the strongest first, none nearer to another than ``apart`` cells, none below ``least``.
 
