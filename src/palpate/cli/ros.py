@@ -118,6 +118,7 @@ def ros(
                 rest=rest,
                 frame=frame,
                 sinks=sinks,
+                pages=page is not None,
             )
         for note in node.session.tracker.notes:
             typer.echo(f"note: {note}", err=True)

@@ -127,6 +127,8 @@ class Session:
         Told in one sentence when a sink or the source fails.
     step : callable, optional
         Takes readings and time and returns the `Touch`, in place of ``tracker.step``.
+    pages : bool
+        Make packets for pages; without pages they are work for nobody.
     """
 
     def __init__(
@@ -143,10 +145,11 @@ class Session:
         sinks: Sequence[Sink] = (),
         report: Callable[[str], None] | None = None,
         step: Callable[[Any, float], Touch] | None = None,
+        pages: bool = True,
     ) -> None:
         self.skin, self.source, self.tracker, self.monitor = skin, source, tracker, monitor
         self.name, self.pace, self.loop, self._end = name, pace, loop, end
-        self._step = step
+        self._step, self._pages = step, pages
         self._next: Tracker | None = None
         self.packet: bytes | None = None
         self.count = self.behind = 0
@@ -353,6 +356,28 @@ class Session:
             self.note(f"{time:.3f} s  the zero is taken anew from {wanted} frames: nothing must touch")
         touch = (self.tracker.step if self._step is None else self._step)(reading, time)
         events = self.monitor.update(touch) if "z" in touch.components else []
+        packet = self._packed(touch, events, born) if self._pages else None
+        with self._lock:
+            self._remember([str(e) for e in events])
+            for sink in list(self._sinks):
+                try:
+                    sink.readings(time, reading)
+                    sink.touch(touch, time)
+                    for event in events:
+                        sink.event(event)
+                except PalpateError as error:
+                    self._sinks.remove(sink)
+                    self._leave(sink, error)
+        if packet is not None:
+            self.packet = packet
+            numbers = unpacked(packet)[0]
+            with self._lock:
+                self.history.append({k: numbers[k] for k in TRAIL if k in numbers})
+        self.count += 1
+        self._notify()
+
+    def _packed(self, touch: Touch, events: Iterable[Event], born: float) -> bytes:
+        """One packet for the pages."""
         health = self.tracker.health
         rows = np.flatnonzero(health.left_out)
         facts = {
@@ -365,24 +390,7 @@ class Session:
             "left_out": [f"{health.label(int(r))} ({health.reasons[r]})" for r in rows[:20]],
             "left_out_count": len(rows),
         }
-        packet = packed(touch, self.monitor, events, facts, born=born, ms=1e3 * self.tracker.seconds)
-        with self._lock:
-            self._remember([str(e) for e in events])
-            for sink in list(self._sinks):
-                try:
-                    sink.readings(time, reading)
-                    sink.touch(touch, time)
-                    for event in events:
-                        sink.event(event)
-                except PalpateError as error:
-                    self._sinks.remove(sink)
-                    self._leave(sink, error)
-        self.packet = packet
-        numbers = unpacked(packet)[0]
-        with self._lock:
-            self.history.append({k: numbers[k] for k in TRAIL if k in numbers})
-        self.count += 1
-        self._notify()
+        return packed(touch, self.monitor, events, facts, born=born, ms=1e3 * self.tracker.seconds)
 
     def _leave(self, sink: Sink, error: PalpateError) -> None:
         """Go on without a sink that failed."""

@@ -107,13 +107,22 @@ class Intake(FrameSource):
         self._unstamped = -math.inf
 
     def frames(self) -> Iterator[tuple[int, float, Any]]:
-        """(session, time [s], readings); `header` is that of the frame."""
-        for session, time, (values, header) in super().frames():
+        """(session, time [s], readings); `header` is that of the frame. Messages are read here, so that those left out cost nothing."""
+        for session, time, (message, header, sender) in super().frames():
+            try:
+                values = readings_of(self._mapping, self._admission.shape, message)
+            except InvalidInput as error:
+                self.counts["frames"] -= 1
+                self._admission.refuse("malformed", sender, clock.monotonic(), str(error).rstrip("."))
+                continue
+            if self._mapping.markers:
+                self._rest = values if self._rest is None else self._rest
+                values = values - self._rest
             self.header = header
             yield session, time, values
 
     def take(self, message: Any, info: Any = None) -> str:
-        """What becomes of a message ("frames", or why it was refused); ``info`` is what rclpy says of it."""
+        """What becomes of a message by its publisher and stamp ("frames", or why it was refused); ``info`` is what rclpy says of it."""
         came, now = clock.monotonic_ns(), clock.monotonic()
         self.counts["messages"] += 1
         said = info if isinstance(info, dict) else {}
@@ -125,16 +134,13 @@ class Intake(FrameSource):
         else:
             self._count_lost(sender, int(sequence))
         try:
-            values = readings_of(self._mapping, self._admission.shape, message)
             time, header = self._times(message, came)
         except InvalidInput as error:
             return self._admission.refuse("malformed", sender, now, str(error).rstrip("."))
-        if self._mapping.markers:
-            self._rest = values if self._rest is None else self._rest
-            values = values - self._rest
-        result, found = self._admission.take(sender, int(sequence), time, (values, header), now)
+        frame = (message, header, sender)
+        result, found = self._admission.take(sender, int(sequence), time, frame, now)
         if result == "busy" and self._left(now):
-            result, found = self._admission.take(sender, int(sequence), time, (values, header), now)
+            result, found = self._admission.take(sender, int(sequence), time, frame, now)
         self._put(found)
         return result
 

@@ -151,6 +151,8 @@ class TouchNode:
         Recorders and the like.
     report : callable, optional
         Told in one sentence what failed.
+    pages : bool
+        Whether live pages will show the session.
 
     Attributes
     ----------
@@ -174,6 +176,7 @@ class TouchNode:
         frame: str = "",
         sinks: Sequence[Sink] = (),
         report: Callable[[str], None] | None = None,
+        pages: bool = False,
     ) -> None:
         shapes = {p.shape for p in skin.planes}
         if len(shapes) != 1:
@@ -205,6 +208,7 @@ class TouchNode:
             end=self.intake.close,
             sinks=[self._outlet, *sinks],
             report=self._failed,
+            pages=pages,
         )
         self._said = 0
         self._before: dict[str, int] = {}

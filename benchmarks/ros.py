@@ -1,0 +1,204 @@
+"""`palpate ros` at the rate of a robot: messages sent by one process, answered by the node in another, and what restarts do.
+
+python benchmarks/ros.py [--rates 200 1000] [--seconds 10] [--taxels 4]
+
+A simulated finger presses, twists and slides; each frame is a sensor_msgs/Image with best effort, as drivers send. Needs ROS 2 (palpate[ros2]). Both
+processes run on this machine, on a domain of their own. Latency is from just before a message is published to when its wrench is received, by one
+clock. Prints a table for each rate, and how long the node is without an answer when its publisher comes late, is killed, or leaves and comes again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import array
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import palpate as pp
+from palpate import simulation
+from palpate.ros import message_class, ros_client
+
+SKIN = """
+[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "area"
+shape = [{0}, {0}]
+pitch = "{1} mm"
+depth = "2 mm"
+channels = ["stress_xz", "stress_yz", "stress_zz"]
+noise = "200 Pa"
+
+[stream]
+topic = "/finger"
+unit = "Pa"
+"""
+REST = 20
+
+
+class Robot:
+    """Publishes frames, and keeps what comes back: from a message's stamp to when its wrench came [ns]."""
+
+    def __init__(self, frames: list[Any]) -> None:
+        client = ros_client()
+        from rclpy.executors import SingleThreadedExecutor
+
+        client.init()
+        self.node = client.create_node("robot")
+        self.frames = frames
+        self.came: dict[int, int] = {}
+        self.sent: list[int] = []
+        self.diagnostics: dict[str, str] = {}
+        self.level = b""
+        self.words = ""
+        self.node.create_subscription(
+            message_class("geometry_msgs/msg/WrenchStamped"), "/palpate/wrench", self._came, 1000
+        )
+        self.node.create_subscription(
+            message_class("diagnostic_msgs/msg/DiagnosticArray"), "/diagnostics", self._diagnosed, 10
+        )
+        executor = SingleThreadedExecutor()
+        executor.add_node(self.node)
+        threading.Thread(target=executor.spin, daemon=True).start()
+        self.driver: Any = None
+
+    def _came(self, message: Any) -> None:
+        stamp = message.header.stamp
+        self.came[stamp.sec * 10**9 + stamp.nanosec] = time.time_ns()
+
+    def _diagnosed(self, message: Any) -> None:
+        [status] = message.status
+        self.level, self.words = status.level, status.message
+        self.diagnostics = {v.key: v.value for v in status.values}
+
+    def begin(self) -> None:
+        from rclpy.qos import qos_profile_sensor_data
+
+        self.driver = self.node.create_publisher(
+            message_class("sensor_msgs/msg/Image"), "/finger", qos_profile_sensor_data
+        )
+
+    def leave(self) -> None:
+        self.node.destroy_publisher(self.driver)
+
+    def send(self, which: int) -> int:
+        message = self.frames[which % len(self.frames)]
+        now = time.time_ns()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 10**9)
+        self.driver.publish(message)
+        self.sent.append(now)
+        return now
+
+    def run(self, rate: float, seconds: float) -> list[int]:
+        """Stamps of the frames that were sent."""
+        begun, first = time.perf_counter(), len(self.sent)
+        for i in range(int(rate * seconds)):
+            self.send(i)
+            wait = begun + (i + 1) / rate - time.perf_counter()
+            if wait > 0:
+                time.sleep(wait)
+        return self.sent[first:]
+
+    def wait(self, seconds: float = 60.0) -> float:
+        """Send at 100 Hz until an answer comes to one of these; seconds that it took."""
+        begun = time.monotonic()
+        mine = []
+        while time.monotonic() - begun < seconds:
+            mine.append(self.send(0))
+            time.sleep(0.01)
+            if any(stamp in self.came for stamp in mine):
+                return time.monotonic() - begun
+        return float("nan")
+
+
+def images(skin: pp.Skin) -> list[Any]:
+    """The story as messages, after rest."""
+    kind = message_class("sensor_msgs/msg/Image")
+    story = simulation.stream(
+        skin, simulation.handling(force=1.0), friction=0.6, radius=15e-3, rate=200.0, rng=np.random.default_rng(0)
+    )
+    out = []
+    for readings in (f.readings for f in story):
+        values = np.ascontiguousarray(np.moveaxis(np.asarray(readings), 0, -1), dtype="<f4")
+        rows, columns, channels = values.shape
+        message = kind(height=rows, width=columns, encoding=f"32FC{channels}", step=4 * channels * columns)
+        message.data = array.array("B", values.tobytes())
+        message.header.frame_id = "tip"
+        out.append(message)
+    return out
+
+
+def started(folder: Path) -> subprocess.Popen[bytes]:
+    with (folder / "node.log").open("ab") as log:
+        return subprocess.Popen(
+            [sys.executable, "-m", "palpate", "ros", "--skin", "skin.toml", "--type", "sensor_msgs/msg/Image"],
+            cwd=folder, stdout=log, stderr=log,
+        )  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rates", type=float, nargs="+", default=[200.0, 1000.0])
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--taxels", type=int, default=4, help="along each side")
+    arguments = parser.parse_args()
+    os.environ |= {"ROS_DOMAIN_ID": str(os.getpid() % 100), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    rows: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        os.environ["ROS_LOG_DIR"] = name
+        (folder / "skin.toml").write_text(SKIN.format(arguments.taxels, 12.0 / arguments.taxels))
+        robot = Robot(images(pp.Skin.from_file(folder / "skin.toml")))
+        process = started(folder)
+        try:
+            measured(robot, arguments, rows)
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(30)
+    print(json.dumps(rows))
+
+
+def measured(robot: Robot, arguments: Any, rows: dict[str, Any]) -> None:
+    # the node is there long before its publisher
+    while "/palpate/wrench" not in dict(robot.node.get_topic_names_and_types()) or not robot.level:
+        time.sleep(0.1)
+    print(f"before there is a publisher: {robot.words!r} (level {robot.level[0]})")
+    robot.begin()
+    rows["late"] = robot.wait()
+    print(f"a late publisher: {rows['late']:.2f} s from its first message to an answer")
+    print(
+        f"\n{'frames/s':>9} {'sent':>7} {'received':>9} {'answered':>9} {'p50 [ms]':>9} {'p99 [ms]':>9} {'worst':>7}   load {os.getloadavg()[0]:.1f}"
+    )
+    for rate in arguments.rates:
+        time.sleep(2.0)
+        before = {k: int(robot.diagnostics[k]) for k in ("messages", "answered")}
+        sent = robot.run(rate, arguments.seconds)
+        time.sleep(2.5)  # the last answers, and diagnostics that count them
+        counts = {k: int(robot.diagnostics[k]) - before[k] for k in before}
+        waited = np.array([robot.came[s] - s for s in sent if s in robot.came]) * 1e-6
+        p50, p99, worst = np.percentile(waited, (50, 99, 100)) if len(waited) else (np.nan,) * 3
+        rows[f"{rate:g}"] = {"sent": len(sent), **counts, "came": len(waited), "p50": p50, "p99": p99, "worst": worst}
+        print(
+            f"{rate:9g} {len(sent):7d} {counts['messages']:9d} {counts['answered']:9d} {p50:9.2f} {p99:9.2f} {worst:7.1f}   {os.getloadavg()[0]:.1f}"
+        )
+    robot.leave()
+    robot.begin()
+    rows["restarted"] = robot.wait()
+    print(f"\na publisher that leaves and comes again: {rows['restarted']:.2f} s from its first message to an answer")
+
+
+if __name__ == "__main__":
+    main()
