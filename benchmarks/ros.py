@@ -4,7 +4,7 @@ python benchmarks/ros.py [--rates 200 1000] [--seconds 10] [--taxels 4]
 
 A simulated finger presses, twists and slides; each frame is a sensor_msgs/Image with best effort, as drivers send. Needs ROS 2 (palpate[ros2]). Both
 processes run on this machine, on a domain of their own. Latency is from just before a message is published to when its wrench is received, by one
-clock. Prints a table for each rate, and how long the node is without an answer when its publisher comes late, is killed, or leaves and comes again.
+clock. Prints a table for each rate (cpu: the node's processor time per answer), and how long the node is without an answer when its publisher comes late, is killed, or leaves and comes again.
 """
 
 from __future__ import annotations
@@ -153,8 +153,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rates", type=float, nargs="+", default=[200.0, 1000.0])
     parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--send", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--taxels", type=int, default=4, help="along each side")
     arguments = parser.parse_args()
+    if arguments.send:  # a driver that will be killed
+        robot = Robot(images(pp.Skin.from_file(arguments.send)))
+        robot.begin()
+        robot.run(50.0, 600.0)
     os.environ |= {"ROS_DOMAIN_ID": str(os.getpid() % 100), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     rows: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as name:
@@ -164,14 +169,35 @@ def main() -> None:
         robot = Robot(images(pp.Skin.from_file(folder / "skin.toml")))
         process = started(folder)
         try:
-            measured(robot, arguments, rows)
+            measured(robot, arguments, rows, process.pid)
+            killed(robot, folder, rows)
         finally:
             process.send_signal(signal.SIGINT)
             process.wait(30)
     print(json.dumps(rows))
 
 
-def measured(robot: Robot, arguments: Any, rows: dict[str, Any]) -> None:
+def processor_time(pid: int) -> float:
+    """Seconds of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def killed(robot: Robot, folder: Path, rows: dict[str, Any]) -> None:
+    """Another process publishes, is killed without a word, and this one takes its place at once."""
+    robot.leave()
+    came = len(robot.came)
+    other = subprocess.Popen([sys.executable, __file__, "--send", str(folder / "skin.toml")])
+    while len(robot.came) < came + 20:
+        time.sleep(0.05)
+    other.kill()
+    other.wait()
+    robot.begin()
+    rows["killed"] = robot.wait()
+    print(f"one that is killed, with another in its place: {rows['killed']:.2f} s from its first message to an answer")
+
+
+def measured(robot: Robot, arguments: Any, rows: dict[str, Any], pid: int) -> None:
     # the node is there long before its publisher
     while "/palpate/wrench" not in dict(robot.node.get_topic_names_and_types()) or not robot.level:
         time.sleep(0.1)
@@ -180,19 +206,30 @@ def measured(robot: Robot, arguments: Any, rows: dict[str, Any]) -> None:
     rows["late"] = robot.wait()
     print(f"a late publisher: {rows['late']:.2f} s from its first message to an answer")
     print(
-        f"\n{'frames/s':>9} {'sent':>7} {'received':>9} {'answered':>9} {'p50 [ms]':>9} {'p99 [ms]':>9} {'worst':>7}   load {os.getloadavg()[0]:.1f}"
+        f"\n{'frames/s':>9} {'sent':>7} {'received':>9} {'answered':>9} {'p50 [ms]':>9} {'p99 [ms]':>9} {'worst':>7} {'cpu [ms]':>9}   load {os.getloadavg()[0]:.1f}"
     )
     for rate in arguments.rates:
         time.sleep(2.0)
         before = {k: int(robot.diagnostics[k]) for k in ("messages", "answered")}
+        used = processor_time(pid)
         sent = robot.run(rate, arguments.seconds)
         time.sleep(2.5)  # the last answers, and diagnostics that count them
+        used = processor_time(pid) - used
         counts = {k: int(robot.diagnostics[k]) - before[k] for k in before}
         waited = np.array([robot.came[s] - s for s in sent if s in robot.came]) * 1e-6
         p50, p99, worst = np.percentile(waited, (50, 99, 100)) if len(waited) else (np.nan,) * 3
-        rows[f"{rate:g}"] = {"sent": len(sent), **counts, "came": len(waited), "p50": p50, "p99": p99, "worst": worst}
+        cpu = 1e3 * used / max(counts["answered"], 1)
+        rows[f"{rate:g}"] = {
+            "sent": len(sent),
+            **counts,
+            "came": len(waited),
+            "p50": p50,
+            "p99": p99,
+            "worst": worst,
+            "cpu": cpu,
+        }
         print(
-            f"{rate:9g} {len(sent):7d} {counts['messages']:9d} {counts['answered']:9d} {p50:9.2f} {p99:9.2f} {worst:7.1f}   {os.getloadavg()[0]:.1f}"
+            f"{rate:9g} {len(sent):7d} {counts['messages']:9d} {counts['answered']:9d} {p50:9.2f} {p99:9.2f} {worst:7.1f} {cpu:9.2f}   {os.getloadavg()[0]:.1f}"
         )
     robot.leave()
     robot.begin()
