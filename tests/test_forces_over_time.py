@@ -132,7 +132,7 @@ def test_a_csv_opens_in_any_program(touch: pp.Touch, tmp_path: Path) -> None:
     write_touch(late, tmp_path / "forces.csv")
     rows = pandas.read_csv(tmp_path / "forces.csv")
     assert rows.shape[0] == 4
-    np.testing.assert_array_equal(rows["time (s)"], late.time)
+    np.testing.assert_allclose(rows["time (s)"], late.time, rtol=0, atol=1e-6)
     write_touch(touch, tmp_path / "touch.nc")
     assert read_touch(tmp_path / "touch.nc").attrs["friction"] == 0.5
 

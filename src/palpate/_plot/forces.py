@@ -131,4 +131,5 @@ def _mark(ax: Axes, events: Sequence[Any], *, named: bool) -> None:
                 va="top",
                 fontsize=6,
                 color="0.25",
+                bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 0.5},
             )

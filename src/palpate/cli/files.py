@@ -133,3 +133,10 @@ def save_figure(figure: Any, path: Path) -> None:
     from palpate.recordings.files import atomically
 
     atomically(path, lambda name: figure.savefig(name, dpi=200))
+
+
+def write_forces(forces: Any, path: Path) -> None:
+    """The table of a `Forces`, whole or not at all."""
+    from palpate.recordings.files import atomically
+
+    atomically(path, forces.write)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import typer
 
-from palpate.cli.files import check_output, provenance, save_figure, skin_files
+from palpate.cli.files import check_output, provenance, save_figure, skin_files, write_forces
 from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
 
@@ -36,6 +36,7 @@ def track_pictures(
     fast: bool,
     rate: float | None,
     picture: Path | None,
+    plot_forces: Path | None,
     options: Mapping[str, Any],
     limits: tuple[str | None, str | None],
     force: bool,
@@ -43,24 +44,28 @@ def track_pictures(
     """Follow a gel in pictures: `palpate track VIDEO`."""
     import contextlib
 
+    from palpate._plot import plot_forces as drawn
     from palpate.camera import follow, overlay
     from palpate.recordings import recorder, write_touch
     from palpate.recordings.files import in_place
     from palpate.recordings.formats import file_format
-    from palpate.touch import joined
+    from palpate.touch import Forces, joined
+    from palpate.touch.table import table_words
 
     skin_file = known_skin(skin_file)
     kind = None if out is None else file_format(out, task="write_touch")
     inputs = [source, *skin_files(skin_file)]
-    for path in (out, picture):
+    for path in (out, picture, plot_forces):
         if path is not None:
             check_output(path, inputs=inputs, force=force)
-    if picture is not None:
-        check_picture(picture)
+    for path in (picture, plot_forces):
+        if path is not None:
+            check_picture(path)
     if fast and every is not None:
         raise InvalidInput("--fast follows all pictures with a tracker: leave out --every.")
     record = provenance(skin_file.read_text(encoding="utf-8") if skin_file.is_file() else "", str(source))
-    touches, lost, taken, strongest = [], [], [], None
+    touches, lost, taken, marks, strongest = [], [], [], [], None
+    forces = Forces()
     with contextlib.ExitStack() as stack:
         stream = stack.enter_context(
             follow(
@@ -95,6 +100,8 @@ def track_pictures(
                 continue
             lost.append(float(np.isnan(reading.values[0]).mean()))
             events = monitor.update(touch) if "z" in touch.components else []
+            marks += events
+            forces.add(touch, events)
             load = float(np.linalg.norm(np.nan_to_num(np.asarray(touch.force, dtype=np.float64))))
             if picture is not None and reading.image is not None and (strongest is None or load > strongest[0]):
                 strongest = (load, reading.image, touch)
@@ -103,20 +110,25 @@ def track_pictures(
                 sink.touch(touch)
                 for event in events:
                     sink.event(event)
-            elif out is not None:
+            elif kind not in (None, "csv"):
                 touches.append(touch)
             taken.append((reading.time, np.asarray(touch.force, dtype=np.float64)))
         health = None if stream.tracker is None else stream.tracker.health
         notes, faults = list(readings.pictures.notes), dict(readings.faults)
         view = readings.view
-    if sink is None and out is not None:
+    if touches and out is not None:
         write_touch(joined(touches), out, provenance=record)
+    elif out is not None and kind == "csv":
+        write_forces(forces, out)
+    if plot_forces is not None:
+        save_figure(drawn(forces.table(), events=marks), plot_forces)
+    typer.echo(table_words(forces.table()))
     if strongest is not None and picture is not None:
         save_figure(overlay(strongest[1], strongest[2], view), picture)
     _said(taken, lost, faults, notes)
     if health is not None:
         typer.echo(str(health))
-    for path in (out, picture):
+    for path in (out, picture, plot_forces):
         if path is not None:
             typer.echo(f"wrote           {path}")
 

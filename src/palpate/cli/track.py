@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.cli.files import Force, check_output, provenance, skin_files
+from palpate.cli.files import Force, check_output, provenance, save_figure, skin_files, write_forces
 from palpate.cli.methods import tracker_options
-from palpate.cli.options import Columns, check_matching, check_watched, grasp_monitor, mapping_for
-from palpate.cli.progress import busy
+from palpate.cli.options import Columns, check_matching, check_picture, check_watched, grasp_monitor, mapping_for
+from palpate.cli.progress import Bar, busy
 from palpate.errors import InvalidInput
 
 #: Recordings of readings, which are none of pictures.
@@ -31,7 +31,7 @@ def track(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Readings, touches and events to write, frame by frame (.mcap, .nc, .h5, .zarr), or the touches alone (.npz, .csv)."
+            help="Readings, touches and events to write, frame by frame (.mcap, .nc, .h5, .zarr), the touches alone (.npz), or a table of forces and events with one row a frame (.csv)."
         ),
     ] = None,
     baseline: Annotated[
@@ -46,6 +46,9 @@ def track(
         typer.Option(
             help="Time in the recording [s] from which the zero is taken anew, from ten frames: nothing touches. May be given again."
         ),
+    ] = None,
+    plot_forces: Annotated[
+        Path | None, typer.Option(help="Picture to write (.png, .pdf or .svg) of the forces and events over time.")
     ] = None,
     budget: Annotated[float | None, typer.Option(help="Milliseconds a frame may take.")] = None,
     max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
@@ -72,18 +75,24 @@ def track(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Follow a recording frame by frame: contact, slip before it happens, excess, failing taxels."""
+    """Follow a recording frame by frame: contact, slip before it happens, excess, failing taxels.
+
+    Example: palpate track finger.csv --skin skin.toml --baseline 30 --friction 0.6 --out forces.csv --plot-forces forces.png
+    """
     import contextlib
 
     import numpy as np
 
+    from palpate._plot import plot_forces as drawn
     from palpate.recordings import read_recording, recorder, write_touch
     from palpate.recordings.files import in_place
     from palpate.recordings.formats import file_format
+    from palpate.sensing.zero import OFFSETS, Levels
     from palpate.skin import Skin
-    from palpate.touch import joined
+    from palpate.touch import Forces, joined
+    from palpate.touch.table import table_words
 
-    if force and out is None and picture is None:
+    if force and out is None and picture is None and plot_forces is None:
         raise InvalidInput("--force replaces a result: give --out too, or leave it out.")
     if recording_file.is_dir() or recording_file.suffix.lower() not in RECORDED:
         from palpate.camera import is_pictures
@@ -101,6 +110,7 @@ def track(
                 fast=fast,
                 rate=rate,
                 picture=picture,
+                plot_forces=plot_forces,
                 options=tracker_options(ctx),
                 limits=(max_pressure, max_force),
                 force=force,
@@ -111,8 +121,11 @@ def track(
             f"--every, --fast, --rate and --picture are for pictures (a video, a folder, a .tif stack); {recording_file} is a recording."
         )
     kind = None if out is None else file_format(out, task="write_touch")
-    if out is not None:
-        check_output(out, inputs=[recording_file, *skin_files(skin_file)], force=force)
+    if plot_forces is not None:
+        check_picture(plot_forces)
+    for path in (out, plot_forces):
+        if path is not None:
+            check_output(path, inputs=[recording_file, *skin_files(skin_file)], force=force)
     options = tracker_options(ctx)
     recording = read_recording(recording_file, mapping=mapping_for(recording_file, skin_file, columns))
     skin = Skin.from_file(skin_file, recording=recording)
@@ -126,7 +139,11 @@ def track(
     monitor = grasp_monitor(
         skin, options.get("friction"), max_pressure, max_force, lambda event: typer.echo(str(event))
     )
-    touches, seconds = [], []
+    touches, seconds, marks = [], [], []
+    forces, levels = Forces(), Levels()
+    levels.look(recording.readings)
+    if not baseline and levels.standing():
+        typer.echo(f"warning: {OFFSETS}.", err=True)
     with busy("preparing the skin"):
         tracker = skin.track(**options, baseline=baseline, budget=None if budget is None else 1e-3 * budget)
     record = provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
@@ -137,6 +154,7 @@ def track(
             # beside a result that is replaced; else under its own name, where it grows with every block
             name = stack.enter_context(in_place(out)) if out.exists() else out
             sink = stack.enter_context(recorder(name, recording.channels, positions=recording.positions, meta=record))
+        step = stack.enter_context(Bar("frames", len(recording.readings)))
         for time, values in zip(recording.time, recording.readings):
             if zeros and time >= zeros[0]:
                 tracker.rezero()
@@ -144,20 +162,29 @@ def track(
             touch = tracker.step(values, float(time))
             seconds.append(tracker.seconds)
             events = monitor.update(touch) if "z" in touch.components else []
+            marks += events
+            forces.add(touch, events)
+            step()
             if sink is not None:
                 sink.readings(float(time), values)
                 sink.touch(touch)
                 for event in events:
                     sink.event(event)
-            elif out is not None:
+            elif kind not in (None, "csv"):
                 touches.append(touch)
-    if sink is None and out is not None:
+    if touches and out is not None:
         write_touch(joined(touches), out, provenance=record)
+    elif out is not None and kind == "csv":
+        write_forces(forces, out)
+    if plot_forces is not None:
+        save_figure(drawn(forces.table(), events=marks), plot_forces)
+    typer.echo(table_words(forces.table()))
     typer.echo(str(tracker.health))
     ms = 1e3 * np.array(seconds)
     typer.echo(f"a frame took    {np.median(ms):.2f} ms (median), {np.percentile(ms, 99):.2f} ms (99 %)")
-    if out is not None:
-        typer.echo(f"wrote           {out}")
+    for path in (out, plot_forces):
+        if path is not None:
+            typer.echo(f"wrote           {path}")
 
 
 def _zeros(wanted: list[float], time: Any) -> list[float]:

@@ -175,7 +175,7 @@ def table_of(parts: Sequence[dict[str, Any]]) -> pandas.DataFrame:
 def write_table(table: pandas.DataFrame, path: str | Path) -> None:
     """A table of `Touch.table` as CSV."""
     exact = [title for title in ("time (s)",) if title in table]  # seconds since 1970 need all their digits
-    table.assign(**{t: [repr(float(v)) for v in table[t]] for t in exact}).to_csv(
+    table.assign(**{t: [repr(round(float(v), 9)) for v in table[t]] for t in exact}).to_csv(
         path, index=False, float_format="%.6g", lineterminator="\n"
     )
 
