@@ -16,9 +16,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.elastic.channels import mirror_parity
 from palpate.elastic.pad import Floats
+from palpate.inverse.linear.matrix_free.gaps import Gaps, gaps_of
 from palpate.inverse.linear.matrix_free.normal import Normal
 from palpate.inverse.linear.matrix_free.transforms import Cosine, along
 from palpate.sensing.operator import Convolution
@@ -29,6 +31,7 @@ __all__ = ["Approximation", "Cosines", "Inverse", "Padded"]
 LEAST = 1e-16
 #: Solves with some rows: (rows, which frames they are of).
 Inverse = Callable[[Floats, Any], Floats]
+Index = npt.NDArray[np.intp]
 
 
 class Approximation(Protocol):
@@ -107,15 +110,25 @@ class _Common(abc.ABC):
     def at(self, parameter: Floats) -> Inverse:
         """(M + lambda)^{-1}, in the precision of the rows."""
         single, given = np.unique(parameter, return_inverse=True)
-        made: dict[Any, list[Any]] = {}
+        made: dict[Any, tuple[list[Any], list[Gaps]]] = {}
 
         def inverse(rows: Floats, which: Any) -> Floats:
             if rows.dtype not in made:
-                made[rows.dtype] = self._matrices(single, rows.dtype)
+                made[rows.dtype] = self._matrices(single, rows.dtype), self._gaps(single, rows.dtype)
+            matrices, gaps = made[rows.dtype]
+            place = given[which]
+            out = whole(rows, place, matrices)
+            if gaps:
+                rows = rows.copy()
+                for gap in gaps:
+                    rows[:, gap.index] -= gap.weights(out[:, gap.index], place)
+                out = whole(rows, place, matrices)
+            return out if self.normal.valid is None else out * self.normal.valid
+
+        def whole(rows: Floats, place: Any, matrices: list[Any]) -> Floats:
             planes = self.normal.planes(rows)
             out = [np.empty_like(p) for p in planes]
-            place = given[which]
-            for g, matrix in zip(self.lattices, made[rows.dtype]):
+            for g, matrix in zip(self.lattices, matrices):
                 waves = self._waves(planes, g)
                 shape = planes[g.members[0][0]].shape[2:]
                 for i, (p, c) in enumerate(g.members):
@@ -124,9 +137,32 @@ class _Common(abc.ABC):
                         entry = matrix[:, i, j]
                         moved = moved + (entry if len(single) == 1 else entry[place]) * waves[:, j]
                     out[p][:, c] = self._back(moved, g, shape)
-            return self.normal.joined(out)
+            parts = [p.reshape(len(p), -1) for p in out]
+            return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
         return inverse
+
+    def _gaps(self, parameter: Floats, kind: Any) -> list[Gaps]:
+        """What is missing on each lattice, where anything is."""
+        normal = self.normal
+        if normal.valid is None:
+            return []
+        starts = np.cumsum([0, *normal.sizes[:-1]])
+        found = []
+        for g, matrix in zip(self.lattices, self._matrices(parameter, np.float64)):
+            missing = [np.flatnonzero(~normal.operator.planes_of[p].valid.ravel()) for p, _ in g.members]
+            points = [np.unravel_index(m, normal.shapes[p][1:]) for m, (p, _) in zip(missing, g.members)]
+            index = [starts[p] + c * math.prod(normal.shapes[p][1:]) + m for m, (p, c) in zip(missing, g.members)]
+
+            def block(
+                k: int, i: int, j: int, matrix: Any = matrix, g: _Lattice = g, points: list[Any] = points
+            ) -> Floats:
+                return self._between(matrix[k, i, j], g, points[i], points[j])
+
+            gap = gaps_of(index, block, len(parameter), kind)
+            if gap is not None:
+                found.append(gap)
+        return found
 
     def _matrices(self, parameter: Floats, dtype: Any) -> list[Any]:
         """(parameter, channel, channel, *wave) of the inverses."""
@@ -152,6 +188,10 @@ class _Common(abc.ABC):
     @abc.abstractmethod
     def _waves(self, planes: Sequence[Floats], g: _Lattice) -> Any:
         """Waves (frame, channel, *wave) of the channels of a lattice."""
+
+    @abc.abstractmethod
+    def _between(self, entry: Any, lattice: _Lattice, to: Sequence[Index], of: Sequence[Index]) -> Floats:
+        """What an entry (*wave) of a matrix makes at some places (axis by axis) of ones at others: (place, place)."""
 
     @abc.abstractmethod
     def _back(self, waves: Any, lattice: _Lattice, shape: Sequence[int]) -> Floats:
@@ -197,6 +237,12 @@ class Padded(_Common):
     def _back(self, waves: Any, lattice: _Lattice, shape: Sequence[int]) -> Floats:
         return _cropped(waves, lattice.size, shape)
 
+    def _between(self, entry: Any, lattice: _Lattice, to: Sequence[Index], of: Sequence[Index]) -> Floats:
+        from scipy.fft import irfftn
+
+        lags = irfftn(entry, s=lattice.size)
+        return np.asarray(lags[tuple((t[:, None] - o) % n for t, o, n in zip(to, of, lattice.size))])
+
 
 class Cosines(_Common):
     """Readings go on as their mirror image."""
@@ -238,6 +284,17 @@ class Cosines(_Common):
 
     def _back(self, waves: Any, lattice: _Lattice, shape: Sequence[int]) -> Floats:
         return along(waves, self._axes[lattice.members[0]], inverse=True)
+
+    def _between(self, entry: Any, lattice: _Lattice, to: Sequence[Index], of: Sequence[Index]) -> Floats:
+        # 2 cos a (i + 1/2) cos a (j + 1/2) = cos a (i - j) + cos a (i + j + 1)
+        lags, places = entry, []
+        for axis, (t, o, wave) in enumerate(zip(to, of, self._axes[lattice.members[0]])):
+            n = wave.n
+            k = np.arange(n)
+            table = np.where(k == 0, 0.5, 1.0) / n * np.cos(np.pi / n * k * np.arange(2 * n)[:, None])
+            lags = np.moveaxis(np.tensordot(table, lags, axes=(1, axis)), 0, axis)
+            places.append([(t[:, None] - o) % (2 * n), (t[:, None] + o + 1) % (2 * n)])
+        return np.asarray(sum(lags[place] for place in itertools.product(*places)))
 
 
 def _members(normal: Normal, split: bool) -> list[list[tuple[int, int]]]:
