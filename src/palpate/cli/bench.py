@@ -8,23 +8,36 @@ from typing import Annotated
 
 import typer
 
+from palpate.cli.examples import example
 from palpate.cli.files import Force, check_output, make_folder, save_figure, write_text
 from palpate.cli.methods import MethodCommand, chosen_method
 from palpate.cli.progress import Bar
 from palpate.errors import InvalidInput
 
 bench_app = typer.Typer(
-    help="Measure the inversion on simulated contacts.", no_args_is_help=True, rich_markup_mode=None
+    help="Measure the inversion on simulated contacts. Each of these takes minutes to hours; --quick takes less than a minute.",
+    epilog=example("bench accuracy"),
+    invoke_without_command=True,
+    rich_markup_mode=None,
 )
 
 
-@bench_app.command("accuracy", cls=MethodCommand)
+@bench_app.callback()
+def _bench(ctx: typer.Context) -> None:
+    if ctx.invoked_subcommand is None:
+        typer.echo(ctx.get_help())
+
+
+@bench_app.command("accuracy", cls=MethodCommand, epilog=example("bench accuracy"))
 def bench_accuracy(
     ctx: typer.Context,
     layouts: Annotated[str | None, typer.Option(help="Layouts, separated by commas; default: all.")] = None,
     draws: Annotated[int, typer.Option(min=1, help="Noise draws of each contact.")] = 2,
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
     comparisons: Annotated[bool, typer.Option(help="Also the methods for comparison.")] = True,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Lines alone, one draw, no methods for comparison: less than a minute.")
+    ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     out: Annotated[
         Path | None,
@@ -32,13 +45,19 @@ def bench_accuracy(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Error of a method (by default the automatic one) and of those for comparison against the clairvoyant Wiener filter, and coverage of the error bars."""
+    """Compare the error of a method with that of the best linear filter, and count how often its error bars hold the truth.
+
+    The filter is Wiener's, which knows the contact's spectrum and the noise. Without --method the automatic method is measured; without --quick beside the
+    methods for comparison.
+    """
     import csv
     import io
 
     from palpate import bench
 
     method = chosen_method(ctx)
+    if quick:
+        layouts, draws, comparisons = layouts or "line", 1, False
     names = tuple(bench.LAYOUTS) if layouts is None else tuple(n.strip() for n in layouts.split(","))
     unknown = [n for n in names if n not in bench.LAYOUTS]
     if unknown:
@@ -87,7 +106,7 @@ def bench_accuracy(
         typer.echo(f"wrote           {folder / 'accuracy.csv'}, {folder / 'accuracy.png'}")
 
 
-@bench_app.command("ablation")
+@bench_app.command("ablation", epilog=example("bench ablation"))
 def bench_ablation(
     frames: Annotated[int, typer.Option(min=2, help="Random frames; each is solved some twenty times.")] = 40,
     numbers: Annotated[
@@ -105,7 +124,7 @@ def bench_ablation(
     out: Annotated[Path | None, typer.Option(help="Markdown file for the table.")] = None,
     force: Force = False,
 ) -> None:
-    """What each part of the automatic method buys, on contacts that tuned nothing."""
+    """Measure what each part of the automatic method buys, on contacts that tuned nothing."""
     from palpate import bench
 
     if quick:
@@ -151,7 +170,7 @@ def bench_ablation(
         typer.echo(f"wrote           {out}")
 
 
-@bench_app.command("calibration")
+@bench_app.command("calibration", epilog=example("bench calibration"))
 def bench_calibration(
     frames: Annotated[int, typer.Option(min=20, help="Random contacts.")] = 500,
     method: Annotated[str, typer.Option(help="A method whose error bars have constants.")] = "adaptive",
@@ -172,7 +191,7 @@ def bench_calibration(
         Path | None, typer.Option(help="File of constants (constants.json) to put the new ones into.")
     ] = None,
 ) -> None:
-    """The constants of the error bars, from a random population of contacts."""
+    """Find the constants of the error bars from a random population of contacts."""
     import palpate
     from palpate import bench
     from palpate.uncertainty import AMBIGUOUS, FEW, calibrated_methods
@@ -218,7 +237,7 @@ def bench_calibration(
         typer.echo(f"wrote           {write}")
 
 
-@bench_app.command("trust")
+@bench_app.command("trust", epilog=example("bench trust"))
 def bench_trust(
     frames: Annotated[int, typer.Option(min=1, help="Random frames of each row.")] = 200,
     rows: Annotated[
@@ -229,6 +248,12 @@ def bench_trust(
     limit: Annotated[
         float | None, typer.Option(min=0.1, help="Processor seconds a frame may take; longer ones are left unanswered.")
     ] = None,
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick", help="Two frames of rows clean, empty and stuck: less than a minute; it tells no rate."
+        ),
+    ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     each: Annotated[bool, typer.Option("--each", help="Also say every frame that is wrong without a word.")] = False,
     out: Annotated[Path | None, typer.Option(help="Markdown file for the table.")] = None,
@@ -236,12 +261,17 @@ def bench_trust(
     cases: Annotated[Path | None, typer.Option(help="CSV file with every frame.")] = None,
     force: Force = False,
 ) -> None:
-    """How often the inversion is wrong without a word: offsets, pulls, stuck taxels, wrong pads and more, on random sensors."""
+    """Count how often the inversion is wrong without a word.
+
+    Random sensors meet offsets, pulls, stuck taxels, wrong pads and more, one row for each.
+    """
     import csv
     import io
 
     from palpate.bench import trust
 
+    if quick:
+        frames, rows, limit = 2, rows or "clean,empty,stuck", limit or 5.0
     names = tuple(trust.ROWS) if rows is None else tuple(dict.fromkeys(n.strip() for n in rows.split(",")))
     unknown = [n for n in names if n not in trust.ROWS]
     if unknown:

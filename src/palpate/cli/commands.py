@@ -14,6 +14,7 @@ import palpate
 from palpate.cli.bench import bench_app
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
+from palpate.cli.examples import SHORT, example
 from palpate.cli.live import live
 from palpate.cli.methods import MethodCommand, TrackerCommand
 from palpate.cli.pad import pad
@@ -30,8 +31,8 @@ from palpate.errors import PalpateError
 app = typer.Typer(
     name="palpate",
     help="What touches an elastic pad: surface pressure and shear from stress, strain or displacement measured inside it.",
-    epilog="Start with: palpate demo. Then: palpate reconstruct RECORDING --skin skin.toml.",
-    no_args_is_help=True,
+    epilog="\b\nStart with:\n  palpate demo\n  palpate reconstruct palpate-demo/recording.nc --skin palpate-demo/skin.toml --plot touch.png\nEvery command says more with --help.",
+    invoke_without_command=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -46,17 +47,22 @@ def _version(value: bool) -> None:
 
 @app.callback()
 def _root(
+    ctx: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    pass
+    if ctx.invoked_subcommand is None:
+        typer.echo(ctx.get_help())
 
 
 #: Those that take the options of methods.
 _TAKING = {track: TrackerCommand, live: TrackerCommand, ros: RosCommand, reconstruct: MethodCommand}
-for _command in (demo, simulate, track, live, convert, pad, paper, reconstruct, ros, sensors, tfm, weigh):
-    app.command(cls=_TAKING.get(_command))(_command)
+_COMMANDS = (demo, reconstruct, track, live, tfm, ros, convert, simulate, pad, sensors, weigh, paper)
+for _command in _COMMANDS:
+    app.command(cls=_TAKING.get(_command), short_help=SHORT[_command.__name__], epilog=example(_command.__name__))(
+        _command
+    )
 app.add_typer(bench_app, name="bench")
 
 
@@ -74,7 +80,7 @@ def main() -> None:
     try:
         # as ctrl-C does: what is half-written is removed on the way out
         signal.signal(signal.SIGTERM, _stop)
-        code = app(standalone_mode=False)
+        code = app(standalone_mode=False, prog_name="palpate")
         if code == 130:  # typer's word for ctrl-C, without a sentence
             raise KeyboardInterrupt
     except (typer.Abort, KeyboardInterrupt):
@@ -82,7 +88,8 @@ def main() -> None:
     except _Stopped:
         _fail("stopped by SIGTERM", 143)
     except typer.TyperException as error:
-        _fail(f"{error.format_message()} (palpate --help)", 2)
+        path = getattr(getattr(error, "ctx", None), "command_path", None) or "palpate"
+        _fail(f"{error.format_message()} ({path} --help{' has examples' if ' ' in path else ''})", 2)
     except PalpateError as error:
         _fail(str(error), 1 if isinstance(error.__cause__, OSError) and error.__cause__.errno in _DISK else 2)
     except MemoryError:

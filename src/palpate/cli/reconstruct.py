@@ -84,10 +84,7 @@ def reconstruct(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Recover pressure and shear from a recording of any length, each frame by itself. Nothing to tune.
-
-    Example: palpate reconstruct finger.csv --skin skin.toml --baseline 30 --out forces.csv --plot touch.png
-    """
+    """Recover pressure and shear from a recording of any length, each frame by itself. Nothing to tune."""
     from palpate.archives import reconstruct_recording
     from palpate.recordings import open_recording
     from palpate.recordings.formats import file_format

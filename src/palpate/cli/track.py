@@ -75,10 +75,7 @@ def track(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Follow a recording frame by frame: contact, slip before it happens, excess, failing taxels.
-
-    Example: palpate track finger.csv --skin skin.toml --baseline 30 --friction 0.6 --out forces.csv --plot-forces forces.png
-    """
+    """Follow a recording frame by frame: contact, slip before it happens, excess, failing taxels."""
     import contextlib
 
     import numpy as np

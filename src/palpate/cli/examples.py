@@ -1,0 +1,66 @@
+"""An example of each command, for its help."""
+
+from __future__ import annotations
+
+__all__ = ["EXAMPLES", "SHORT", "example"]
+
+#: What each command does, in the order in which they are listed; each fits a line of a terminal.
+SHORT = {
+    "demo": "A first picture and number from a simulated sensor or camera.",
+    "reconstruct": "Pressure, shear and forces from a recording, frame by frame.",
+    "track": "Follow a recording or a video: contact, slip, forces over time.",
+    "live": "Show in a browser what touches the pad, while it happens.",
+    "tfm": "Traction force microscopy: what a cell does to its gel.",
+    "ros": "Run as a node of ROS 2.",
+    "convert": "Turn recordings and tables of others into recordings.",
+    "simulate": "Make the recording of a known contact.",
+    "pad": "Show what a pad does to a touch.",
+    "sensors": "List sensors that are known, with their skin.toml.",
+    "weigh": "Find the modulus of a gel from known weights.",
+    "paper": "Reproduce the paper that founded the field.",
+    "bench": "Measure the inversion on simulated contacts.",
+}
+
+EXAMPLES = {
+    "bench ablation": ["palpate bench ablation --quick"],
+    "bench accuracy": [
+        "palpate bench accuracy --quick",
+        "palpate bench accuracy --layouts area --jobs 4 --out accuracy",
+    ],
+    "bench calibration": ["palpate bench calibration --contact line --frames 100"],
+    "bench trust": [
+        "palpate bench trust --quick",
+        'palpate bench trust --rows "offset,stuck" --frames 50 --out trust.md',
+    ],
+    "convert": ["palpate convert finger.csv finger.nc", "palpate convert torn.mcap whole.nc --salvage"],
+    "demo": ["palpate demo", "palpate demo camera --out gel"],
+    "live": [
+        "palpate live --demo",
+        "palpate live finger.csv --skin skin.toml --baseline 30 --friction 0.6",
+        "palpate live --udp 9000 --skin skin.toml --record run.mcap",
+    ],
+    "pad": ["palpate pad skin.toml --plot pad.png"],
+    "paper": ["palpate paper --out paper"],
+    "reconstruct": [
+        "palpate reconstruct finger.csv --skin skin.toml --baseline 30 --out forces.csv --plot-forces forces.png",
+        "palpate reconstruct finger.csv --skin skin.toml --baseline 30 --frame 120 --plot touch.png",
+    ],
+    "ros": ["palpate ros --skin skin.toml --topic /finger/image --friction 0.6"],
+    "sensors": ["palpate sensors", "palpate sensors gelsight_mini --out gel.toml"],
+    "simulate": ['palpate simulate --skin skin.toml --out known.nc --force "2 N" --friction 0.3 --frames 20'],
+    "tfm": [
+        'palpate tfm after.tif before.tif --pixel "0.1 um" --youngs-modulus "8 kPa" --poissons-ratio 0.48',
+        'palpate tfm u.npy v.npy --unit px --step 8 --pixel "0.1 um" --youngs-modulus "8 kPa" --poissons-ratio 0.48',
+    ],
+    "track": [
+        "palpate track finger.csv --skin skin.toml --baseline 30 --friction 0.6 --out forces.csv --plot-forces forces.png",
+        "palpate track press.mp4 --skin gel.toml --every 10 --picture touch.png",
+    ],
+    "weigh": ["palpate weigh weight.mp4 --skin gel.toml --force 1.96N"],
+}
+
+
+def example(command: str) -> str:
+    """The examples of a command as the end of its help; the sign keeps their lines whole."""
+    lines = EXAMPLES[command]
+    return "\b\n" + "\n".join([f"Example{'s' if len(lines) > 1 else ''}:", *(f"  {line}" for line in lines)])
