@@ -252,7 +252,7 @@ def test_the_command_writes_report_figure_table_and_result(tmp_path: Path, monke
     ):
         with pytest.raises(InvalidInput, match=words):
             CliRunner().invoke(app, [*run, *extra], catch_exceptions=False)
-    with pytest.raises(InvalidInput, match="--pixel is needed"):
+    with pytest.raises(InvalidInput, match="must be said, such as --pixel"):
         CliRunner().invoke(app, ["tfm", "u.npy", "v.npy"], catch_exceptions=False)
     assert not Path("b.html").exists()
 

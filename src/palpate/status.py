@@ -52,7 +52,7 @@ class Status(enum.IntEnum):
         4,
         "not pushing",
         "contact that only pushes does not explain the readings: adhesion, cells that pull, a wrong pad or unit",
-        'method="tikhonov" lets traction pull; otherwise check pad, units and the sign of the readings',
+        'Skin.reconstruct(method="tikhonov") or palpate reconstruct --method tikhonov lets traction pull; otherwise check pad, units and the sign of the readings',
     )
     FROZEN = (
         5,

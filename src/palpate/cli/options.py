@@ -89,6 +89,8 @@ def mapping_for(recording: Path, skin_file: Path | None, columns: str | None, *,
     try:
         return columns_of(given, shape=shape) if skin_file is None else read_columns(skin_file, given)
     except InvalidInput as error:
+        if skin_file is not None and str(error).startswith(str(skin_file)):
+            raise  # it is about the skin
         raise InvalidInput(f"--map: {error}") from error
 
 
@@ -107,7 +109,7 @@ def check_matching(recording: Any, skin: Skin) -> None:
     channels = tuple(c for p in skin.planes for c in p.channels)
     if recording.channels != channels:
         raise InvalidInput(
-            f"the recording holds {', '.join(recording.channels)} but the skin describes {', '.join(channels)}: list the same channels in the same order."
+            f"the recording holds {', '.join(recording.channels)} but the skin describes {', '.join(channels)}: list the same channels in the same order in the skin.toml, or map columns to all of them."
         )
     shapes = {p.shape for p in skin.planes}
     if shapes != {recording.readings.shape[2:]}:

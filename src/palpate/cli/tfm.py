@@ -95,9 +95,8 @@ def tfm(
     inputs = [*source, mask, image, *skin_files(skin_file)]
     for target in targets.values():
         check_output(target, inputs=inputs, force=force)
-    if pixel is None:
-        raise InvalidInput('--pixel is needed: the size of a pixel of the picture, such as --pixel "0.1 um".')
-    size_of_pixel = parse_quantity(pixel, "length", "--pixel")
+    _complete(source, image, pixel, unit, step, skin_file, youngs_modulus, poissons_ratio)
+    size_of_pixel = parse_quantity(str(pixel), "length", "--pixel")
     if size_of_pixel <= 0:
         raise InvalidInput(f"--pixel must be positive; got {pixel!r}.")
     picture = None if image is None else read_picture(image)
@@ -167,6 +166,41 @@ def tfm(
     for note in forces.notes:
         typer.echo(f"note: {note}", err=True)
     typer.echo(f"wrote {', '.join(map(str, targets.values()))}")
+
+
+def _complete(
+    source: list[Path],
+    image: Path | None,
+    pixel: str | None,
+    unit: str | None,
+    step: float | None,
+    skin: Path | None,
+    modulus: str | None,
+    ratio: float | None,
+) -> None:
+    """Refuse at once what lacks any of the numbers that no file tells."""
+    from palpate.microscopy import is_field
+
+    for file in source:
+        if not file.exists():
+            raise InvalidInput(f"{file}: no such file.")
+    # a matrix tells neither its unit nor its step
+    matrix = is_field(source) and all(f.suffix.lower() == ".npy" for f in source)
+    needed = [
+        ('--pixel "0.1 um" (the size of a pixel)', pixel is None),
+        ("--unit px (of the displacements; or um, m)", matrix and unit is None),
+        ("--step 8 (pixels from vector to vector)", matrix and step is None and image is None),
+        ('--youngs-modulus "8 kPa"', skin is None and modulus is None),
+        ("--poissons-ratio 0.48", skin is None and ratio is None),
+    ]
+    lacking = [said for said, lacks in needed if lacks]
+    if lacking:
+        gel = (
+            " A --skin gel.toml may describe the gel instead."
+            if skin is None and (modulus is None or ratio is None)
+            else ""
+        )
+        raise InvalidInput(f"what no file tells must be said, such as {', '.join(lacking)}.{gel}")
 
 
 def _gel(

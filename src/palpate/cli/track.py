@@ -91,6 +91,8 @@ def track(
 
     if force and out is None and picture is None and plot_forces is None:
         raise InvalidInput("--force replaces a result: give --out too, or leave it out.")
+    if not recording_file.exists():
+        raise InvalidInput(f"{recording_file}: no such file.")
     if recording_file.is_dir() or recording_file.suffix.lower() not in RECORDED:
         from palpate.camera import is_pictures
         from palpate.cli.pictures import track_pictures

@@ -22,6 +22,7 @@ def weigh(
     friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
 ) -> None:
     """Set the modulus of a gel by presses with known forces: every force is proportional to it."""
+    from palpate.camera import is_pictures
     from palpate.camera import weigh as weighed
     from palpate.cli.pictures import known_skin
     from palpate.units import parse_quantity
@@ -30,6 +31,13 @@ def weigh(
         raise InvalidInput(
             f"--force is given {len(force)} times for {len(videos)} presses: once for each, or one for all."
         )
+    for video in videos:
+        if not video.exists():
+            raise InvalidInput(f"{video}: no such file.")
+        if not is_pictures(video):
+            raise InvalidInput(
+                f"{video}: weights are read from pictures of the gel (a video, a folder of pictures, a .tif stack), and this is none."
+            )
     forces = [parse_quantity(f, "force", "force") for f in force] * (len(videos) if len(force) == 1 else 1)
     options: dict[str, Any] = {} if friction is None else {"friction": friction}
     with busy("solving"):

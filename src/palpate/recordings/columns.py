@@ -279,6 +279,31 @@ def columns_of_text(text: str) -> dict[str, Any]:
     return given
 
 
+def _of_taxels(titles: Sequence[str]) -> str:
+    """A --map for one line per frame with numbered columns: x1, y1, z1, x2, ... or S1, S2, ...; "" where it is none."""
+    families: dict[str, int] = {}
+    for title in titles:
+        if len(re.findall(r"\d+", title)) == 1 and not set(title) & set(",={}"):
+            pattern = re.sub(r"\d+", "{}", title)
+            families[pattern] = families.get(pattern, 0) + 1
+    most = max(families.values(), default=0)
+    if most < 4:
+        return ""
+    patterns = [p for p, count in families.items() if count == most]
+    axes = {re.sub(r"[\W\d_]+", "", p)[-1:].lower(): p for p in patterns}
+    if {"x", "y", "z"} <= set(axes):
+        said = [f"stress_xz={axes['x']}", f"stress_yz={axes['y']}", f"stress_zz={axes['z']}"]
+    elif len(patterns) == 1:
+        said = [f"stress_zz={patterns[0]}"]
+    else:
+        return ""
+    timed = next((t for t in titles if re.match(r"(t|time|timestamp|stamp)\b|time|stamp", t, re.IGNORECASE)), None)
+    if timed is not None and not set(timed) & set(",="):
+        unit = re.search(r"[_ (\[](ms|us|ns|s)\b", timed)
+        said = [f"time={timed}", *([f"time_unit={unit[1]}"] if unit and "(" not in timed else []), *said]
+    return f'"{",".join([*said, "unit=25Pa"])}" (where these are what the sensor feels along x, y and into the pad; with what a count means in place of 25 Pa)'
+
+
 def suggested(titles: Sequence[str]) -> str:
     """A --map for these titles, as far as they have usual names."""
     bare = {re.sub(r"\s*[(\[].*$", "", t).strip().lower().replace(" ", "_"): t for t in titles}
@@ -290,6 +315,8 @@ def suggested(titles: Sequence[str]) -> str:
     if "time" in found and "frame" in found:
         del found["time"]
     if not ("x" in found and "y" in found):
+        if taxels := _of_taxels(titles):
+            return taxels
         return 'time=TIME,stress_zz=S{},unit="25 Pa" (columns S1, S2, ... of one line per frame)'
     listed = ",".join(f"{k}={v}" for k, v in found.items())
     return f'"{listed},pixel=0.06mm" (with the size of your pixel; or unit=, position_unit=)'

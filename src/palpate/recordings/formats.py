@@ -225,7 +225,8 @@ def find_format(path: str | Path, *, task: str | None = None) -> Format:
                 if task is not None and not known.can(task):
                     raise known._cannot(task, Path(path))
                 return known.usable()
-    raise InvalidInput(f"{path}: the ending {suffix!r} is not known; accepted: {', '.join(endings())}.")
+    field = "; a displacement field is for palpate tfm" if suffix in (".npy", ".mat") else ""
+    raise InvalidInput(f"{path}: the ending {suffix!r} is not known; accepted: {', '.join(endings(task))}{field}.")
 
 
 def file_format(path: str | Path, *, task: str | None = None) -> str:

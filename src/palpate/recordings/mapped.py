@@ -450,7 +450,9 @@ def _as_area(path: Path, shape: tuple[int, int], readings: Any, positions: Float
     """Readings (frame, channel, y, x) of taxels in rows."""
     count = readings.shape[2]
     if count != shape[0] * shape[1]:
-        raise InvalidInput(f"{path}: {count} taxels do not make a shape of {shape[0]} x {shape[1]}.")
+        raise InvalidInput(
+            f'{path}: {count} taxels do not make a shape of {shape[0]} x {shape[1]} = {shape[0] * shape[1]}: correct shape in the skin.toml, or the columns that are mapped; scattered markers are a plane of kind = "scattered".'
+        )
     if positions is None:
         return readings.reshape(*readings.shape[:2], *shape)
     if positions.shape[1] != 2:

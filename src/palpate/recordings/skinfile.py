@@ -327,7 +327,9 @@ def validated(text: str, name: str) -> SkinFile:
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and brackets in brackets
-        raise InvalidInput(f"{name}: not valid TOML: {str(error)[:200].rstrip('.')}.") from error
+        raise InvalidInput(
+            f"{name}: not valid TOML: {str(error)[:200].rstrip('.')}. A skin file describes pad and array; palpate demo writes one to start from."
+        ) from error
     try:
         return SkinFile.model_validate(_known_to(data, name))
     except ValidationError as error:
@@ -481,6 +483,51 @@ def _surface(surface: _Surface | None, dimensions: int) -> Grid | None:
     return AreaGrid(shape=surface.shape, spacing=surface.spacing, center=_center(surface.center, 2))
 
 
+#: Keys that skin files have, for those that are misspelt.
+KEYS = (
+    *(
+        "kind",
+        "youngs_modulus",
+        "poissons_ratio",
+        "thickness",
+        "prony",
+        "layer",
+        "base",
+        "boundary",
+        "pad",
+        "plane",
+        "surface",
+        "stream",
+        "columns",
+    ),
+    *(
+        "uncertainty",
+        "camera",
+        "shape",
+        "pitch",
+        "depth",
+        "channels",
+        "aperture",
+        "noise",
+        "noise_correlation",
+        "center",
+        "count",
+        "spacing",
+    ),
+    *("positions_file", "topic", "unit", "gain"),
+)
+
+
+def _meant(key: str, text: str) -> str:
+    """What a misspelt key may have been."""
+    import difflib
+
+    near = difflib.get_close_matches(key, KEYS, n=1, cutoff=0.7)
+    return (
+        f": is {near[0]} meant?" if near and near[0] != key else "; the page on skin.toml lists those of each section"
+    )
+
+
 def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
     location = tuple(p for p in error["loc"])
     # pydantic also names the branch of a union that it tried
@@ -497,10 +544,12 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
         place = f"[{section}] has no {key}" if section else f"there is no [{key}] section"
         return f"{name}, line {line}: {place}."
     if kind == "extra_forbidden":
-        return f"{name}, line {line}: {key} is not a key here; check its spelling."
+        return f"{name}, line {line}: {key} is not a key here{_meant(str(key), text)}."
     if kind.startswith("union_tag"):
+        given = (error.get("ctx") or {}).get("tag")
+        got = f"; got {str(given)!r}" if given else ""
         accepted = " or ".join(f'"{k}"' for k in (*BUILT_IN, *_other_pads()))
-        return f"{name}, line {line_of(text, (*keys, 'kind'))}: kind must be {accepted}."
+        return f"{name}, line {line_of(text, (*keys, 'kind'))}: kind must be {accepted}{got}."
     message = (
         re.sub(r"^(length|pressure|time)\b", key, message)
         .replace("length = ", f"{key} = ")

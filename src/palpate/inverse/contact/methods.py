@@ -135,7 +135,7 @@ class Automatic(Method):
             if getattr(self, option):
                 raise Unsupported(
                     f'{option} belongs to methods that seek pressure on boundary="free"; here method="tikhonov" is used, which '
-                    f"does not take {option}."
+                    f"does not take {option}: leave it out, or seek z too."
                 )
         return Tikhonov()
 
