@@ -134,6 +134,14 @@ class Browser:
         # the moment to show is when slip is announced
         await self.until("!document.getElementById('alarm').hidden", 8.0)
         await asyncio.sleep(0.2)
+        await self.picture(path)
+
+    async def press(self, key: str, code: int, *, text: str = "", times: int = 1) -> None:
+        for _ in range(times):
+            await self("Input.dispatchKeyEvent", type="keyDown", key=key, windowsVirtualKeyCode=code, text=text)
+            await self("Input.dispatchKeyEvent", type="keyUp", key=key, windowsVirtualKeyCode=code)
+
+    async def picture(self, path: Path) -> None:
         found = await self("Page.captureScreenshot", format="png")
         path.write_bytes(base64.b64decode(found["data"]))
 
@@ -144,7 +152,7 @@ class Browser:
 
 
 async def watch(
-    address: str, session: Session, seconds: float, enough: int | None, shots: Path | None
+    address: str, session: Session, seconds: float, enough: int | None, shots: Path | None, axe: Path | None
 ) -> dict[str, Any]:
     browser = Browser()
     try:
@@ -180,10 +188,64 @@ async def watch(
             for theme in ("light", "dark"):
                 for width, height in ((1280, 680), (400, 1420)):
                     await browser.shot(shots / f"live-{theme}-{width}.png", f"{address}?theme={theme}", width, height)
+        await browser("Emulation.setDeviceMetricsOverride", width=1280, height=720, deviceScaleFactor=1, mobile=False)
+        await browser("Page.navigate", url=address)
+        await browser.until("palpate.painted > 10", PATIENCE)
+        found["keys"] = await by_keys(browser)
+        if shots is not None:
+            await browser.picture(shots / "live-looking-back.png")
+        if axe is not None:
+            found["axe"] = await checked(browser, address, axe)
         found["errors"] = browser.errors
         return found
     finally:
         browser.close()
+
+
+async def by_keys(browser: Browser) -> dict[str, Any]:
+    """What the page does for somebody without a mouse: it stays paused, looking back."""
+    found: dict[str, Any] = {}
+    theme = "document.documentElement.dataset.theme"
+    before = await browser.value(theme)
+    await browser.press("t", 84, text="t")
+    found["theme"] = before != await browser.value(theme)
+    await browser.press("t", 84, text="t")
+    reached = []
+    for _ in range(6):
+        await browser.press("Tab", 9)
+        reached.append(await browser.value("document.activeElement.id"))
+    found["tab"] = [name for name in reached if name]
+    await browser.value("document.activeElement.blur(); 0")
+    await browser.press(" ", 32, text=" ")
+    found["space"] = await browser.value("document.getElementById('pause').textContent")
+    await browser.press("ArrowLeft", 37, times=5)
+    found["back"] = await browser.value("document.getElementById('ago').textContent")
+    await asyncio.sleep(0.3)  # charts are drawn at the next turn
+    # the time axis ends with the frame that is shown
+    found["axis"] = await browser.value(
+        "charts.forces.scales.x.max === shown.time && shown !== frames[frames.length - 1]"
+    )
+    return found
+
+
+async def checked(browser: Browser, address: str, axe: Path) -> dict[str, list[str]]:
+    """What axe-core finds, while the page runs."""
+    found = {}
+    await browser("Page.setBypassCSP", enabled=True)
+    for theme in ("light", "dark"):
+        for width in (1280, 400):
+            await browser(
+                "Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False
+            )
+            await browser("Page.navigate", url=f"{address}?theme={theme}")
+            await browser.until("window.palpate && palpate.painted > 2", PATIENCE)
+            await browser.value(axe.read_text() + "; 0")
+            await browser.value("axe.run().then((r) => { window.found = r; }); 0")
+            await browser.until("window.found !== undefined", PATIENCE)
+            found[f"{theme} {width}"] = await browser.value(
+                "found.violations.map((v) => `${v.id} (${v.impact}): ${v.nodes.map((n) => n.target.join(' ')).join(', ')}`)"
+            )
+    return found
 
 
 def main() -> None:
@@ -193,6 +255,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--painted", type=int, help="stop after so many pictures instead")
     parser.add_argument("--shots", type=Path)
+    parser.add_argument("--axe", type=Path, help="axe.min.js of axe-core: what it finds in both themes and widths")
     args = parser.parse_args()
     session = make_session(args.rate, args.size)
     port = free_port()
@@ -208,7 +271,7 @@ def main() -> None:
         time.sleep(0.05)
     if args.shots is not None:
         time.sleep(4.0)
-    found = asyncio.run(watch(f"http://127.0.0.1:{port}/", session, args.seconds, args.painted, args.shots))
+    found = asyncio.run(watch(f"http://127.0.0.1:{port}/", session, args.seconds, args.painted, args.shots, args.axe))
     server.should_exit = True
     thread.join(timeout=20)
     due = found["reconstructed"] + found["skipped"]

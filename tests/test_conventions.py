@@ -57,3 +57,10 @@ def test_issue_forms_are_forms(form: Path) -> None:
     ids = re.findall(r"^    id: (\w+)$", text, re.M)
     assert len(ids) == len(set(ids)) == text.count("  - type: ")
     assert set(re.findall(r"- type: (\w+)", text)) <= {"textarea", "input", "dropdown", "checkboxes", "markdown"}
+
+
+def test_what_others_made_comes_with_its_licence() -> None:
+    uplot = ROOT / "src" / "palpate" / "live" / "static" / "uplot"
+    assert "The MIT License" in (uplot / "LICENSE").read_text()
+    assert "uPlot (v1." in (uplot / "uplot.js").read_text(encoding="utf-8")[:100]
+    assert "src/palpate/live/static/uplot/LICENSE" in PROJECT["license-files"]

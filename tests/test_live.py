@@ -129,7 +129,7 @@ def test_the_page_and_its_stream(skin: pp.Skin) -> None:
         page = client.get("/")
         assert page.status_code == 200
         assert "default-src 'self'" in page.headers["content-security-policy"]
-        for name in ("live.js", "live.css"):
+        for name in ("live.js", "map.js", "charts.js", "live.css", "uplot.js", "uplot.css"):
             assert client.get(f"/{name}").status_code == 200
             assert name in page.text
         assert client.get("/../session.py").status_code == 404
@@ -331,7 +331,13 @@ def test_in_a_browser(tmp_path: Path) -> None:
     assert numbers["painted"] > 60
     assert numbers["failures"] == 0
     assert numbers["errors"] == []
-    assert len(list(tmp_path.glob("*.png"))) == 4
+    assert len(list(tmp_path.glob("*.png"))) == 5
+    keys = numbers["keys"]
+    assert keys["theme"]
+    assert keys["tab"][:3] == ["pause", "theme", "scrub"]
+    assert keys["space"] == "Resume"
+    assert keys["back"].startswith("−")
+    assert keys["axis"]
     assert all(p.stat().st_size > 20_000 for p in tmp_path.glob("*.png"))
 
 

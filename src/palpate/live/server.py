@@ -37,6 +37,9 @@ LOCAL = ("127.0.0.1", "localhost", "::1")
 BUDGET = 0.02
 
 STATIC = Path(__file__).parent / "static"
+#: What the page is made of, besides itself; uPlot draws the charts (MIT licence, beside it).
+PARTS = ("live.js", "map.js", "charts.js", "live.css", "uplot/uplot.js", "uplot/uplot.css")
+KINDS = {"js": "text/javascript", "css": "text/css"}
 #: Largest message that a page may send [bytes].
 LARGEST = 1024
 #: Pages at the same time.
@@ -131,8 +134,7 @@ class Live:
         inner = Starlette(
             routes=[
                 Route("/", page("index.html", "text/html")),
-                Route("/live.js", page("live.js", "text/javascript")),
-                Route("/live.css", page("live.css", "text/css")),
+                *(Route(f"/{path.rsplit('/')[-1]}", page(path, KINDS[path.rsplit(".")[-1]])) for path in PARTS),
                 Route("/health", health),
                 WebSocketRoute("/stream", stream),
             ],

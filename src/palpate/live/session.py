@@ -217,6 +217,7 @@ class Session:
             "shape": [1, *grid.shape] if line else list(grid.shape),
             "spacing": [float(s) for s in grid.spacings],
             "x": [float(grid.x[0]), float(grid.x[-1])],
+            "y": [0.0, 0.0] if line else [float(grid.axes[0][0]), float(grid.axes[0][-1])],
             "components": list(grid.components),
             "sought": list(self.tracker.names),
             "unit": "N/m" if line else "N",
