@@ -21,7 +21,26 @@ from palpate.solutions import hertz_line, hertz_point
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["HalfSpaceError", "half_space_error", "plot_response", "surface_half_space"]
+__all__ = ["HalfSpaceError", "caption", "half_space_error", "plot_response", "surface_half_space"]
+
+
+def caption(skin: Skin) -> str:
+    """The sensor in a few words, for the title of a picture: how many taxels, how deep, in what.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.pads import caption
+    >>> pad = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
+    >>> caption(pp.Skin(pad, pp.AreaArray(shape=(4, 4), pitch=4e-3, depth=2e-3, channels=["stress_zz"])))
+    '16 taxels 2 mm deep in a pad 4 mm thick'
+    """
+    depths = sorted({float(p.depth) for p in skin.planes})
+    deep = " and ".join(f"{1e3 * d:.3g}" if d >= 1e-4 or d == 0 else f"{1e3 * d:.2g}" for d in depths)
+    count = sum(len(p.points) for p in skin.planes)
+    thickness = skin.pad.thickness
+    pad = "a half-space" if thickness is None else f"a pad {1e3 * thickness:.3g} mm thick"
+    return f"{count} taxels {deep} mm deep in {pad}"
 
 
 def surface_half_space(pad: Pad) -> HalfSpace:

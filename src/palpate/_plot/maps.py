@@ -285,7 +285,7 @@ def arrow_cells(
     >>> size[20:30, 20:30] = 1.0
     >>> rows, columns = arrow_cells(size, (5.0, 5.0), 0.1)
     >>> (int(rows[0]), int(columns[0])), len(rows)
-    ((7, 13), 4)
+    ((7, 13), 7)
     """
     rows, columns = np.nonzero(size > least)
     order = np.argsort(-size[rows, columns], kind="stable")

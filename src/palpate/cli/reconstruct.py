@@ -133,7 +133,10 @@ def reconstruct(
         total = len(recording)
     touch, written = done.touch, [str(target)]
     if plot is not None:
-        save_figure(touch.plot(), plot)
+        from palpate.pads import caption
+
+        when = "" if touch.time is None else f", {float(touch.time):.3f} s"
+        save_figure(touch.plot(title=f"frame {done.frame}{when}: {caption(skin)}"), plot)
         written.append(str(plot))
     if plot_forces is not None:
         from palpate._plot import plot_forces as drawn
