@@ -2,7 +2,7 @@
 
 A gel of 3.5 mm (300 kPa, Poisson's ratio 0.48) on a window, 7 x 9 dots 2 mm apart and 0.5 mm deep, pictures of 320 x 240 pixels of 0.06 mm. Displacement: error and
 coverage of its standard deviation over size of the dots, noise, compression, blur, shading and move. Force: balls, edges, slides and twists, each picture by itself and
-with the tracker. Rate: processor time of each stage, one thread.
+with the tracker, by the dots alone and with a map of the surface's depth where something presses. Rate: processor time of each stage, one thread.
 
     python benchmarks/camera.py                              # tables, some ten minutes
     python benchmarks/camera.py displacement --seeds 8
@@ -21,12 +21,23 @@ from typing import Any
 import numpy as np
 
 import palpate as pp
-from palpate.camera import Dots, Looks, Markers, Scene, dot_grid, find_dots, follow, open_pictures, write_video
+from palpate.camera import (
+    DepthMap,
+    Dots,
+    Looks,
+    Markers,
+    Scene,
+    dot_grid,
+    find_dots,
+    follow,
+    open_pictures,
+    write_video,
+)
 from palpate.camera.touches import gel_skin
 
 GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=300e3, poissons_ratio=0.48)])
 PITCH, DIAMETER, SCALE, SIZE, DEPTH = 2e-3, 0.8e-3, 0.06e-3, (320, 240), 0.5e-3
-FRICTION = 0.4
+FRICTION, DEPTH_NOISE = 0.4, 5e-6
 CHANNELS = ["displacement_x", "displacement_y"]
 
 #: label: (force of the ball [N], looks, diameter [m], stage)
@@ -119,20 +130,58 @@ def traction(one: Scene, kind: str, rng: np.random.Generator) -> np.ndarray:
     return np.stack([*q, p])
 
 
+def depth_map(one: Scene, true: np.ndarray, rng: np.random.Generator) -> DepthMap:
+    """Depth of the surface every half millimetre where something presses in the last picture, known to 5 um; nowhere in the others."""
+    y, x = (np.arange(-n, n + 1) * 0.5e-3 for n in (12, 16))
+    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    grid = one.surface
+    row, column = (np.abs(axis[:, None] - places[:, 1 - i]).argmin(axis=0) for i, axis in enumerate(grid.axes))
+    known = true[2][row, column] > 0
+    array = pp.ScatteredArray(positions=places[known], depth=0.0, channels=["displacement_z"])
+    pressed = np.asarray(pp.Skin(GEL, array, surface=grid).sense(true)).ravel()
+    found = np.full(len(places), np.nan)
+    found[known] = pressed + DEPTH_NOISE * rng.standard_normal(pressed.shape)
+    return DepthMap(
+        positions=places, depth=lambda index: found if index == 5 else np.full(len(places), np.nan), std=DEPTH_NOISE
+    )
+
+
+def on_grid(field: np.ndarray, fine: pp.AreaGrid, grid: pp.AreaGrid) -> np.ndarray:
+    """Means of a field over the cells of a coarser grid, whose cells are not whole numbers of the finer one's."""
+    out = field
+    for axis in (0, 1):
+        edges = [
+            np.append(g.axes[axis] - 0.5 * g.spacings[axis], g.axes[axis][-1] + 0.5 * g.spacings[axis])
+            for g in (fine, grid)
+        ]
+        whole = np.insert(np.cumsum(np.moveaxis(out, axis, 0), axis=0), 0, 0.0, axis=0) * fine.spacings[axis]
+        at = np.stack([np.interp(edges[1], edges[0], column) for column in whole.T], axis=1)
+        out = np.moveaxis(np.diff(at, axis=0) / grid.spacings[axis], 0, axis)
+    return out
+
+
 def force(base: Scene, frames: int) -> Iterator[str]:
-    yield "| what presses | solved | force error | across error (of the force) | force covered | across covered | seconds |"
-    yield "|---" * 7 + "|"
+    yield "| what presses | solved | force error | across error (of the force) | pressure error | force covered | across covered | peak covered | seconds |"
+    yield "|---" * 9 + "|"
     skin = pp.Skin(GEL, pp.AreaArray(shape=(7, 9), pitch=PITCH, depth=DEPTH, channels=CHANNELS))
     for kind in KINDS:
-        rows: dict[str, list[list[float]]] = {"by itself": [], f"by itself, friction {FRICTION:g}": [], "tracked": []}
+        rows: dict[str, list[list[float]]] = {
+            "by itself": [],
+            f"by itself, friction {FRICTION:g}": [],
+            "by itself, with depth": [],
+            "tracked": [],
+        }
         for index in range(frames):
             one, rng = scene(base, index), np.random.default_rng((3, index, KINDS.index(kind)))
             true = traction(one, kind, rng)
             load = true.sum(axis=(1, 2)) * one.surface.cell
             story = [None] * 5 + [p * true for p in (0.25, 0.5, 0.75)] + [true] * 4
             pictures = [one.picture(part, rng=rng) for part in story]
+            deep = depth_map(one, true, rng)
             for label in rows:
-                options = {"friction": FRICTION} if "friction" in label else {}
+                options: dict[str, Any] = {"friction": FRICTION} if "friction" in label else {}
+                if "depth" in label:
+                    options["depth_map"] = deep
                 start = time.process_time()
                 alone = label != "tracked"
                 shown = pictures[:5] + pictures[-1:] if alone else pictures
@@ -150,12 +199,17 @@ def force(base: Scene, frames: int) -> Iterator[str]:
                 low, high = (np.asarray(end) for end in touch.interval(0.95, "force"))
                 held = (low <= load) & (load <= high)
                 off = np.asarray(touch.force) - load
+                pressure = on_grid(true[2], one.surface, touch.surface)
+                error = float(np.linalg.norm(np.asarray(touch.values)[2] - pressure) / np.linalg.norm(pressure))
+                ends = [float(end) for end in touch.interval(0.95, "peak_pressure")]
                 rows[label].append(
                     [
                         abs(off[2]) / load[2],
                         float(np.hypot(*off[:2])) / load[2],
+                        error,
                         float(held[2]),
                         float(held[:2].mean()),
+                        float(ends[0] <= float(pressure.max()) <= ends[1]),
                         spent / (1 if alone else len(shown)),
                     ]
                 )

@@ -17,7 +17,7 @@ from palpate.elastic import BondedLayers, HalfSpace, Layer
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.recordings.files import atomically
-from palpate.sensing import AreaArray, LineArray
+from palpate.sensing import AreaArray, LineArray, ScatteredArray
 from palpate.uncertainty import AMBIGUOUS, FEW, GAUSSIAN, Calibration, Case, Constants, constants
 
 __all__ = ["beyond", "calibration", "crossing", "population", "write_constants"]
@@ -102,8 +102,13 @@ def _body(body: str, ratio: float, depth: float, rng: np.random.Generator) -> Pa
     return BondedLayers([Layer(thickness=thickness, youngs_modulus=1.0, poissons_ratio=min(ratio, 0.495))])
 
 
-def crossing(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
-    """The same with a contact across the array's edge: from almost all of it inside to more than half beyond."""
+def crossing(rng: np.random.Generator, *, contact: str | None = None) -> tuple[Layout, Traction, float]:
+    """The same with a contact across the array's edge: from almost all of it inside to more than half beyond.
+
+    ``contact`` is None (stress in half-spaces) or "area, ambiguous" (scattered markers in a bonded gel).
+    """
+    if contact == AMBIGUOUS:
+        return _across_markers(rng)
     noise = float(np.exp(rng.uniform(math.log(5e-4), math.log(7e-2))))
     pad = HalfSpace(youngs_modulus=1.0, poissons_ratio=float(rng.uniform(0.3, 0.5)))
     part, side = float(rng.uniform(-0.95, 0.5)), float(rng.choice([-1, 1]))
@@ -127,6 +132,33 @@ def crossing(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
     traction = area_contact(patch, shear=str(rng.choice(["slide", "stick", "twist", ""])) if shear else "", friction=mu)
     components = ("x", "y", "z") if shear else ("z",)
     return Layout("area", pad, area, {}, components, mu if shear else None), traction, noise
+
+
+def _across_markers(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
+    """Contact across the edge or the corner of markers that are followed in the plane of a bonded gel."""
+    noise = float(np.exp(rng.uniform(math.log(3e-3), math.log(3e-2))))
+    shape = (int(rng.integers(5, 9)), int(rng.integers(6, 10)))
+    y, x = (np.arange(n) - 0.5 * (n - 1) for n in shape)
+    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    places = places + rng.uniform(0.0, 0.1) * rng.standard_normal(places.shape)
+    depth = float(rng.uniform(0.1, 0.8))
+    array = ScatteredArray(positions=places, depth=depth, channels=["displacement_x", "displacement_y"])
+    layer = Layer(
+        thickness=depth + float(rng.uniform(1.0, 2.5)),
+        youngs_modulus=1.0,
+        poissons_ratio=float(rng.uniform(0.4, 0.49)),
+    )
+    a, b = np.exp(rng.uniform(math.log(0.7), math.log(1.6), size=2))
+    edge = np.array([x[-1], y[-1]]) + rng.uniform(-0.95, 0.5) * np.array([a, b])
+    if rng.random() < 0.5:  # not a corner
+        edge[int(rng.integers(2))] *= float(rng.uniform(0.0, 0.6))
+    center = edge * rng.choice([-1.0, 1.0], 2)
+    kind = str(rng.choice(["ball", "ball", "punch", "block", "ring", "cone", "tilted"]))
+    patch = Patch(kind, (float(center[0]), float(center[1])), (float(a), float(b)), 1.0, float(rng.uniform(0, 3)))
+    mu = float(rng.uniform(0.2, 0.9))
+    traction = area_contact(patch, shear=str(rng.choice(["slide", "stick", "twist", ""])), friction=mu)
+    told = mu if rng.random() < 0.5 else None
+    return Layout("markers", BondedLayers([layer]), array, {}, ("x", "y", "z"), told), traction, noise
 
 
 def calibration(
@@ -178,7 +210,7 @@ def beyond(
 ) -> dict[Case, float]:
     """Of each case found, the relative error of what lies outside the array that makes the 95 % interval of the force hold.
 
-    On contacts across the edge (`crossing`, stress in half-spaces) of the same kind of contact.
+    On contacts across the edge (`crossing`: stress in half-spaces, markers in bonded gels) of the same kind of contact.
     """
     kinds = {case.contact for case in found}
     rows: dict[str, list[tuple[float, float, float]]] = {kind: [] for kind in kinds}
@@ -204,7 +236,7 @@ def _one_beyond(task: tuple[int, int, str, set[str]]) -> tuple[str, tuple[float,
     """(contact, (error, std, part outside) of the normal force) of a frame across the edge."""
     seed, index, method, kinds = task
     rng = np.random.default_rng((seed, index))
-    layout, traction, noise = crossing(rng)
+    layout, traction, noise = crossing(rng, contact=AMBIGUOUS if kinds == {AMBIGUOUS} else None)
     kind = layout.case.contact
     if kind not in kinds:
         return kind, None

@@ -3,6 +3,7 @@
 Needs palpate[camera] (OpenCV, PyAV, tifffile).
 """
 
+from palpate.camera.depthmap import DepthMap
 from palpate.camera.displacements import Displacements, Reading, Stage
 from palpate.camera.dots import Found, Print, fault_of, find_dots
 from palpate.camera.markers import Markers, Moved
@@ -14,6 +15,7 @@ from palpate.camera.view import Lens, View
 from palpate.camera.weighing import Weighed, weigh
 
 __all__ = [
+    "DepthMap",
     "Displacements",
     "Dots",
     "Found",

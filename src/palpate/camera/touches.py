@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.camera.depthmap import DepthMap
 from palpate.camera.displacements import Displacements, Reading
 from palpate.camera.view import View
 from palpate.elastic.pad import Floats
@@ -68,12 +69,12 @@ def gel_skin(skin: Skin | str | Path, positions: Floats) -> Skin:
     return _of_dots(skin, array)
 
 
-def _of_dots(skin: Skin, array: Array) -> Skin:
-    """The skin with this array, on the surface that was given, if one was."""
+def _of_dots(skin: Skin, *planes: Array) -> Skin:
+    """The skin with these arrays, on the surface that was given, if one was."""
     problem = skin.problem()
     return Skin(
         skin.pad,
-        array,
+        planes,
         surface=skin.surface if problem.fixed else None,
         boundary=problem.boundary,
         nuisance="auto" if problem.nuisance is None else problem.nuisance,
@@ -124,8 +125,9 @@ class Touches:
         track: bool,
         every: int,
         options: Mapping[str, Any],
+        depth_map: DepthMap | None = None,
     ) -> None:
-        self.readings, self.skin, self.distance, self.every = readings, skin, distance, every
+        self.readings, self.skin, self.distance, self.every, self.depth_map = readings, skin, distance, every, depth_map
         self._options = dict(options)
         self.tracker: Tracker | None = None
         if track:
@@ -167,7 +169,17 @@ class Touches:
             return _missing(self.skin, reading.time)
         skin = self._at(lost, reading.std)
         values = np.where(lost, 0.0, reading.values)
-        touch = skin.reconstruct(values[None], time=[reading.time], **self._options)[0]
+        beside: list[Floats] = []
+        if self.depth_map is not None:
+            known = self.depth_map.plane(reading.index, self.readings.positions, self.skin.surface)
+            if known is not None:
+                skin, beside = _of_dots(skin, skin.planes[0], known[0]), [known[1][None]]
+
+        def solved(values: Floats) -> Touch:
+            parts: Any = [values[None], *beside] if beside else values[None]
+            return skin.reconstruct(parts, time=[reading.time], **self._options)[0]
+
+        touch = solved(values)
         if self._perspective is None:
             return touch
         last, least = values, MATTERS * float(np.nanmedian(reading.std))
@@ -177,7 +189,7 @@ class Touches:
             if float(np.sqrt(np.mean((better - last)[:, ~lost] ** 2))) < least:
                 break
             last = better
-            touch = skin.reconstruct(better[None], time=[reading.time], **self._options)[0]
+            touch = solved(better)
         return touch
 
     def _at(self, lost: Any, std: Floats) -> Skin:
@@ -268,6 +280,7 @@ def follow(
     distance: float | None = None,
     track: bool | None = None,
     every: int = 1,
+    depth_map: DepthMap | None = None,
     **options: Any,
 ) -> Touches:
     """What touches a gel, from pictures of the dots in it.
@@ -289,6 +302,9 @@ def follow(
         its touches say so. False: `Skin.reconstruct` for each frame by itself, seconds each. Default: False where pressure is not told from shear by the channels alone.
     every : int
         Of frames that are solved by themselves only every so manyeth.
+    depth_map : DepthMap, optional
+        How far the surface is pressed in, where that is known from elsewhere: then pressure is told from shear, and the normal force several times better. Of frames
+        that are solved by themselves.
     **options
         Those of `Skin.track` (friction, ...) or `Skin.reconstruct` (friction, method, ...).
 
@@ -330,10 +346,14 @@ def follow(
     try:
         full = gel_skin(skin, readings.positions)
         if track is None:
-            track = every == 1 and not full.problem().ambiguous
+            track = every == 1 and depth_map is None and not full.problem().ambiguous
+        elif track and depth_map is not None:
+            raise Unsupported("a tracker takes the dots alone: leave out depth_map, or give track=False.")
         elif track and every != 1:
             raise Unsupported("a tracker takes every frame: leave out every, or give track=False.")
-        return Touches(readings, full, distance=distance, track=track, every=every, options=options)
+        return Touches(
+            readings, full, distance=distance, track=track, every=every, options=options, depth_map=depth_map
+        )
     except BaseException:
         readings.close()
         raise

@@ -54,6 +54,8 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
     far = any(absolute)
     markers = isinstance(first, ScatteredArray) and first.dimensions == 2 and all(absolute) and thickness is not None
     finest = FINEST_MARKERS if markers else FINEST
+    if markers:
+        depth = first.depth  # a map of the surface beside them needs no other cells
     counts, spacings, centers = [], [], []
     points = [p.points for p in planes]
     for axis in range(first.dimensions):
