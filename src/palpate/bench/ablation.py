@@ -74,6 +74,8 @@ PARTS: dict[str, tuple[str, ...]] = {
     "pull about a contact": ("rims",),
     "shear in proportion to the pressure": ("common_shear",),
     "faint cells left out early": ("narrowed",),
+    "contact smaller than a pitch, seen in a few cells": ("sharp",),
+    "discs of any place and radius": ("compact",),
     "no local weights for the improbable (saves time)": ("skipped",),
 }
 

@@ -31,6 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.compact import discs
 from palpate.inverse.contact.cone import Cone
 from palpate.inverse.contact.constrained import LARGEST_UNKNOWNS, ConstrainedEstimator
 from palpate.inverse.contact.differences import Sparse
@@ -149,6 +150,11 @@ class AdaptiveEstimator(ConstrainedEstimator):
         parameter, scale = evidence[1].parameter, evidence[1].scale
         ratio = self._ratio(self.taxels * c, self.effective_freedom(parameter), count * c)
         data, start = refined(ratio)
+        compact = self._compact(data, start, first, y, observed, parameter)
+        fields = 1.0 - sum(m.weight for m in compact)
+        if fields < 0.5:
+            # the first model is the one that noise is learned from
+            yield from compact
         slides: list[tuple[Floats, Floats, float]] = []
         if self.cone.coupled and self.parts.sliding:
             coarse = data if ratio == 1 else refined(1)[0]
@@ -161,7 +167,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         # what is as good as excluded is not worth its local weights
         whole = rest >= self.thresholds.slides or not self.parts.skipped
         for m in self._members(data, start, y, evidence if whole else {1: evidence[1]}, local=whole):
-            m.weight *= rest
+            m.weight *= rest * fields
             yield m
         alone = copy.copy(self)
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
@@ -174,8 +180,33 @@ class AdaptiveEstimator(ConstrainedEstimator):
         for ray, changes, chance in slides:
             for one in alone._members(data.along(ray), start[-1:], y, evidence):
                 member = expanded(one, data, ray, changes)
-                member.weight = one.weight * chance
+                member.weight = one.weight * chance * fields
                 yield member
+        if fields >= 0.5:
+            yield from compact
+
+    def _compact(
+        self, data: Normal, start: Floats, first: Floats, y: Floats, observed: Flags, parameter: float
+    ) -> list[ContactModel]:
+        """Models of a contact of a few taxels (`palpate.inverse.contact.compact`), with their weights; none where it is larger."""
+        if not self.parts.compact or isinstance(data.matrix, Applied):
+            return []
+        white = self.readings.white(y[observed], observed)
+        left = float(((white - data.matrix @ start.ravel()) ** 2).sum())
+        share = min(float(np.count_nonzero(first[-1])) / self.taxels, 1.0)
+        found = discs(self, data, first, white, left, share * self.effective_freedom(parameter))
+        if found is None:
+            return []
+        members = []
+        for disc in found.drawn:
+            shape = data.level.grid.shape
+            # gradients of the disc's own size at its edge are what is expected
+            slope = float(disc.traction[-1].max()) / min(data.level.grid.spacings)
+            each = [data.level.differences.local(np.full(shape, v * slope**2 + 1e-300)) for v in self.variances]
+            member = self.model(data.part(disc.position), each, disc.traction, keep_face=True)
+            member.weight, member.compact = found.weight / len(found.drawn), True
+            members.append(member)
+        return members
 
     def _members(
         self,

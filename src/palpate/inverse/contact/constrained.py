@@ -27,7 +27,7 @@ from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.edges import outside_taxels, ring_of
 from palpate.inverse.contact.frame import Frame, Run, said_of
-from palpate.inverse.contact.hypotheses import Hypothesis, hypothesis_of, rough_fit, without_outliers
+from palpate.inverse.contact.hypotheses import Hypothesis, exceeded, hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.later import ContactErrors
 from palpate.inverse.contact.model import ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
@@ -38,6 +38,7 @@ from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven
 from palpate.inverse.contact.rims import with_rims
 from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, silent
+from palpate.inverse.contact.sharp import sharp_contact
 from palpate.inverse.contact.start import LinearStart, linear_models
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share
@@ -322,7 +323,11 @@ class ConstrainedEstimator:
             filled = np.where(usable, data, found.explained)
         screened = filled, usable
         quiet = explained_by_noise(self, filled, usable)
-        h = quiet or hypothesis_of(self, filled, usable, self.terms, signs=self.signs)
+        small = None if quiet is None else sharp_contact(self, filled, usable)
+        quiet = quiet if small is None else None
+        h = quiet or hypothesis_of(
+            self, filled, usable, self.terms, signs=self.signs, noise=None if small is None else small.left
+        )
         if self.parts.outliers and quiet is None:
             h, counted = without_outliers(self, h, filled, usable)
             if (usable & ~counted).any():
@@ -363,7 +368,7 @@ class ConstrainedEstimator:
             known = math.hypot(1.0, rounding)
         # noise that was given; what the cells of the surface leave beyond it, and what finer ones leave
         given, coarse, finer = known, 0.0, 0.0
-        if h.sign and (self._exceeded(h, data, usable) if self.noise_known else h.present.any()):
+        if h.sign and (exceeded(self, h, data, usable) if self.noise_known else h.present.any()):
             known = max(h.rough.left, self.least_noise(data))
             coarse = known if self.noise_known else 0.0
         nothing = np.zeros((len(data), 0)), np.zeros(0)
@@ -372,13 +377,19 @@ class ConstrainedEstimator:
         if (follows or not usable.all()) and h.sign and not self.noise_known:
             # a linear model makes noise of the edges of what is filled in
             known = max(h.rough.left, self.least_noise(data))
+        if h.noise is not None:
+            known = max(h.noise, self.least_noise(data))
         for attempt in range(MOST_ATTEMPTS):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
             gain, parameter, scale, linear = evidence[1][:4]
             loud = uneven(self, data, observed, known)
             floor = max(self.least_noise(data), rounding)
             noise = self.readings.std * np.maximum(scale if levels is None else levels[self.noise.index], floor)
-            if not (gain > limits.contact + loud and scale > 0):
+            if not (scale > 0 and (gain > limits.contact + loud or h.noise is not None)):
+                small = sharp_contact(self, data, observed) if scale > 0 and h.sign else None
+                if small is not None:
+                    h, known = replace(h, noise=small.left), max(small.left, floor)
+                    continue
                 return Run(h, [], data, noise, observed, parameter, scale, levels, True, math.inf, nothing)
             first, explained = self.fit(linear, data / noise, noise, observed, parameter / scale**2)
             if high is not None and attempt < ROUNDS_OF_OUTLIERS:
@@ -423,7 +434,7 @@ class ConstrainedEstimator:
             if not parts.noise_again or (self.noise_known and not coarse):
                 break
             # what pressure that only pushes cannot follow is noise, even where a linear model could
-            took = taken_by(leading) if follows else None
+            took = taken_by(leading) if follows or leading.compact else None
             left = self.noise.left(leading, first, data / noise, observed, self.effective_freedom(parameter), took)
             left *= noise[0] / self.readings.std[0]
             change_of_noise = max(left, floor) / max(scale, floor)
@@ -461,13 +472,6 @@ class ConstrainedEstimator:
         if self.noise_known or not h.sign:
             return False
         return self.evidence(self.orders[1], rows, None).scale < self.thresholds.followed * h.rough.left
-
-    def _exceeded(self, h: Hypothesis, data: Floats, usable: Flags) -> bool:
-        """Whether what contact leaves is far more than the noise that was given: it is then taken for noise, and the fit says so."""
-        t = self.thresholds
-        size = math.sqrt(float(np.mean(self.readings.white((data / self.readings.std)[usable], usable) ** 2)))
-        misfit = h.rough.left * math.sqrt(h.rough.free / max(float(usable.sum()), 1.0))
-        return misfit > max(t.unexplained, t.exceeded * size)
 
     def _framed(self, run: Run, data: Floats, ends: Ceilings | None, rng: np.random.Generator | None) -> Frame:
         """One frame of the hypothesis that it was solved with."""
@@ -686,4 +690,5 @@ class ConstrainedEstimator:
             sliding=sum(m.weight for m in members if m.ray is not None),
             fit=self._fit(run, residual, taken, float(np.abs(y[observed]).max(initial=0.0))),
             sampled=large,
+            small=any(m.compact for m in members),
         )

@@ -24,7 +24,7 @@ Flags = npt.NDArray[np.bool_]
 @dataclass(frozen=True)
 class Frame:
     """One frame's result; ``sampled``: the contact was too large for matrices, and errors of its cells are those of samples. Its errors are
-    then worked out when they are asked for.
+    then worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`).
     """
 
     traction: Floats
@@ -44,6 +44,7 @@ class Frame:
     nuisance_std: Floats = field(default_factory=lambda: np.zeros(0))
     at_limit: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     sampled: bool = False
+    small: bool = False
 
     @property
     def known(self) -> Errors:
@@ -69,11 +70,20 @@ class Run:
 
 
 def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
-    """What is approximated in frames whose contact is too large for matrices."""
-    large = sum(f.sampled for f in frames)
-    if not large:
-        return ()
-    where = f" in {large} of {len(frames)} frames" if batch else ""
-    return (
-        f"large contact{where}: the errors of its cells are those of {SAMPLES} samples and known to about 10 %, the others to 1 %",
-    )
+    """What is approximated in frames whose contact is too large for matrices, and what few taxels do not tell."""
+
+    def where(count: int) -> str:
+        return f" in {count} of {len(frames)} frames" if batch else ""
+
+    large, small = sum(f.sampled for f in frames), sum(f.small for f in frames)
+    said = []
+    if large:
+        said.append(
+            f"large contact{where(large)}: the errors of its cells are those of {SAMPLES} samples and known to about 10 %, the others to 1 %"
+        )
+    if small:
+        said.append(
+            f"small contact{where(small)}: few taxels feel it, so that its place between them and its size are not known well, "
+            "nor is its force; the intervals hold that"
+        )
+    return tuple(said)

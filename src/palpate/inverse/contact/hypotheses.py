@@ -29,7 +29,7 @@ from palpate.sensing.nuisance import Nuisance
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["Hypothesis", "Rough", "hypothesis_of", "rough", "rough_fit", "without_outliers"]
+__all__ = ["Hypothesis", "Rough", "exceeded", "hypothesis_of", "rough", "rough_fit", "without_outliers"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -60,22 +60,30 @@ class Hypothesis:
     """What a frame is taken to be.
 
     ``sign`` is 1 where contact pushes, -1 where it pulls, 0 where it does both; ``sizes`` are those of the nuisances (0: absent), ``present``
-    says which are.
+    says which are. ``noise`` is what contact in a few cells leaves, where the linear model takes the readings for noise (`palpate.inverse.contact.sharp`).
     """
 
     sign: int
     rough: Rough
     sizes: Floats
     present: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    noise: float | None = None
 
 
-def rough(estimator: ConstrainedEstimator, data: Floats, observed: Flags, total: float, used: int = 0) -> Rough:
-    """A rough solution of readings that push: the largest noise that explains itself; ``used`` degrees of freedom have gone to
-    nuisances.
+def rough(
+    estimator: ConstrainedEstimator,
+    data: Floats,
+    observed: Flags,
+    total: float,
+    used: int = 0,
+    noise_at_first: float | None = None,
+) -> Rough:
+    """A rough solution of readings that push: the largest noise that explains itself, and is no more than ``noise_at_first``; ``used``
+    degrees of freedom have gone to nuisances.
     """
     readings, certain = estimator.readings, estimator.noise_known
     floor = estimator.least_noise(data)
-    known = 1.0 if certain else FIRST_NOISE * total
+    known = 1.0 if certain else noise_at_first or FIRST_NOISE * total
     filled = data.copy()
     linear = estimator.orders[1]
     cells = estimator.operator.surface.shape
@@ -156,6 +164,7 @@ def with_nuisance(
     terms: Sequence[Nuisance],
     sign: int,
     start: Floats,
+    noise_at_first: float | None = None,
 ) -> tuple[Rough, Floats, Floats]:
     """The rough solution with the nuisances that are there, their sizes, and their standard deviations given the contact.
 
@@ -170,7 +179,7 @@ def with_nuisance(
     deviation = np.zeros(len(terms))
     for _ in range(t.nuisance_rounds):
         clean = sign * (data - columns @ sizes)
-        found = rough(estimator, clean, observed, total, int(present.sum()))
+        found = rough(estimator, clean, observed, total, int(present.sum()), noise_at_first)
         deviation = np.maximum(found.left, estimator.least_noise(data)) / np.maximum(unit, 1e-300)
         if best is not None and found.gain < best.gain:
             break
@@ -197,10 +206,11 @@ def hypothesis_of(
     terms: Sequence[Nuisance],
     *,
     signs: Sequence[int],
+    noise: float | None = None,
 ) -> Hypothesis:
     """What a frame is taken to be.
 
-    ``terms`` are the nuisances that may be there; ``signs``: what contact may do (`Hypothesis.sign`).
+    ``terms`` are the nuisances that may be there; ``signs``: what contact may do (`Hypothesis.sign`); ``noise`` is that of `Hypothesis`.
     """
     t = estimator.thresholds
     readings = estimator.readings
@@ -210,11 +220,11 @@ def hypothesis_of(
     if not total > 0.0:
         flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
         return Hypothesis(1, Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0), none, none > 0)
-    plain = Hypothesis(1, rough(estimator, data, observed, total), none, none > 0)
+    plain = Hypothesis(1, rough(estimator, data, observed, total, 0, noise), none, none > 0)
     tried = [plain]
     # displacement is felt far away: what pulls in the middle looks much like what pushes all round
     if -1 in signs and (estimator.far or _worth(estimator, plain, data, total)):
-        tried.append(Hypothesis(-1, rough(estimator, -data, observed, total), none, none > 0))
+        tried.append(Hypothesis(-1, rough(estimator, -data, observed, total, 0, noise), none, none > 0))
     if terms:
         levels = quiet_levels(estimator, data, observed, terms)
         columns = np.stack([term.rows for term in terms], axis=1)
@@ -222,9 +232,9 @@ def hypothesis_of(
         left = (data - best.sign * best.rough.explained) / readings.std
         rest = readings.allowing(columns).sizes_of(left, observed)
         unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
-        noise = max(best.rough.left, estimator.least_noise(data))
+        level = max(best.rough.left, estimator.least_noise(data))
         # something is left over, or the edge of the array is loaded all round
-        seen = np.abs(rest) * unit > t.nuisance * noise
+        seen = np.abs(rest) * unit > t.nuisance * level
         if estimator.at_size:
             # so many readings tell an offset that is far too small to be looked for
             seen &= np.abs(rest) > HALF * t.smallest_nuisance * _reach(columns, data)
@@ -232,7 +242,7 @@ def hypothesis_of(
         doubt |= _worth(estimator, best, data, total) and not _just_noise(estimator, best, data, observed, terms)
         if doubt:
             for sign in {h.sign for h in tried}:
-                found, sizes, _ = with_nuisance(estimator, data, observed, total, terms, sign, levels)
+                found, sizes, _ = with_nuisance(estimator, data, observed, total, terms, sign, levels, noise)
                 # one as large as the readings themselves is no offset, and a very small one is what the model cannot follow
                 part = np.abs(sizes) / np.maximum(_reach(columns, data), 1e-300)
                 if (part > t.smallest_nuisance).any() and (part <= t.largest_nuisance).all():
@@ -245,7 +255,8 @@ def hypothesis_of(
             tried.append(free)
     best = _best(tried, t)
     chance = 1.0 if 0 not in signs or best.sign == 0 or free is None else rough_fit(estimator, best, data, observed)
-    return free if chance < t.structured_chance and free is not None else best
+    best = free if chance < t.structured_chance and free is not None else best
+    return best if noise is None else replace(best, noise=noise)
 
 
 def rough_fit(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, observed: Flags) -> float:
@@ -261,6 +272,15 @@ def rough_fit(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, obse
         return 1.0
     taken = float(observed.sum()) - h.rough.free
     return misfit_probability(residual / size, observed, estimator.pairs, taken=taken, known=False)
+
+
+def exceeded(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, observed: Flags) -> bool:
+    """Whether what contact leaves is far more than the noise that was given: it is then taken for noise, and the fit says so."""
+    t = estimator.thresholds
+    white = estimator.readings.white((data / estimator.readings.std)[observed], observed)
+    size = math.sqrt(float(np.mean(white**2)))
+    misfit = h.rough.left * math.sqrt(h.rough.free / max(float(observed.sum()), 1.0))
+    return misfit > max(t.unexplained, t.exceeded * size)
 
 
 def without_outliers(
@@ -290,7 +310,7 @@ def without_outliers(
             break
         fewer = counted.copy()
         fewer[worst] = False
-        found = rough(estimator, np.where(fewer, clean, best.explained), fewer, total, int(h.present.sum()))
+        found = rough(estimator, np.where(fewer, clean, best.explained), fewer, total, int(h.present.sum()), h.noise)
         floor = max(found.left, estimator.least_noise(data))
         if not (
             found.free * math.log(max(best.left, floor) / floor) > t.broken + math.log(n)

@@ -225,6 +225,7 @@ class ContactModel:
     now and then, beyond the array above all, are as free as any other on the face of the constraints, and would count in full. ``ray``
     is the traction over the pressure where that is one for all cells, and ``changes`` (change, component) is how it may change; ``hessian`` and
     ``penalty`` are then those of the pressure. ``shared`` (free, unknown) is what the errors owe to unknowns that act on many readings at once.
+    ``compact``: it is sought on a few cells alone.
     """
 
     data: Normal
@@ -236,6 +237,7 @@ class ContactModel:
     ray: Floats | None = None
     changes: Floats | None = None
     shared: Floats | None = None
+    compact: bool = False
 
     @property
     def level(self) -> Level:

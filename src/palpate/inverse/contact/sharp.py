@@ -1,0 +1,152 @@
+"""Contact much smaller than a pitch: readings of a few taxels stand out, and the others read noise.
+
+Evidence of the linear model (`palpate.inverse.linear.evidence`) knows no more than the mean square of readings and how alike neighbours are.
+Of shallow taxels, of which a small contact touches one or two, that is as noise has it. What noise does not have is a reading thirty
+times larger than most: so contact is sought in a few cells, one after the other (orthogonal matching pursuit, Y. C. Pati, R. Rezaiifar,
+P. S. Krishnaprasad, Asilomar Conf. 1993, 40-44), and is worth
+
+    gain = free log(total/left) - k log(cells),
+
+where ``total`` and ``left`` are root mean squares over the degrees of freedom before and after, ``free`` those after, and each of the k
+cells costs the choice among all. Noise that is not Gaussian has large readings too: the gain must exceed what Student's distribution of two degrees of
+freedom, with a scale for each channel, explains.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.constrained import ConstrainedEstimator
+
+__all__ = ["Sharp", "heavy_tails", "sharp_contact"]
+
+Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
+
+#: Cells of a contact that is sought: more are no longer few.
+FEW = 6
+#: Entries of the columns of all cells that are looked through; where there would be more, those nearest to the largest reading.
+ENTRIES, NEAREST = 2_000_000, 9
+#: Degrees of freedom of Student's distribution: as heavy as noise that still has a scale.
+STUDENT = 2.0
+#: Rounds of its scale (by expectation and maximisation), which settles in ten.
+ROUNDS = 20
+#: A small contact makes a reading this many times as large as half of its channel: four standard deviations of Gaussian noise.
+STANDS_OUT = 6.0
+#: Cells are twice as fine as the surface's up to so many: where in a cell a small contact lies is seen.
+FINEST = 10_000
+
+
+@dataclass(frozen=True)
+class Sharp:
+    """Gain of contact in a few cells over Gaussian noise, and the noise that it leaves, in units of the whitening."""
+
+    gain: float
+    left: float
+
+
+def sharp_contact(estimator: ConstrainedEstimator, data: Floats, observed: Flags) -> Sharp | None:
+    """Contact in a few cells, where noise does not explain the readings as well, about offsets or not; None where it does."""
+    readings, t = estimator.readings, estimator.thresholds
+    channel = estimator.noise.index[observed]
+    if not estimator.parts.sharp or not _stands_out(data[observed], channel):
+        return None
+    white = readings.white((data / readings.std)[observed], observed)
+    rows = (estimator.shifts / readings.std[:, None])[observed]
+    base, _ = np.linalg.qr(readings.white(rows, observed)) if rows.shape[1] else (np.zeros((len(white), 0)), None)
+    left = white - base @ (base.T @ white)
+    free = len(white) - base.shape[1]
+    if free < 2 or not (left != 0.0).any():
+        return None
+    heavy = heavy_tails(left, channel, free)
+    total = math.sqrt(float(left @ left) / free)
+    known = 1.0 if estimator.noise_known else None
+    # what it leaves is no less than what the model cannot follow
+    floor = max(estimator.least_noise(data), known or 0.0)
+    search = _Search(estimator, observed)
+    best: Sharp | None = None
+    for count in range(1, FEW + 1):
+        added = search.best(left)
+        added = added - base @ (base.T @ added)
+        more, size = np.linalg.qr(added)
+        kept = np.abs(np.diagonal(size)) > 1e-9 * np.abs(size).max(initial=0.0)
+        base = np.concatenate([base, more[:, kept]], axis=1)
+        left = white - base @ (base.T @ white)
+        free = len(white) - base.shape[1]
+        if free < 2:
+            break
+        size_left = max(math.sqrt(float(left @ left) / free), floor)
+        gain = free * math.log(max(total / size_left, 1.0)) - count * math.log(search.cells)
+        if best is None or gain > best.gain:
+            best = Sharp(gain, size_left)
+        if size_left <= floor:
+            break
+    return best if best is not None and best.gain > t.sharp + heavy else None
+
+
+def heavy_tails(white: Floats, channel: Index, free: int) -> float:
+    """Log likelihood of noise of Student's distribution with a scale for each channel, over that of Gaussian noise of one level."""
+    v = STUDENT
+    constant = math.lgamma(0.5 * (v + 1.0)) - math.lgamma(0.5 * v) - 0.5 * math.log(math.pi * v)
+    total = float(white @ white) / free
+    gauss = -0.5 * len(white) * (math.log(2.0 * math.pi * total) + 1.0)
+    student = 0.0
+    for one in np.unique(channel):
+        squares = white[channel == one] ** 2
+        scale = float(np.median(squares)) or float(squares.mean())
+        if not scale > 0.0:
+            continue
+        for _ in range(ROUNDS):
+            scale = max(float(((v + 1.0) / (v + squares / scale) * squares).mean()), 1e-300)
+        part = constant - 0.5 * math.log(scale) - 0.5 * (v + 1.0) * np.log1p(squares / (v * scale))
+        student += float(part.sum())
+    return max(student - gauss, 0.0)
+
+
+def _stands_out(data: Floats, channel: Index) -> bool:
+    """Whether a reading is far larger than most of its channel."""
+    sizes = [np.abs(data[channel == one]) for one in np.unique(channel)]
+    return any(bool(s.max() > STANDS_OUT * np.median(s)) for s in sizes)
+
+
+class _Search:
+    """Looks for the cell whose traction explains most of what is left."""
+
+    def __init__(self, estimator: ConstrainedEstimator, observed: Flags) -> None:
+        self.estimator, self.observed = estimator, observed
+        surface = estimator.operator.surface
+        fine = math.prod(surface.shape) * 2**surface.dimensions
+        self.level = estimator.level(2 if fine <= FINEST else 1)
+        self.cells = math.prod(self.level.grid.shape)
+        self.some = max(ENTRIES // max(int(observed.sum()) * len(estimator.columns), 1), NEAREST)
+        self.every = self._of(np.arange(self.cells)) if self.some >= self.cells else None
+
+    def _of(self, cells: Index) -> tuple[Floats, Floats]:
+        """Whitened columns (cell, reading, component), and the same orthogonal to each other."""
+        readings = self.estimator.readings
+        matrix = self.level.matrix(cells, readings.std, self.observed)
+        each = matrix.reshape(len(matrix), -1, len(cells)).transpose(2, 0, 1)
+        return each, np.linalg.qr(each).Q
+
+    def best(self, left: Floats) -> Floats:
+        """Columns (reading, component) of the cell that explains most of what is left."""
+        each, unit = self.every or self._of(self._near(left))
+        power = (np.einsum("cri,r->ci", unit, left) ** 2).sum(axis=1)
+        return np.asarray(each[int(np.argmax(power))])
+
+    def _near(self, left: Floats) -> Index:
+        """The cells nearest to the reading of which most is left."""
+        arrays = self.estimator.operator.planes_of
+        points = np.concatenate([np.tile(a.points[a.valid.ravel()], (len(a.channels), 1)) for a in arrays])
+        place = points[self.observed][int(np.argmax(np.abs(left)))]
+        axes = np.meshgrid(*self.level.grid.axes, indexing="ij")
+        squares = sum((a - p) ** 2 for a, p in zip(axes, place))
+        return np.asarray(np.argsort(np.ravel(squares), kind="stable")[: self.some])
