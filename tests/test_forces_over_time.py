@@ -275,3 +275,27 @@ def test_figures(touch: pp.Touch) -> None:
     with pytest.raises(pp.InvalidInput, match="leave out either"):
         pulled.plot(ax=mine, truth=area)
     assert pulled.plot(truth=area).axes[0].get_title(loc="left") == "recovered: pressure"
+
+
+def test_what_is_said_of_frames_is_kept(touch: pp.Touch) -> None:
+    """Notes of a stream are said once, with how many frames they are of: a tracker's caution is not lost with its maps."""
+    from dataclasses import replace
+
+    forces = Forces()
+    forces.add(replace(touch[0], assumptions=("always", "once")))
+    forces.add(replace(touch[1], assumptions=("always",)))
+    assert forces.notes == ("always", "once (in 1 of 2 frames)")
+
+
+def test_long_work_says_how_long_it_takes(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    from palpate.cli import progress
+
+    clock = iter([0.0, 10.0, 40.0, 50.0, 80.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    with progress.Frames("solving", 10, hint=" (hint)") as done:
+        for k in range(1, 5):
+            done(k)
+    assert capsys.readouterr().err == (
+        "solving: 2 of 10, about 3 min left (hint)\nsolving: 4 of 10, about 2 min left\n"
+    )
+    assert [progress.in_words(s) for s in (40, 600, 9000)] == ["40 s", "10 min", "2.5 h"]

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from palpate._arrays import to_numpy
 from palpate._extras import require
-from palpate._plot import INK, scaled
+from palpate._plot import INK, arrow_cells, scaled
 from palpate.camera.view import View
 from palpate.errors import InvalidInput
 from palpate.touch import Touch
@@ -88,9 +88,7 @@ def overlay(
             length = 0.12 * float(np.ptp(x)) / float(shear.max())
             tips = view.pixels(places + length * np.moveaxis(traction[:2], 0, -1))
             step = max(1, round(len(x) / 24))
-            pick = np.zeros_like(strong)
-            pick[::step, ::step] = True
-            pick &= strong
+            pick = arrow_cells(shear, (step, step), 0.1 * float(shear.max()))
             axes.quiver(
                 *pixels[pick].T,
                 *(tips - pixels)[pick].T,

@@ -123,6 +123,8 @@ def track_pictures(
     if plot_forces is not None:
         save_figure(drawn(forces.table(), events=marks), plot_forces)
     typer.echo(table_words(forces.table()))
+    for note in forces.notes:
+        typer.echo(f"note: {note}")
     if strongest is not None and picture is not None:
         save_figure(overlay(strongest[1], strongest[2], view), picture)
     _said(taken, lost, faults, notes)

@@ -31,12 +31,14 @@ def busy(label: str) -> Any:
 
 #: Seconds between two lines about long work where no terminal shows a bar.
 EVERY = 30.0
+#: Seconds from which on the hint is given.
+LONG = 120.0
 
 
 class Bar:
     """A progress bar with the time that is left, fed by a callback; where no terminal shows it, a line every half minute."""
 
-    def __init__(self, label: str, total: int) -> None:
+    def __init__(self, label: str, total: int, *, hint: str = "") -> None:
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -51,7 +53,7 @@ class Bar:
             transient=True,
             disable=not console.is_terminal,
         )
-        self._label, self._total = label, total
+        self._label, self._total, self._hint = label, total, hint
         self._silent = not console.is_terminal
         self._done = self._begun = self._told = 0.0
 
@@ -73,7 +75,9 @@ class Bar:
         now = time.monotonic()
         if self._silent and now - self._told > EVERY and 0 < done < self._total:
             left = (now - self._begun) / done * (self._total - done)
-            sys.stderr.write(f"{self._label}: {done:.0f} of {self._total}, about {in_words(left)} left\n")
+            sys.stderr.write(
+                f"{self._label}: {done:.0f} of {self._total}, about {in_words(left)} left{self._hint if left > LONG else ''}\n"
+            )
             sys.stderr.flush()
             self._told = now
 

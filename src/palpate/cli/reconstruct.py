@@ -113,7 +113,8 @@ def reconstruct(
         names = None if components is None else [c.strip() for c in components.split(",")]
         if prepared is not None:
             _prepare(skin, prepared, method, names)
-        with Frames("solving frames", len(recording) if frame is None else 1) as bar:
+        hint = " (palpate track follows such recordings in far less)"
+        with Frames("solving frames", len(recording) if frame is None else 1, hint=hint) as bar:
             done = reconstruct_recording(
                 skin,
                 recording,

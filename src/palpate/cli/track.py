@@ -178,6 +178,8 @@ def track(
     if plot_forces is not None:
         save_figure(drawn(forces.table(), events=marks), plot_forces)
     typer.echo(table_words(forces.table()))
+    for note in forces.notes:
+        typer.echo(f"note: {note}")
     typer.echo(str(tracker.health))
     ms = 1e3 * np.array(seconds)
     typer.echo(f"a frame took    {np.median(ms):.2f} ms (median), {np.percentile(ms, 99):.2f} ms (99 %)")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate._extras import require
-from palpate._plot import scaled
+from palpate._plot import arrow_cells, scaled
 from palpate.elastic.pad import Floats
 from palpate.microscopy.fields import Field
 
@@ -76,14 +76,8 @@ def _arrows(
         return
     largest = float(np.percentile(shown, 99.8))
     stride = max(1, round(max(rows, columns) / ARROWS))
-    y, x = np.mgrid[:rows, :columns]
-    # of each block its largest vector, so that no adhesion falls between arrows
-    pick = np.zeros(size.shape, dtype=bool)
-    for r in range(0, rows, stride):
-        for c in range(0, columns, stride):
-            block = np.where(show, np.nan_to_num(size), 0.0)[r : r + stride, c : c + stride]
-            at = np.unravel_index(int(block.argmax()), block.shape)
-            pick[r + at[0], c + at[1]] = block[at] > SMALLEST * largest
+    # the strongest first, so that no adhesion falls between arrows
+    i, j = arrow_cells(np.where(show, np.nan_to_num(size), 0.0), (stride, stride), SMALLEST * largest)
     length = 0.085 * (ends[1] - ends[0]) / largest
     style: dict[str, Any] = {
         "angles": "xy",
@@ -94,7 +88,7 @@ def _arrows(
         "headlength": 4.2,
     }
     axes.quiver(
-        field.start[0] + field.step * x[pick], field.start[1] + field.step * y[pick], *(vectors[:, pick] * length), color=color, zorder=3, **style
+        field.start[0] + field.step * j, field.start[1] + field.step * i, *(vectors[:, i, j] * length), color=color, zorder=3, **style
     )  # fmt: skip
     told = _round(largest)
     wide, high = ends[1] - ends[0], ends[2] - ends[3]

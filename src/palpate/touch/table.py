@@ -115,6 +115,7 @@ class Forces:
         self._friction, self._level = friction, level
         self._parts: list[dict[str, Any]] = []
         self._events: list[str] = []
+        self._said: dict[str, int] = {}
         self._kind: tuple[tuple[str, ...], tuple[str, ...]] | None = None
 
     def __len__(self) -> int:
@@ -136,8 +137,16 @@ class Forces:
         self._kind = kind
         part = columns(touch, friction=self._friction, level=self._level)
         self._parts.append(part)
+        for note in touch.assumptions:
+            self._said[note] = self._said.get(note, 0) + len(part["status"])
         count = len(part["status"])
         self._events += ["; ".join(map(_short, events)), *[""] * (count - 1)]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed, and what was said of single frames, with how many of them."""
+        many = f" of {len(self)} frames)"
+        return tuple(n if k == len(self) else f"{n} (in {k}{many}" for n, k in self._said.items())
 
     def table(self) -> pandas.DataFrame:
         """One row a frame; see `Touch.table`."""
