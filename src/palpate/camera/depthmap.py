@@ -46,7 +46,7 @@ class DepthMap:
     >>> from palpate.camera import DepthMap
     >>> places = np.stack(np.meshgrid([-1e-3, 0.0, 1e-3], [-1e-3, 0.0, 1e-3]), axis=-1).reshape(-1, 2)
     >>> pressed = np.where(np.hypot(*places.T) < 1.2e-3, 0.2e-3, np.nan)
-    >>> DepthMap(positions=places, depth=pressed[None], std=5e-6).of(0)[4]
+    >>> float(DepthMap(positions=places, depth=pressed[None], std=5e-6).of(0)[4])
     0.0002
     """
 

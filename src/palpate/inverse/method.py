@@ -121,7 +121,14 @@ class Method(abc.ABC):
 
     @property
     def friction_given(self) -> float | None:
-        """The coefficient of friction that it was given, without a sign; None where it was given none."""
+        """The coefficient of friction that it was given, without a sign; None where it was given none.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pp.Adaptive(friction=0.6).friction_given, pp.Adaptive().friction_given
+        (0.6, None)
+        """
         given = getattr(self, "friction", None)
         return None if given is None else abs(float(given))
 

@@ -178,7 +178,14 @@ class Admission:
     def take(
         self, sender: str, sequence: int, time: float, values: Any, now: float
     ) -> tuple[str, list[tuple[int, float, Any]]]:
-        """The same of a frame that has been read already; ``values`` are handed on as they are."""
+        """The same of a frame that has been read already; ``values`` are handed on as they are.
+
+        Examples
+        --------
+        >>> from palpate.network import Admission, Limits
+        >>> Admission([1, 3], Limits(), [].append).take("driver", 0, 0.5, "a frame", now=0.0)
+        ('frames', [(1, 0.5, 'a frame')])
+        """
         session = self._session
         if session is None or sender != session.sender:
             if session is not None and now - session.last < self._patience(session):
