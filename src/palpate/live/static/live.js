@@ -52,13 +52,15 @@ function told(facts) {
     $("record").hidden = !facts.may_record; $("zero").hidden = !facts.may_zero; $("events").textContent = ""; facts.past.forEach((text) => log(text)); makeCharts(layout, colour); size();
   }
   if (facts.log) facts.log.forEach((text) => log(text));
-  if (facts.state) { state = facts.state; hook.state = state; recording(state.recording); say(standing()); alarms(); wire(); }
+  if (facts.state) { state = facts.state; hook.state = state; recording(state.recording); say(standing()); alarms(); wire(); if (back === 0) $("ago").textContent = newest(); }
   if ("recording" in facts) recording(facts.recording);
   if (facts.refused) log(facts.refused, true);
 }
 function recording(name) { $("record").setAttribute("aria-pressed", String(Boolean(name))); $("record").textContent = name ? "Stop recording" : "Record"; }
 // what is wrong with the stream stays in sight until it is mended, whatever the contact does
 function alarms() { alarm([...(state.failure ? [state.failure] : []), ...bad].join("; ")); }
+// what is shown when nobody looks back
+const newest = () => (state.ended ? "last frame" : "now");
 function standing() {
   if (paused) return "paused";
   if (state.ended) return state.failure ? "the stream has failed" : "the stream has ended";
@@ -152,7 +154,7 @@ function tick(now) {
   if (now - plotted > 60) { paintCharts(trail, frame); plotted = now; }
   hook.painted++;
   hook.latencies.push(Date.now() - frame.born); if (hook.latencies.length > 20000) hook.latencies.shift();
-  $("scrub").max = String(Math.max(1, frames.length - 1)); $("scrub").value = $("scrub").max; $("ago").textContent = "now";
+  $("scrub").max = String(Math.max(1, frames.length - 1)); $("scrub").value = $("scrub").max; $("ago").textContent = newest();
 }
 
 // -- what the user does --------------------------------------------------------------------------
@@ -162,7 +164,7 @@ function look(index) {
   const i = Math.max(0, Math.min(frames.length - 1, index));
   if (!paused) pause(true);
   shown = frames[i]; back = frames.length - 1 - i; $("scrub").value = String(i);
-  $("ago").textContent = back ? `−${(frames[frames.length - 1].time - shown.time).toFixed(2)} s` : "now"; repaint();
+  $("ago").textContent = back ? `−${(frames[frames.length - 1].time - shown.time).toFixed(2)} s` : newest(); repaint();
 }
 $("pause").onclick = () => pause(!paused);
 $("scrub").oninput = () => look(Number($("scrub").value));
