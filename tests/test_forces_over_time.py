@@ -284,7 +284,10 @@ def test_what_is_said_of_frames_is_kept(touch: pp.Touch) -> None:
     forces = Forces()
     forces.add(replace(touch[0], assumptions=("always", "once")))
     forces.add(replace(touch[1], assumptions=("always",)))
-    assert forces.notes == ("always", "once (in 1 of 2 frames)")
+    assert forces.notes[:2] == ("always", "once (in 1 of 2 frames)")
+    forces.add(replace(touch[2], assumptions=("always",), fit=np.array(1e-4)))
+    assert "no contact in 2 of 3 frames: noise alone explains the readings" in forces.notes
+    assert any(n.startswith("the model does not explain the readings in 1 of 3 frames") for n in forces.notes)
 
 
 def test_long_work_says_how_long_it_takes(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

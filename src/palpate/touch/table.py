@@ -14,6 +14,7 @@ from palpate._plot import scaled
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.status import Status
+from palpate.touch.outcome import Outcome
 from palpate.touch.rounding import decimals, force_unit
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ __all__ = ["Forces", "columns", "table_of", "table_words", "write_table"]
 
 #: Rows of a table that is printed.
 PRINTED = 20
+#: What a tracker says of a frame's status.
+_STATUS = {f"{s.meaning}; {s.remedy}" for s in Status}
 #: Axes of what has one number for each, by the dimensions of the surface.
 _AXES = {"force": {1: ("x", "z"), 2: ("x", "y", "z")}, "moment": {1: ("y",), 2: ("x", "y", "z")}}
 
@@ -116,6 +119,7 @@ class Forces:
         self._parts: list[dict[str, Any]] = []
         self._events: list[str] = []
         self._said: dict[str, int] = {}
+        self._outcome: Outcome | None = None
         self._kind: tuple[tuple[str, ...], tuple[str, ...]] | None = None
 
     def __len__(self) -> int:
@@ -137,16 +141,20 @@ class Forces:
         self._kind = kind
         part = columns(touch, friction=self._friction, level=self._level)
         self._parts.append(part)
+        found = Outcome.of(touch)
+        self._outcome = found if self._outcome is None else self._outcome + found
         for note in touch.assumptions:
-            self._said[note] = self._said.get(note, 0) + len(part["status"])
+            if note not in _STATUS:  # said with the status
+                self._said[note] = self._said.get(note, 0) + len(part["status"])
         count = len(part["status"])
         self._events += ["; ".join(map(_short, events)), *[""] * (count - 1)]
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed, and what was said of single frames, with how many of them."""
+        """What was assumed, what was said of single frames, with how many of them, and what became of the frames."""
         many = f" of {len(self)} frames)"
-        return tuple(n if k == len(self) else f"{n} (in {k}{many}" for n, k in self._said.items())
+        said = [n if k == len(self) else f"{n} (in {k}{many}" for n, k in self._said.items()]
+        return tuple(said if self._outcome is None else [*said, *self._outcome.words()])
 
     def table(self) -> pandas.DataFrame:
         """One row a frame; see `Touch.table`."""
@@ -221,7 +229,7 @@ def table_words(table: pandas.DataFrame, *, rows: int = PRINTED) -> str:
     largest = max((_largest(table, t) for t in forces), default=0.0)
     for title in shown:
         name, unit = title[:-1].split(" (")
-        factor, unit = force_unit(largest, unit) if title in forces else scaled(max(_largest(table, title), 1e-9), unit)
+        factor, unit = force_unit(largest, unit) if title in forces else scaled(_largest(table, title) or 1.0, unit)
         low, high = (factor * np.asarray(table[f"{name}_{side} ({title.split(' (')[1]}"]) for side in ("low", "high"))
         values = factor * np.asarray(table[title])
         half = 0.5 * (high - low)
