@@ -4,17 +4,33 @@ const $ = (id) => document.getElementById(id);
 const KEEP = 1500;
 const hook = { received: 0, painted: 0, dropped: 0, latencies: [], connected: false, failures: 0 };
 window.palpate = hook;
-hook.latency = (q) => { const s = [...hook.latencies].sort((a, b) => a - b); return s.length ? s[Math.min(s.length - 1, Math.floor(q * s.length))] : NaN; };
+hook.latency = (q) => {
+  const s = [...hook.latencies].sort((a, b) => a - b);
+  return s.length ? s[Math.min(s.length - 1, Math.floor(q * s.length))] : NaN;
+};
 
-let layout = null, frames = [], trail = [], fresh = null, shown = null, paused = false, back = 0, top_ = 0;
-let state = { failure: null, ended: false, recording: null, sender: null, received: {} }, bad = [], lastMessage = Date.now();
+let layout = null,
+  frames = [],
+  trail = [],
+  fresh = null,
+  shown = null,
+  paused = false,
+  back = 0,
+  top_ = 0;
+let state = { failure: null, ended: false, recording: null, sender: null, received: {} },
+  bad = [],
+  lastMessage = Date.now();
 const decoder = new TextDecoder();
 
 // -- theme ---------------------------------------------------------------------------------------
 const wanted = new URLSearchParams(location.search).get("theme");
 let theme = wanted || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-function dress() { document.documentElement.dataset.theme = theme; if (layout) makeCharts(layout, colour); if (box) repaint(); }
+function dress() {
+  document.documentElement.dataset.theme = theme;
+  if (layout) makeCharts(layout, colour);
+  if (box) repaint();
+}
 
 // -- packets -------------------------------------------------------------------------------------
 function parse(buffer) {
@@ -22,43 +38,92 @@ function parse(buffer) {
   if (buffer.byteLength < 8 || view.getUint32(0, false) !== 0x504c5031) throw new Error("not a packet");
   const size = view.getUint32(4, true);
   const numbers = JSON.parse(decoder.decode(new Uint8Array(buffer, 8, size)));
-  const [ny, nx] = layout.shape, n = ny * nx, count = layout.components.length;
+  const [ny, nx] = layout.shape,
+    n = ny * nx,
+    count = layout.components.length;
   const flat = new Float32Array(buffer.slice(8 + size));
   if (flat.length !== n * count) throw new Error("a map of the wrong size");
-  return { ...numbers, pressure: flat.subarray(0, n), sx: flat.subarray(n, 2 * n), sy: count > 2 ? flat.subarray(2 * n, 3 * n) : null };
+  return {
+    ...numbers,
+    pressure: flat.subarray(0, n),
+    sx: flat.subarray(n, 2 * n),
+    sy: count > 2 ? flat.subarray(2 * n, 3 * n) : null,
+  };
 }
 
 function connect() {
-  const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/stream${location.search}`);
+  const socket = new WebSocket(
+    `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/stream${location.search}`,
+  );
   socket.binaryType = "arraybuffer";
   hook.socket = socket;
-  socket.onopen = () => { hook.connected = true; lastMessage = Date.now(); say(standing()); };
-  socket.onclose = (event) => { hook.connected = false; say(event.reason === "pages" ? "too many pages are open; trying again" : "lost; trying again"); setTimeout(connect, 1000); };
+  socket.onopen = () => {
+    hook.connected = true;
+    lastMessage = Date.now();
+    say(standing());
+  };
+  socket.onclose = (event) => {
+    hook.connected = false;
+    say(event.reason === "pages" ? "too many pages are open; trying again" : "lost; trying again");
+    setTimeout(connect, 1000);
+  };
   socket.onmessage = (message) => {
-    if (typeof message.data === "string") { told(JSON.parse(message.data)); return; }
-    hook.received++; lastMessage = Date.now();
+    if (typeof message.data === "string") {
+      told(JSON.parse(message.data));
+      return;
+    }
+    hook.received++;
+    lastMessage = Date.now();
     let frame;
-    try { frame = parse(message.data); } catch (error) { hook.failures++; return; }
+    try {
+      frame = parse(message.data);
+    } catch (error) {
+      hook.failures++;
+      return;
+    }
     frames.push(frame);
     if (frames.length > KEEP) frames.shift();
-    trail.push(frame); if (trail.length > 2 * KEEP) trail.shift();
+    trail.push(frame);
+    if (trail.length > 2 * KEEP) trail.shift();
     if (fresh) hook.dropped++;
     fresh = frame;
   };
 }
 function told(facts) {
   if (facts.shape) {
-    layout = facts; frames = []; trail = facts.history; $("name").textContent = facts.name; $("notes").textContent = facts.notes.join(" ");
-    $("record").hidden = !facts.may_record; $("zero").hidden = !facts.may_zero; $("events").textContent = ""; facts.past.forEach((text) => log(text)); makeCharts(layout, colour); size();
+    layout = facts;
+    frames = [];
+    trail = facts.history;
+    $("name").textContent = facts.name;
+    $("notes").textContent = facts.notes.join(" ");
+    $("record").hidden = !facts.may_record;
+    $("zero").hidden = !facts.may_zero;
+    $("events").textContent = "";
+    facts.past.forEach((text) => log(text));
+    makeCharts(layout, colour);
+    size();
   }
   if (facts.log) facts.log.forEach((text) => log(text));
-  if (facts.state) { state = facts.state; hook.state = state; recording(state.recording); say(standing()); alarms(); wire(); if (back === 0) $("ago").textContent = newest(); }
+  if (facts.state) {
+    state = facts.state;
+    hook.state = state;
+    recording(state.recording);
+    say(standing());
+    alarms();
+    wire();
+    if (back === 0) $("ago").textContent = newest();
+  }
   if ("recording" in facts) recording(facts.recording);
   if (facts.refused) log(facts.refused, true);
 }
-function recording(name) { $("record").setAttribute("aria-pressed", String(Boolean(name))); $("record").textContent = name ? "Stop recording" : "Record"; }
+function recording(name) {
+  $("record").setAttribute("aria-pressed", String(Boolean(name)));
+  $("record").textContent = name ? "Stop recording" : "Record";
+}
 // what is wrong with the stream stays in sight until it is mended, whatever the contact does
-function alarms() { alarm([...(state.failure ? [state.failure] : []), ...bad].join("; ")); }
+function alarms() {
+  alarm([...(state.failure ? [state.failure] : []), ...bad].join("; "));
+}
 // what is shown when nobody looks back
 const newest = () => (state.ended ? "last frame" : "now");
 function standing() {
@@ -69,13 +134,21 @@ function standing() {
 }
 const COUNTED = ["frames", "sessions"];
 function wire() {
-  const lost = Object.entries(state.received).filter(([k, v]) => v && !COUNTED.includes(k)).map(([k, v]) => `${v} ${k}`);
+  const lost = Object.entries(state.received)
+    .filter(([k, v]) => v && !COUNTED.includes(k))
+    .map(([k, v]) => `${v} ${k}`);
   const some = Object.keys(state.received).length > 0;
   $("wire").hidden = !some;
-  $("wire").textContent = some ? `on the wire: ${state.sender ? `${state.sender} is served` : "nobody sends"}; ${state.received.frames} frames, ${state.received.sessions} sessions; not taken: ${lost.join(", ") || "none"}` : "";
+  $("wire").textContent = some
+    ? `on the wire: ${state.sender ? `${state.sender} is served` : "nobody sends"}; ${state.received.frames} frames, ${state.received.sessions} sessions; not taken: ${lost.join(", ") || "none"}`
+    : "";
 }
-setInterval(() => { if (hook.connected) say(standing()); }, 500);
-function say(text) { if ($("status").textContent !== text) $("status").textContent = text; }
+setInterval(() => {
+  if (hook.connected) say(standing());
+}, 500);
+function say(text) {
+  if ($("status").textContent !== text) $("status").textContent = text;
+}
 function log(text, warn) {
   const item = document.createElement("li");
   item.textContent = text;
@@ -83,102 +156,179 @@ function log(text, warn) {
   $("events").prepend(item);
   while ($("events").children.length > 200) $("events").lastChild.remove();
 }
-function alarm(text) { $("alarm").hidden = !text; if ($("alarm").textContent !== text) $("alarm").textContent = text; }
+function alarm(text) {
+  $("alarm").hidden = !text;
+  if ($("alarm").textContent !== text) $("alarm").textContent = text;
+}
 
 // -- painting ------------------------------------------------------------------------------------
 function size() {
   if (!layout) return;
-  sizeMap(layout); sizeCharts(); repaint();
+  sizeMap(layout);
+  sizeCharts();
+  repaint();
 }
 function unit(v, u, digits = 3) {
   if (v === null || v === undefined || Number.isNaN(v)) return "–";
-  const a = Math.abs(v), [by, prefix] = a >= 1e6 ? [1e-6, "M"] : a >= 1e3 ? [1e-3, "k"] : a >= 1 || a === 0 ? [1, ""] : [1e3, "m"];
+  const a = Math.abs(v),
+    [by, prefix] = a >= 1e6 ? [1e-6, "M"] : a >= 1e3 ? [1e-3, "k"] : a >= 1 || a === 0 ? [1, ""] : [1e3, "m"];
   return `${digits < 3 ? Number((v * by).toPrecision(digits)) : (v * by).toPrecision(digits)} ${prefix}${u}`;
 }
 const range = (a, b, u) => (a === undefined || a === null ? "" : `95 %: ${unit(a, u)} to ${unit(b, u)}`);
 function paint(frame) {
-  let peak = 0; for (const v of frame.pressure) if (v > peak) peak = v;
+  let peak = 0;
+  for (const v of frame.pressure) if (v > peak) peak = v;
   top_ = Math.max(peak, top_ * 0.995, 1e-9);
   paintMap(layout, frame, theme, top_, colour);
-  paintBar(theme, top_, frame.touching && frame.peak_low ? frame.peak_low[0] : null, frame.touching && frame.peak_high ? frame.peak_high[0] : null, colour);
+  paintBar(
+    theme,
+    top_,
+    frame.touching && frame.peak_low ? frame.peak_low[0] : null,
+    frame.touching && frame.peak_high ? frame.peak_high[0] : null,
+    colour,
+  );
   $("high").textContent = unit(top_, "Pa");
   $("at").textContent = frame.time === null ? "" : `at ${frame.time.toFixed(2)} s`;
   numbers(frame);
 }
-const shearOf = (f) => f.force.includes(null) ? null : Math.hypot(...f.force.slice(0, -1));
+const shearOf = (f) => (f.force.includes(null) ? null : Math.hypot(...f.force.slice(0, -1)));
 function shearRange(f) {
   if (!f.force_low) return [undefined, undefined];
   // interval of the size from those of the parts: nearest and farthest corner
-  let near = 0, far = 0;
-  for (let i = 0; i + 1 < f.force.length; i++) { const a = f.force_low[i], b = f.force_high[i]; near += (a > 0 ? a : b < 0 ? b : 0) ** 2; far += Math.max(Math.abs(a), Math.abs(b)) ** 2; }
+  let near = 0,
+    far = 0;
+  for (let i = 0; i + 1 < f.force.length; i++) {
+    const a = f.force_low[i],
+      b = f.force_high[i];
+    near += Math.max(a, -b, 0) ** 2;
+    far += Math.max(Math.abs(a), Math.abs(b)) ** 2;
+  }
   return [Math.sqrt(near), Math.sqrt(far)];
 }
 function numbers(f) {
-  const u = layout.unit, last = f.force.length - 1;
+  const u = layout.unit,
+    last = f.force.length - 1;
   $("normal").textContent = unit(f.force[last], u);
   $("normal-range").textContent = f.force_low ? range(f.force_low[last], f.force_high[last], u) : "";
   $("shear").textContent = unit(shearOf(f), u);
-  const [a, b] = shearRange(f); $("shear-range").textContent = range(a, b, u);
-  $("peak").textContent = unit(f.peak, "Pa"); $("peak-range").textContent = f.peak_low ? range(f.peak_low[0], f.peak_high[0], "Pa") : "";
+  const [a, b] = shearRange(f);
+  $("shear-range").textContent = range(a, b, u);
+  $("peak").textContent = unit(f.peak, "Pa");
+  $("peak-range").textContent = f.peak_low ? range(f.peak_low[0], f.peak_high[0], "Pa") : "";
   $("margin").textContent = f.utilisation === null ? "–" : (1 - f.utilisation).toFixed(2);
-  $("margin-range").textContent = f.utilisation === null ? "" : `± ${(2 * f.utilisation_std).toFixed(2)}, friction ${f.friction.toFixed(2)}`;
+  $("margin-range").textContent =
+    f.utilisation === null ? "" : `± ${(2 * f.utilisation_std).toFixed(2)}, friction ${f.friction.toFixed(2)}`;
   bad = f.going_on.filter((k) => k !== "contact");
-  if (f.touching === null || f.status === "frozen") bad.unshift(f.touching === null ? `this frame is not known: ${f.status}` : "the sensor repeats itself: frozen?");
+  if (f.touching === null || f.status === "frozen")
+    bad.unshift(f.touching === null ? `this frame is not known: ${f.status}` : "the sensor repeats itself: frozen?");
   alarms();
   health(f);
-  $("map").setAttribute("aria-label", f.touching ? `Contact: ${unit(f.force[last], u)} normal, ${unit(shearOf(f), u)} shear` : f.touching === null ? `Not known: ${f.status}` : "No contact");
+  $("map").setAttribute(
+    "aria-label",
+    f.touching
+      ? `Contact: ${unit(f.force[last], u)} normal, ${unit(shearOf(f), u)} shear`
+      : f.touching === null
+        ? `Not known: ${f.status}`
+        : "No contact",
+  );
 }
 // what became of frames and taxels, in words; what did not happen is not said
 function health(f) {
-  const h = f.health, said = [`${h.frames} frames, the last in ${f.ms.toFixed(1)} ms`];
-  const some = (count, words) => { if (count) said.push(`${count} ${words}`); };
+  const h = f.health,
+    said = [`${h.frames} frames, the last in ${f.ms.toFixed(1)} ms`];
+  const some = (count, words) => {
+    if (count) said.push(`${count} ${words}`);
+  };
   some(h.approximate, "approximate: answered before they were finished, because time was up");
   some(h.behind, "skipped: newer frames had come already");
   some(h.late, "late: with the time of the frame before");
   some(h.unknown, "unknown: without an answer");
   some(h.restarts, "restarts of the sensor’s clock");
-  said.push(h.left_out_count ? `taxels left out: ${h.left_out.join(", ")}${h.left_out_count > h.left_out.length ? ` and ${h.left_out_count - h.left_out.length} more` : ""}` : "every taxel is used");
+  said.push(
+    h.left_out_count
+      ? `taxels left out: ${h.left_out.join(", ")}${h.left_out_count > h.left_out.length ? ` and ${h.left_out_count - h.left_out.length} more` : ""}`
+      : "every taxel is used",
+  );
   const text = said.join("\n");
   if ($("health").dataset.text === text) return;
   $("health").dataset.text = text;
-  $("health").replaceChildren(...said.map((one) => { const item = document.createElement("li"); item.textContent = one; return item; }));
+  $("health").replaceChildren(
+    ...said.map((one) => {
+      const item = document.createElement("li");
+      item.textContent = one;
+      return item;
+    }),
+  );
 }
 let plotted = 0;
-function repaint() { if (shown && layout && charts) { paint(shown); paintCharts(trail, shown); } }
+function repaint() {
+  if (shown && layout && charts) {
+    paint(shown);
+    paintCharts(trail, shown);
+  }
+}
 function tick(now) {
   requestAnimationFrame(tick);
   if (!fresh || !layout) return;
-  const frame = fresh; fresh = null;
+  const frame = fresh;
+  fresh = null;
   if (paused || back > 0) return;
-  shown = frame; paint(frame);
-  if (now - plotted > 60) { paintCharts(trail, frame); plotted = now; }
+  shown = frame;
+  paint(frame);
+  if (now - plotted > 60) {
+    paintCharts(trail, frame);
+    plotted = now;
+  }
   hook.painted++;
-  hook.latencies.push(Date.now() - frame.born); if (hook.latencies.length > 20000) hook.latencies.shift();
-  $("scrub").max = String(Math.max(1, frames.length - 1)); $("scrub").value = $("scrub").max; $("ago").textContent = newest();
+  hook.latencies.push(Date.now() - frame.born);
+  if (hook.latencies.length > 20000) hook.latencies.shift();
+  $("scrub").max = String(Math.max(1, frames.length - 1));
+  $("scrub").value = $("scrub").max;
+  $("ago").textContent = newest();
 }
 
 // -- what the user does --------------------------------------------------------------------------
-function pause(on) { paused = on; if (!on) back = 0; $("pause").setAttribute("aria-pressed", String(on)); $("pause").textContent = on ? "Resume" : "Pause"; if (on) $("scrub").max = String(frames.length - 1); say(standing()); }
+function pause(on) {
+  paused = on;
+  if (!on) back = 0;
+  $("pause").setAttribute("aria-pressed", String(on));
+  $("pause").textContent = on ? "Resume" : "Pause";
+  if (on) $("scrub").max = String(frames.length - 1);
+  say(standing());
+}
 function look(index) {
   if (!frames.length) return;
   const i = Math.max(0, Math.min(frames.length - 1, index));
   if (!paused) pause(true);
-  shown = frames[i]; back = frames.length - 1 - i; $("scrub").value = String(i);
-  $("ago").textContent = back ? `−${(frames[frames.length - 1].time - shown.time).toFixed(2)} s` : newest(); repaint();
+  shown = frames[i];
+  back = frames.length - 1 - i;
+  $("scrub").value = String(i);
+  $("ago").textContent = back ? `−${(frames[frames.length - 1].time - shown.time).toFixed(2)} s` : newest();
+  repaint();
 }
 $("pause").onclick = () => pause(!paused);
 $("scrub").oninput = () => look(Number($("scrub").value));
-$("theme").onclick = () => { theme = theme === "dark" ? "light" : "dark"; dress(); };
-$("record").onclick = () => hook.socket.send(JSON.stringify({ record: $("record").getAttribute("aria-pressed") !== "true" }));
+$("theme").onclick = () => {
+  theme = theme === "dark" ? "light" : "dark";
+  dress();
+};
+$("record").onclick = () =>
+  hook.socket.send(JSON.stringify({ record: $("record").getAttribute("aria-pressed") !== "true" }));
 $("zero").onclick = () => hook.socket.send(JSON.stringify({ zero: true }));
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
-  const key = event.key.toLowerCase(), onButton = event.target instanceof HTMLButtonElement;
-  if (key === " " && !onButton) { event.preventDefault(); pause(!paused); }
-  else if (key === "t") $("theme").click();
+  const key = event.key.toLowerCase(),
+    onButton = event.target instanceof HTMLButtonElement;
+  if (key === " " && !onButton) {
+    event.preventDefault();
+    pause(!paused);
+  } else if (key === "t") $("theme").click();
   else if (key === "z" && !$("zero").hidden) $("zero").click();
   else if (key === "r" && !$("record").hidden) $("record").click();
-  else if ((key === "arrowleft" || key === "arrowright") && event.target !== $("scrub")) look(Number($("scrub").value) + (key === "arrowleft" ? -1 : 1) * (event.shiftKey ? 25 : 1));
+  else if ((key === "arrowleft" || key === "arrowright") && event.target !== $("scrub"))
+    look(Number($("scrub").value) + (key === "arrowleft" ? -1 : 1) * (event.shiftKey ? 25 : 1));
 });
 addEventListener("resize", size);
-dress(); connect(); requestAnimationFrame(tick);
+dress();
+connect();
+requestAnimationFrame(tick);
