@@ -45,12 +45,12 @@ def test_a_frame_unlike_the_others_is_no_zero(skin: pp.Skin, what: str, frames: 
 
 def test_most_frames_are_believed(skin: pp.Skin) -> None:
     """Readings in steps, of which most frames show the same, and a slow drift: every frame counts."""
-    from palpate.tracking.zero import _far
+    from palpate.sensing.zero import far_frames
 
     steps = np.zeros((9, 24))
     steps[4, 3] = 1.0
-    assert not _far(steps).any()
+    assert not far_frames(steps).any()
     drifting = np.arange(9.0)[:, None] * np.ones(24) + 0.1 * np.random.default_rng(0).standard_normal((9, 24))
-    assert not _far(drifting).any()
-    assert not _far(np.full((4, 24), np.nan)).any()
-    assert not _far(np.array([[0.0, 1.0], [5.0, 2.0]])).any()
+    assert not far_frames(drifting).any()
+    assert not far_frames(np.full((4, 24), np.nan)).any()
+    assert not far_frames(np.array([[0.0, 1.0], [5.0, 2.0]])).any()
