@@ -216,7 +216,9 @@ class Fatal(pp.Division):
         if multiprocessing.parent_process() is not None:
             lives = Path(self.left).read_text().splitlines()
             if lives:
-                Path(self.left).write_text("".join(f"{line}\n" for line in lives[1:]))
+                fresh = Path(f"{self.left}.{os.getpid()}")  # another worker never reads half of it
+                fresh.write_text("".join(f"{line}\n" for line in lives[1:]))
+                fresh.replace(self.left)
                 os.kill(os.getpid(), signal.SIGKILL)
         return super().prepare(problem)
 
