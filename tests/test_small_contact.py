@@ -106,6 +106,27 @@ def test_most_small_contacts_are_held(channels: list[str]) -> None:
     assert held >= count - 2
 
 
+@pytest.mark.parametrize(
+    ("shape", "depth", "place", "radius"),
+    [((8, 8), 0.82, (-0.5, 0.2), 0.9), *long_runs(((8, 8), 0.77, (0.4, 1.1), 0.6), ((4, 4), 0.87, (0.3, -0.2), 0.6))],
+)
+def test_a_stream_does_not_learn_that_there_is_no_noise(
+    shape: tuple[int, int], depth: float, place: tuple[float, float], radius: float
+) -> None:
+    # a linear model of shallow channels follows noise too: 9.7 N (7.9 to 10.3) was said for 4.0
+    array = _array(shape, depth, THREE)
+    clean, force = _press(array, place, radius, 0.0, 0)
+    std = 0.005 * np.abs(clean).max()
+    rng = np.random.default_rng(4)
+    tracker = pp.Skin(PAD, array).track()
+    for i in range(40):
+        load = min(max((i - 10) / 10.0, 0.0), 1.0)
+        touch = tracker.step(load * clean + std * rng.standard_normal(clean.shape), time=0.01 * i)
+    low, high = (float(np.asarray(side)[2]) for side in touch.interval(0.95, "force"))
+    assert low < force < high
+    assert abs(float(np.asarray(touch.force)[2]) / force - 1.0) < 0.1
+
+
 def test_student_noise_is_what_student_noise_is() -> None:
     rng = np.random.default_rng(0)
     channel = np.zeros(4000, dtype=np.intp)
