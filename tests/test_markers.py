@@ -75,3 +75,28 @@ def test_a_ball_at_the_corner_is_found_within_its_error() -> None:
     assert ((low < true) & (true < high)).all()
     assert float(touch.force[2]) == pytest.approx(1.83, rel=0.25)
     assert "outside array" in touch.summary()
+
+
+@pytest.mark.parametrize(
+    ("middle", "radius", "stuck", "direction", "peak"),
+    [((-2e-3, 1e-3), 1.7e-3, 0.75, 1.0, 2e5), ((6.5e-3, 4.5e-3), 1.7e-3, 0.8, 0.7, 1.5e5)],
+)
+def test_what_sticks_is_not_said_to_slip_where_pressure_is_not_told_from_shear(
+    middle: tuple[float, float], radius: float, stuck: float, direction: float, peak: float
+) -> None:
+    """Pressure that is found wrong looks like shear: balls that stuck slipped "for sure"."""
+    from palpate.grasp import GraspMonitor
+
+    skin = pp.Skin(GEL, pp.ScatteredArray(positions=places(), depth=0.5e-3, channels=IN_PLANE))
+    fine = pp.Skin(GEL, skin.planes[0], surface=pp.AreaGrid(shape=(88, 96), spacing=0.25e-3))
+    r = np.hypot(fine.surface.axes[1][None, :] - middle[0], fine.surface.axes[0][:, None] - middle[1]) / radius
+    p = peak * np.sqrt(np.clip(1.0 - r**2, 0.0, None))  # Cattaneo's and Mindlin's
+    q = 0.4 * (p - peak * stuck * np.sqrt(np.clip(1.0 - (r / stuck) ** 2, 0.0, None)))
+    true = np.stack([q * np.cos(direction), q * np.sin(direction), p])
+    clean, rng = np.asarray(fine.sense(true)), np.random.default_rng(0)
+    monitor, said = GraspMonitor(), []
+    with skin.track(baseline=8, rate=30.0) as tracker:
+        for part in [0.0] * 8 + [0.2, 0.4, 0.6, 0.8] + [1.0] * 12:
+            said += monitor.update(tracker.step(part * clean + NOISE * rng.standard_normal(clean.shape)))
+    assert [event.kind for event in said if event.kind == "slip"] == []
+    assert any(event.kind == "contact" for event in said)
