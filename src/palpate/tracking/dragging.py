@@ -34,7 +34,7 @@ FEWEST, LARGER = 3, 4
 #: Templates are made of the pressure found: error of the shear they predict, as a part of it, and over how many patterns it spreads.
 TEMPLATE, PATTERNS = 0.05, 4.0
 #: The same where the channels alone do not tell pressure from shear: what is wrong with the pressure looks like shear. With the error above, five of ten balls that stick
-#: were said to slip; with this one none of twenty, and of ten that slide two (friction that is given tells more).
+#: were said to slip; with this one none of twenty, and of ten that slide one (friction that is given tells more).
 AMBIGUOUS = 0.2
 
 
