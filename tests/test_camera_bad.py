@@ -67,7 +67,7 @@ def test_what_cannot_be_used_is_refused_with_what_to_do(tmp_path: Path) -> None:
         "cut.mp4": "record .mkv, which needs none",
         "words.mp4": "cannot be opened as a video",
         "empty.mp4": "Record it again",
-        "gone.mp4": "no such file or folder",
+        "gone.mp4": "no such file",
     }.items():
         done = run("track", name, "--skin", "gel.toml", "--out", "t.nc", cwd=tmp_path)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr

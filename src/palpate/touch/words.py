@@ -91,6 +91,11 @@ def summary(one: Touch, friction: float | None) -> str:
     if one.sliding is not None and float(one.sliding) > 0.5:
         sure = 100 * float(one.sliding)
         lines.append(f"{'shear':<16}in one proportion to pressure, as where all of it slides: sure to {sure:.0f} %")
+    if known:
+        # the first interval says of which probability all of them are
+        first = next((i for i, text in enumerate(lines) if " (" in text), None)
+        if first is not None:
+            lines[first] = lines[first].replace(" (", " (95 %: ", 1)
     return "\n".join([*lines, *(f"note: {n}" for n in one.notes)])
 
 
