@@ -84,7 +84,7 @@ def summary(one: Touch, friction: float | None) -> str:
     if friction is not None and set(one.components) == set(components):
         margin = float(one.slip_margin(friction))
         low, high = bounds("slip_margin", friction=friction)
-        factor, unit = _unit([margin], "Pa")
+        factor, unit = _unit([margin, float(low[0]), float(high[0])], "Pa")
         if np.isfinite(margin):  # where something touches
             say("slip margin", margin, float(low[0]), float(high[0]), factor, unit)
             lines[-1] += f", at friction {friction:g}"

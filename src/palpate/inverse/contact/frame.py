@@ -83,7 +83,7 @@ def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
         )
     if small:
         said.append(
-            f"small contact{where(small)}: few taxels feel it, so that its place between them and its size are not known well, "
-            "nor is its force; the intervals hold that"
+            f"small contact{where(small)}: few taxels feel it, so that its size and its place between them, and its force with them, are known "
+            "no better than the intervals say"
         )
     return tuple(said)
