@@ -554,7 +554,7 @@ def cluster() -> Iterator[str]:
     """A Dask scheduler with a worker of two threads in this process."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, silence_logs=50
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address="127.0.0.1:0", silence_logs=50
     ) as found:
         yield found.scheduler_address
 
@@ -591,7 +591,7 @@ def test_a_cluster_that_loses_workers_and_its_client(folder: Path, skin: pp.Skin
         ")\n"
     )
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", silence_logs=50
     ) as cluster:
         address = cluster.scheduler_address
         arguments = [str(folder), address, str(tmp_path / "left"), str(tmp_path / "t.zarr")]
