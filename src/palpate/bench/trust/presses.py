@@ -92,17 +92,26 @@ KINDS = ("ball", "ball", "ball", "punch", "cylinder", "block", "cone", "tilted")
 
 
 def random_load(
-    rng: np.random.Generator, sensor: Sensor, *, friction: float, axes: str, adhesion: float = 0.0, edge: float = 0.1
+    rng: np.random.Generator,
+    sensor: Sensor,
+    *,
+    friction: float,
+    axes: str,
+    adhesion: float = 0.0,
+    edge: float = 0.1,
+    small: bool = False,
 ) -> Load:
     """One contact or several, of a peak pressure of 1 to 15 % of the modulus.
 
     ``friction`` bounds shear, along the ``axes`` ("", "x", "y" or "xy"); ``adhesion`` is the pull of a rim about each contact, in parts of the
-    peak; ``edge``: how often a contact lies across the array's edge, at most half of it outside.
+    peak; ``edge``: how often a contact lies across the array's edge, at most half of it outside; ``small``: of 0.1 to 0.7 pitches in radius.
     """
     d = len(sensor.shape)
     half = 0.5 * sensor.pitch * np.array(sensor.shape[::-1], dtype=np.float64)  # x, then y
     smallest = 0.7 * sensor.pitch
     largest = max(1.2 * smallest, 0.7 * float(half.min()))
+    if small:
+        smallest, largest = 0.1 * sensor.pitch, 0.7 * sensor.pitch
     across = rng.random() < edge
     count = 1 if across or sensor.kind == "tiny" or adhesion > 0 else int(rng.choice([1, 2, 3], p=[0.75, 0.17, 0.08]))
     parts: list[_Patch] = []

@@ -315,7 +315,7 @@ class Row:
     suits : callable (Sensor) -> bool
         Sensors that it concerns.
     load : str
-        "press", "nothing", "pull", "adhesion" or "unseen shear".
+        "press", "nothing", "small", "pull", "adhesion" or "unseen shear".
     change : callable or None
         What happens to readings.
     described : callable (Sensor, rng) -> Sensor or None
@@ -366,6 +366,7 @@ def _buried(sensor: Sensor) -> bool:
 _TABLE: Sequence[Row] = (
     Row("clean", "nothing but noise of 0.01 to 20 % of the largest reading", noise=CLEAN),
     Row("empty", "nothing touches", load="nothing"),
+    Row("small", "contacts of 0.1 to 0.7 pitches in radius", load="small"),
     Row("pulling", "all of the load pulls", load="pull"),
     Row("adhesion", "a rim about each contact pulls with 20 to 60 % of the peak", load="adhesion"),
     Row("offset", "all readings off by 10 to 30 % of the largest", change=_offset),
@@ -461,7 +462,7 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
     axes = "xy"[: len(sensor.shape)] if this.load == "unseen shear" else sensor.shears
     mu = float(rng.uniform(0.2, 0.9))
     adhesion = float(rng.uniform(0.2, 0.6)) if this.load == "adhesion" else 0.0
-    load = random_load(rng, sensor, friction=mu, axes=axes, adhesion=adhesion)
+    load = random_load(rng, sensor, friction=mu, axes=axes, adhesion=adhesion, small=this.load == "small")
     if this.load == "pull":
         load = load.times(-1.0)
     typical = load
