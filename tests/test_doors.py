@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import http.client
 import json
 import socket
 import threading
@@ -259,7 +261,8 @@ def test_connections_that_never_ask_are_closed(skin: pp.Skin, feed: Feed, monkey
         port = taken.getsockname()[1]
         with pytest.raises(pp.InvalidInput, match="cannot listen"):
             serve(Live(session(skin, feed)), port=port)
-    thread = threading.Thread(target=serve, args=(Live(session(skin, feed)),), kwargs={"port": port})
+    live = Live(session(skin, feed))
+    thread = threading.Thread(target=serve, args=(live,), kwargs={"port": port})
     thread.start()
     try:
         until(lambda: made and made[0].started)
@@ -272,6 +275,18 @@ def test_connections_that_never_ask_are_closed(skin: pp.Skin, feed: Feed, monkey
                 one.settimeout(20)
                 with pytest.raises(ConnectionResetError):
                     raise ConnectionResetError if not one.recv(1) else AssertionError
+        # a program that asks again and again keeps its one connection
+        client = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+        with contextlib.closing(client):
+            client.connect()
+            kept = client.sock
+            end = time.monotonic() + 5 * server.HELLO
+            while time.monotonic() < end:
+                client.request("GET", "/health", headers={"Authorization": f"Bearer {live.token}"})
+                answer = client.getresponse()
+                assert answer.status == 200
+                answer.read()
+                assert client.sock is kept
     finally:
         made[0].should_exit = True
         thread.join(timeout=20)

@@ -313,10 +313,13 @@ def _faulty(skin: pp.Skin, pressed: Any, seed: int, frames: int) -> dict[str, in
                 if status(touch) is Status.SOLVED:
                     assert touch.force[2] == pytest.approx(1.0, abs=0.15)
             else:
-                # a millisecond is too short for any frame: 0.9 to 1.6 N half a second later, by the machine's load; without an end to
-                # unfinished frames it was 17 to 290 N
+                # a millisecond is too short for any frame, and how far its thread has come goes by the machine's load: 0.9 to 4 N half a
+                # second later. What is promised of such frames is that their error bars hold (here to the 0.15 of above), and an end
+                # to unfinished frames: without one it was 17 to 290 N
                 assert status(touch) in (Status.SOLVED, Status.NOT_CONVERGED, Status.NOT_PUSHING)
-                assert 0.4 < touch.force[2] < 2.5
+                low, high = touch.interval(0.95, of="force")
+                assert low[2] - 0.15 < 1.0 < high[2] + 0.15
+                assert 0.4 < touch.force[2] < 10.0
     return counts
 
 

@@ -306,15 +306,20 @@ def serve(live: Live, *, host: str = "127.0.0.1", port: int = 8765) -> None:
         raise InvalidInput(f"host {host} opens the page to others: give a token that they must bring (?token=...).")
 
     class Impatient(H11Protocol):  # type: ignore[misc]
-        """Ends connections that do not become a page: uvicorn waits for ever for a request that never comes or never ends."""
+        """Ends connections that ask nothing: uvicorn waits for ever for a request that never comes or never ends."""
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
-            self.loop.call_later(HELLO, self.expire)
+            self.loop.call_later(HELLO, self.expire, None)
 
-        def expire(self) -> None:
-            if self.transport.get_protocol() is self:  # not a WebSocket by now
+        def expire(self, last: Any) -> None:
+            """Look again as long as there was another request than the last time: a program may ask for ``/health`` for hours."""
+            if self.transport.get_protocol() is not self:  # a WebSocket by now
+                return
+            if self.cycle is last:
                 self.transport.abort()
+            else:
+                self.loop.call_later(HELLO, self.expire, self.cycle)
 
     family = sockets.AF_INET6 if ":" in host else sockets.AF_INET
     with sockets.socket(family, sockets.SOCK_STREAM) as bound:
