@@ -55,7 +55,6 @@ PARTS: dict[str, tuple[str, ...]] = {
     "local weights, both": ("wide_weights", "narrow_weights"),
     "local weights explain the readings": ("explains",),
     "posterior variance in local weights": ("posterior_variance",),
-    "one scale profile for pressure and shear": ("common_profile",),
     "no shear outside contact": ("shear_in_contact",),
     "finer grid": ("finer_grid",),
     "finer grid of sliding contact": ("finer_sliding",),
@@ -103,7 +102,7 @@ NUMBERS = (
 #: What parts and numbers need to make any difference: friction that is known, shear that is sought, more than one channel.
 NEEDS = {
     **dict.fromkeys(("sliding", "finer_sliding", "narrowed", "skipped", "slides", "jointly"), "friction"),
-    **dict.fromkeys(("common_profile", "shear_in_contact", "common_shear", "shear"), "shear"),
+    **dict.fromkeys(("shear_in_contact", "common_shear", "shear"), "shear"),
     **dict.fromkeys(("channel_noise", "uneven_evidence", "unequal"), "channels"),
 }
 

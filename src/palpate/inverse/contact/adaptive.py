@@ -286,10 +286,10 @@ class AdaptiveEstimator(ConstrainedEstimator):
             position = np.flatnonzero(keep)
             if not len(position):
                 break
-            least = self.thresholds.floor * tau.max(axis=tuple(range(1, tau.ndim)), keepdims=True)
+            least = self.thresholds.floor * tau.max()  # of all components: without friction shear is nothing
             last = i == rounds - 1
             for larger in LARGER:
-                each = self._local(level, larger * np.maximum(tau, least))
+                each = [level.differences.local(larger * t) for t in np.maximum(tau, least)]
                 found = self.model(
                     member.data.part(position),
                     each,
@@ -302,12 +302,6 @@ class AdaptiveEstimator(ConstrainedEstimator):
                 break
             member, precisions = found, each
         return self._trimmed(member, precisions, y) if precisions else member
-
-    def _local(self, level: Level, tau: Floats) -> list[Sparse]:
-        """The penalty of each component weighed by its tau (component, *grid)."""
-        if self.parts.common_profile:
-            return level.differences.locals(tau[-1] / self.variances[-1], self.variances)
-        return [level.differences.local(t) for t in tau]
 
     def _explains(self, member: ContactModel, first: ContactModel) -> bool:
         """Whether a model leaves no more of the readings than the first: few readings leave local weights to shrink contact to nothing,
@@ -324,15 +318,13 @@ class AdaptiveEstimator(ConstrainedEstimator):
         return more < fewer + LEFT_MORE * math.sqrt(fewer)
 
     def _local_scales(self, member: ContactModel, width: float, variance: bool) -> Floats:
-        """tau (component, *grid): local mean of the squared gradient.
+        """tau (component, *grid): local mean of the squared gradient, of each component by itself.
 
-        Its course is common to all components, because shear has its edges where pressure has; so is its size, up to
-        the fixed ratio of shear to pressure. Learned one by one, weak shear would learn that it is nothing.
+        Weak shear keeps its posterior variance: it must not learn from its own estimate that it is nothing.
         """
         import scipy.ndimage
 
         level = member.level
-        total: Floats = np.zeros(level.grid.shape)
         each = []
         if variance:
             touched, rows = level.differences.touching(member.cells)
@@ -345,11 +337,6 @@ class AdaptiveEstimator(ConstrainedEstimator):
             if variance:
                 for square, edges, more in zip(squares, touched, np.split(unsure[i], parts)):
                     square[edges] += more
-            energy = level.differences.energy(squares)
-            each.append(energy)
-            total = total + energy / (self.variances[i] * len(self.variances))
+            each.append(level.differences.energy(squares))
         sigma = [width * min(level.grid.spacings) / dx for dx in level.grid.spacings]
-        if not self.parts.common_profile:
-            return np.stack([scipy.ndimage.gaussian_filter(e, sigma, mode="constant") for e in each])
-        tau = scipy.ndimage.gaussian_filter(total, sigma, mode="constant")
-        return np.stack([v * tau for v in self.variances])
+        return np.stack([scipy.ndimage.gaussian_filter(e, sigma, mode="constant") for e in each])

@@ -73,11 +73,7 @@ class Differences:
         return scipy.sparse.csr_array(power * (weight * self.grid.cell))
 
     def local(self, tau: Floats) -> Sparse:
-        """sum over edges of |difference|^2/tau, tau being given on cells."""
-        return self.locals(tau, [1.0])[0]
-
-    def locals(self, tau: Floats, sizes: Sequence[float]) -> list[Sparse]:
-        """The same of tau times each of some sizes; they share the places of their entries."""
+        """sum over edges of |difference|^2/tau, tau being given on cells. All share the places of their entries."""
         on, off = self._entries
         data = np.zeros(self.laplacian.nnz)
         diagonal: Floats = np.zeros(self.grid.shape)
@@ -88,10 +84,9 @@ class Differences:
             there, edge = off[axis]
             data[there] = -weight.ravel()[edge]
         data[on] = diagonal.ravel()
-        places, shape = (self.laplacian.indices, self.laplacian.indptr), self.laplacian.shape
-        out = [scipy.sparse.csr_array((data / size, *places), shape=shape) for size in sizes]
-        for one in out:
-            one.indices, one.indptr = places
+        places = self.laplacian.indices, self.laplacian.indptr
+        out = scipy.sparse.csr_array((data, *places), shape=self.laplacian.shape)
+        out.indices, out.indptr = places
         return out
 
     def touching(self, cells: npt.NDArray[np.intp]) -> tuple[list[npt.NDArray[np.intp]], Rows]:

@@ -32,8 +32,6 @@ class Parts:
         So are models of penalties weighed locally, learned over a third of the depth and over a single cell.
     posterior_variance : bool
         What is not known of the gradient counts where local weights are learned.
-    common_profile : bool
-        Pressure and shear share the profile of their local weights.
     shear_in_contact : bool
         Without known friction, local weights leave no shear where nothing presses.
     finer_grid : bool
@@ -84,7 +82,6 @@ class Parts:
     wide_weights: bool = True
     narrow_weights: bool = True
     posterior_variance: bool = True
-    common_profile: bool = True
     shear_in_contact: bool = True
     finer_grid: bool = True
     finer_sliding: bool = True
