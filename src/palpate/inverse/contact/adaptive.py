@@ -31,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.compact import discs
+from palpate.inverse.contact.compact import Discs, discs
 from palpate.inverse.contact.cone import Cone
 from palpate.inverse.contact.constrained import LARGEST_UNKNOWNS, ConstrainedEstimator
 from palpate.inverse.contact.differences import Sparse
@@ -150,8 +150,9 @@ class AdaptiveEstimator(ConstrainedEstimator):
         parameter, scale = evidence[1].parameter, evidence[1].scale
         ratio = self._ratio(self.taxels * c, self.effective_freedom(parameter), count * c)
         data, start = refined(ratio)
-        compact = self._compact(data, start, first, y, observed, parameter)
-        fields = 1.0 - sum(m.weight for m in compact)
+        found = self._compact(data, start, first, y, observed, parameter)
+        compact = self._compact_models(data, found)
+        fields = 1.0 if found is None else 1.0 - found.weight
         if fields < 0.5:
             # the first model is the one that noise is learned from
             yield from compact
@@ -187,26 +188,26 @@ class AdaptiveEstimator(ConstrainedEstimator):
 
     def _compact(
         self, data: Normal, start: Floats, first: Floats, y: Floats, observed: Flags, parameter: float
-    ) -> list[ContactModel]:
-        """Models of a contact of a few taxels (`palpate.inverse.contact.compact`), with their weights; none where it is larger."""
+    ) -> Discs | None:
+        """Discs that a contact of a few taxels may be (`palpate.inverse.contact.compact`); none where it is larger."""
         if not self.parts.compact or isinstance(data.matrix, Applied):
-            return []
+            return None
         white = self.readings.white(y[observed], observed)
         left = float(((white - data.matrix @ start.ravel()) ** 2).sum())
         share = min(float(np.count_nonzero(first[-1])) / self.taxels, 1.0)
-        found = discs(self, data, first, white, left, share * self.effective_freedom(parameter))
+        return discs(self, data, first, white, left, share * self.effective_freedom(parameter))
+
+    def _compact_models(self, data: Normal, found: Discs | None) -> Iterator[ContactModel]:
+        """The models that are discs, with their weights."""
         if found is None:
-            return []
-        members = []
+            return
         for disc in found.drawn:
-            shape = data.level.grid.shape
             # gradients of the disc's own size at its edge are what is expected
             slope = float(disc.traction[-1].max()) / min(data.level.grid.spacings)
-            each = [data.level.differences.local(np.full(shape, v * slope**2 + 1e-300)) for v in self.variances]
+            each = [data.level.differences.laplacian / (v * slope**2 + 1e-300) for v in self.variances]
             member = self.model(data.part(disc.position), each, disc.traction, keep_face=True)
             member.weight, member.compact = found.weight / len(found.drawn), True
-            members.append(member)
-        return members
+            yield member
 
     def _members(
         self,

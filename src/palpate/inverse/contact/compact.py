@@ -16,6 +16,7 @@ import numpy.typing as npt
 import scipy.sparse
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import Normal
 from palpate.inverse.contact.products import Applied
 
@@ -64,14 +65,49 @@ class Discs:
 
 @dataclass(frozen=True)
 class _Tried:
-    """Shapes (shape, cell), the traction (shape, component) that explains most with each, and the squares that it leaves (shape,)."""
+    """What readings shapes give (shape, component, reading), the traction (shape, component) that explains most with each, and the squares that
+    it leaves (shape,)."""
 
-    shapes: scipy.sparse.csr_array
+    columns: Floats
     traction: Floats
     left: Floats
 
-    def part(self, some: Index) -> _Tried:
-        return _Tried(self.shapes[some], self.traction[some], self.left[some])
+
+class _Neighbours:
+    """Which cells of a region lie how near to which."""
+
+    def __init__(self, cells: Index, shape: tuple[int, ...]) -> None:
+        self.places = np.stack(np.unravel_index(cells, shape), axis=1)
+        reach = int(RADII[-1])
+        steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * len(shape), indexing="ij"), axis=-1)
+        steps = steps.reshape(-1, len(shape))
+        far = np.sqrt((steps**2).sum(axis=1))
+        order = np.argsort(far, kind="stable")
+        order = order[far[order] <= RADII[-1]]
+        self.steps, self.far = steps[order], far[order]
+        # the place of every cell among those of the region, and none round it
+        wide = np.full([n + 2 * reach for n in shape], -1)
+        self.first = self.places + reach
+        wide[tuple(self.first.T)] = np.arange(len(cells))
+        self.number = wide
+
+    def of(self, centres: Index, radius: float) -> Sparse:
+        """Discs (centre, cell) of ones."""
+        steps = self.steps[: int(np.searchsorted(self.far, radius, side="right"))]
+        found = self.number[tuple(np.moveaxis(self.first[centres][:, None] + steps[None], -1, 0))]
+        there = found >= 0
+        ends = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
+        return scipy.sparse.csr_array((np.ones(ends[-1]), found[there], ends), shape=(len(centres), len(self.places)))
+
+    def about(self, centre: int) -> tuple[Index, Floats]:
+        """The neighbours of a cell, itself among them, and their share (place, neighbour) in places between them, by linear interpolation."""
+        steps = np.linspace(-1.0, 1.0, 2 * STEPS + 1)
+        d = self.places.shape[1]
+        offsets = np.stack(np.meshgrid(*[steps] * d, indexing="ij"), axis=-1).reshape(-1, d)
+        near = np.flatnonzero((np.abs(self.places - self.places[centre]) <= 1).all(axis=1))
+        apart = np.abs(offsets[:, None, :] - (self.places[near] - self.places[centre])[None])
+        share = np.prod(np.maximum(1.0 - apart, 0.0), axis=2)
+        return near, share[share.sum(axis=1) > 1.0 - 1e-9]  # no neighbour is missing
 
 
 def discs(
@@ -81,8 +117,6 @@ def discs(
 
     ``first`` is the first solution (component, *surface), which leaves the sum of squares ``left`` and takes so many degrees of freedom.
     """
-    import scipy.spatial
-
     grid, c, n = data.level.grid, len(data.linear), len(data.cells)
     pressure = first[-1]
     taxels_a_cell = estimator.taxels / max(float((~estimator.outside).sum()), 1.0)
@@ -90,40 +124,46 @@ def discs(
     free, total = len(white) - c, float(white @ white)
     if isinstance(data.matrix, Applied) or small > TAXELS[grid.dimensions] or free < c + 2 or n > LARGEST:
         return None
-    places = np.stack(np.unravel_index(data.cells, grid.shape), axis=1).astype(np.float64)
-    matrix = np.ascontiguousarray(np.asarray(data.matrix).reshape(len(white), c, n).transpose(1, 2, 0))
+    matrix = np.ascontiguousarray(np.asarray(data.matrix).reshape(len(white), c * n).T).reshape(c, n, len(white))
     detail = 0.0 if estimator.noise_known else (DETAIL * float(np.abs(white).max())) ** 2
     floor = detail * len(white)
 
-    def tried(shapes: scipy.sparse.csr_array) -> _Tried:
-        columns = np.stack([shapes @ m for m in matrix], axis=1)  # (shape, component, reading)
+    def columns(shapes: Sparse) -> Floats:
+        return np.stack([shapes @ m for m in matrix], axis=1)
+
+    def tried(columns: Floats) -> _Tried:
         right, gram = columns @ white, columns @ columns.transpose(0, 2, 1)
         gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(c)
         found = np.linalg.solve(gram, right[..., None])[..., 0]
         found = estimator.cone.nearest(found.T).T
         rest = total - 2.0 * (found * right).sum(axis=1) + np.einsum("pi,pij,pj->p", found, gram, found)
-        return _Tried(shapes, found, np.maximum(rest, 0.0) + floor)
+        return _Tried(columns, found, np.maximum(rest, 0.0) + floor)
 
-    tree = scipy.spatial.KDTree(places)
-    pairs = tree.sparse_distance_matrix(tree, RADII[-1], output_type="coo_matrix")
-
-    def discs_of(radius: float) -> scipy.sparse.csr_array:
-        near = pairs.data <= radius
-        row, col = pairs.row[near], pairs.col[near]
-        return scipy.sparse.csr_array((np.ones(len(row)), (row, col)), shape=(n, n))
-
-    whole = [discs_of(radius) for radius in RADII]
-    some = np.argsort(tried(whole[2]).left, kind="stable")[:PLACES]
-    coarse = tried(scipy.sparse.csr_array(scipy.sparse.vstack([w[some] for w in whole])))
+    places = _Neighbours(data.cells, grid.shape)
+    some = np.argsort(tried(columns(places.of(np.arange(n), RADII[2]))).left, kind="stable")[:PLACES]
+    coarse = tried(np.concatenate([columns(places.of(some, radius)) for radius in RADII]))
     # between cells: the best, and their neighbours' share of them
     best = np.argsort(coarse.left, kind="stable")[:BEST]
-    near = [_between(whole[k // len(some)], places, int(some[k % len(some)])) for k in best]
-    fine = tried(scipy.sparse.csr_array(scipy.sparse.vstack(near)))
+    sizes = best // len(some)
+    near = [places.about(int(some[k % len(some)])) for k in best]
+    blocks: dict[int, Floats] = {}  # what readings they give, and their size in cells
+    extents: dict[int, Floats] = {}
+    for size in np.unique(sizes):
+        those = np.flatnonzero(sizes == size)
+        centres, inverse = np.unique(np.concatenate([near[k][0] for k in those]), return_inverse=True)
+        shapes = places.of(centres, RADII[size])
+        each, counts = columns(shapes).reshape(len(centres), -1), np.diff(shapes.indptr)
+        parts = np.split(inverse, np.cumsum([len(near[k][0]) for k in those])[:-1])
+        blocks |= {int(k): near[k][1] @ each[part] for k, part in zip(those, parts)}
+        extents |= {int(k): near[k][1] @ counts[part] for k, part in zip(those, parts)}
+    fine = tried(np.concatenate([blocks[k] for k in range(len(best))]).reshape(-1, c, len(white)))
+    which = np.repeat(np.arange(len(best)), [len(share) for _, share in near])
+    within = np.concatenate([np.arange(len(share)) for _, share in near])
     theirs = max(len(white) - taken, 1.0)
     if (float(fine.left.min()) - floor) / free > max(WORSE**2 * max(left / theirs, 1.0), detail):
         return None
     # any radius up to the largest is as likely
-    size = np.repeat(best // len(some), [s.shape[0] for s in near])
+    size = sizes[which]
     log_weight = -0.5 * free * np.log(fine.left) + np.log(np.gradient(np.array(RADII)))[size]
     weight = np.exp(log_weight - log_weight.max())
     if weight[size == len(RADII) - 1].sum() > AT_END * weight.sum():
@@ -135,22 +175,13 @@ def discs(
     share = 1.0 / (1.0 + math.exp(min(max(other - mine, -50.0), 50.0)))
     if share < LEAST:
         return None
-    forces = fine.traction[:, -1] * np.asarray(fine.shapes.sum(axis=1)).ravel()
+    forces = fine.traction[:, -1] * np.concatenate([extents[k] for k in range(len(best))])
     order = np.argsort(forces, kind="stable")
     steps = np.cumsum(weight[order]) / weight.sum()
     drawn = []
     for pick in order[np.searchsorted(steps, (np.arange(DRAWN) + 0.5) / DRAWN)]:
-        row = fine.shapes[[pick]]
-        drawn.append(Disc(row.indices.astype(np.intp), fine.traction[pick][:, None] * row.data[None, :]))
+        cells, shares = near[which[pick]]
+        shape = places.of(cells, RADII[sizes[which[pick]]]).T @ shares[within[pick]]
+        position = np.flatnonzero(shape)
+        drawn.append(Disc(position, fine.traction[pick][:, None] * shape[position]))
     return Discs(tuple(drawn), min(share, MOST))
-
-
-def _between(discs_: scipy.sparse.csr_array, places: Floats, centre: int) -> scipy.sparse.csr_array:
-    """Discs (shape, cell) at places about a cell, by linear interpolation between those of its neighbours; and its own."""
-    steps = np.linspace(-1.0, 1.0, 2 * STEPS + 1)
-    d = places.shape[1]
-    offsets = np.stack(np.meshgrid(*[steps] * d, indexing="ij"), axis=-1).reshape(-1, d)
-    near = np.flatnonzero((np.abs(places - places[centre]) <= 1.0).all(axis=1))
-    share = np.prod(np.maximum(1.0 - np.abs(offsets[:, None, :] - (places[near] - places[centre])[None]), 0.0), axis=2)
-    kept = share.sum(axis=1) > 1.0 - 1e-9  # no neighbour is missing
-    return scipy.sparse.csr_array(scipy.sparse.csr_array(share[kept]) @ discs_[near])
