@@ -57,6 +57,23 @@ def test_a_small_indenter_is_contact_and_its_force_is_held(
     assert not any("noise alone" in note for note in touch.notes)
 
 
+@pytest.mark.parametrize("place", [(0.5, 0.5), (-1.4, 1.6), (0.2, 1.3)])
+@pytest.mark.parametrize("noise", [0.03, 0.05])
+def test_a_contact_that_one_taxel_alone_feels_is_within_the_error_of_none(
+    place: tuple[float, float], noise: float
+) -> None:
+    """With the noise given: what one shallow taxel reads alone may be broken, or a small contact; the error bars leave both open."""
+    array = _array((6, 8), 0.42, ["stress_zz"])
+    readings, force = _press(array, place, 0.1, noise, 5)
+    given = pp.AreaArray(
+        shape=array.shape, pitch=PITCH, depth=array.depth, channels=array.channels,
+        noise=noise * float(np.abs(readings).max()),
+    )  # fmt: skip
+    touch = pp.Skin(PAD, given).reconstruct(readings)
+    low, high = (float(np.asarray(side)[2]) for side in touch.interval(0.95, "force"))
+    assert low < force < high
+
+
 def test_the_linear_model_takes_it_for_noise() -> None:
     array = _array((8, 8), 0.37, ["stress_zz"])
     readings, _ = _press(array, (0.84, -1.75), 0.4, 0.013, 1)

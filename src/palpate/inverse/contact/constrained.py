@@ -37,7 +37,7 @@ from palpate.inverse.contact.products import AT_SIZE, FIRST_AT_SIZE, Applied, Pr
 from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven
 from palpate.inverse.contact.rims import with_rims
-from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, silent
+from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, shallow, silent
 from palpate.inverse.contact.sharp import sharp_contact
 from palpate.inverse.contact.start import LinearStart, linear_models
 from palpate.inverse.contact.summary import Summary
@@ -482,7 +482,9 @@ class ConstrainedEstimator:
         each = np.full(self.noise.count, run.scale) if run.levels is None else run.levels
         if not run.members:
             rest = np.where(run.observed, run.data / np.where(run.noise > 0, run.noise, 1.0), 0.0)
-            nothing = self._nothing(run.parameter, run.scale, run.data, left_out)
+            # a reading that stands alone may be a small contact right over a shallow taxel
+            alone = np.where(shallow(self.operator.planes_of), data, 0.0)
+            nothing = self._nothing(run.parameter, run.scale, run.data, left_out, alone)
             fit = self._fit(run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
             result = replace(nothing, pushed=run.pushed and h.sign == 1, fit=fit)
         else:
@@ -544,13 +546,15 @@ class ConstrainedEstimator:
         """Mean traction (component, *grid) of contact models by their weights, and the errors of every quantity."""
         return self.posterior.summed_up(members)
 
-    def _nothing(self, parameter: float, scale: float, data: Floats, outliers: Flags) -> Frame:
-        """No contact."""
+    def _nothing(
+        self, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Floats | float = 0.0
+    ) -> Frame:
+        """No contact; ``alone`` is what readings that are left out may yet say of it."""
         grid, names = self.operator.surface, self.operator.surface.components
         shape = (len(names), *grid.shape)
         # from the readings themselves: the residual is all noise
         rms = float(np.sqrt(np.mean((data / self.readings.std) ** 2)))
-        errors = self.undetected(scale if self.noise_known else rms, np.where(outliers, 0.0, data))
+        errors = self.undetected(scale if self.noise_known else rms, np.where(outliers, alone, data))
         empty = np.zeros((self.draws, *shape)) if self.draws else None
         noise = np.full(self.noise.count, scale)
         return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)

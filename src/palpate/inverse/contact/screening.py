@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +34,7 @@ __all__ = [
     "noise_at_size",
     "outermost",
     "screened",
+    "shallow",
     "silent",
 ]
 
@@ -259,6 +261,16 @@ def outermost(linear: LinearModel) -> Flags:
     return np.concatenate(parts)
 
 
+def shallow(arrays: Sequence[Any]) -> Flags:
+    """Readings of taxels that feel next to nothing of what their neighbours do."""
+    each = [np.full(int(a.valid.sum()) * len(a.channels), a.depth < SHALLOW * _pitch(a)) for a in arrays]
+    return np.concatenate(each)
+
+
+def _pitch(array: Any) -> float:
+    return float(np.ptp(array.points, axis=0).max()) / max(max(array.shape) - 1, 1)
+
+
 class _Screening:
     """One frame's search for broken readings.
 
@@ -372,7 +384,7 @@ class _Screening:
                 point = array.points[array.valid.ravel()][(place - start) % n]
                 break
             start += n * len(array.channels)
-        pitch = float(np.ptp(array.points, axis=0).max()) / max(max(array.shape) - 1, 1)
+        pitch = _pitch(array)
         # a taxel right under the surface feels little else than what lies over it and the next ones
         widths = (0.5 * min(operator.surface.spacings), 0.5 * pitch, pitch) if array.depth < SHALLOW * pitch else (0.0,)
         away = [np.abs(x - point[a]) for a, x in enumerate(operator.surface.axes)]
