@@ -1,8 +1,8 @@
 """Dots followed from a reference picture: displacement of each, its standard deviation, and which are lost.
 
 Each picture is compared with the reference, not with the one before, so that errors do not add up. Dots are found anew in it and matched
-(`palpate.camera.matching`); pyramidal Lucas-Kanade (OpenCV) then tells the displacement to a part of a pixel, there and back. The standard deviation is that of
-least squares: with the gradients g over a dot's window W and what is left r = I(x + d) - I_0(x),
+(`palpate.camera.matching`); Lucas-Kanade (OpenCV) then tells the displacement to a part of a pixel, there and back, and is refined with windows that are stretched
+as the dots around say. The standard deviation is that of least squares: with the gradients g over a dot's window W and what is left r = I(x + d) - I_0(x),
 
     cov = (sum_W g h')^-1 (sum_{W, W, near} g r r' g') (sum_W g h')^-1
 
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.camera.dots import Found, fault_of, find_dots, levelled
-from palpate.camera.matching import Neighbours, matched, predicted
+from palpate.camera.matching import Neighbours, gradients, matched, predicted
 from palpate.camera.pictures import grey
 from palpate.camera.view import opencv
 from palpate.elastic.pad import Floats
@@ -37,6 +37,10 @@ GLARED = 0.01
 FEW = 1.4
 #: Pixels: no displacement is known better, whatever its window says (Lucas-Kanade interpolates with 1/32 of a pixel in view, and pictures have eight bits).
 LEAST = 1e-3
+#: Gauss-Newton steps with windows that are stretched as the print is.
+STEPS = 2
+#: How well the neighbours tell the motion of a dot's rim against that of its middle, as a part of it.
+RIM = 0.75
 #: Grey level of the ground in the levelled pictures that are compared.
 LEVEL = 150.0
 
@@ -113,9 +117,15 @@ class Markers:
         radius = self.print.radius
         half = min(WINDOW * radius + AROUND, max(0.5 * self._near.pitch, radius + 1.0))
         self._half = max(3, round(half))
+        self._around = self._near.around()
         self._level = _bytes(levelled(plain, 4.0 * self.print.blur))
         self._sharp = self._sharpness(self._level, self.positions)
         self._windows = _windows(self._level, self.positions, self._half + 1)
+        self._gradients = _gradients(self._windows)
+        normal = np.einsum("niyx,njyx->nij", self._gradients, self._gradients)
+        self._inverse = np.linalg.inv(
+            normal + (1e-3 * np.trace(normal, axis1=1, axis2=2) + 1e-9)[:, None, None] * np.eye(2)
+        )
         self._white = _windows(_white(plain), self.positions, self._half).mean(axis=(1, 2))
         self.reset()
 
@@ -194,6 +204,25 @@ class Markers:
         out[index >= 0] = found.positions[index[index >= 0]] - self.positions[index >= 0]
         return out
 
+    def _stretched(self, level: npt.NDArray[np.uint8], displacement: Floats) -> tuple[Floats, npt.NDArray[np.float32]]:
+        """Displacement against windows that are stretched and turned as the print is there, and these windows.
+
+        Beside a contact a window does not only move. How its surroundings are stretched, the neighbours say; what is left over is then noise and not the
+        stretch, and Gauss-Newton steps of the displacement alone (Baker and Matthews 2004) take what the plain window made of it.
+        """
+        known: npt.NDArray[np.bool_] = np.asarray(np.isfinite(displacement).all(axis=1))
+        slopes = np.where(known[:, None, None], gradients(self._near, displacement), 0.0)
+        found = displacement.copy()
+
+        def there() -> npt.NDArray[np.float32]:
+            return _windows(level, np.where(known[:, None], self.positions + found, 0.0), self._half + 1, slopes)
+
+        for _ in range(STEPS):
+            left = (self._windows - there())[:, 1:-1, 1:-1]
+            step = np.einsum("nij,nj->ni", self._inverse, np.einsum("niyx,nyx->ni", self._gradients, left))
+            found += np.where(np.hypot(*step.T) < 1.0, step.T, 0.0).T
+        return found, there()
+
     def _refined(self, level: npt.NDArray[np.uint8], start: Floats, white: npt.NDArray[np.uint8]) -> Moved:
         cv2 = opencv()
         n = len(self.positions)
@@ -215,9 +244,9 @@ class Markers:
         place = there[:, 0].astype(np.float64)
         displacement = np.full((n, 2), np.nan)
         displacement[known] = place - self.positions[known].astype(np.float32)
+        displacement, windows = self._stretched(level, displacement)
         centres = np.where(np.isfinite(displacement), self.positions + displacement, 0.0)
-        windows = _windows(level, centres, self._half + 1)
-        std, alike = _errors(self._windows, windows)
+        std, alike = _errors(self._windows, windows, self._gradients)
         std = std / np.sqrt(max(1.0 - FEW / self.print.radius, 0.3))
         keep = np.zeros(n, dtype=bool)
         keep[known] = good
@@ -231,9 +260,12 @@ class Markers:
         trial = np.where(keep[:, None], displacement, np.nan)
         off = trial - predicted(self._near, trial, np.arange(n))
         keep &= ~(np.hypot(off[:, 0], off[:, 1]) > 0.35 * self._near.pitch)
+        # a dot moves as its rim does on average: beside a contact not as its middle, by its size over the distance to its neighbours, squared
+        rim = np.where(np.isfinite(off), -off, 0.0) * (self.print.radius / self._near.pitch) ** 2
+        displacement = displacement - np.where(self._around[:, None], rim, 0.0)
         return Moved(
             np.where(keep[:, None], displacement, np.nan),
-            np.where(keep[:, None], std, np.nan),
+            np.where(keep[:, None], np.hypot(std, RIM * np.hypot(rim[:, :1], rim[:, 1:])), np.nan),
             np.where(known, alike, np.nan),
         )
 
@@ -262,22 +294,29 @@ def _white(plain: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
     return (plain >= end).astype(np.uint8) if end is not None else np.zeros(plain.shape, np.uint8)
 
 
-def _windows(level: npt.NDArray[np.uint8], centres: Floats, half: int) -> npt.NDArray[np.float32]:
-    """Windows (n, row, column) around centres, between pixels where these are."""
+def _windows(
+    level: npt.NDArray[np.uint8], centres: Floats, half: int, slopes: Floats | None = None
+) -> npt.NDArray[np.float32]:
+    """Windows (n, row, column) around centres, between pixels where these are; stretched by 1 + ``slopes`` (n, 2, 2)."""
     cv2 = opencv()
-    steps = np.arange(-half, half + 1)
-    columns = (centres[:, 0, None, None] + steps[None, None, :] + 0.0 * steps[None, :, None]).astype(np.float32)
-    rows = (centres[:, 1, None, None] + steps[None, :, None] + 0.0 * steps[None, None, :]).astype(np.float32)
-    side = len(steps)
+    side = 2 * half + 1
+    arms = np.stack(np.meshgrid(np.arange(-half, half + 1.0), np.arange(-half, half + 1.0)))  # column, row
+    at = centres[:, :, None, None] + arms
+    if slopes is not None:
+        at = at + np.einsum("nij,jyx->niyx", slopes, arms)
+    columns, rows = at[:, 0].astype(np.float32), at[:, 1].astype(np.float32)
     flat = cv2.remap(
         level, columns.reshape(-1, side), rows.reshape(-1, side), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
     return np.asarray(flat, dtype=np.float32).reshape(-1, side, side)
 
 
-def _errors(rest: npt.NDArray[np.float32], now: npt.NDArray[np.float32]) -> tuple[Floats, Floats]:
-    """Standard deviation (n, 2) of each displacement, and correlation (n,) of the windows, which are a pixel wider to each side than what is compared."""
-    gradient, other = _gradients(rest), _gradients(now)
+def _errors(rest: npt.NDArray[np.float32], now: npt.NDArray[np.float32], gradient: Floats) -> tuple[Floats, Floats]:
+    """Standard deviation (n, 2) of each displacement, and correlation (n,) of the windows, which are a pixel wider to each side than what is compared.
+
+    ``gradient``: those of the windows at rest.
+    """
+    other = _gradients(now)
     a, b = rest[:, 1:-1, 1:-1].astype(np.float64), now[:, 1:-1, 1:-1].astype(np.float64)
     mean_a, mean_b = a.mean(axis=(1, 2), keepdims=True), b.mean(axis=(1, 2), keepdims=True)
     da, db = a - mean_a, b - mean_b

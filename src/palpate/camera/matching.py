@@ -17,7 +17,7 @@ from palpate.elastic.pad import Floats
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-__all__ = ["Neighbours", "matched", "predicted"]
+__all__ = ["Neighbours", "gradients", "matched", "predicted"]
 
 Index = npt.NDArray[np.intp]
 
@@ -38,11 +38,27 @@ class Neighbours:
         self.distance, self.index = np.asarray(distance)[:, 1:], np.asarray(index)[:, 1:].astype(np.intp)
         self.pitch = float(np.median(self.distance[:, 0]))
 
+    def around(self) -> npt.NDArray[np.bool_]:
+        """Dots (n,) that have neighbours on all sides."""
+        middle = self.positions[self.index].mean(axis=1) - self.positions
+        return np.asarray(np.hypot(*middle.T) < 0.3 * self.pitch)
+
 
 def predicted(near: Neighbours, displacement: Floats, dots: npt.ArrayLike) -> Floats:
     """Displacement (k, 2) of some dots from that of their neighbours: a plane through those known (NaN: not known), weighted by distance."""
-    which = np.atleast_1d(np.asarray(dots, dtype=np.intp))
-    out = np.full((len(which), 2), np.nan)
+    return _plane(near, displacement, np.atleast_1d(np.asarray(dots, dtype=np.intp)), 0.3)[:, 0]
+
+
+def gradients(near: Neighbours, displacement: Floats) -> Floats:
+    """Change of displacement (dot, along, per) over a distance, in the picture's axes, by the same plane; 0 where fewer than three neighbours are known."""
+    out = _plane(near, displacement, np.arange(len(displacement)), 0.01)[:, 1:] / near.pitch
+    few = np.isfinite(displacement[near.index]).all(axis=2).sum(axis=1) < 3
+    return np.where(few[:, None, None] | ~np.isfinite(out), 0.0, out).transpose(0, 2, 1)
+
+
+def _plane(near: Neighbours, displacement: Floats, which: Index, stiff: float) -> Floats:
+    """Displacement and its slopes over a pitch (k, 1 and column and row, 2) of planes through neighbours."""
+    out = np.full((len(which), 3, 2), np.nan)
     index = near.index[which]
     known = np.asarray(np.isfinite(displacement[index]).all(axis=2))
     weight = known / (near.distance[which] + 0.1 * near.pitch) ** 2
@@ -56,9 +72,9 @@ def predicted(near: Neighbours, displacement: Floats, dots: npt.ArrayLike) -> Fl
     normal = np.einsum("dni,dn,dnj->dij", design, weight, design)
     # a little stiffness of the slopes: a mean where neighbours are few or lie on one side
     scale = weight.sum(axis=1)
-    normal[:, [1, 2], [1, 2]] += (0.3 * scale)[:, None] / np.maximum(enough, 1)[:, None] + 1e-12
+    normal[:, [1, 2], [1, 2]] += (stiff * scale)[:, None] / np.maximum(enough, 1)[:, None] + 1e-12
     right = np.einsum("dni,dn,dnk->dik", design, weight, values)
-    out[some] = np.linalg.solve(normal[some], right[some])[:, 0]
+    out[some] = np.linalg.solve(normal[some], right[some])
     return out
 
 
