@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import pytest
@@ -17,6 +18,7 @@ import pytest
 pytest.importorskip("typer")  # tests of the command line are left out without it
 
 import typer.main
+import typer.testing
 
 from palpate.cli import main
 
@@ -48,6 +50,14 @@ def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     if not isinstance(code, int):
         raise AssertionError(f"palpate {' '.join(arguments)} left with {code!r} instead of a number")
     return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
+
+
+class CliRunner(typer.testing.CliRunner):
+    """Typer's own, with the tree of commands made once."""
+
+    def invoke(self, *arguments: Any, **options: Any) -> Any:
+        with mock.patch.object(typer.testing, "_get_command", tree):
+            return super().invoke(*arguments, **options)
 
 
 def smaller_demo(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import palpate as pp
+from command_line import CliRunner
 from palpate import bench
 from palpate.bench.ablation import NEEDS, NUMBERS, PARTS, Ablated, Outcome, acts, variants
 from palpate.bench.unseen import KINDS, Sample, unseen

@@ -189,6 +189,7 @@ def test_units_do_not_matter() -> None:
     np.testing.assert_allclose(skin.reconstruct(1e-3 * readings).values * 1e3, one, atol=1e-6 * one.max())
 
 
+@pytest.mark.long
 def test_batches_are_frames() -> None:
     """With the error bars."""
     skin = skin_of()

@@ -108,7 +108,8 @@ def framed(skin: pp.Skin, readings: Any, friction: float | None) -> Any:
     return AdaptiveEstimator(problem, cone_of(problem.components, friction), parts=parts).frame([readings])
 
 
-@pytest.mark.parametrize("friction", [None, pytest.param(0.6, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("friction", [None, 0.6])
 def test_same_answer_without_matrices(friction: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
     skin = skin_of(12)
     readings, _ = noisy(skin, ball(skin, 3e-3, 1e-3))

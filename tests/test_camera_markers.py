@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 
 cv2 = pytest.importorskip("cv2")
 
@@ -141,9 +142,11 @@ def test_every_whole_dot_of_a_real_gel_is_found(number: int) -> None:
     [
         (None, {}, 0.05),
         (BALL, {}, 0.2),
-        (BALL, {"colour": 1.0, "shading": 0.5}, 0.2),
-        (BALL, {"compression": 50}, 0.2),
-        (BALL, {"noise": 6.0}, 0.25),
+        *long_runs(
+            (BALL, {"colour": 1.0, "shading": 0.5}, 0.2),
+            (BALL, {"compression": 50}, 0.2),
+            (BALL, {"noise": 6.0}, 0.25),
+        ),
     ],
     ids=["still", "pressed", "shaded", "compressed", "noisy"],
 )

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import palpate as pp
+from command_line import CliRunner
 from palpate.cli import app
 from palpate.recordings import Format, TopicMapping, read_recording, recorder, write_recording
 from palpate.recordings.formats import endings, file_format, formats

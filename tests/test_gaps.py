@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate.inverse.linear.matrix_free import gaps
 from palpate.inverse.linear.matrix_free.system import System
 from palpate.inverse.linear.priors import DifferencePrior
@@ -52,7 +53,7 @@ def test_the_preconditioner_over_what_is_there_is_the_schur_complement(kind: str
         assert not inverse[:, ~known].any()
 
 
-@pytest.mark.parametrize("missing", ["few", "a patch"])
+@pytest.mark.parametrize("missing", ["few", *long_runs("a patch")])
 def test_missing_vectors_cost_hardly_a_step(missing: str) -> None:
     mask = holes((24, 26), 12)
     if missing == "a patch":

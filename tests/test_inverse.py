@@ -231,6 +231,7 @@ def test_symmetry_blocks_change_nothing(layout: str, rng: np.random.Generator, m
     np.testing.assert_allclose(found.values, whole.values, atol=1e-7 * np.abs(whole.values).max())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("boundary", ["free", "periodic"])
 def test_noise_is_estimated(boundary: Any, rng: np.random.Generator) -> None:
     array = pp.LineArray(count=120, pitch=0.5, depth=1.0, channels=["stress_zz"])

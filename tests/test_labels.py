@@ -84,9 +84,16 @@ def test_labels_are_honoured(skin: pp.Skin, labelled: xarray.DataArray, how: str
     judge(skin, HONOURED[how](labelled))
 
 
+@pytest.fixture(scope="module")
+def same(skin: pp.Skin, plain: Any) -> pp.Touch:
+    """The touch of a tracker that is given numbers without labels."""
+    return skin.track().step(plain)
+
+
 @pytest.mark.parametrize("how", ["transposed", "y descends", "channels reordered", "readings in kPa", "as it is"])
-def test_the_tracker_honours_the_same_labels(skin: pp.Skin, plain: Any, labelled: xarray.DataArray, how: str) -> None:
-    same = skin.track().step(plain)
+def test_the_tracker_honours_the_same_labels(
+    skin: pp.Skin, same: pp.Touch, labelled: xarray.DataArray, how: str
+) -> None:
     touch = skin.track().step(HONOURED[how](labelled).isel(time=0))
     np.testing.assert_allclose(touch.values, same.values, atol=1e-5 * float(same.values.max()))
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate.sensing import default_surface
 
 GEL = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=300e3, poissons_ratio=0.48)])
@@ -63,6 +64,7 @@ def test_dots_of_pictures_and_markers_of_tables_have_the_same_surface() -> None:
     assert not dots.problem().fixed  # contact is sought past it too
 
 
+@pytest.mark.long
 def test_a_ball_at_the_corner_is_found_within_its_error() -> None:
     """Half of it lies past the outermost markers: it took minutes, and the interval ended at 1.7 N."""
     skin = pp.Skin(GEL, pp.ScatteredArray(positions=places(), depth=0.5e-3, channels=IN_PLANE, noise=NOISE))
@@ -79,7 +81,7 @@ def test_a_ball_at_the_corner_is_found_within_its_error() -> None:
 
 @pytest.mark.parametrize(
     ("middle", "radius", "stuck", "direction", "peak"),
-    [((-2e-3, 1e-3), 1.7e-3, 0.75, 1.0, 2e5), ((6.5e-3, 4.5e-3), 1.7e-3, 0.8, 0.7, 1.5e5)],
+    [((-2e-3, 1e-3), 1.7e-3, 0.75, 1.0, 2e5), *long_runs(((6.5e-3, 4.5e-3), 1.7e-3, 0.8, 0.7, 1.5e5))],
 )
 def test_what_sticks_is_not_said_to_slip_where_pressure_is_not_told_from_shear(
     middle: tuple[float, float], radius: float, stuck: float, direction: float, peak: float

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import palpate as pp
+from command_line import CliRunner
 from palpate import simulation, solutions
 from palpate.cli import app
 from palpate.recordings import TopicMapping, read_recording, write_recording, write_touch

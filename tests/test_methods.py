@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import palpate as pp
+from command_line import CliRunner
 from palpate import solutions
 from palpate.inverse import Estimate, Method, Problem, registry
 from palpate.inverse.method import Needs, number

@@ -211,8 +211,8 @@ def test_quantities_are_written_as_they_are_known() -> None:
 
 def test_the_command_writes_report_figure_table_and_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
-    CliRunner = pytest.importorskip("typer.testing").CliRunner
-
+    pytest.importorskip("typer")
+    from command_line import CliRunner
     from palpate.cli import app
     from palpate.recordings import read_touch
 
@@ -271,8 +271,8 @@ channels = ["displacement_x", "displacement_y"]
 
 @pytest.mark.long
 def test_a_skin_file_describes_the_gel_as_options_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    CliRunner = pytest.importorskip("typer.testing").CliRunner
-
+    pytest.importorskip("typer")
+    from command_line import CliRunner
     from palpate.cli import app
 
     monkeypatch.chdir(tmp_path)

@@ -14,6 +14,7 @@ import pytest
 import typer
 
 import palpate as pp
+from command_line import tree
 from palpate.cli import app
 from palpate.recordings import write_recording
 from palpate.recordings.recording import Recording
@@ -87,7 +88,7 @@ def test_what_has_no_meaning_is_refused(name: str, folder: Path) -> None:
     if "area.toml" in arguments:
         arguments = tuple(a.replace("20 N/m", "1 N") for a in arguments)
     with pytest.raises(pp.PalpateError, match=message):
-        app(list(arguments), standalone_mode=False)
+        tree(app)(list(arguments), standalone_mode=False)
     assert not (folder / "new.nc").exists()
 
 
@@ -99,7 +100,7 @@ def test_limits_that_cannot_be_watched(folder: Path) -> None:
         pytest.fail("this skin was meant to measure shear alone")
     for option, value in (("--max-pressure", "40 kPa"), ("--max-force", "2 N/m")):
         with pytest.raises(pp.InvalidInput, match="measure only x"):
-            app(["track", "x.nc", "--skin", "skin.toml", option, value], standalone_mode=False)
+            tree(app)(["track", "x.nc", "--skin", "skin.toml", option, value], standalone_mode=False)
 
 
 @pytest.mark.parametrize(("given", "used"), [((), (20, 0.6)), (("--baseline", "0", "--friction", "0.3"), (0, 0.3))])
@@ -124,7 +125,7 @@ def test_the_demo_takes_baseline_and_friction(
 
     monkeypatch.setattr("palpate.simulation.demonstration", lambda: (Skin(), frames))
     with pytest.raises(Enough):
-        app(["live", "--demo", *given], standalone_mode=False)
+        tree(app)(["live", "--demo", *given], standalone_mode=False)
     assert (seen["baseline"], seen["friction"]) == used
 
 
@@ -152,13 +153,13 @@ def test_the_demo_takes_baseline_and_friction(
 )
 def test_what_was_taken_without_a_word(arguments: tuple[str, ...], message: str, folder: Path) -> None:
     with pytest.raises(pp.InvalidInput, match=message):
-        app(list(arguments), standalone_mode=False)
+        tree(app)(list(arguments), standalone_mode=False)
     assert not (folder / "r-touch.nc").exists()
 
 
 def test_a_seed_below_zero_is_refused(folder: Path) -> None:
     with pytest.raises(typer.TyperException, match="greater than or equal to 0"):
-        app([*SIMULATE, "--seed", "-1"], standalone_mode=False)
+        tree(app)([*SIMULATE, "--seed", "-1"], standalone_mode=False)
 
 
 def test_frames_that_do_not_fit_into_memory_are_refused_before_any_work(
@@ -166,7 +167,7 @@ def test_frames_that_do_not_fit_into_memory_are_refused_before_any_work(
 ) -> None:
     monkeypatch.setattr("palpate._memory.available", lambda: 2_000_000_000)
     with pytest.raises(pp.Unsupported, match=r"10,000,000 frames of 16 readings need about 5.1 GB of memory.*--frames"):
-        app([*SIMULATE, "--frames", "10000000"], standalone_mode=False)
+        tree(app)([*SIMULATE, "--frames", "10000000"], standalone_mode=False)
 
     def full(_: float, what: str, remedy: str) -> None:
         raise pp.Unsupported(f"{what}: {remedy}")
@@ -224,5 +225,5 @@ def test_the_weight_of_the_penalty_reaches_the_tracker(folder: Path, monkeypatch
         return original(self, **options)
 
     monkeypatch.setattr(pp.Skin, "track", track)
-    app(["track", "r.nc", "--skin", "skin.toml", "--parameter", "0.5"], standalone_mode=False)
+    tree(app)(["track", "r.nc", "--skin", "skin.toml", "--parameter", "0.5"], standalone_mode=False)
     assert seen["parameter"] == 0.5

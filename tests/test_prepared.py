@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import palpate as pp
+from command_line import CliRunner
 from palpate import _recall
 from palpate.cli import app
 from palpate.inverse.linear import spectrum

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import palpate as pp
+from command_line import CliRunner
 from palpate import solutions
 from palpate.cli import app
 from palpate.recordings import TopicMapping, read_recording, read_stream, write_recording

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray
-from typer.testing import CliRunner
 
 import palpate as pp
+from command_line import CliRunner
 from long_runs import long_runs
 from palpate import solutions
 from palpate.cli import app

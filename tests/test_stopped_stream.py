@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate.cli import main
 from palpate.recordings import read_recording, write_recording
 from palpate.recordings.recording import Recording
@@ -38,9 +39,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     ("ending", "number", "code"),
     [
         ("nc", signal.SIGINT, 130),
-        ("zarr", signal.SIGTERM, 143),
-        ("mcap", signal.SIGINT, 130),
         ("h5", signal.SIGTERM, 143),
+        *long_runs(("zarr", signal.SIGTERM, 143), ("mcap", signal.SIGINT, 130)),
     ],
 )
 def test_track_keeps_every_frame_that_was_done(

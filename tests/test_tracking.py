@@ -244,6 +244,7 @@ def test_an_offset_that_goes_away_is_forgiven(skin: pp.Skin) -> None:
     assert not tracker.health.left_out.any()
 
 
+@pytest.mark.long
 def test_a_budget_blames_no_taxel(skin: pp.Skin, story: Any) -> None:
     """While the region still grows, the solution explains little: no reason to leave taxels out."""
     readings = story[1]
@@ -443,6 +444,7 @@ def test_monitor_refuses() -> None:
         GraspMonitor().update(replace(touch.frame(0), components=("x", "y")))
 
 
+@pytest.mark.long
 def test_error_bars_are_right_from_the_first_frame(skin: pp.Skin) -> None:
     """Without a baseline the noise is learned from the first frame in contact, and its error bars go by it."""
     rng = np.random.default_rng(0)

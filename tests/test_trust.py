@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import palpate as pp
+from command_line import CliRunner
 from palpate.bench import trust
 from palpate.bench.trust.presses import Load, cell_means, plain_ball, random_load
 from palpate.bench.trust.sensors import Sensor, random_sensor

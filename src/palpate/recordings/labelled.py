@@ -180,19 +180,25 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
     surface = ("x",) if touch.surface.dimensions == 1 else ("y", "x")
     batch = tuple(str(d) for d in traction.dims[: traction.ndim - 1 - len(surface)])
     unit = "N/m" if touch.surface.dimensions == 1 else "N"
-    dataset = xarray.Dataset({"traction": traction})
-    dataset["force"] = ((*batch, "component"), to_numpy(touch.force), {"units": unit, "long_name": "net force"})
+    # gathered first: a Dataset aligns all that it holds for each variable that comes later
+    found: dict[str, Any] = {"traction": traction}
+    found["force"] = ((*batch, "component"), to_numpy(touch.force), {"units": unit, "long_name": "net force"})
     if touch.errors is not None:
-        dataset["std"] = touch.std
+        found["std"] = touch.std
         for name, side in zip(("force_low", "force_high"), touch.interval(0.95, "force")):
             attrs = {"units": unit, "long_name": "net force, 95 % interval"}
-            dataset[name] = ((*batch, "component"), side, attrs)
+            found[name] = ((*batch, "component"), side, attrs)
         for key, tail in _declared(Errors).items():
-            dataset[f"errors_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(touch.errors, key)))
+            found[f"errors_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(touch.errors, key)))
     for key, tail in _declared(Touch, without=("values", "time", "errors", *_TEXT)).items():
         value = getattr(touch, key)
         if value is not None:
-            dataset[key] = ((*batch, *_expanded(tail, surface)), to_numpy(value))
+            found[key] = ((*batch, *_expanded(tail, surface)), to_numpy(value))
+    if touch.found_by is not None:
+        names = list(dict.fromkeys(np.ravel(touch.found_by).tolist()))
+        codes = np.array([names.index(n) for n in np.ravel(touch.found_by)], dtype=np.int8)
+        found["found_by"] = (batch, codes.reshape(touch.batch), {"long_name": "place among the attribute methods"})
+    dataset = xarray.Dataset(found)
     if touch.status is not None:
         dataset["status"].attrs = dict(STATUS_FLAGS)
     if touch.time is not None and "time" not in dataset.coords:
@@ -212,9 +218,6 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
         }
     )
     if touch.found_by is not None:
-        names = list(dict.fromkeys(np.ravel(touch.found_by).tolist()))
-        codes = np.array([names.index(n) for n in np.ravel(touch.found_by)], dtype=np.int8)
-        dataset["found_by"] = (batch, codes.reshape(touch.batch), {"long_name": "place among the attribute methods"})
         dataset.attrs["methods"] = json.dumps(names)
     if touch.friction is not None:
         dataset.attrs["friction"] = float(touch.friction)
