@@ -239,10 +239,34 @@ def test_a_page_that_never_reads_gives_its_place_back(
                     assert count < 20_000
                 assert live.pages == 0
                 with connect(f"ws://{where}/stream") as page:
-                    assert json.loads(page.recv(timeout=10))["shape"]
+                    assert json.loads(page.recv(timeout=120))["shape"]
         finally:
             runner.should_exit = True
-            thread.join(timeout=20)
+            thread.join(timeout=120)
+
+
+def asked_again_and_again(port: int, token: str, seconds: float) -> tuple[bool, float]:
+    """Whether a program that asks for /health again and again keeps its one connection, and the longest pause in its asking."""
+    client = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
+    pause, last = 0.0, time.monotonic()
+    end = last + seconds
+    with contextlib.closing(client):
+        client.connect()
+        kept = client.sock
+        while last < end:
+            try:
+                client.request("GET", "/health", headers={"Authorization": f"Bearer {token}"})
+                answer = client.getresponse()
+                assert answer.status == 200
+                answer.read()
+            except ConnectionError:
+                kept = None
+            now = time.monotonic()
+            pause, last = max(pause, now - last), now
+            if client.sock is not kept or kept is None:
+                return False, pause
+            time.sleep(0.01)
+    return True, pause
 
 
 def test_connections_that_never_ask_are_closed(skin: pp.Skin, feed: Feed, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -272,24 +296,17 @@ def test_connections_that_never_ask_are_closed(skin: pp.Skin, feed: Feed, monkey
         ):
             slow.sendall(b"GET / HT")
             for one in (silent, slow):
-                one.settimeout(20)
+                one.settimeout(120)
                 with pytest.raises(ConnectionResetError):
                     raise ConnectionResetError if not one.recv(1) else AssertionError
-        # a program that asks again and again keeps its one connection
-        client = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
-        with contextlib.closing(client):
-            client.connect()
-            kept = client.sock
-            end = time.monotonic() + 5 * server.HELLO
-            while time.monotonic() < end:
-                client.request("GET", "/health", headers={"Authorization": f"Bearer {live.token}"})
-                answer = client.getresponse()
-                assert answer.status == 200
-                answer.read()
-                assert client.sock is kept
+        for _ in range(20):  # where the machine paused for so long that the program did not ask, once more
+            kept, pause = asked_again_and_again(port, live.token, 5 * server.HELLO)
+            if kept or pause < 0.5 * server.HELLO:
+                break
+        assert kept
     finally:
         made[0].should_exit = True
-        thread.join(timeout=20)
+        thread.join(timeout=120)
 
 
 def test_times_go_on_where_a_sensor_begins_again(skin: pp.Skin, feed: Feed) -> None:

@@ -130,8 +130,8 @@ class Robot:
         return self.call(SetParameters, "/palpate/set_parameters", request).results[0]
 
     def close(self) -> None:
-        self.executor.shutdown(timeout_sec=2.0)
-        self.thread.join(timeout=5.0)
+        self.executor.shutdown(timeout_sec=60.0)
+        self.thread.join(timeout=60.0)
         self.node.destroy_node()
         self.context.try_shutdown()
 
