@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain, islice
@@ -11,10 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.camera.dots import fault_of
+from palpate.camera.flow import Flow
 from palpate.camera.lattice import typical_distance
-from palpate.camera.markers import Markers, Moved
+from palpate.camera.markers import Markers
 from palpate.camera.pictures import Picture, Pictures, grey, open_pictures
 from palpate.camera.view import Lens, View
+from palpate.camera.windows import Moved
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings import Recording
@@ -109,13 +112,15 @@ class Displacements:
         Pictures a second, for sources without times.
     stage : bool, optional
         Take out motion of the whole gel (default: that of the settings, or no). Dots far from the contact tell it; it is reported.
+    texture : float, optional
+        Of a gel with a texture and no dots: between the places where displacement is read [m] (default: that of the settings; dots are looked for where neither says).
 
     Attributes
     ----------
     positions : array (n, 2)
-        (x, y) of the dots at rest [m].
+        (x, y) of the dots, or places of a texture, at rest [m].
     view, markers, size
-        What was found in the reference.
+        What was found in the reference: `Markers`, or `Flow` of a texture.
     faults : dict of int to str
         Pictures that told nothing so far, and why.
 
@@ -147,26 +152,33 @@ class Displacements:
         reference: int | None = None,
         rate: float | None = None,
         stage: bool | None = None,
+        texture: float | None = None,
     ) -> None:
         settings = view if isinstance(view, CameraSettings) else None
         count = reference if reference is not None else settings.reference if settings else 5
         if isinstance(count, bool) or not (isinstance(count, int) and count >= 1):
             raise InvalidInput(f"reference must be a number of pictures of at least 1; got {count!r}.")
+        if texture is None and settings is not None:
+            texture = settings.texture
+        if texture is not None and not (np.isfinite(texture) and texture > 0):
+            raise InvalidInput(
+                f"texture must be a positive distance between readings [m], such as 1e-3; got {texture!r}."
+            )
+        self.texture = texture
         self.stage = stage if stage is not None else bool(settings and settings.stage)
         self.pictures = source if isinstance(source, Pictures) else open_pictures(source, rate=rate)
         self.faults: dict[int, str] = {}
         self.reference = count
         self._rest = iter(self.pictures)
         try:
-            self._begin(count)
-            self.view = view if isinstance(view, View) else view_of(view, self.size, self.markers.positions)
+            self._begin(count, view)
             self.positions: Floats = self.view.places(self.markers.positions)
         except BaseException:
             self.close()
             raise
         self.positions.setflags(write=False)
 
-    def _begin(self, count: int) -> None:
+    def _begin(self, count: int, view: View | CameraSettings) -> None:
         """Take the reference."""
         good: list[Picture] = []
         first: list[Picture] = []
@@ -186,7 +198,15 @@ class Displacements:
                 else f"{self.pictures.name}: none of the first {len(first)} pictures shows anything ({why}). Check light, exposure and lens cap."
             )
         self.size = self.pictures.size
-        self.markers = Markers([p.image for p in good])
+        images = [p.image for p in good]
+        self.markers: Markers | Flow
+        if self.texture is None:
+            self.markers = Markers(images)
+            self.view = view if isinstance(view, View) else view_of(view, self.size, self.markers.positions)
+        else:
+            self.view = view if isinstance(view, View) else view_of(view, self.size, np.zeros((0, 2)))
+            middle = self.view.jacobian((np.array(self.size) - 1.0) / 2.0)
+            self.markers = Flow(images, spacing=self.texture / math.sqrt(abs(float(np.linalg.det(middle)))))
         moved = [self.markers.follow(p.image) for p in good]
         for picture, one in zip(good, moved):
             off = np.abs(one.displacement) / np.maximum(one.std, 0.01)
@@ -196,7 +216,7 @@ class Displacements:
                     + (
                         f" ({one.fault})"
                         if one.fault
-                        else f": dots move by {np.nanmax(np.abs(one.displacement)):.2g} pixels"
+                        else f": {'dots' if self.texture is None else 'places'} move by {np.nanmax(np.abs(one.displacement)):.2g} pixels"
                     )
                     + f". Nothing may touch the gel in the first {count} pictures: begin earlier, or give a smaller reference."
                 )

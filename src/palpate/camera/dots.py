@@ -283,6 +283,7 @@ def _print_of(plain: npt.NDArray[Any]) -> Print:
             best = (score, Print(blur, sign, typical))
     if best is None:
         raise InvalidInput(
-            "no dots found: no spots of one size stand out from the picture. Focus, light evenly, and see that five dots or more are in it."
+            "no dots found: no spots of one size stand out from the picture. Focus, light evenly, and see that five dots or more are in it. "
+            'A gel with a texture and no dots needs texture = "1 mm" in [camera]: the distance between readings.'
         )
     return best[1]

@@ -281,6 +281,7 @@ def follow(
     track: bool | None = None,
     every: int = 1,
     depth_map: DepthMap | None = None,
+    texture: float | None = None,
     **options: Any,
 ) -> Touches:
     """What touches a gel, from pictures of the dots in it.
@@ -305,6 +306,8 @@ def follow(
     depth_map : DepthMap, optional
         How far the surface is pressed in, where that is known from elsewhere: then pressure is told from shear, and the normal force several times better. Of frames
         that are solved by themselves.
+    texture : float, optional
+        Of a gel with a texture and no dots: between the places where displacement is read [m]; default: what [camera] says, else dots are looked for.
     **options
         Those of `Skin.track` (friction, ...) or `Skin.reconstruct` (friction, method, ...).
 
@@ -341,8 +344,10 @@ def follow(
         stage = settings.stage
     if reference is None and settings is not None:
         reference = settings.reference
+    if texture is None and settings is not None:
+        texture = settings.texture
     lies: Any = settings if view is None else view
-    readings = Displacements(source, lies, reference=reference, rate=rate, stage=stage)
+    readings = Displacements(source, lies, reference=reference, rate=rate, stage=stage, texture=texture)
     try:
         full = gel_skin(skin, readings.positions)
         if track is None:

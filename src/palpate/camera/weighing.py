@@ -125,7 +125,7 @@ def weigh(
     lies: Any = settings if view is None else view
     ratios, stds, fits, modulus = [], [], [], math.nan
     for source, force in zip(listed, known):
-        with Displacements(source, lies, rate=rate) as readings:
+        with Displacements(source, lies, rate=rate, texture=settings.texture if settings else None) as readings:
             full = gel_skin(skin, readings.positions)
             modulus = _modulus(full)
             # the modulus is what is sought: only the rest is uncertain

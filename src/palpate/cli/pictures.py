@@ -82,7 +82,7 @@ def track_pictures(
         check_watched(skin, *limits)
         monitor = grasp_monitor(skin, options.get("friction"), *limits, lambda event: typer.echo(str(event)))
         typer.echo(
-            f"{len(readings.positions)} dots, {1e3 * float(np.ptp(readings.positions[:, 0])):.1f} x {1e3 * float(np.ptp(readings.positions[:, 1])):.1f} mm; "
+            f"{len(readings.positions)} {'dots' if readings.texture is None else 'places of a texture'}, {1e3 * float(np.ptp(readings.positions[:, 0])):.1f} x {1e3 * float(np.ptp(readings.positions[:, 1])):.1f} mm; "
             + (
                 "followed by a tracker"
                 if stream.tracker is not None
@@ -127,7 +127,7 @@ def track_pictures(
         typer.echo(f"note: {note}")
     if strongest is not None and picture is not None:
         save_figure(overlay(strongest[1], strongest[2], view), picture)
-    _said(taken, lost, faults, notes)
+    _said(taken, lost, faults, notes, "dots" if readings.texture is None else "places")
     if health is not None:
         typer.echo(str(health))
     for path in (out, picture, plot_forces):
@@ -135,7 +135,9 @@ def track_pictures(
             typer.echo(f"wrote           {path}")
 
 
-def _said(taken: list[tuple[float, Any]], lost: list[float], faults: dict[int, str], notes: list[str]) -> None:
+def _said(
+    taken: list[tuple[float, Any]], lost: list[float], faults: dict[int, str], notes: list[str], what: str
+) -> None:
     """What became of the pictures."""
     loads = np.array([force for _, force in taken])
     times = [time for time, _ in taken]
@@ -144,7 +146,7 @@ def _said(taken: list[tuple[float, Any]], lost: list[float], faults: dict[int, s
         across = float(np.hypot(*loads[at, :2]))
         typer.echo(f"largest force   {loads[at, -1]:.3g} N, across {across:.3g} N, at {times[at]:.3f} s")
     typer.echo(
-        f"pictures        {len(taken)}, dots lost {100 * float(np.mean(lost)):.1f} % (most in one: {100 * max(lost):.0f} %)"
+        f"pictures        {len(taken)}, {what} lost {100 * float(np.mean(lost)):.1f} % (most in one: {100 * max(lost):.0f} %)"
     )
     said: dict[str, list[int]] = {}
     for index, fault in faults.items():

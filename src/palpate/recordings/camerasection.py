@@ -26,6 +26,8 @@ class CameraSettings:
         Pixels (column, row) of four points or more and their places (x, y) [m], in place of a scale.
     matrix, distortion : sequences, optional
         Of the lens, as OpenCV's calibration gives them.
+    texture : float, optional
+        Of a gel with a texture and no dots: between the places where its displacement is read [m]; dots are looked for where it is not given.
     distance : float, optional
         From the camera's centre to the dots [m]; None: so far that motion towards the camera does not show.
     reference : int
@@ -47,6 +49,7 @@ class CameraSettings:
     places: Any = None
     matrix: Any = None
     distortion: Any = None
+    texture: float | None = None
     distance: float | None = None
     reference: int = 5
     stage: bool = False
@@ -57,6 +60,14 @@ class CameraSettings:
             raise InvalidInput(
                 "scale, pitch or points must say how pixels become metres: one of them; got "
                 + (f"{', '.join(ways)}." if ways else "none.")
+            )
+        if self.texture is not None and not self.texture > 0:
+            raise InvalidInput(
+                f'texture must be a positive distance between readings, such as "1 mm"; got {self.texture:g} m.'
+            )
+        if self.texture is not None and self.pitch is not None:
+            raise InvalidInput(
+                "pitch is that of dots, and texture says that there are none: give scale or points in place of pitch."
             )
         if (self.points is None) != (self.places is None):
             raise InvalidInput(

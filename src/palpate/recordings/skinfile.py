@@ -189,6 +189,7 @@ class _Camera(_Strict):
     places: list[tuple[Length, Length]] | None = None
     matrix: list[list[float]] | None = None
     distortion: list[float] | None = None
+    texture: Length | None = None
     distance: Length | None = None
     reference: Count = 5
     stage: bool = False

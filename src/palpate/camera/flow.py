@@ -1,0 +1,190 @@
+"""Texture followed from a reference picture: displacement on a regular grid, by dense optical flow, with its standard deviation.
+
+DIS optical flow (T. Kroeger, R. Timofte, D. Dai, L. Van Gool, ECCV 2016; OpenCV) of the picture, at most 160 pixels wide, says where each window is to within a
+pixel or so; windows of the picture itself (`palpate.camera.windows`) then tell the displacement, there and back, and how well the texture shows it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.camera.dots import fault_of, levelled
+from palpate.camera.matching import Neighbours
+from palpate.camera.pictures import grey
+from palpate.camera.view import opencv
+from palpate.camera.windows import Followed, Moved, as_bytes, gradients_of, mean_picture, white_of, windows_of
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+
+__all__ = ["Flow"]
+
+#: Pixels across at which optical flow is computed, and at which its windows are compared, at most.
+DENSE, COMPARED = 160, 320
+#: Half a window over the distance between places: neighbours share little.
+HALF = 0.6
+#: Least distance between places [pixels of the pictures that are compared].
+CLOSEST = 6.0
+#: A place with less texture than this part of the typical one's (the weaker direction of its gradients) tells nothing.
+POOR = 0.05
+#: Least squares on few pixels leave less than there is: by 1 - 3 pixels over half a window. From windows of 13 to 41 pixels.
+FEW = 3.0
+#: Fewest places.
+FEWEST = 9
+#: A window moves as the mean of its parts: half**2 / 6 of the Laplacian, of which a place and the plane of its eight neighbours show a third by the distance squared.
+MEAN = 0.5
+
+
+class Flow(Followed):
+    """Texture of a gel without dots, followed from picture to picture on a regular grid.
+
+    Parameters
+    ----------
+    reference : array (row, column) or (row, column, 3), or sequence of these
+        The gel at rest: one picture, or several, whose mean has less noise.
+    spacing : float
+        Between places [pixels]. A window is a little wider, and shows nothing finer than itself.
+
+    Attributes
+    ----------
+    positions : array (n, 2)
+        Places at rest [pixels]; those without texture are left out.
+
+    Raises
+    ------
+    InvalidInput
+        Places nearer than what can be told, a picture with too little texture.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.camera import Flow, Scene, Texture
+    >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    >>> scene = Scene(pad=gel, depth=0.5e-3, print=Texture(grain=0.15e-3), size=(160, 120), scale=0.1e-3)
+    >>> rng = np.random.default_rng(0)
+    >>> flow = Flow(scene.picture(rng=rng), spacing=10.0)
+    >>> moved = flow.follow(scene.picture(pp.solutions.hertz_point(radius=2.5e-3, force=2.0), rng=rng))
+    >>> len(flow.positions), bool(moved.lost.mean() < 0.1), bool(np.nanmax(np.abs(moved.displacement)) > 1.0)
+    (165, True, True)
+    """
+
+    def __init__(self, reference: Any, *, spacing: float) -> None:
+        whole = mean_picture(reference)
+        self._whole = (int(whole.shape[1]), int(whole.shape[0]))
+        self._step = max(1, round(self._whole[0] / COMPARED))
+        plain = self._reduced(whole)
+        if not (np.isfinite(spacing) and spacing / self._step >= CLOSEST):
+            raise InvalidInput(
+                f"places of a texture must be at least {CLOSEST * self._step:g} pixels apart in pictures {self._whole[0]} pixels wide; got {spacing:.3g}. "
+                "Read it less densely, or film nearer."
+            )
+        apart = spacing / self._step
+        half = max(3, round(HALF * apart))
+        self._width = apart
+        level = as_bytes(levelled(plain, 2.0 * apart))
+        places = _grid((plain.shape[1], plain.shape[0]), apart, half + 1)
+        slopes = gradients_of(windows_of(level, places, half + 1))
+        normal = np.einsum("niyx,njyx->nij", slopes, slopes)
+        weaker = np.linalg.eigvalsh(normal)[:, 0] if len(places) else np.zeros(0)
+        good = weaker > max(POOR * float(np.median(weaker)) if len(places) else 0.0, 1e-6)
+        if good.sum() < FEWEST:
+            raise InvalidInput(
+                f"texture was found at {int(good.sum())} of {len(places)} places; at least {FEWEST} are needed. Read it more densely, film nearer, or focus."
+            )
+        chosen = places[good]
+        super().__init__(
+            plain,
+            level,
+            chosen,
+            half=half,
+            near=Neighbours(chosen),
+            reach=0.5 * half,
+            spread=MEAN * (half / apart) ** 2,
+            known=max(1.0 - FEW / half, 0.3),
+        )
+        cv2 = opencv()
+        part = min(1.0, DENSE / plain.shape[1])
+        self._small = (max(16, round(plain.shape[1] * part)), max(16, round(plain.shape[0] * part)))
+        self._dense = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+        self._first = self._shrunk(level)
+        self.positions = self._step * (self._places + 0.5) - 0.5
+        self.positions.setflags(write=False)
+        self.size = self._whole
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget where the texture was in the last picture."""
+        self._last: npt.NDArray[np.float32] | None = None
+
+    def follow(self, image: npt.ArrayLike | None) -> Moved:
+        """Displacement of every place in a picture.
+
+        A picture that tells nothing (None, black, saturated, blurred, of another size) gives no displacement, and says why; the next one goes on.
+
+        Parameters
+        ----------
+        image : array (row, column) or (row, column, 3), or None
+
+        Returns
+        -------
+        Moved
+        """
+        if image is None:
+            return self._nothing("there is no picture")
+        given = grey(image)
+        if given.shape[::-1] != self._whole:
+            return self._nothing(
+                f"the picture is {given.shape[1]} x {given.shape[0]}, the reference {self._whole[0]} x {self._whole[1]}"
+            )
+        fault = fault_of(given)
+        if fault:
+            return self._nothing(fault)
+        plain = self._reduced(given)
+        level = as_bytes(levelled(plain, 2.0 * self._width))
+        dense, start = self._started(level)
+        now = np.clip(self._places + start, 0.0, np.array(level.shape[::-1]) - 1.0)
+        if self._sharpness(level, now) < 0.4 * self._sharp:
+            return self._nothing("the picture is blurred: it is out of focus, or the gel moved during the exposure")
+        moved = self._refined(level, start, white_of(plain))
+        if np.mean(~moved.lost) < 0.1 or (~moved.lost).sum() < 3:
+            self._last = None
+            return self._nothing(
+                f"of {len(self.positions)} places {int((~moved.lost).sum())} look as they did in the reference"
+            )
+        self._last = dense
+        return Moved(self._step * moved.displacement, self._step * moved.std, moved.alike)
+
+    def _started(self, level: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.float32], Floats]:
+        """Optical flow of the whole picture, and what it says of each place."""
+        cv2 = opencv()
+        begun = None if self._last is None else self._last.copy()
+        dense = np.asarray(self._dense.calc(self._first, self._shrunk(level), begun), dtype=np.float32)
+        part = np.array([self._small[0] / level.shape[1], self._small[1] / level.shape[0]])
+        at = ((self._places + 0.5) * part - 0.5).astype(np.float32)
+        found = cv2.remap(dense, at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return dense, np.asarray(found[0], dtype=np.float64) / part
+
+    def _shrunk(self, level: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        if level.shape[::-1] == self._small:
+            return level
+        return np.asarray(opencv().resize(level, self._small, interpolation=opencv().INTER_AREA))
+
+    def _reduced(self, plain: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """A large picture, the mean of so many pixels each way."""
+        if self._step == 1:
+            return plain
+        rows, columns = (n // self._step * self._step for n in plain.shape)
+        size = (columns // self._step, rows // self._step)
+        return np.asarray(opencv().resize(plain[:rows, :columns], size, interpolation=opencv().INTER_AREA))
+
+
+def _grid(size: tuple[int, int], apart: float, margin: float) -> Floats:
+    """Places (n, 2) in a picture, row by row, about its middle."""
+    axes = []
+    for length in size:
+        count = max(0, int((length - 1 - 2 * margin) // apart) + 1)
+        axes.append((length - 1) / 2.0 + apart * (np.arange(count) - (count - 1) / 2.0))
+    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)

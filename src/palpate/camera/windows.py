@@ -1,0 +1,284 @@
+"""Windows of a picture followed from the reference: by how much each moved, and how well that is known.
+
+Lucas-Kanade (OpenCV) tells the displacement to a part of a pixel, there and back, and is refined with windows that are stretched as those around them say. The
+standard deviation is that of least squares: with the gradients g over a window W and what is left r = I(x + d) - I_0(x),
+
+    cov = (sum_W g h')^-1 (sum_{W, W, near} g r r' g') (sum_W g h')^-1
+
+with h the gradients of the picture itself, where near pixels count as they do together, because blur, colour filters and compression make their errors alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.camera.matching import Neighbours, gradients, predicted
+from palpate.camera.pictures import grey
+from palpate.camera.view import opencv
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+
+__all__ = ["Followed", "Moved", "as_bytes", "gradients_of", "mean_picture", "white_of", "windows_of"]
+
+#: There and back must end this near [pixels]; the window must look alike (correlation).
+BACK, ALIKE = 0.3, 0.6
+#: Part of a window that may become white, where it was not at rest: beyond, glare lies on it.
+GLARED = 0.01
+#: Pixels: no displacement is known better, whatever its window says (Lucas-Kanade interpolates with 1/32 of a pixel in view, and pictures have eight bits).
+LEAST = 1e-3
+#: Gauss-Newton steps with windows that are stretched as the print is.
+STEPS = 2
+#: How well the neighbours tell the motion of a window's whole against that of its middle, as a part of it.
+SPREAD = 0.75
+#: Rows of a picture that OpenCV takes in one call.
+ROWS = 32000
+#: Grey level of the ground in the levelled pictures that are compared.
+LEVEL = 150.0
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """What became of the dots in one picture.
+
+    Attributes
+    ----------
+    displacement, std : array (n, 2)
+        Along columns and rows [pixels], with standard deviations; NaN where a dot is lost.
+    alike : array (n,)
+        Correlation of each dot's window with that of the reference.
+    fault : str
+        Why the whole picture tells nothing; "" where it does.
+    """
+
+    displacement: Floats
+    std: Floats
+    alike: Floats
+    fault: str = ""
+
+    @property
+    def lost(self) -> npt.NDArray[np.bool_]:
+        """True (n,) for dots that are hidden, left the picture or cannot be told from others."""
+        return np.asarray(np.isnan(self.displacement[:, 0]))
+
+
+class Followed:
+    """Windows around places of the reference.
+
+    Parameters
+    ----------
+    plain : array (row, column)
+        The reference, grey.
+    level : array (row, column)
+        The same, levelled (`as_bytes`).
+    positions : array (n, 2)
+        Where the windows are in it [pixels].
+    half : int
+        Half their side.
+    reach : float
+        How near [pixels] to the picture's edge a place may come.
+    spread : float
+        A window moves as its parts do on average, beside a contact not as its middle: by this much of what a place and its neighbours' plane differ.
+    known : float
+        Part of what is left that least squares on few pixels still show.
+    """
+
+    def __init__(
+        self,
+        plain: npt.NDArray[Any],
+        level: npt.NDArray[np.uint8],
+        positions: Floats,
+        *,
+        half: int,
+        near: Neighbours,
+        reach: float,
+        spread: float,
+        known: float = 1.0,
+    ) -> None:
+        self.size = (int(plain.shape[1]), int(plain.shape[0]))
+        self.positions: Floats = positions
+        self.positions.setflags(write=False)
+        self._places = positions
+        self._near, self._half, self._level = near, half, level
+        self._reach, self._spread, self._known = reach, spread, known
+        self._around = near.around()
+        self._sharp = self._sharpness(level, positions)
+        self._windows = windows_of(level, positions, half + 1)
+        self._gradients = gradients_of(self._windows)
+        normal = np.einsum("niyx,njyx->nij", self._gradients, self._gradients).astype(np.float64)
+        self._inverse = np.linalg.inv(
+            normal + (1e-3 * np.trace(normal, axis1=1, axis2=2) + 1e-9)[:, None, None] * np.eye(2)
+        )
+        self._white = windows_of(white_of(plain), positions, half).mean(axis=(1, 2))
+
+    def _nothing(self, fault: str) -> Moved:
+        none = np.full_like(self._places, np.nan)
+        return Moved(none, none, none[:, 0], fault)
+
+    def _sharpness(self, level: npt.NDArray[np.uint8], positions: Floats) -> float:
+        """Steepest gradient over a dot, typical of all."""
+        return float(
+            np.median(
+                np.abs(np.diff(windows_of(level, positions, self._half).astype(np.float64), axis=2)).max(axis=(1, 2))
+            )
+        )
+
+    def _stretched(self, level: npt.NDArray[np.uint8], displacement: Floats) -> tuple[Floats, npt.NDArray[np.float32]]:
+        """Displacement against windows that are stretched and turned as the print is there, and these windows.
+
+        Beside a contact a window does not only move. How its surroundings are stretched, the neighbours say; what is left over is then noise and not the
+        stretch, and Gauss-Newton steps of the displacement alone (Baker and Matthews 2004) take what the plain window made of it.
+        """
+        known: npt.NDArray[np.bool_] = np.asarray(np.isfinite(displacement).all(axis=1))
+        slopes = np.where(known[:, None, None], gradients(self._near, displacement), 0.0)
+        found = displacement.copy()
+
+        def there() -> npt.NDArray[np.float32]:
+            return windows_of(level, np.where(known[:, None], self._places + found, 0.0), self._half + 1, slopes)
+
+        for _ in range(STEPS):
+            left = (self._windows - there())[:, 1:-1, 1:-1]
+            step = np.einsum("nij,nj->ni", self._inverse, np.einsum("niyx,nyx->ni", self._gradients, left))
+            found += np.where(np.hypot(*step.T) < 1.0, step.T, 0.0).T
+        return found, there()
+
+    def _refined(self, level: npt.NDArray[np.uint8], start: Floats, white: npt.NDArray[np.uint8]) -> Moved:
+        cv2 = opencv()
+        n = len(self._places)
+        known = np.isfinite(start).all(axis=1)
+        rest = self._places[known].astype(np.float32)[:, None, :]
+        guess = (self._places[known] + start[known]).astype(np.float32)[:, None, :]
+        side = 2 * self._half + 1
+        settings = {
+            "winSize": (side, side),
+            "maxLevel": 0,
+            "criteria": (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-3),
+            "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
+        }
+        there, ok, _ = cv2.calcOpticalFlowPyrLK(self._level, level, rest, guess.copy(), **settings)
+        back, again, _ = cv2.calcOpticalFlowPyrLK(level, self._level, there, (rest + there - guess).copy(), **settings)
+        good = (ok.ravel() > 0) & (again.ravel() > 0)
+        good &= np.hypot(*(back - rest)[:, 0].T) < BACK
+        good &= np.hypot(*(there - guess)[:, 0].T) < 0.3 * self._near.pitch
+        place = there[:, 0].astype(np.float64)
+        displacement = np.full((n, 2), np.nan)
+        displacement[known] = place - self._places[known].astype(np.float32)
+        displacement, windows = self._stretched(level, displacement)
+        centres = np.where(np.isfinite(displacement), self._places + displacement, 0.0)
+        std, alike = _errors(self._windows, windows, self._gradients)
+        std = std / np.sqrt(self._known)
+        keep = np.zeros(n, dtype=bool)
+        keep[known] = good
+        keep &= alike > ALIKE
+        keep &= windows_of(white, centres, self._half).mean(axis=(1, 2)) < self._white + GLARED
+        reach = self._reach
+        now = self._places + displacement
+        with np.errstate(invalid="ignore"):
+            keep &= (now >= reach).all(axis=1) & (now <= np.array(self.size) - 1 - reach).all(axis=1)
+        # out of step with all around it: another dot, or glare
+        trial = np.where(keep[:, None], displacement, np.nan)
+        off = trial - predicted(self._near, trial, np.arange(n))
+        keep &= ~(np.hypot(off[:, 0], off[:, 1]) > 0.35 * self._near.pitch)
+        # a window moves as its parts do on average, beside a contact not as its middle
+        rim = np.where(np.isfinite(off), -off, 0.0) * self._spread
+        displacement = displacement - np.where(self._around[:, None], rim, 0.0)
+        return Moved(
+            np.where(keep[:, None], displacement, np.nan),
+            np.where(keep[:, None], np.hypot(std, SPREAD * np.hypot(rim[:, :1], rim[:, 1:])), np.nan),
+            np.where(known, alike, np.nan),
+        )
+
+
+def mean_picture(reference: Any) -> npt.NDArray[Any]:
+    """One grey picture from one or several."""
+    several = isinstance(reference, list | tuple) or (isinstance(reference, np.ndarray) and reference.ndim == 4)
+    if not several:
+        return grey(reference)
+    if not len(reference):
+        raise InvalidInput("the reference holds no picture.")
+    plain = [grey(image) for image in reference]
+    if len({p.shape for p in plain}) != 1:
+        raise InvalidInput("the reference pictures differ in size.")
+    return np.asarray(np.mean(plain, axis=0, dtype=np.float32))
+
+
+def as_bytes(flat: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    """What Lucas-Kanade takes: eight bits."""
+    return np.clip(np.round(flat * LEVEL), 0, 255).astype(np.uint8)
+
+
+def white_of(plain: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    """1 where the sensor is at its end."""
+    end = {"uint8": 253.0, "uint16": 65000.0}.get(plain.dtype.name)
+    return (plain >= end).astype(np.uint8) if end is not None else np.zeros(plain.shape, np.uint8)
+
+
+def windows_of(
+    level: npt.NDArray[np.uint8], centres: Floats, half: int, slopes: Floats | None = None
+) -> npt.NDArray[np.float32]:
+    """Windows (n, row, column) around centres, between pixels where these are; stretched by 1 + ``slopes`` (n, 2, 2)."""
+    cv2 = opencv()
+    side = 2 * half + 1
+    arms = np.stack(np.meshgrid(np.arange(-half, half + 1.0), np.arange(-half, half + 1.0)))  # column, row
+    at = centres[:, :, None, None] + arms
+    if slopes is not None:
+        at = at + np.einsum("nij,jyx->niyx", slopes, arms)
+    columns, rows = at[:, 0].astype(np.float32), at[:, 1].astype(np.float32)
+    out = np.empty(columns.shape, dtype=np.float32)
+    most = max(1, ROWS // side)  # of windows at a time
+    for first in range(0, len(out), most):
+        part = slice(first, first + most)
+        maps = (axis[part].reshape(-1, side) for axis in (columns, rows))
+        found = cv2.remap(level, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        out[part] = found.reshape(-1, side, side)
+    return out
+
+
+def _errors(
+    rest: npt.NDArray[np.float32], now: npt.NDArray[np.float32], gradient: npt.NDArray[np.float32]
+) -> tuple[Floats, Floats]:
+    """Standard deviation (n, 2) of each displacement, and correlation (n,) of the windows, which are a pixel wider to each side than what is compared.
+
+    ``gradient``: those of the windows at rest.
+    """
+    other = gradients_of(now)
+    a, b = rest[:, 1:-1, 1:-1], now[:, 1:-1, 1:-1]
+    mean_a, mean_b = a.mean(axis=(1, 2), keepdims=True), b.mean(axis=(1, 2), keepdims=True)
+    da, db = a - mean_a, b - mean_b
+    power_a, power_b = (da**2).sum(axis=(1, 2)), (db**2).sum(axis=(1, 2))
+    alike = (da * db).sum(axis=(1, 2)) / np.sqrt(np.maximum(power_a.astype(np.float64) * power_b, 1e-12))
+    left = b - a
+    # one picture's gradients with the other's: noise, which both have of their own, does not add to what they tell
+    normal = np.einsum("niyx,njyx->nij", gradient, other).astype(np.float64)
+    normal = 0.5 * (normal + normal.transpose(0, 2, 1))
+    score = gradient * left[:, None]
+    # pixels up to two apart: in full, because interpolation alone makes neighbours alike (a flat top: Politis and Romano 1995), and no less than with
+    # weights that fall linearly, which never give less than nothing (Newey and West 1987)
+    apart = np.abs(np.subtract.outer(np.arange(a.shape[1]), np.arange(a.shape[1])))
+    flat, sloped = (apart <= 2).astype(np.float32), np.maximum(1.0 - apart / 3.0, 0.0).astype(np.float32)
+    middle, falling = (
+        np.einsum("niyx,njyx->nij", score, near @ score @ near).astype(np.float64) for near in (flat, sloped)
+    )
+    # where they share nothing, nothing is known
+    power = np.einsum("niyx,niyx->n", gradient, gradient)
+    ridge = (1e-3 * power + 1e-12)[:, None, None] * np.eye(2)
+    inverse = np.linalg.inv(normal + ridge)
+    variance = np.maximum(*(np.diagonal(inverse @ part @ inverse, axis1=1, axis2=2) for part in (middle, falling)))
+    return np.sqrt(np.maximum(variance, LEAST**2)), alike
+
+
+def gradients_of(windows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Scharr's gradients (n, column and row, y, x), as Lucas-Kanade takes them, a pixel less to each side."""
+    outer, inner = np.float32(3.0 / 32.0), np.float32(10.0 / 32.0)
+    w = windows
+    across, down = w[:, :, 2:] - w[:, :, :-2], w[:, 2:] - w[:, :-2]
+    return np.stack(
+        [
+            outer * (across[:, :-2] + across[:, 2:]) + inner * across[:, 1:-1],
+            outer * (down[:, :, :-2] + down[:, :, 2:]) + inner * down[:, :, 1:-1],
+        ],
+        axis=1,
+    )
