@@ -43,3 +43,23 @@ def test_contact_over_four_markers_is_not_taken_for_broken_markers() -> None:
     assert low[2] < 2.0 < high[2]
     assert not any("left out" in note for note in touch.notes)
     assert not any("shift" in note for note in touch.notes)
+
+
+def test_pressure_that_nothing_feels_is_not_added_for_noise_in_shear() -> None:
+    """Friction that is known let wide even pressure in, 44 % of the force, under which noise in shear is allowed."""
+    force, radius, friction = 2.4, 2.5e-3, 0.4
+    grid = pp.AreaGrid(shape=(64, 64), spacing=0.25e-3)
+    y, x = grid.axes[0][:, None] + 0.2e-3, grid.axes[1][None, :] - 0.3e-3
+    r = np.hypot(y, x)
+    pressure = 1.5 * force / (np.pi * radius**2) * np.sqrt(np.clip(1.0 - (r / radius) ** 2, 0.0, None))
+    # a twist: shear about the middle, up to what friction allows at the edge
+    size = friction * pressure * (r / radius) ** 2 / np.maximum(r, 1e-12)
+    twisted = np.stack([-y * size, x * size, pressure])
+    array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=0.0, channels=CHANNELS)
+    clean = np.asarray(pp.Skin(GEL, array, surface=grid).sense(twisted))
+    noise = 0.01 * float(np.abs(clean).max()) * np.random.default_rng(3).standard_normal(clean.shape)
+    touch = pp.Skin(GEL, array).reconstruct(clean + noise, friction=friction)
+    assert float(touch.force[2]) == pytest.approx(force, rel=0.1)
+    low, high = touch.interval(0.95, of="force")
+    assert low[2] < force < high[2]
+    assert high[2] - low[2] < 1.0
