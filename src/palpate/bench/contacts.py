@@ -143,6 +143,7 @@ CROSSING: dict[str, tuple[str, float, float]] = {
     "punch": ("punch", 28, 3.5),
     "wedge": ("wedge", 28, 4.5),
 }
+#: Coefficient of friction of the contacts that slide or slip in part.
 FRICTION = 0.5
 SHEARED: dict[str, tuple[str, str]] = {
     "sliding ball": ("ball", "slide"),

@@ -155,4 +155,5 @@ def _layouts() -> dict[str, Layout]:
     }
 
 
+#: Skins on which accuracy is measured, by name.
 LAYOUTS = _layouts()

@@ -30,8 +30,11 @@ __all__ = [
     "sliding_punch",
 ]
 
+#: The paper's material: E = 1, ν = 0.5.
 PAD = HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)
+#: Of the sensors, as the paper gives them: how deep, how far apart, how many.
 DEPTH, PITCH, SENSORS = 1.5, 0.5, 121
+#: What the paper does not state and its errors and axes let one find: half-width, load, what is added to the half-width, friction.
 HALF_WIDTH, LOAD, EPS, FRICTION = 3.5, 0.678, 0.068, 0.433
 
 #: Mean absolute errors that the paper prints, (case, component, channel) -> text; "?" is an exponent that cannot be read.
@@ -71,6 +74,7 @@ def _inside(x: Floats, half_width: float) -> Floats:
     return np.asarray(np.abs(x) <= half_width + 1e-9)
 
 
+#: The contacts of the paper without friction, by name: positions to pressure.
 CASES: dict[str, Callable[[Floats], Floats]] = {
     "cylinder": cylinder,
     "punch": punch,

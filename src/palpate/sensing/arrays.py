@@ -397,4 +397,5 @@ class ScatteredArray(_Common):
         return pair("aperture", self.aperture, zero=True)[: self.dimensions]
 
 
+#: Any kind of array of taxels.
 Array = LineArray | AreaArray | ScatteredArray

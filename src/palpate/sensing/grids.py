@@ -195,6 +195,7 @@ class AreaGrid:
         return COMPONENTS[2]
 
 
+#: Any kind of grid of surface cells.
 Grid = LineGrid | AreaGrid
 
 

@@ -40,6 +40,7 @@ __all__ = [
 ]
 
 Rule = Literal["evidence", "gcv", "lcurve", "discrepancy"]
+#: Names of the rules that choose a regularisation parameter.
 RULES: tuple[str, ...] = ("evidence", "gcv", "lcurve", "discrepancy")
 Filter = Callable[[Floats, Floats], Floats]
 
