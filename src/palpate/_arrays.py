@@ -96,11 +96,11 @@ def _refuse_foreign(x: Any, what: str) -> None:
         raise InvalidInput(f"{what} carry a unit as {kind}: pass their SI values, e.g. x.to_value('Pa').")
     if hasattr(x, "iloc") or hasattr(x, "collect_schema"):  # pandas, polars
         raise InvalidInput(f"{what} came as a table ({kind}): pass x.to_numpy() in the shape that is asked for.")
-    if hasattr(x, "dask") or (hasattr(x, "compute") and hasattr(x, "chunks")):
-        raise InvalidInput(f"{what} came as a lazy array ({kind}): pass x.compute().")
-    if hasattr(x, "data_vars"):
+    if hasattr(x, "data_vars"):  # asked before laziness: it can be computed too, which would lead nowhere
         names = ", ".join(map(str, x.data_vars))
         raise InvalidInput(f"{what} came as an xarray.Dataset: pass one of its variables ({names}).")
+    if hasattr(x, "dask") or (hasattr(x, "compute") and hasattr(x, "chunks")):
+        raise InvalidInput(f"{what} came as a lazy array ({kind}): pass x.compute().")
 
 
 def _real_numpy(x: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
