@@ -134,3 +134,21 @@ def test_thousands_of_places_are_read() -> None:
     flow = Flow(picture, spacing=6.0)
     assert len(flow.positions) > 32767 / 9
     assert np.nanmax(np.abs(flow.follow(picture).displacement)) < 0.01
+
+
+def test_windows_between_pixels_are_the_same_with_any_opencv() -> None:
+    """OpenCV 4 rounds places to 1/32 of a pixel; there NumPy interpolates."""
+    from palpate.camera.windows import _between, windows_of
+
+    rng = np.random.default_rng(0)
+    level = rng.integers(0, 255, (50, 60)).astype(np.uint8)
+    centres, slopes = rng.uniform(-3.0, 62.0, (30, 2)), rng.uniform(-0.1, 0.1, (30, 2, 2))
+    found = windows_of(level, centres, 4, slopes)
+    arms = np.stack(np.meshgrid(np.arange(-4.0, 5.0), np.arange(-4.0, 5.0)))
+    at = centres[:, :, None, None] + arms + np.einsum("nij,jyx->niyx", slopes, arms)
+    plain = _between(level, at[:, 0].astype(np.float32), at[:, 1].astype(np.float32))
+    assert np.allclose(found, plain, atol=0.6)  # 255 levels; those of OpenCV are rounded
+    flat = np.tile(np.arange(60.0), (50, 1)).astype(np.uint8)
+    assert np.allclose(
+        _between(flat, np.full((1, 1, 1), 7.37, np.float32), np.full((1, 1, 1), 3.2, np.float32)), 7.37, atol=1e-5
+    )

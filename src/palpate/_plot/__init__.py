@@ -2,6 +2,7 @@
 
 from palpate._plot.forces import draw_forces, plot_forces
 from palpate._plot.maps import arrow_cells, plot_touch
+from palpate._plot.over import plot_over
 from palpate._plot.style import INK, journal, nice, scaled
 from palpate._plot.tables import plot_accuracy, plot_trust
 
@@ -13,6 +14,7 @@ __all__ = [
     "nice",
     "plot_accuracy",
     "plot_forces",
+    "plot_over",
     "plot_touch",
     "plot_trust",
     "scaled",

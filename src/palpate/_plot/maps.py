@@ -42,10 +42,21 @@ def plot_touch(
     title: str | None = None,
     ax: Axes | None = None,
     seen_from: str = "inside",
+    picture: Any = None,
 ) -> Figure:
     """A figure of one frame; see `Touch.plot`."""
     require("figures", "matplotlib")
     one = touch.frame(frame)
+    if picture is not None:
+        from palpate._plot.over import plot_over
+
+        if truth is not None or ax is not None or seen_from != "inside":
+            raise InvalidInput(
+                "over a picture there is neither truth, ax nor seen_from: leave them out (palpate.camera.overlay draws a truth beside)."
+            )
+        if not (isinstance(picture, tuple) and len(picture) == 2 and hasattr(picture[1], "pixels")):
+            raise InvalidInput("picture must be (image, view): the picture and where it lies, a palpate.camera.View.")
+        return plot_over(one, picture[0], picture[1], title=title)
     values = to_numpy(one.values).astype(np.float64)
     true = None if truth is None else to_numpy(truth).astype(np.float64)
     if true is not None and true.shape != values.shape:

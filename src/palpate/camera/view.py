@@ -86,7 +86,10 @@ class Lens:
         cv2 = opencv()
         # the default of five steps leaves hundredths of a pixel in the corners
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-12)
-        found = np.asarray(cv2.undistortPoints(flat, self.matrix, self.distortion, None, None, None, criteria))
+        # OpenCV 4 has another function for it
+        undistorted = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)
+        args = (None, None) if undistorted is not cv2.undistortPoints else (None, None, None)
+        found = np.asarray(undistorted(flat, self.matrix, self.distortion, *args, criteria))
         found = found.reshape(-1, 2) @ self.matrix[:2, :2].T + self.matrix[:2, 2]
         return np.asarray(found).reshape(given.shape)
 

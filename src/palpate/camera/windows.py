@@ -227,6 +227,8 @@ def windows_of(
     if slopes is not None:
         at = at + np.einsum("nij,jyx->niyx", slopes, arms)
     columns, rows = at[:, 0].astype(np.float32), at[:, 1].astype(np.float32)
+    if int(cv2.__version__.partition(".")[0]) < 5:
+        return _between(level, columns, rows)
     out = np.empty(columns.shape, dtype=np.float32)
     most = max(1, ROWS // side)  # of windows at a time
     for first in range(0, len(out), most):
@@ -235,6 +237,20 @@ def windows_of(
         found = cv2.remap(level, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         out[part] = found.reshape(-1, side, side)
     return out
+
+
+def _between(
+    level: npt.NDArray[np.uint8], columns: npt.NDArray[np.float32], rows: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]:
+    """The same by NumPy: remap of OpenCV 4 rounds places to 1/32 of a pixel, which is more than dots are known to."""
+    height, width = level.shape
+    columns, rows = np.clip(columns, 0.0, width - 1.0), np.clip(rows, 0.0, height - 1.0)
+    left, top = (np.minimum(axis.astype(np.intp), size - 2) for axis, size in ((columns, width), (rows, height)))
+    across, down = columns - left.astype(np.float32), rows - top.astype(np.float32)
+    flat, at = level.astype(np.float32).ravel(), top * width + left
+    upper = flat[at] + across * (flat[at + 1] - flat[at])
+    lower = flat[at + width] + across * (flat[at + width + 1] - flat[at + width])
+    return np.asarray(upper + down * (lower - upper), dtype=np.float32)
 
 
 def _errors(

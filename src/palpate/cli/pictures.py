@@ -126,7 +126,7 @@ def track_pictures(
     for note in forces.notes:
         typer.echo(f"note: {note}")
     if strongest is not None and picture is not None:
-        save_figure(overlay(strongest[1], strongest[2], view), picture)
+        save_figure(overlay(strongest[1], strongest[2], view, show="all"), picture)
     _said(taken, lost, faults, notes, "dots" if readings.texture is None else "places")
     if health is not None:
         typer.echo(str(health))

@@ -521,6 +521,7 @@ class Touch(Numbers):
         title: str | None = None,
         ax: Axes | None = None,
         seen_from: str = "inside",
+        picture: Any = None,
     ) -> Figure:
         """A figure of pressure, shear and their uncertainty (of one ``frame`` of a batch), for a journal's page.
 
@@ -536,6 +537,8 @@ class Touch(Numbers):
         seen_from : str
             "inside" (default): x to the right, y up and z, which points into the pad, towards the viewer, as a camera behind a gel sees it; "outside": y down, as one
             who looks at the surface sees it.
+        picture : (image, View), optional
+            The picture that it was found in and where that lies (`palpate.camera`): everything is drawn over it, in its pixels.
 
         Notes
         -----
@@ -554,7 +557,7 @@ class Touch(Numbers):
         """
         from palpate._plot import plot_touch
 
-        return plot_touch(self, frame=frame, truth=truth, title=title, ax=ax, seen_from=seen_from)
+        return plot_touch(self, frame=frame, truth=truth, title=title, ax=ax, seen_from=seen_from, picture=picture)
 
     def plot_forces(self, *, ax: Axes | None = None, events: Sequence[Any] = (), title: str | None = None) -> Figure:
         """A figure of the forces over time with their 95 % bands, and of peak pressure and (with `friction`) slip margin.
