@@ -77,8 +77,8 @@ LIKELY = 0.15
 SETTLED = 0.1
 #: Channels' noise and contact are found in turn, so often at most; the noise of all, so often.
 TURNS, TURNS_OF_ALL = 4, 2
-#: Rounds of leaving readings out: each finds what larger ones hid; two more where a channel is broken. Of adding missing cells.
-ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN, ROUNDS_OF_CELLS = 4, 2, 12
+#: Rounds of leaving readings out: each finds what larger ones hid; two more where a channel is broken. Of adding cells; so few are not added.
+ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN, ROUNDS_OF_CELLS, FEWEST_CELLS = 4, 2, 12, 0.02
 #: Offsets are found again with the contact, so often.
 ROUNDS_OF_OFFSETS = 2
 #: All of these together; each comes to rest by itself.
@@ -546,9 +546,7 @@ class ConstrainedEstimator:
         """Mean traction (component, *grid) of contact models by their weights, and the errors of every quantity."""
         return self.posterior.summed_up(members)
 
-    def _nothing(
-        self, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Floats | float = 0.0
-    ) -> Frame:
+    def _nothing(self, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Any = 0.0) -> Frame:
         """No contact; ``alone`` is what readings that are left out may yet say of it."""
         grid, names = self.operator.surface, self.operator.surface.components
         shape = (len(names), *grid.shape)
@@ -607,9 +605,12 @@ class ConstrainedEstimator:
             )
             pull = np.abs(self.cone.project(slope * self.cone.scales[:, None])[-1])
             pull[region] = 0.0
-            if not (pull > reference).any():
+            # the edge of what is hardly felt grows by a few cells in many rounds; models have a margin of their own
+            beside = dilated(region.reshape(grid.shape), 1).ravel()
+            missing = pull > reference
+            if not (missing & ~beside).any() and missing.sum() <= FEWEST_CELLS * region.sum():
                 break
-            region |= pull > reference
+            region |= missing
             start = traction
         return traction, explained
 
