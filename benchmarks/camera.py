@@ -12,6 +12,7 @@ with the tracker, by the dots alone and with a map of the surface's depth where 
 from __future__ import annotations
 
 import argparse
+import re
 import tempfile
 import time
 from collections.abc import Iterator
@@ -24,11 +25,12 @@ import palpate as pp
 from palpate.camera import (
     DepthMap,
     Dots,
+    Flow,
     Looks,
     Markers,
     Scene,
+    Texture,
     dot_grid,
-    find_dots,
     follow,
     open_pictures,
     write_video,
@@ -59,7 +61,24 @@ CASES: dict[str, tuple[float, dict[str, Any], float, dict[str, Any]]] = {
     "JPEG 25": (1.0, {"compression": 25}, DIAMETER, {}),
     "blur 1.5 pixels": (1.0, {"blur": 1.5}, DIAMETER, {}),
     "coloured light, shading": (1.0, {"colour": 1.0, "shading": 0.5}, DIAMETER, {}),
+    "ten half-lost": (3.0, {"halved": 10}, DIAMETER, {}),
+    "four touching": (3.0, {"touching": 4}, DIAMETER, {}),
     "glare on two dots": (1.0, {"glare": ((90.0, 80.0, 9.0), (200.0, 150.0, 9.0))}, DIAMETER, {}),
+}
+#: label: (force of the ball [N], looks, grain [m], between places [m]); of a texture
+TEXTURES: dict[str, tuple[float, dict[str, Any], float, float]] = {
+    "at rest": (0.0, {}, 0.15e-3, 1e-3),
+    "pressed, 1 N": (1.0, {}, 0.15e-3, 1e-3),
+    "pressed, 3 N": (3.0, {}, 0.15e-3, 1e-3),
+    "pressed, 6 N": (6.0, {}, 0.15e-3, 1e-3),
+    "every 0.6 mm": (1.0, {}, 0.15e-3, 0.6e-3),
+    "every 2 mm": (1.0, {}, 0.15e-3, 2e-3),
+    "spots of 0.08 mm": (1.0, {}, 0.08e-3, 1e-3),
+    "spots of 0.3 mm": (1.0, {}, 0.3e-3, 1e-3),
+    "noise 10": (1.0, {"noise": 10.0}, 0.15e-3, 1e-3),
+    "JPEG 25": (1.0, {"compression": 25}, 0.15e-3, 1e-3),
+    "contrast 0.1": (1.0, {"contrast": 0.1}, 0.15e-3, 1e-3),
+    "glare": (1.0, {"glare": ((90.0, 80.0, 9.0), (200.0, 150.0, 9.0))}, 0.15e-3, 1e-3),
 }
 KINDS = ("ball", "sliding ball", "twisted ball", "edge", "sliding edge")
 
@@ -67,12 +86,48 @@ KINDS = ("ball", "sliding ball", "twisted ball", "edge", "sliding edge")
 def scene(base: Scene, seed: int, diameter: float = DIAMETER, looks: dict[str, Any] | None = None) -> Scene:
     rng = np.random.default_rng((1, seed))
     grid = dot_grid((7, 9), PITCH, jitter=2e-5, rng=rng) + rng.uniform(-1e-4, 1e-4, 2)
-    return base.changed(print=Dots(grid, diameter), looks=Looks(**(looks or {})))
+    given = dict(looks or {})
+    halved = rng.choice(len(grid), given.pop("halved", 0), replace=False)
+    for dot in rng.choice(np.flatnonzero(np.arange(len(grid)) % 9 != 8), given.pop("touching", 0), replace=False):
+        grid[dot] = grid[dot + 1] - [1.02 * diameter, 0.0]
+    return base.changed(print=Dots(grid, diameter, tuple(int(i) for i in halved)), looks=Looks(**given))
+
+
+def texture(base: Scene, seeds: int) -> Iterator[str]:
+    """Of speckles, at the places that are read: the truth there."""
+    yield "| pictures | places | largest move [pixels] | error, median | root mean square | largest | std, root mean square | within 1 std | within 1.96 std | lost |"
+    yield "|---" * 10 + "|"
+    for label, (force, looks, grain, apart) in TEXTURES.items():
+        error, std, lost, count, most = [], [], 0, 0, 0.0
+        for seed in range(seeds):
+            one, rng = (
+                base.changed(print=Texture(grain, seed=seed), looks=Looks(**looks)),
+                np.random.default_rng((4, seed)),
+            )
+            contact = None
+            if force:
+                ball = pp.solutions.hertz_point(radius=2.5e-3, force=force).shifted(*rng.uniform(-2e-3, 2e-3, 2))
+                contact = one.skin.sample(ball.sliding(0.3, direction=float(rng.uniform(0.0, 6.28))))
+            flow = Flow(one.picture(rng=rng), spacing=apart / SCALE)
+            moved = flow.follow(one.picture(contact, rng=rng))
+            places = one.view.places(flow.positions)
+            move = np.zeros_like(places)
+            if contact is not None:
+                move = one.view.pixels(places + one.displacement(contact, places)[:, :2]) - flow.positions
+            kept = ~moved.lost
+            error.append((moved.displacement - move)[kept])
+            std.append(moved.std[kept])
+            lost, count, most = lost + int((~kept).sum()), count + len(kept), max(most, float(np.abs(move).max()))
+        e, s = np.abs(np.concatenate(error)), np.concatenate(std)
+        yield (
+            f"| {label} | {count} | {most:.1f} | {np.median(e):.3f} | {np.sqrt((e**2).mean()):.3f} | {e.max():.2f} | {np.sqrt((s**2).mean()):.3f} | "
+            f"{np.mean(e < s):.2f} | {np.mean(e < 1.96 * s):.2f} | {100 * lost / count:.1f} % |"
+        )
 
 
 def displacement(base: Scene, seeds: int) -> Iterator[str]:
-    yield "| pictures | dots | largest move [pixels] | error, median | root mean square | largest | within 1 std | within 1.96 std | lost | wrong dot |"
-    yield "|---" * 10 + "|"
+    yield "| pictures | dots | largest move [pixels] | error, median | root mean square | largest | std, root mean square | within 1 std | within 1.96 std | lost | wrong dot |"
+    yield "|---" * 11 + "|"
     for label, (force, looks, diameter, stage) in CASES.items():
         error, std, lost, count, wrong, most = [], [], 0, 0, 0, 0.0
         for seed in range(seeds):
@@ -101,8 +156,8 @@ def displacement(base: Scene, seeds: int) -> Iterator[str]:
             most = max(most, float(np.abs((truth.pixels - truth.rest)[which]).max()))
         e, s = np.abs(np.concatenate(error)), np.concatenate(std)
         yield (
-            f"| {label} | {count} | {most:.1f} | {np.median(e):.3f} | {np.sqrt((e**2).mean()):.3f} | {e.max():.2f} | {np.mean(e < s):.2f} | "
-            f"{np.mean(e < 1.96 * s):.2f} | {100 * lost / count:.1f} % | {wrong} |"
+            f"| {label} | {count} | {most:.1f} | {np.median(e):.3f} | {np.sqrt((e**2).mean()):.3f} | {e.max():.2f} | {np.sqrt((s**2).mean()):.3f} | "
+            f"{np.mean(e < s):.2f} | {np.mean(e < 1.96 * s):.2f} | {100 * lost / count:.1f} % | {wrong} |"
         )
 
 
@@ -221,10 +276,17 @@ def rate(base: Scene) -> Iterator[str]:
     import cv2
 
     cv2.setNumThreads(1)
-    yield "| pictures | dots | decode [ms] | find and follow [ms] | track [ms] | pictures a second |"
+    yield "| pictures | dots or places | decode [ms] | find and follow [ms] | track [ms] | pictures a second |"
     yield "|---" * 6 + "|"
-    for size, scale in ((SIZE, SCALE), ((640, 480), SCALE / 2.0)):
-        one = Scene(pad=GEL, depth=DEPTH, print=Dots(dot_grid((7, 9), PITCH), DIAMETER), size=size, scale=scale)
+    dots, speckles = Dots(dot_grid((7, 9), PITCH), DIAMETER), Texture(0.15e-3)
+    shown: list[tuple[tuple[int, int], float, Dots | Texture]] = [
+        (SIZE, SCALE, dots),
+        ((640, 480), SCALE / 2.0, dots),
+        ((160, 120), 2.0 * SCALE, speckles),
+        (SIZE, SCALE, speckles),
+    ]
+    for size, scale, print_ in shown:
+        one = Scene(pad=GEL, depth=DEPTH, print=print_, size=size, scale=scale)
         rng = np.random.default_rng(0)
         ball = one.skin.sample(pp.solutions.hertz_point(radius=2.5e-3, force=1.0).sliding(0.3))
         with tempfile.TemporaryDirectory() as folder:
@@ -236,7 +298,7 @@ def rate(base: Scene) -> Iterator[str]:
             with open_pictures(f"{folder}/a.mp4") as source:
                 images = [p.image for p in source]
             decode = (time.process_time() - started) / len(images)
-        markers = Markers(images[:5])
+        markers = Markers(images[:5]) if print_ is dots else Flow(images[:5], spacing=1.5e-3 / scale)
         skin = gel_skin(
             pp.Skin(GEL, pp.AreaArray(shape=(7, 9), pitch=PITCH, depth=DEPTH, channels=CHANNELS)),
             one.view.places(markers.positions),
@@ -256,7 +318,7 @@ def rate(base: Scene) -> Iterator[str]:
                     spent["track"].append(time.process_time() - started)
         each = [1e3 * decode, *(1e3 * float(np.median(v)) for v in spent.values())]
         yield (
-            f"| {size[0]} x {size[1]} | {len(find_dots(images[0]).positions)} | "
+            f"| {size[0]} x {size[1]}, {'dots' if print_ is dots else 'texture every 1.5 mm'} | {len(markers.positions)} | "
             + " | ".join(f"{v:.1f}" for v in each)
             + f" | {1e3 / sum(each):.0f} |"
         )
@@ -264,20 +326,27 @@ def rate(base: Scene) -> Iterator[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("tables", nargs="*", choices=["displacement", "force", "rate", []], help="default: all")
+    parser.add_argument(
+        "tables", nargs="*", choices=["displacement", "texture", "force", "rate", []], help="default: all"
+    )
     parser.add_argument("--seeds", type=int, default=5, help="prints and contacts of each row of displacement")
     parser.add_argument("--frames", type=int, default=4, help="contacts of each kind")
-    parser.add_argument("--markdown", type=Path, help="file for the tables")
+    parser.add_argument("--markdown", type=Path, help="file for the tables; those that are not made stay as they are")
     args = parser.parse_args()
     base = Scene(pad=GEL, depth=DEPTH, print=Dots(dot_grid((7, 9), PITCH), DIAMETER), size=SIZE, scale=SCALE)
     makers = {
         "displacement": lambda: displacement(base, args.seeds),
+        "texture": lambda: texture(base, max(1, args.seeds // 2)),
         "force": lambda: force(base, args.frames),
         "rate": lambda: rate(base),
     }
     lines: list[str] = []
+    before = args.markdown.read_text() if args.markdown is not None and args.markdown.exists() else ""
     for name, maker in makers.items():
         if args.tables and name not in args.tables:
+            # what is not made again is kept
+            found = re.search(rf"\n## {name.capitalize()}\n.*?(?=\n## |\Z)", before, re.S)
+            lines += [found[0].rstrip("\n")] if found else []
             continue
         lines += [f"\n## {name.capitalize()}\n"]
         for line in maker():
