@@ -53,7 +53,6 @@ autodoc_type_aliases = dict.fromkeys(("Floats", "Complexes", "npt.NDArray"), "nu
     ("ArrayLike", "npt.ArrayLike"), "numpy.typing.ArrayLike"
 )
 autodoc_member_order = "bysource"
-autodoc_default_options = {"show-inheritance": False}
 autosummary_generate = False  # the pages of names are written below
 napoleon_google_docstring = False
 napoleon_use_rtype = napoleon_use_param = False  # types in docstrings are words
