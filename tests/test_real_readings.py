@@ -302,3 +302,19 @@ def test_no_constant_makes_smaller_what_is_stated() -> None:
             for body in ("half-space", "layers"):
                 found = constants("adaptive", Case(contact, sensing, body)).quantities
                 assert min(found[name].scale for name in ("traction", "force", "peak_pressure")) >= STATED
+
+
+def test_an_offset_of_displacement_on_a_half_space_is_no_wide_pressure() -> None:
+    """Displacement is felt far away, and wide pressure explains an offset with nothing left over: the force was half as large again, without a word."""
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
+    ball = pp.solutions.hertz_point(radius=4e-3, force=1.0).shifted(1e-3, -1e-3)
+    grid = pp.AreaGrid(shape=(32, 40), spacing=0.5e-3)
+    plain = pp.AreaArray(shape=(8, 10), pitch=2e-3, depth=4e-3, channels=["displacement_z"])
+    clean = np.asarray(pp.Skin(pad, plain, surface=grid).sense(ball))
+    noise = 0.003 * float(np.abs(clean).max())
+    offset = 0.17 * float(np.abs(clean).max())
+    readings = clean + offset + noise * np.random.default_rng(4).standard_normal(clean.shape)
+    array = pp.AreaArray(shape=(8, 10), pitch=2e-3, depth=4e-3, channels=["displacement_z"], noise=noise)
+    touch = pp.Skin(pad, array).reconstruct(readings)
+    assert float(touch.force[2]) == pytest.approx(1.0, abs=0.05)
+    assert any("shift along z" in note for note in touch.notes)

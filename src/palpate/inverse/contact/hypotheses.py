@@ -38,6 +38,11 @@ Index = npt.NDArray[np.intp]
 HALF = 0.5
 #: What is left is just the noise that was given up to so many standard errors of its root mean square, 1/sqrt(2 n) of n readings.
 SURE = 2.0
+#: Steps of nuisances that shrink by less than this are summed as a geometric series: this part of it, so as not to go too far (wide pressure then
+#: takes the place of the offset), and no more than so many times the last.
+SLOW, PART, FARTHEST = 0.5, 0.7, 20.0
+#: A compact contact leaves at least this part of the readings' degrees of freedom.
+NARROW = 0.8
 #: The mean of so many outermost taxels at least, up to so many of its standard errors, is no offset: one that passes is smaller than what counts as
 #: there (`Thresholds.nuisance` standard errors of all).
 FEWEST_QUIET, QUIET = 8, 1.5
@@ -168,7 +173,8 @@ def with_nuisance(
 ) -> tuple[Rough, Floats, Floats]:
     """The rough solution with the nuisances that are there, their sizes, and their standard deviations given the contact.
 
-    Sizes and contact are found in turn: the sizes from what the contact leaves, by least squares.
+    Sizes and contact are found in turn: the sizes from what the contact leaves, by least squares. Where displacement is felt far away each
+    turn ends only a quarter of the way: then the steps' geometric series is summed (A. C. Aitken, Proc. R. Soc. Edinburgh 46, 1927, 289-305).
     """
     t = estimator.thresholds
     readings = estimator.readings
@@ -176,7 +182,7 @@ def with_nuisance(
     unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
     sizes, present = start.copy(), np.ones(len(terms), dtype=bool)
     best: Rough | None = None
-    deviation = np.zeros(len(terms))
+    deviation, last = np.zeros(len(terms)), np.zeros(len(terms))
     for _ in range(t.nuisance_rounds):
         clean = sign * (data - columns @ sizes)
         found = rough(estimator, clean, observed, total, int(present.sum()), noise_at_first)
@@ -188,6 +194,10 @@ def with_nuisance(
         allowed = readings.allowing(columns[:, present])
         change = np.zeros(len(terms))
         change[present] = allowed.sizes_of(left, observed)
+        ratio = np.divide(change, last, out=np.zeros_like(change), where=last != 0.0)
+        slow = (ratio > SLOW) & (ratio < 1.0)
+        last = np.where(slow, 0.0, change)
+        change = np.where(slow, change * (1.0 + PART * ratio / np.maximum(1.0 - ratio, 1.0 / FARTHEST)), change)
         sizes = sizes + change
         present = np.abs(sizes) > t.nuisance * deviation
         sizes = np.where(present, sizes, 0.0)
@@ -240,8 +250,10 @@ def hypothesis_of(
             seen &= np.abs(rest) > HALF * t.smallest_nuisance * _reach(columns, data)
         doubt = seen.any() or best.rough.ring > t.edge
         doubt |= _worth(estimator, best, data, total) and not _just_noise(estimator, best, data, observed, terms)
-        if doubt:
-            for sign in {h.sign for h in tried}:
+        # an offset of displacement on a half-space is explained by wide pressure, and nothing is left over
+        wide = estimator.far and estimator.problem.pad.thickness is None and best.rough.free < NARROW * observed.sum()
+        if doubt or wide:
+            for sign in {h.sign for h in tried} if doubt else (best.sign,):
                 found, sizes, _ = with_nuisance(estimator, data, observed, total, terms, sign, levels, noise)
                 # one as large as the readings themselves is no offset, and a very small one is what the model cannot follow
                 part = np.abs(sizes) / np.maximum(_reach(columns, data), 1e-300)

@@ -139,8 +139,8 @@ class Thresholds:
     ring: float = 0.7
     #: A nuisance is there if its size is this many standard deviations (once in 16,000 frames without it).
     nuisance: float = 4.0
-    #: Rounds in which nuisances and contact are found in turn: they come to rest in three.
-    nuisance_rounds: int = 5
+    #: Rounds in which nuisances and contact are found in turn: they come to rest in three, in ten where they are hard to tell apart.
+    nuisance_rounds: int = 12
     #: Gain that a nuisance, and that another sign than pushing, must bring to be believed.
     per_nuisance: float = 3.0
     other_sign: float = 3.0
