@@ -376,7 +376,7 @@ class Skin:
 
         Parameters
         ----------
-        traction : array (*batch, component, *surface) [Pa], or a contact of `palpate.solutions`: its mean on each cell (for one of few cells, finer ones)
+        traction : array (*batch, component, *surface) [Pa], or a contact of `palpate.solutions`, of which each cell takes the mean: a contact of a few cells needs a finer surface
         rng : numpy Generator, optional
             Adds the arrays' own noise.
         time : array (frame,), optional

@@ -174,7 +174,7 @@ def with_nuisance(
     """The rough solution with the nuisances that are there, their sizes, and their standard deviations given the contact.
 
     Sizes and contact are found in turn: the sizes from what the contact leaves, by least squares. Where displacement is felt far away each
-    turn ends only a quarter of the way: then the steps' geometric series is summed (A. C. Aitken, Proc. R. Soc. Edinburgh 46, 1927, 289-305).
+    turn goes only a quarter of the way: then most of the steps' geometric series is summed (A. C. Aitken, Proc. R. Soc. Edinburgh 46, 1926, 289-305).
     """
     t = estimator.thresholds
     readings = estimator.readings
