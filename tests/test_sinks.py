@@ -333,6 +333,7 @@ def test_full_disk(tmp_path: Path, suffix: str) -> None:
         "import resource, signal, sys, numpy as np\n"
         "from palpate import InvalidInput\n"
         "from palpate.recordings import recorder\n"
+        "sys.dont_write_bytecode = True  # none torn\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "out = recorder(sys.argv[1], ['stress_zz'])\n"
         "rng = np.random.default_rng(0)\n"
