@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 import tomllib
 from pathlib import Path
 
@@ -21,6 +22,7 @@ def blocks(page: Path, language: str) -> list[str]:
 
 #: Pages whose examples take a second or more.
 SLOW = ("archives.md", "cells.md", "glued.md", "live.md", "shear.md", "sinks.md")
+OUTPUTS = runpy.run_path(str(ROOT / "docs" / "_outputs.py"))
 WITH_CODE = [p for p in PAGES if blocks(p, "python")]
 
 
@@ -28,9 +30,37 @@ WITH_CODE = [p for p in PAGES if blocks(p, "python")]
     "page",
     [pytest.param(p, id=p.name, marks=[pytest.mark.long] if p.name in SLOW else []) for p in WITH_CODE],
 )
-def test_code_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_runs_and_prints_what_the_page_shows(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    exec(compile("\n".join(blocks(page, "python")), str(page), "exec"), {})
+    text = page.read_text()
+    printed = OUTPUTS["printed"](text, str(page))
+    if page.name != "README.md":
+        assert OUTPUTS["differences"](text, printed) == [], "python docs/_outputs.py --write"
+
+
+def test_what_a_page_shows_is_compared_up_to_the_last_digit() -> None:
+    same = OUTPUTS["same"]
+    assert same("force 1.002 N (0.99 to 1.01)\n", "force  1.003 N (0.99 to 1.01)")
+    assert same("[ 0.45 -0.    1.18]", "[0.45 0.   1.18]")
+    assert same("took ... s, 3 frames", "took 0.3 s, 3 frames")
+    assert not same("force 1.002 N", "force 1.05 N")
+    assert not same("force 1.002 N", "moment 1.002 N")
+    assert not same("3 frames", "4 frames")
+    assert not same("1.5e+03", "1.5e+04")
+    assert not same("3 frames", "3 frames, 1 late")
+
+
+def test_a_page_that_shows_nothing_or_something_else_is_told_and_mended() -> None:
+    page = "Before.\n\n```python\nx = 2\n```\n\n1. In a list:\n\n   ```python\n   print(x)\n   ```\n\nAfter.\n"
+    printed = OUTPUTS["printed"](page, "page.md")
+    assert printed == ["", "2"]
+    assert len(OUTPUTS["differences"](page, printed)) == 1
+    mended = OUTPUTS["written"](page, printed)
+    assert "   ```\n\n   ```output\n   2\n   ```\n\nAfter." in mended
+    assert OUTPUTS["differences"](mended, printed) == []
+    stale = mended.replace("output\n   2", "output\n   3")
+    assert len(OUTPUTS["differences"](stale, printed)) == 1
+    assert OUTPUTS["written"](stale, printed) == mended
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "toml")], ids=lambda p: p.name)

@@ -36,7 +36,10 @@ FILES = (".mcap", ".nc", ".h5", ".zarr")
 def room(limit: int) -> Iterator[None]:
     """No file may grow beyond ``limit`` bytes: writes fail half-way, as on a full disk (EFBIG in place of ENOSPC)."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    bytecode, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # Python would keep a torn .pyc of what it imports
+    bytecode, sys.dont_write_bytecode = (
+        sys.dont_write_bytecode,
+        True,
+    )  # Python would keep a torn .pyc of what it imports
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
     try:
         yield
