@@ -22,6 +22,8 @@ import typer.testing
 
 from palpate.cli import main
 
+#: A mistake in a command line, as Typer tells it.
+UsageError: Any = typer.BadParameter.__base__
 #: The tree of commands: made once in a process, as it is where a user starts one.
 tree = functools.cache(typer.main.get_command)
 
