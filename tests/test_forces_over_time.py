@@ -15,8 +15,9 @@ from command_line import run
 from palpate._plot import arrow_cells, nice, plot_forces
 from palpate.archives.rested import Rest
 from palpate.grasp import Event
+from palpate.live.session import Session
 from palpate.recordings import read_touch, write_recording, write_touch
-from palpate.sensing.zero import Levels, zero_of
+from palpate.sensing.zero import FRAMES, STANDS, Levels, zero_of
 from palpate.touch import Forces
 from palpate.touch.rounding import decimals, said
 from palpate.touch.table import table_words
@@ -156,6 +157,51 @@ def test_raw_counts_are_noticed_and_zeroed(folder: Path, press: tuple[pp.Skin, A
     assert (one.frames, one.frame, len(one.table)) == (1, 11, 1)
     np.testing.assert_allclose(one.touch.force, done.table.loc[11, ["force_x (N/m)", "force_z (N/m)"]].astype(float))
     assert float(read_touch(one.path).time[0]) == pytest.approx(11 / 50)
+
+
+def test_offsets_that_noise_explains_are_noticed_because_they_stay(tmp_path: Path) -> None:
+    """Offsets of either sign, twice as large as the press: "no contact" by themselves in every frame, but noise would change."""
+    (tmp_path / "skin.toml").write_text(SKIN)
+    skin = pp.Skin.from_file(tmp_path / "skin.toml")
+    rng = np.random.default_rng(3)
+    press = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0).sliding(0.3))
+    loads = np.r_[np.zeros(16), np.linspace(0.1, 1.0, 4), np.zeros(4)]
+    noise = NOISE * rng.standard_normal((24, 2, 15))
+    raw = loads[:, None, None] * press + noise + 2.0 * abs(press).max() * rng.standard_normal((2, 15))
+    levels = Levels()
+    levels.look(raw)
+    assert not levels.standing()
+
+    with skin.track() as tracker:
+        notes = [tracker.step(frame, i / 50).notes for i, frame in enumerate(raw)]
+    assert not any(STANDS in n for n in notes[:FRAMES])
+    assert all(STANDS in n for n in notes[FRAMES + 1 :])
+    assert "--baseline 10" in STANDS
+    for readings, baseline in (
+        (raw, 10),
+        (raw, raw[0]),
+        (raw - raw[0], 0),
+        (noise, 0),
+    ):  # what it says to do, and a sensor without offsets
+        with skin.track(baseline=baseline) as tracker:
+            touches = [tracker.step(frame, i / 50) for i, frame in enumerate(readings)]
+        assert not any(STANDS in touch.notes for touch in touches)
+        if readings is not noise:
+            np.testing.assert_allclose(touches[19].force[1], 10.0, atol=0.5)
+
+    recording = pp.Recording(readings=raw, channels=("stress_xz", "stress_zz"), time=np.arange(24) / 50)
+    write_recording(recording, tmp_path / "raw.csv")
+    done = pp.reconstruct_recording(skin, recording, tmp_path / "raw.nc")
+    assert done.remarks == (STANDS,)
+    zeroed = pp.reconstruct_recording(skin, recording, tmp_path / "zeroed.nc", baseline=10)
+    assert zeroed.remarks == ()
+    told = run("track", "raw.csv", "--skin", "skin.toml", cwd=tmp_path)
+    assert told.returncode == 0
+    assert f"note: {STANDS}" in told.stdout
+    session = Session(skin, lambda: zip(recording.time, raw), skin.track(), pp.GraspMonitor(), pace=False, pages=False)
+    session.run()
+    session.stop()
+    assert [text for text in session.past if STANDS in text] == [f"{FRAMES / 50:.3f} s  {STANDS}"]
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,8 @@ from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
 from palpate.recordings.touchstream import Collected
 from palpate.sensing.readings import Creep, Layout, joined_planes
-from palpate.sensing.zero import OFFSETS, Levels
+from palpate.sensing.zero import OFFSETS, STANDS, Levels
+from palpate.status import Status
 from palpate.touch import Touch
 from palpate.touch.table import columns, table_of
 
@@ -254,13 +255,18 @@ def reconstruct_recording(
             finished += task.stop - task.start
             if progress is not None:
                 progress(finished, len(wanted))
-    remarks: tuple[str, ...] = (OFFSETS,) if not baseline and levels.standing() else ()
+    remarks: tuple[str, ...] = ()
+    numbers = gathered.table()
+    if not baseline and levels.standing():
+        remarks = (OFFSETS,)
+    elif not baseline and frame is None and levels.still(np.asarray(numbers["status"] == Status.NO_CONTACT.label)):
+        remarks = (STANDS,)
     if rest is not None and rest.wanders:
         remarks += (
             f"the readings drift in the {baseline} frames of the zero, or something touches: give fewer (--baseline, baseline=)",
         )
     touch, at = gathered.largest
-    return Reconstructed(target, len(wanted), before, at, touch, gathered.table(), remarks)
+    return Reconstructed(target, len(wanted), before, at, touch, numbers, remarks)
 
 
 class _Gathered:

@@ -26,6 +26,7 @@ from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import Event, GraspMonitor
 from palpate.network.waiting import FrameSource
 from palpate.recordings import Sink, recorder
+from palpate.sensing.zero import STANDS
 from palpate.skin import Skin
 from palpate.status import Status
 from palpate.touch import Touch
@@ -171,6 +172,7 @@ class Session:
         self.lost: list[PalpateError] = []
         self._recorder: Sink | None = None
         self.recording: str | None = None
+        self._stands = False  # said once
         self._zero_from = 0  # frames that a new zero is wanted from
 
     def start(self) -> None:
@@ -357,6 +359,9 @@ class Session:
             self.note(f"{time:.3f} s  the zero is taken anew from {wanted} frames: nothing must touch")
         touch = (self.tracker.step if self._step is None else self._step)(reading, time)
         events = self.monitor.update(touch) if "z" in touch.components else []
+        if STANDS in touch.notes and not self._stands:
+            self._stands = True
+            self.note(f"{time:.3f} s  {STANDS}")
         packet = self._packed(touch, events, born) if self._pages else None
         with self._lock:
             self._remember([str(e) for e in events])

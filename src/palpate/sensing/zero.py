@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
-__all__ = ["OFFSETS", "Levels", "far_frames", "zero_of"]
+__all__ = ["FRAMES", "OFFSETS", "STANDS", "STILL", "Levels", "far_frames", "zero_of"]
 
 #: A frame that is so many times as far from the median of the frames as half of them are is no zero: a glitch, or a touch. (Noise: up to
 #: 1.5 times, of twenty readings; a drift in the meantime: twice.)
@@ -22,6 +23,18 @@ MOST = 0.75
 OFFSETS = (
     "most readings stand far from 0 and move little, as raw counts with offsets do, and what stands is taken for load: where nothing touches in the "
     "first frames, make these the zero, such as the first ten with --baseline 10 (baseline=10)"
+)
+
+#: Readings in which nothing is found and that stand so many times as far from 0 as they vary from frame to frame are no noise. (Where a sensor
+#: averages over n frames, they vary by about 1/sqrt(n) of the noise: a hundred are let pass.)
+STILL = 10.0
+#: Frames that must have told how they vary.
+FRAMES = 8
+#: What is then said.
+STANDS = (
+    "where nothing is found, readings stand far from 0 and hardly vary from frame to frame, as raw counts with offsets do: contact may be hidden, or wrong. Where "
+    "nothing touches in the first frames, make these the zero, such as the first ten with --baseline 10 (baseline=10); or take it anew while nothing touches (Z on "
+    "the page, Tracker.rezero)"
 )
 
 
@@ -82,6 +95,11 @@ class Levels:
         self._low: Floats | None = None
         self._high: Floats | None = None
         self._frames = 0
+        self._last: Floats | None = None
+        self._sizes: list[
+            Floats
+        ] = []  # of each frame (channel,): mean square of its readings, and half that of the step from the frame before
+        self._steps: list[Floats] = []
 
     def look(self, frames: Floats) -> None:
         """Some more frames (frame, channel, *array)."""
@@ -89,6 +107,11 @@ class Levels:
         self._low = low if self._low is None else np.fmin(self._low, low)
         self._high = high if self._high is None else np.fmax(self._high, high)
         self._frames += len(frames)
+        flat = np.asarray(frames, dtype=np.float64).reshape(*np.shape(frames)[:2], -1)
+        before = np.full_like(flat[:1], math.nan) if self._last is None else self._last
+        self._last = flat[-1:]
+        self._sizes.append(_mean_square(flat))
+        self._steps.append(0.5 * _mean_square(np.diff(flat, axis=0, prepend=before)))
 
     def standing(self) -> bool:
         """Whether the readings stand far from 0 for all that they move, as raw counts with offsets do.
@@ -102,3 +125,21 @@ class Levels:
         known = np.isfinite(moved)
         largest = float(moved[known].max(initial=0.0))
         return bool(known.any() and largest > 0 and (nearest[known] > STANDING * largest).mean() > MOST)
+
+    def still(self, nothing: np.ndarray[Any, np.dtype[np.bool_]]) -> bool:
+        """Whether the frames (frame,) in which nothing was found stand far from 0 for all that they vary from one to the next, in some channel."""
+        if not self._sizes:
+            return False
+        sizes, steps = np.concatenate(self._sizes), np.concatenate(self._steps)
+        follows = nothing & np.r_[False, nothing[:-1]]
+        known = follows & np.isfinite(steps).all(axis=1)
+        if known.sum() < FRAMES:
+            return False
+        return bool((np.median(sizes[known], axis=0) > STILL**2 * np.median(steps[known], axis=0)).any())
+
+
+def _mean_square(values: Floats) -> Floats:
+    """Over the last axis, of what is there; NaN where nothing is."""
+    there = np.isfinite(values)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return np.asarray((np.where(there, values, 0.0) ** 2).sum(axis=-1) / there.sum(axis=-1))

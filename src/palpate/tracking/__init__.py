@@ -4,6 +4,7 @@
 - `times`: the frames' times, and clocks that begin anew;
 - `health`: readings that are missing, out of range, stuck or unexplained, and how they are left out;
 - `zero`: the baseline and its drift;
+- `standing`: offsets that no zero was taken of;
 - `offsets`: drift that all taxels of a channel share, told from contact;
 - `learning`: the weight of the penalty and the noise;
 - `contact`: what touches in a frame, and whether that explains it;

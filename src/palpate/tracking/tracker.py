@@ -22,6 +22,7 @@ from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors
 from palpate.sensing.readings import Layout
+from palpate.sensing.zero import STANDS
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.tracking.background import Background
@@ -33,6 +34,7 @@ from palpate.tracking.offsets import Offsets
 from palpate.tracking.ready import make_ready
 from palpate.tracking.region import NormalEquations
 from palpate.tracking.search import LOST, TAKEN
+from palpate.tracking.standing import Standing
 from palpate.tracking.times import FrameTime, FrameTimes
 from palpate.tracking.zero import Zero
 from palpate.uncertainty import Case
@@ -172,6 +174,7 @@ class Tracker:
         n, estimator = len(self._std), self.estimator
         self.health = Health(left_out=np.zeros(n, dtype=bool), reasons=np.zeros(n, dtype="<U12"), label=self._label)
         self._check = ReadingCheck(self.health, self._limits)
+        self._standing = Standing()
         self._times = FrameTimes(self.rate)
         self._zero = Zero(self._given_zero, self._zero_frames, self.drift_time)
         self._learning = Learning(estimator)
@@ -360,6 +363,7 @@ class Tracker:
         if not check.enough(np.isfinite(scaled)):
             return Status.MISSING, False
         if zero.baseline is None or zero.capturing:
+            self._standing = Standing()
             learning.take_noise(zero.capture(scaled))
             return Status.CAPTURING_ZERO, True
         if known is not None:
@@ -395,6 +399,9 @@ class Tracker:
             health.rezeroed += zero.follow(scaled, elapsed, noise)
             if follows:
                 zero.shift(offsets.follow(y, unused))
+            self._standing.look(y, unused)
+            if self._standing.now:
+                self._said.append(STANDS)
             check.forgive(np.abs(y) < UNEXPLAINED * noise, 1)
             learning.doubt(y[~unused])
             if health.frames % EVERY == 0 or math.isnan(self._fit):
@@ -429,6 +436,9 @@ class Tracker:
     def _say(self, elapsed: float) -> None:
         """What there is to say about the present contact."""
         contact, said = self._contact, self._said
+        self._standing.interrupt()
+        if self._standing.now:
+            said.append(STANDS)
         if not contact.pushing:
             said.append(
                 "traction of either sign was sought, which explains the readings" + ("" if contact.fits else " better")
