@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 import palpate as pp
+from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.cone import Cone, Face, Ray, minimise
 from palpate.inverse.contact.differences import Differences
 from palpate.inverse.contact.factors import Bordered, Chain, Dense, Factor, FewReadings, cholesky
 from palpate.inverse.contact.quadratic import Formed, Penalty, Unformed, formed_or_not, prior_factor
+from palpate.inverse.contact.responses import Responses
 from palpate.inverse.contact.rows import Rows
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.spectrum import DataSpectrum
@@ -31,9 +35,9 @@ def problem(
     cells = np.flatnonzero(rng.random(grid.shape).ravel() < 0.8)
     if order == 1:
         tau = np.exp(3.0 * rng.standard_normal(grid.shape))
-        each = [d.local(0.3 * tau)] * (c - 1) + [d.local(tau)]
+        each = d.local(np.stack([0.3 * tau] * (c - 1) + [tau]))
     else:
-        each = [d.even(2, 0.1 * (i + 1)) for i in range(c)]
+        each = d.even(2, [0.1 * (i + 1) for i in range(c)])
     penalty = Penalty(cells, each, grid.shape)
     columns = scale * rng.standard_normal((c * len(cells), readings)) / np.sqrt(readings)
     formed = Formed(penalty.added(columns @ columns.T))
@@ -44,8 +48,13 @@ def problem(
 def test_local_weights_are_those_of_differences_over_their_scale() -> None:
     d = Differences(pp.AreaGrid(shape=(4, 5), spacing=(0.5, 0.25)))
     tau = np.exp(np.random.default_rng(0).standard_normal((4, 5)))
-    expected = sum(m.T @ np.diag(1.0 / e.ravel()) @ m for m, e in zip((a.toarray() for a in d.along), d.on_edges(tau)))
-    np.testing.assert_allclose(d.local(tau).toarray(), expected, rtol=1e-12, atol=1e-12)
+    along = [a.toarray() for a in d.along]
+    expected = sum(m.T @ np.diag(1.0 / e.ravel()) @ m for m, e in zip(along, d.on_edges(tau[None])))
+    np.testing.assert_allclose(d.local(tau[None])[0].toarray(), expected, rtol=1e-12, atol=1e-12)
+
+    fields = np.random.default_rng(1).standard_normal((3, 20))
+    for one, across in zip(along, d.across(fields)):
+        np.testing.assert_allclose(across, fields @ one.T, rtol=1e-12, atol=1e-12)
 
 
 def test_a_factor_of_no_unknowns() -> None:
@@ -186,3 +195,30 @@ def test_another_friction_shares_what_does_not_depend_on_it(monkeypatch: pytest.
     assert made.count(0) == 2, "once for each skin"
     np.testing.assert_allclose(spectra[1].eigenvalues, spectra[2].eigenvalues, rtol=1e-8, atol=1e-12)
     assert np.abs(spectra[0].eigenvalues - spectra[1].eigenvalues).max() > 1e-3 * spectra[0].eigenvalues.max()
+
+
+def test_shear_that_nothing_holds_is_eliminated_once() -> None:
+    """The second factor of a matrix on which pressure alone is held keeps what the first left of shear; it is the whole matrix's own factor."""
+    formed, _, _, linear, _, _ = problem()
+    c, n = linear.shape
+    cone = Cone(("x", "y", "z"))
+    rng = np.random.default_rng(5)
+    for _ in range(3):
+        face = Face(*cone.directions(rng.standard_normal((c, n))), False)
+        factor = formed.factor(face, np.zeros(len(face.index)))
+        expected = np.linalg.cholesky(formed.matrix[np.ix_(face.index, face.index)])
+        np.testing.assert_allclose(factor.lower, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_small_operator_kept_as_a_matrix_is_the_operator_and_its_adjoint() -> None:
+    array = pp.AreaArray(shape=(3, 4), pitch=2e-3, depth=1e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.4), array)
+    estimator = AdaptiveEstimator(skin.problem(), Cone(("x", "y", "z")))
+    small = estimator._responses
+    large = Responses(small.operator, small.columns, small.readings)
+    large.__dict__["_matrix"] = None
+    rng = np.random.default_rng(2)
+    traction = rng.standard_normal((3, math.prod(small.operator.surface.shape)))
+    data = rng.standard_normal(36)
+    np.testing.assert_allclose(small.of(traction), large.of(traction), rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(small.back(data), large.back(data), rtol=1e-10, atol=1e-10)

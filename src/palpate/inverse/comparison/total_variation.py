@@ -54,13 +54,11 @@ class _TotalVariation(WholeMap):
         solution = None
         for _ in range(ROUNDS):
             hessian = p.gram.copy()
-            for i in range(p.shape[0]):
-                energy = self.differences.energy([(d @ x[i]) ** 2 for d in self.differences.along])
-                size = np.sqrt(grid.dimensions * energy)
-                size = np.maximum(size, SMALLEST_GRADIENT * max(float(size.max()), 1e-300))
-                hessian[i * n : (i + 1) * n, i * n : (i + 1) * n] += (
-                    parameter * grid.spacings[-1] * self.differences.local(size)
-                ).toarray()
+            size = np.sqrt(grid.dimensions * self.differences.energy([d**2 for d in self.differences.across(x)]))
+            largest = size.max(axis=tuple(range(1, size.ndim)), keepdims=True)
+            size = np.maximum(size, SMALLEST_GRADIENT * np.maximum(largest, 1e-300))
+            for i, penalty in enumerate(self.differences.local(size)):
+                hessian[i * n : (i + 1) * n, i * n : (i + 1) * n] += (parameter * grid.spacings[-1] * penalty).toarray()
             solution = minimise(hessian, p.linear, self.cone, x, tolerance=1e-6)
             change = float(np.abs(solution.traction - x).max()) / max(float(np.abs(x).max()), 1e-300)
             x = solution.traction

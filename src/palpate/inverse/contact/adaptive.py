@@ -36,7 +36,7 @@ from palpate.inverse.contact.cone import Cone
 from palpate.inverse.contact.constrained import FAINT, LARGEST_UNKNOWNS, ConstrainedEstimator
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.factors import cholesky
-from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated, scattered
+from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated
 from palpate.inverse.contact.products import Applied
 from palpate.inverse.contact.sliding import expanded, in_blocks, ways_of_sliding
 from palpate.inverse.contact.variances import taken_by, variance_of
@@ -206,7 +206,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         for disc in found.drawn:
             # gradients of the disc's own size at its edge are what is expected
             slope = float(disc.traction[-1].max()) / min(data.level.grid.spacings)
-            each = [data.level.differences.laplacian / (v * slope**2 + 1e-300) for v in self.variances]
+            per_cell = [1.0 / (data.level.grid.cell * (v * slope**2 + 1e-300)) for v in self.variances]
+            each = data.level.differences.even(1, per_cell)
             member = self.model(data.part(disc.position), each, disc.traction, keep_face=True)
             member.weight, member.compact = found.weight / len(found.drawn), True
             yield member
@@ -247,8 +248,9 @@ class AdaptiveEstimator(ConstrainedEstimator):
         share = (1.0 - even) / max(len(reaches), 1)
         if first is None or not share > LEAST_WEIGHT:
             return
+        energies = {variance: self._energies(first, variance) for _, variance in reaches}
         for width, variance in reaches:
-            member = self._relearned(first, width, variance, y)
+            member = self._relearned(first, width, variance, y, energies[variance])
             member.weight = share
             yield member
 
@@ -288,14 +290,16 @@ class AdaptiveEstimator(ConstrainedEstimator):
         chosen = [r for r, on in ((wide, self.parts.wide_weights), (narrow, self.parts.narrow_weights)) if on]
         return list(dict.fromkeys(chosen))
 
-    def _relearned(self, member: ContactModel, width: float, variance: bool, y: Floats) -> ContactModel:
-        """The penalty learned from its own result, over and over."""
+    def _relearned(
+        self, member: ContactModel, width: float, variance: bool, y: Floats, energies: Floats
+    ) -> ContactModel:
+        """The penalty learned from its own result, over and over, beginning with the ``energies`` of the first."""
         level, first = member.level, member
         c = len(self.columns)
         precisions: list[Sparse] = []
         quiet, rounds = self.thresholds.quiet, self.thresholds.rounds
         for i in range(rounds):
-            tau = self._local_scales(member, width, variance)
+            tau = self._local_scales(member, width, energies if i == 0 else self._energies(member, variance))
             loud = tau.max(axis=0).ravel()
             pressure = member.solution.traction[-1]
             keep = (loud[member.cells] > quiet * loud.max()) | (pressure > self.quiet(y) * pressure.max())
@@ -308,7 +312,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             least = self.thresholds.floor * tau.max()  # of all components: without friction shear is nothing
             last = i == rounds - 1
             for larger in LARGER:
-                each = [level.differences.local(larger * t) for t in np.maximum(tau, least)]
+                each = level.differences.local(larger * np.maximum(tau, least))
                 found = self.model(
                     member.data.part(position),
                     each,
@@ -336,26 +340,27 @@ class AdaptiveEstimator(ConstrainedEstimator):
         fewer = taken_by(first)
         return more < fewer + LEFT_MORE * math.sqrt(fewer)
 
-    def _local_scales(self, member: ContactModel, width: float, variance: bool) -> Floats:
-        """tau (component, *grid): local mean of the squared gradient, of each component by itself.
+    def _local_scales(self, member: ContactModel, width: float, energies: Floats) -> Floats:
+        """tau (component, *grid): local mean of the squared gradient, of each component by itself."""
+        import scipy.ndimage
+
+        grid = member.level.grid
+        sigma = [0.0, *(width * min(grid.spacings) / dx for dx in grid.spacings)]
+        return np.asarray(scipy.ndimage.gaussian_filter(energies, sigma, mode="constant"))
+
+    def _energies(self, member: ContactModel, variance: bool) -> Floats:
+        """Squared gradient (component, *grid) of a model.
 
         Weak shear keeps its posterior variance: it must not learn from its own estimate that it is nothing.
         """
-        import scipy.ndimage
-
-        level = member.level
-        each = []
+        level, c = member.level, len(self.columns)
+        fields = np.zeros((c, math.prod(level.grid.shape)))
+        fields[:, member.cells] = member.solution.traction
+        squares = [d**2 for d in level.differences.across(fields)]
         if variance:
             touched, rows = level.differences.touching(member.cells)
-            c = len(self.columns)
             unsure = variance_of(member, rows.each(c, len(member.cells)), few=True).reshape(c, -1)
             parts = np.cumsum([len(edges) for edges in touched])[:-1]
-        for i, values in enumerate(member.solution.traction):
-            field = scattered(values, member.cells, level.grid.shape).ravel()
-            squares = [(d @ field) ** 2 for d in level.differences.along]
-            if variance:
-                for square, edges, more in zip(squares, touched, np.split(unsure[i], parts)):
-                    square[edges] += more
-            each.append(level.differences.energy(squares))
-        sigma = [width * min(level.grid.spacings) / dx for dx in level.grid.spacings]
-        return np.stack([scipy.ndimage.gaussian_filter(e, sigma, mode="constant") for e in each])
+            for square, edges, more in zip(squares, touched, np.split(unsure, parts, axis=1)):
+                square[:, edges] += more
+        return level.differences.energy(squares)

@@ -7,9 +7,11 @@ become models of the frame: traction on their cells alone. How far they differ i
 
 from __future__ import annotations
 
+import functools
+import itertools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -77,37 +79,58 @@ class _Neighbours:
     """Which cells of a region lie how near to which."""
 
     def __init__(self, cells: Index, shape: tuple[int, ...]) -> None:
-        self.places = np.stack(np.unravel_index(cells, shape), axis=1)
-        reach = int(RADII[-1])
-        steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * len(shape), indexing="ij"), axis=-1)
-        steps = steps.reshape(-1, len(shape))
-        far = np.sqrt((steps**2).sum(axis=1))
-        order = np.argsort(far, kind="stable")
-        order = order[far[order] <= RADII[-1]]
-        self.steps, self.far = steps[order], far[order]
+        steps, self.far, next_to, self.shares = _steps(len(shape))
         # the place of every cell among those of the region, and none round it
-        wide = np.full([n + 2 * reach for n in shape], -1)
-        self.first = self.places + reach
-        wide[tuple(self.first.T)] = np.arange(len(cells))
-        self.number = wide
+        reach = int(RADII[-1])
+        wide = tuple(n + 2 * reach for n in shape)
+        self.count = len(cells)
+        self.first = np.ravel_multi_index(tuple(p + reach for p in np.unravel_index(cells, shape)), wide)
+        self.number = np.full(math.prod(wide), -1)
+        self.number[self.first] = np.arange(len(cells))
+        along = np.cumprod((1, *wide[:0:-1]))[::-1]
+        self.steps, self.next_to = steps @ along, next_to @ along
 
-    def of(self, centres: Index, radius: float) -> Sparse:
-        """Discs (centre, cell) of ones."""
-        steps = self.steps[: int(np.searchsorted(self.far, radius, side="right"))]
-        found = self.number[tuple(np.moveaxis(self.first[centres][:, None] + steps[None], -1, 0))]
+    def found(self, centres: Index, radius: float, beyond: float = -1.0) -> Index:
+        """Cells within a radius of centres (centre, neighbour), and farther than another; -1 where there is none."""
+        low, high = np.searchsorted(self.far, (beyond, radius), side="right")
+        return np.asarray(self.number[self.first[centres][:, None] + self.steps[None, low:high]])
+
+    def of(self, centres: Index, radius: float, beyond: float = -1.0) -> Sparse:
+        """Discs, or rings, (centre, cell) of ones."""
+        found = self.found(centres, radius, beyond)
         there = found >= 0
         ends = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
-        return scipy.sparse.csr_array((np.ones(ends[-1]), found[there], ends), shape=(len(centres), len(self.places)))
+        return scipy.sparse.csr_array((np.ones(ends[-1]), found[there], ends), shape=(len(centres), self.count))
+
+    def summed(self, centres: Index, radius: float, weights: Floats) -> Floats:
+        """Discs (cell,), weighed."""
+        found = self.found(centres, radius)
+        there = found >= 0
+        each = np.broadcast_to(weights[:, None], found.shape)
+        return np.bincount(found[there], each[there], minlength=self.count).astype(np.float64)
 
     def about(self, centre: int) -> tuple[Index, Floats]:
         """The neighbours of a cell, itself among them, and their share (place, neighbour) in places between them, by linear interpolation."""
-        steps = np.linspace(-1.0, 1.0, 2 * STEPS + 1)
-        d = self.places.shape[1]
-        offsets = np.stack(np.meshgrid(*[steps] * d, indexing="ij"), axis=-1).reshape(-1, d)
-        near = np.flatnonzero((np.abs(self.places - self.places[centre]) <= 1).all(axis=1))
-        apart = np.abs(offsets[:, None, :] - (self.places[near] - self.places[centre])[None])
-        share = np.prod(np.maximum(1.0 - apart, 0.0), axis=2)
-        return near, share[share.sum(axis=1) > 1.0 - 1e-9]  # no neighbour is missing
+        near = self.number[self.first[centre] + self.next_to]
+        share = self.shares[:, near >= 0]
+        return near[near >= 0], share[share.sum(axis=1) > 1.0 - 1e-9]  # no neighbour is missing
+
+
+@functools.cache
+def _steps(dimensions: int) -> tuple[Index, Floats, Index, Floats]:
+    """Steps to cells within the largest radius, from near to far, and how far; steps to the next cells, and their share in places between them."""
+
+    def lattice(steps: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        return np.stack(np.meshgrid(*[steps] * dimensions, indexing="ij"), axis=-1).reshape(-1, dimensions)
+
+    reach = int(RADII[-1])
+    steps = lattice(np.arange(-reach, reach + 1))
+    far = np.sqrt((steps**2).sum(axis=1))
+    order = np.argsort(far, kind="stable")
+    order = order[far[order] <= RADII[-1]]
+    next_to = lattice(np.arange(-1, 2))
+    apart = np.abs(lattice(np.linspace(-1.0, 1.0, 2 * STEPS + 1))[:, None, :] - next_to[None])
+    return steps[order], far[order], next_to, np.prod(np.maximum(1.0 - apart, 0.0), axis=2)
 
 
 def discs(
@@ -124,24 +147,30 @@ def discs(
     free, total = len(white) - c, float(white @ white)
     if isinstance(data.matrix, Applied) or small > TAXELS[grid.dimensions] or free < c + 2 or n > LARGEST:
         return None
-    matrix = np.ascontiguousarray(np.asarray(data.matrix).reshape(len(white), c * n).T).reshape(c, n, len(white))
+    matrix = np.asarray(data.matrix).reshape(len(white), c, n).transpose(2, 1, 0).reshape(n, -1)
     detail = 0.0 if estimator.noise_known else (DETAIL * float(np.abs(white).max())) ** 2
     floor = detail * len(white)
 
     def columns(shapes: Sparse) -> Floats:
-        return np.stack([shapes @ m for m in matrix], axis=1)
+        return np.asarray(shapes @ matrix).reshape(-1, c, len(white))
 
     def tried(columns: Floats) -> _Tried:
-        right, gram = columns @ white, columns @ columns.transpose(0, 2, 1)
+        right = (columns.reshape(-1, len(white)) @ white).reshape(-1, c)
+        gram = np.empty((len(columns), c, c))
+        for i, j in itertools.combinations_with_replacement(range(c), 2):
+            gram[:, i, j] = gram[:, j, i] = np.einsum("pm,pm->p", columns[:, i], columns[:, j])
         gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(c)
         found = np.linalg.solve(gram, right[..., None])[..., 0]
         found = estimator.cone.nearest(found.T).T
-        rest = total - 2.0 * (found * right).sum(axis=1) + np.einsum("pi,pij,pj->p", found, gram, found)
+        rest = total - 2.0 * (found * right).sum(axis=1) + (found * (gram @ found[..., None])[..., 0]).sum(axis=1)
         return _Tried(columns, found, np.maximum(rest, 0.0) + floor)
 
     places = _Neighbours(data.cells, grid.shape)
     some = np.argsort(tried(columns(places.of(np.arange(n), RADII[2]))).left, kind="stable")[:PLACES]
-    coarse = tried(np.concatenate([columns(places.of(some, radius)) for radius in RADII]))
+    rings = [columns(places.of(some, radius, beyond)) for beyond, radius in zip((-1.0, *RADII), RADII)]
+    for inner, ring in itertools.pairwise(rings):
+        ring += inner  # all that lies within
+    coarse = tried(np.concatenate(rings))
     # between cells: the best, and their neighbours' share of them
     best = np.argsort(coarse.left, kind="stable")[:BEST]
     sizes = best // len(some)
@@ -181,7 +210,7 @@ def discs(
     drawn = []
     for pick in order[np.searchsorted(steps, (np.arange(DRAWN) + 0.5) / DRAWN)]:
         cells, shares = near[which[pick]]
-        shape = places.of(cells, RADII[sizes[which[pick]]]).T @ shares[within[pick]]
+        shape = places.summed(cells, RADII[sizes[which[pick]]], shares[within[pick]])
         position = np.flatnonzero(shape)
         drawn.append(Disc(position, fine.traction[pick][:, None] * shape[position]))
     return Discs(tuple(drawn), min(share, MOST))

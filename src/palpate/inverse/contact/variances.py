@@ -44,7 +44,7 @@ def face_of(solution: Solution) -> tuple[Face, Factor]:
 def taken_by(model: ContactModel) -> float:
     """How many degrees of freedom of the readings a model takes up."""
     face, factor = face_of(model.solution)
-    if isinstance(factor, Dense):
+    if isinstance(factor, Dense) and len(model.data.matrix) > len(factor.lower):
         return factor.trace(face.restrict(Formed(model.data.gram).scaled(face.scales).matrix))
     return float(taken_of_each(model).sum())
 
