@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.ndimage
 
 import palpate as pp
 from palpate.camera import Displacements, Flow, Looks, Scene, Texture, View, follow
@@ -152,3 +153,23 @@ def test_windows_between_pixels_are_the_same_with_any_opencv() -> None:
     assert np.allclose(
         _between(flat, np.full((1, 1, 1), 7.37, np.float32), np.full((1, 1, 1), 3.2, np.float32)), 7.37, atol=1e-5
     )
+
+
+def test_places_that_come_near_any_edge_of_a_wide_picture_are_lost() -> None:
+    """Wide pictures are compared at half their size: the right and the lower edge are where that ends."""
+    rng = np.random.default_rng(0)
+    grain = scipy.ndimage.gaussian_filter(rng.standard_normal((480, 640)), 3.0, mode="wrap")
+    picture = np.clip(128.0 + 35.0 * grain / grain.std(), 0.0, 255.0).astype(np.uint8)
+    flow = Flow(picture, spacing=24.0)
+    reach = 2 * flow._reach
+    for shift in ((18, 18), (-18, -18)):
+        now = np.roll(picture, shift, axis=(1, 0))
+        moved = flow.follow(now)
+        flow.reset()
+        places = flow.positions + np.asarray(shift)
+        inside = ((places >= reach + 2) & (places <= np.array([640, 480]) - 3 - reach)).all(axis=1)
+        outside = ((places < reach - 2) | (places > np.array([640, 480]) + 1 - reach)).any(axis=1)
+        assert outside.sum() > 10
+        assert moved.lost[outside].all()
+        assert moved.lost[inside].mean() < 0.05
+        np.testing.assert_allclose(np.nanmedian(moved.displacement, axis=0), shift, atol=0.05)

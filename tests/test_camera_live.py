@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from camera_scenes import small_scene
 from command_line import run
 
 cv2 = pytest.importorskip("cv2")
@@ -21,7 +22,7 @@ pytest.importorskip("starlette")
 for _name in ("typer", "pydantic", "h5netcdf"):
     pytest.importorskip(_name)
 
-from palpate.camera import Dots, Scene, dot_grid, open_pictures, write_video  # noqa: E402
+from palpate.camera import open_pictures, write_video  # noqa: E402
 from palpate.camera.latest import Latest  # noqa: E402
 from palpate.camera.pictures import Pictures  # noqa: E402
 from palpate.live import Session, unpacked  # noqa: E402
@@ -52,7 +53,7 @@ spacing = "1.2 mm"
 scale = "0.1 mm"
 reference = 3
 """
-SCENE = Scene(pad=GEL, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
+SCENE = small_scene(GEL)
 BLACK = np.zeros((120, 160), np.uint8)
 #: Seconds that a machine with other things to do may take.
 PATIENCE = 120.0

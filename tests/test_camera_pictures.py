@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from camera_scenes import small_scene
 
 cv2 = pytest.importorskip("cv2")
 av = pytest.importorskip("av")
@@ -21,9 +22,7 @@ BALL = pp.solutions.hertz_point(radius=2.5e-3, force=2.0).sliding(0.4, direction
 CLEAN = Looks(noise=0.0, gradient=(0.0, 0.0))
 
 
-BASE = Scene(
-    pad=GEL, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3, looks=CLEAN
-)
+BASE = small_scene(GEL, looks=CLEAN)
 
 
 @functools.cache

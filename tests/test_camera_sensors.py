@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from camera_scenes import small_scene
 from command_line import run
 from palpate import sensors
 
@@ -17,12 +18,12 @@ pytest.importorskip("av")
 for _name in ("typer", "pydantic", "h5netcdf"):
     pytest.importorskip(_name)
 
-from palpate.camera import Displacements, Dots, Scene, dot_grid, weigh, write_video  # noqa: E402
+from palpate.camera import Displacements, dot_grid, weigh, write_video  # noqa: E402
 from palpate.recordings import read_camera, read_uncertainty  # noqa: E402
 
 #: Stiffer than the skin below says.
 GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=4e5, poissons_ratio=0.48)])
-SCENE = Scene(pad=GEL, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
+SCENE = small_scene(GEL)
 
 
 @functools.cache

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from camera_scenes import small_scene
 from command_line import run
 
 cv2 = pytest.importorskip("cv2")
@@ -45,7 +46,7 @@ spacing = "1 mm"
 pitch = "2 mm"
 reference = 3
 """
-SCENE = Scene(pad=GEL, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
+SCENE = small_scene(GEL)
 
 
 @functools.cache

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate.camera.dots import fault_of, levelled
+from palpate.camera.dots import levelled
 from palpate.camera.matching import Neighbours
-from palpate.camera.pictures import grey
 from palpate.camera.view import opencv
-from palpate.camera.windows import Followed, Moved, as_bytes, gradients_of, mean_picture, white_of, windows_of
+from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, gradients_of, mean_picture, white_of, windows_of
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
@@ -132,22 +131,15 @@ class Flow(Followed):
         -------
         Moved
         """
-        if image is None:
-            return self._nothing("there is no picture")
-        given = grey(image)
-        if given.shape[::-1] != self._whole:
-            return self._nothing(
-                f"the picture is {given.shape[1]} x {given.shape[0]}, the reference {self._whole[0]} x {self._whole[1]}"
-            )
-        fault = fault_of(given)
-        if fault:
+        given, fault = self._seen(image)
+        if given is None:
             return self._nothing(fault)
         plain = self._reduced(given)
         level = as_bytes(levelled(plain, 2.0 * self._width))
         dense, start = self._started(level)
         now = np.clip(self._places + start, 0.0, np.array(level.shape[::-1]) - 1.0)
-        if self._sharpness(level, now) < 0.4 * self._sharp:
-            return self._nothing("the picture is blurred: it is out of focus, or the gel moved during the exposure")
+        if self._blurred(level, now):
+            return self._nothing(BLURRED)
         moved = self._refined(level, start, white_of(plain))
         if np.mean(~moved.lost) < 0.1 or (~moved.lost).sum() < 3:
             self._last = None

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate.camera.dots import Found, fault_of, find_dots, levelled
+from palpate.camera.dots import Found, find_dots, levelled
 from palpate.camera.matching import Neighbours, matched, predicted
-from palpate.camera.pictures import grey
 from palpate.camera.view import opencv
-from palpate.camera.windows import Followed, Moved, as_bytes, mean_picture, white_of
+from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, mean_picture, white_of
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
@@ -102,15 +101,8 @@ class Markers(Followed):
         -------
         Moved
         """
-        if image is None:
-            return self._nothing("there is no picture")
-        plain = grey(image)
-        if plain.shape[::-1] != self.size:
-            return self._nothing(
-                f"the picture is {plain.shape[1]} x {plain.shape[0]}, the reference {self.size[0]} x {self.size[1]}"
-            )
-        fault = fault_of(plain)
-        if fault:
+        plain, fault = self._seen(image)
+        if plain is None:
             return self._nothing(fault)
         flat = levelled(plain, 4.0 * self.print.blur)
         found = find_dots(plain, self.print, level=flat)
@@ -121,8 +113,8 @@ class Markers(Followed):
             return self._nothing(
                 f"of {len(self.positions)} dots {len(found.positions)} are to be seen, and none can be told from others"
             )
-        if len(found.positions) and self._sharpness(level, found.positions) < 0.4 * self._sharp:
-            return self._nothing("the picture is blurred: it is out of focus, or the gel moved during the exposure")
+        if len(found.positions) and self._blurred(level, found.positions):
+            return self._nothing(BLURRED)
         moved = self._refined(level, start, white_of(plain))
         self._last = np.where(np.isfinite(moved.displacement), moved.displacement, start)
         return moved

@@ -16,16 +16,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate.camera.dots import fault_of
 from palpate.camera.matching import Neighbours, gradients, predicted
 from palpate.camera.pictures import grey
 from palpate.camera.view import opencv
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
-__all__ = ["Followed", "Moved", "as_bytes", "gradients_of", "mean_picture", "white_of", "windows_of"]
+__all__ = ["BLURRED", "Followed", "Moved", "as_bytes", "gradients_of", "mean_picture", "white_of", "windows_of"]
 
 #: There and back must end this near [pixels]; the window must look alike (correlation).
 BACK, ALIKE = 0.3, 0.6
+#: A picture with less than this part of the reference's sharpness is blurred.
+BLUR = 0.4
+BLURRED = "the picture is blurred: it is out of focus, or the gel moved during the exposure"
 #: Part of a window that may become white, where it was not at rest: beyond, glare lies on it.
 GLARED = 0.01
 #: Pixels: no displacement is known better, whatever its window says (Lucas-Kanade interpolates with 1/32 of a pixel in view, and pictures have eight bits).
@@ -114,6 +118,23 @@ class Followed:
         )
         self._white = windows_of(white_of(plain), positions, half).mean(axis=(1, 2))
 
+    def _seen(self, image: npt.ArrayLike | None) -> tuple[npt.NDArray[Any] | None, str]:
+        """The picture in grey; or None, and why it tells nothing."""
+        if image is None:
+            return None, "there is no picture"
+        plain = grey(image)
+        if plain.shape[::-1] != self.size:
+            return (
+                None,
+                f"the picture is {plain.shape[1]} x {plain.shape[0]}, the reference {self.size[0]} x {self.size[1]}",
+            )
+        fault = fault_of(plain)
+        return (None, fault) if fault else (plain, "")
+
+    def _blurred(self, level: npt.NDArray[np.uint8], positions: Floats) -> bool:
+        """Whether what is at these places is far less sharp than in the reference."""
+        return self._sharpness(level, positions) < BLUR * self._sharp
+
     def _nothing(self, fault: str) -> Moved:
         none = np.full_like(self._places, np.nan)
         return Moved(none, none, none[:, 0], fault)
@@ -177,7 +198,7 @@ class Followed:
         reach = self._reach
         now = self._places + displacement
         with np.errstate(invalid="ignore"):
-            keep &= (now >= reach).all(axis=1) & (now <= np.array(self.size) - 1 - reach).all(axis=1)
+            keep &= (now >= reach).all(axis=1) & (now <= np.array(level.shape[::-1]) - 1 - reach).all(axis=1)
         # out of step with all around it: another dot, or glare
         trial = np.where(keep[:, None], displacement, np.nan)
         off = trial - predicted(self._near, trial, np.arange(n))

@@ -216,14 +216,22 @@ class Convolution:
 
     def dense(self) -> Floats:
         """(channel, *taxels, component, *cells)."""
-        out = self.kernel
-        # kernel index of (taxel i, cell j) is i r - j + (n - 1), axis by axis
-        for axis, (m, r, n) in enumerate(zip(self.taxels, self.ratios, self.cells)):
-            index = np.arange(m)[:, None] * r - np.arange(n)[None, :] + (n - 1)
-            out = np.take(out, index, axis=2 + 2 * axis)
-        d = len(self.cells)
-        order = [0, *(2 + 2 * a for a in range(d)), 1, *(3 + 2 * a for a in range(d))]
-        return np.ascontiguousarray(out.transpose(order))
+        kernel = self.kernel
+        # kernel index of (taxel i, cell j) is i r - j + (n - 1), axis by axis: a step of the taxel is r on, a step of the cell one back
+        steps = kernel.strides[2:]
+        first: tuple[Any, ...] = (..., *(slice(n - 1, None) for n in self.cells))
+        view = np.lib.stride_tricks.as_strided(
+            kernel[first],
+            (kernel.shape[0], *self.taxels, kernel.shape[1], *self.cells),
+            (
+                kernel.strides[0],
+                *(s * r for s, r in zip(steps, self.ratios)),
+                kernel.strides[1],
+                *(-s for s in steps),
+            ),
+            writeable=False,
+        )
+        return np.array(view, order="C")
 
     def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats:
         """(channel, taxel, cell): readings of unit traction in some ``cells`` (flat indices)."""

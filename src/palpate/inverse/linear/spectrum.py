@@ -294,19 +294,16 @@ class DataSpectrum:
         d = surface.dimensions
         axes = "x" if d == 1 else "yx"
         cell_fold = _Fold(surface.shape)
+        every = self.columns == list(range(len(names)))
         dense = [p.dense() for p in self.operator.planes]
         for signs in itertools.product((1, -1), repeat=d):
             bases = self._bases(signs)
             rows: list[Floats] = []
             for of_plane, matrix, scale in zip(bases, dense, self.scales):
                 for c, basis in enumerate(of_plane):
-                    parts = []
-                    for column in self.columns:
-                        entry = np.take(matrix[c], column, axis=d)
-                        for axis in range(d):
-                            entry = np.moveaxis(np.tensordot(basis[axis], entry, axes=(1, axis)), 0, axis)
-                        parts.append(entry.reshape(-1, *surface.shape) / scale[c])
-                    rows.append(np.stack(parts, axis=1))
+                    sought = matrix[c] if every else np.take(matrix[c], self.columns, axis=d)
+                    rows.append(_rows_folded(sought, basis))
+                    rows[-1] /= scale[c]
             stacked = np.concatenate(rows)
             folded = []
             for i, column in enumerate(self.columns):
@@ -492,9 +489,18 @@ class DataSpectrum:
 
 
 def _folded(rows: Floats, halves: Sequence[Floats]) -> Floats:
-    for axis, basis in enumerate(halves):
-        rows = np.moveaxis(np.tensordot(rows, basis, axes=(1 + axis, 1)), -1, 1 + axis)
+    rows = rows @ halves[-1].T
+    if len(halves) == 2:
+        rows = halves[0] @ rows
     return rows.reshape(len(rows), -1)
+
+
+def _rows_folded(matrix: Floats, bases: Sequence[Floats]) -> Floats:
+    """(*array, component, *surface) with its array axes in these bases: (row, component, *surface)."""
+    out = bases[0] @ matrix.reshape(len(matrix), -1)
+    if len(bases) == 2:
+        out = bases[1] @ out.reshape(len(out), matrix.shape[1], -1)
+    return out.reshape(-1, *matrix.shape[len(bases) :])
 
 
 def _unfolded(powers: Floats, halves: Sequence[Floats]) -> Floats:
