@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -191,7 +192,10 @@ def test_definitions_that_the_bag_lacks(tmp_path: Path) -> None:
     text = (folder / "metadata.yaml").read_text()
     import sqlite3
 
-    with sqlite3.connect(next(folder.glob("*.db3"))) as database:
+    with (
+        contextlib.closing(sqlite3.connect(next(folder.glob("*.db3")))) as database,
+        database,
+    ):  # `with` commits, and does not close
         if database.execute("select count(*) from sqlite_master where name='message_definitions'").fetchone()[0]:
             database.execute("delete from message_definitions")
     assert "xela_server_ros2" in text
