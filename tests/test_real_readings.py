@@ -318,3 +318,30 @@ def test_an_offset_of_displacement_on_a_half_space_is_no_wide_pressure() -> None
     touch = pp.Skin(pad, array).reconstruct(readings)
     assert float(touch.force[2]) == pytest.approx(1.0, abs=0.05)
     assert any("shift along z" in note for note in touch.notes)
+
+
+@pytest.mark.parametrize(("part", "seed"), [(0.2, 1), (-0.2, 2)])
+def test_a_tilt_of_displacements_that_wide_pressure_hides_is_in_the_interval(part: float, seed: int) -> None:
+    """Pressure all round moves the taxels of a half-space as a tilted stage does: the force is a fifth too large, and the interval must say so."""
+    pad = pp.HalfSpace(youngs_modulus=3e4, poissons_ratio=0.5)
+    array = pp.LineArray(count=17, pitch=1e-3, depth=2.5e-3, channels=["displacement_z"])
+    skin = pp.Skin(pad, array)
+    clean = np.asarray(skin.sense(pp.solutions.hertz_line(half_width=4e-3, force=8.0)))
+    top = float(np.abs(clean).max())
+    clean = clean + 0.003 * top * np.random.default_rng(seed).standard_normal(clean.shape)
+    tilted = clean + part * top * np.linspace(-1.0, 1.0, 17)
+    touch = skin.reconstruct(tilted)
+    low, high = (float(v[1]) for v in touch.interval(0.95, "force"))
+    assert low < 8.0 < high < 16.0
+    assert any(note.startswith("drift") for note in touch.notes)
+    # a compact contact tells what drifts from what presses: nothing is lost, and nothing said
+    plain = skin.reconstruct(clean)
+    low, high = (float(v[1]) for v in plain.interval(0.95, "force"))
+    assert float(plain.force[1]) == pytest.approx(8.0, abs=0.1)
+    assert high - low < 0.4
+    assert not any(note.startswith("drift") for note in plain.notes)
+    # who knows that nothing drifts has no wider interval
+    sure = pp.Skin(pad, array, nuisance=[]).reconstruct(tilted)
+    low, high = (float(v[1]) for v in sure.interval(0.95, "force"))
+    assert low > 8.0
+    assert not any(note.startswith("drift") for note in sure.notes)

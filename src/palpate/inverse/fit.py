@@ -48,7 +48,14 @@ def neighbours(planes: Sequence[Array]) -> Pairs:
 
 
 def misfit_probability(
-    residual: Floats, observed: npt.NDArray[np.bool_], pairs: Pairs, *, taken: float, known: bool, detail: float = 0.0
+    residual: Floats,
+    observed: npt.NDArray[np.bool_],
+    pairs: Pairs,
+    *,
+    taken: float,
+    known: bool,
+    detail: float = 0.0,
+    others: Sequence[float] = (),
 ) -> float:
     """Probability of as much misfit as is left, or more, where the model is right; NaN where too few readings are left to tell.
 
@@ -65,6 +72,8 @@ def misfit_probability(
         Whether the noise was given: its size is then tested too, by chi^2.
     detail : float
         What the model itself cannot follow, in units of the noise.
+    others : sequence of float
+        Probabilities of other tests: the least of all counts, times their number (Bonferroni).
 
     Notes
     -----
@@ -74,7 +83,7 @@ def misfit_probability(
     """
     import scipy.special
 
-    tests = []
+    tests = list(others)
     free = float(observed.sum()) - taken
     i, j = pairs
     both = observed[i] & observed[j]

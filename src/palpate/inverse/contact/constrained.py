@@ -29,6 +29,7 @@ from palpate.inverse.contact.edges import outside_taxels, ring_of
 from palpate.inverse.contact.frame import Frame, Run, said_of
 from palpate.inverse.contact.hypotheses import Hypothesis, exceeded, hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.later import ContactErrors
+from palpate.inverse.contact.misfit import drift_probability, misfit_of
 from palpate.inverse.contact.model import ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
@@ -46,7 +47,7 @@ from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nu
 from palpate.inverse.contact.variances import taken_by
 from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
-from palpate.inverse.fit import MODEL_DETAIL, misfit_probability, neighbours
+from palpate.inverse.fit import neighbours
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.inverse.linear.matrix_free.path import LinearModel, contact_at_size
 from palpate.inverse.linear.parameter import MODEL_ERROR
@@ -486,10 +487,11 @@ class ConstrainedEstimator:
             # a reading that stands alone may be a small contact right over a shallow taxel
             alone = np.where(shallow(self.operator.planes_of), data, 0.0)
             nothing = self._nothing(run.parameter, run.scale, run.data, left_out, alone)
-            fit = self._fit(run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
+            fit = misfit_of(self, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
             result = replace(nothing, pushed=run.pushed and h.sign == 1, fit=fit)
         else:
             run.doubtful = doubtful(self, run)
+            run.drift = drift_probability(self, run)
             for m in run.members:
                 share(self, m, run, deviation, at_limit)
             result = self._combined(run.members, run, each, rng)
@@ -502,29 +504,9 @@ class ConstrainedEstimator:
                 draws=turned,
                 outliers=left_out,
                 pushed=pushed,
+                adrift=run.adrift > 0.5,
             )
         return replace(result, sign=h.sign, nuisance=h.sizes, nuisance_std=deviation, at_limit=at_limit)
-
-    def _fit(self, run: Run, residual: Floats, taken: float, largest: float) -> float:
-        """Misfit probability of what is left, in units of the noise."""
-        noise = run.noise
-        given = self.readings.std * (1.0 if self.noise_known else 0.0)
-        stretch = float(np.median(noise / given)) if self.noise_known else 1.0
-        columns, observed = run.doubtful[0], run.observed
-        if columns.shape[1]:
-            # what a pad that is not known exactly would leave is no misfit
-            rows = self.readings.white(columns[observed], observed)
-            left = residual[observed]
-            residual = residual.copy()
-            residual[observed] = left - rows @ np.linalg.lstsq(rows, left, rcond=1e-8)[0]
-        return misfit_probability(
-            residual * stretch,
-            run.observed,
-            self.pairs,
-            taken=taken + columns.shape[1],
-            known=self.noise_known,
-            detail=math.hypot(MODEL_DETAIL, self.problem.uncertainty.gain) * largest * stretch,
-        )
 
     @cached_property
     def pairs(self) -> tuple[Index, Index]:
@@ -690,7 +672,7 @@ class ConstrainedEstimator:
             ~observed,
             sampled,
             sliding=sum(m.weight for m in members if m.ray is not None),
-            fit=self._fit(run, residual, taken, float(np.abs(y[observed]).max(initial=0.0))),
+            fit=misfit_of(self, run, residual, taken, float(np.abs(y[observed]).max(initial=0.0))),
             sampled=large,
             small=any(m.compact for m in members),
         )

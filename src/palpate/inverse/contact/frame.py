@@ -24,7 +24,8 @@ Flags = npt.NDArray[np.bool_]
 @dataclass(frozen=True)
 class Frame:
     """One frame's result; ``sampled``: the contact was too large for matrices, and errors of its cells are those of samples. Its errors are
-    then worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`).
+    then worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`); ``adrift``:
+    drift may be part of its force.
     """
 
     traction: Floats
@@ -45,6 +46,7 @@ class Frame:
     at_limit: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     sampled: bool = False
     small: bool = False
+    adrift: bool = False
 
     @property
     def known(self) -> Errors:
@@ -54,7 +56,10 @@ class Frame:
 
 @dataclass
 class Run:
-    """One hypothesis of a frame, solved: its models, and what they were solved with. Without models nothing touches."""
+    """One hypothesis of a frame, solved: its models, and what they were solved with. Without models nothing touches.
+
+    ``drift``: `misfit.drift_probability`; ``adrift``: the weight of models whose normal force may be drift (`systematic.share_drift`).
+    """
 
     hypothesis: Hypothesis
     members: list[ContactModel]
@@ -67,6 +72,8 @@ class Run:
     pushed: bool
     limit: float
     doubtful: tuple[Floats, Floats]
+    drift: float = math.nan
+    adrift: float = 0.0
 
 
 def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
@@ -85,5 +92,11 @@ def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
         said.append(
             f"small contact{where(small)}: few taxels feel it, so that its size and its place between them, and its force with them, are known "
             "no better than the intervals say"
+        )
+    drifting = sum(f.adrift for f in frames)
+    if drifting:
+        said.append(
+            f"drift{where(drifting)}: a shift or a tilt of the displacements that the readings do not tell from contact may be part of the force: "
+            "the intervals allow for one of a tenth of the largest reading (standard deviation). Where nothing drifts, say Skin(..., nuisance=[])"
         )
     return tuple(said)

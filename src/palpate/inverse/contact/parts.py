@@ -156,6 +156,9 @@ class Thresholds:
     everywhere: float = 0.6
     #: Where the whole edge of the array is loaded, an offset of this part of the largest reading may hide (a convention).
     hidden_offset: float = 0.1
+    #: Offsets and ramps of displacements, which wide pressure may hide, are of this part of the largest reading (standard deviation, divided by
+    #: `STATED`; a convention: half of `largest_nuisance` is two deviations).
+    hidden_drift: float = 0.1
     #: Hypotheses whose gains differ by less than this are both followed.
     undecided: float = 10.0
 

@@ -16,8 +16,9 @@ from palpate.inverse.contact.hypotheses import Hypothesis
 from palpate.inverse.contact.model import ContactModel, scattered
 from palpate.inverse.contact.parts import STATED
 from palpate.inverse.contact.products import Applied
-from palpate.inverse.contact.variances import face_of, posterior_factor, shared_errors
+from palpate.inverse.contact.variances import face_of, posterior_factor, shared_errors, variance_of_sums
 from palpate.sensing.grids import block_means
+from palpate.sensing.nuisance import nuisances
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 __all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share"]
 
 Flags = npt.NDArray[np.bool_]
+
+#: Standard deviation of the normal force, in parts of it, from which on it is said that drift may have a part in it (a convention).
+MUCH = 0.1
 
 
 def nuisance_errors(estimator: ConstrainedEstimator, run: Run) -> Floats:
@@ -89,11 +93,47 @@ def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviat
     for one in (model, model.contact):
         if one is not None:
             owe(one, white, prior, each)
+    share_drift(estimator, model, run, deviation)
     free = not (estimator.cone.coupled or estimator.ambiguous or model.contact)
     if estimator.parts.common_shear and len(estimator.columns) > 1 and free:
         y = estimator.readings.white((run.data / noise)[observed], observed)
         drag = with_common_shear(model, y, estimator.variances[:-1], pulls=estimator.cone.free)
         model.shared = drag if model.shared is None else np.concatenate([model.shared, drag], axis=1)
+
+
+def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviation: Floats) -> None:
+    """What a model's errors owe to drift of displacements that wide pressure may hide, so that no offset or ramp was found.
+
+    A displacement is felt far from its load: pressure all round moves the readings much as a shift of the picture does. Of drifts with a
+    prior of `Thresholds.hidden_drift` of the largest reading, what the readings do not tell, (S + 1/prior^2)^-1 with S as in
+    `variances.shared_errors`, is in the errors. Stress and strain feel what is near: there drift leaves what contact cannot follow. Where
+    ``nuisance`` is named, nothing else drifts. ``deviation``: offsets that are accounted for already.
+
+    ``run.adrift`` grows by the model's weight where most of what is not known of its normal force is drift, and much of the force.
+    """
+    part = estimator.thresholds.hidden_drift
+    if not estimator.terms or estimator.problem.nuisance is not None or not estimator.far or not part > 0.0:
+        return
+    accounted = {t.label for t, d in zip(estimator.terms, deviation) if d > 0}
+    terms = [t for t in nuisances(estimator.operator.planes_of, ("offset", "ramp")) if t.label not in accounted]
+    rows = np.stack([t.rows for t in terms], axis=1)
+    reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in rows.T])
+    scaled = (rows * (part * reach) / run.noise[:, None])[run.observed]
+    columns = estimator.readings.white(scaled, run.observed)
+    for one in (model, model.contact):
+        if one is None:
+            continue
+        z = posterior_factor(one.solution, columns.T @ one.data.matrix)
+        precision = columns.T @ columns - z.T @ z + np.eye(columns.shape[1])
+        more = z @ np.linalg.cholesky(np.linalg.inv(precision)) / STATED
+        if one is (model.contact or model):
+            total = np.zeros(one.solution.traction.shape)
+            total[-1] = one.level.grid.cell
+            rest = float(variance_of_sums(one, total.reshape(1, -1))[0])
+            drift = float(((more.T @ posterior_factor(one.solution, total.reshape(1, -1))) ** 2).sum())
+            force = float((total * one.solution.traction).sum())
+            run.adrift += model.weight * (drift > max(rest, (MUCH * force) ** 2))
+        one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
 
 
 def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float], *, pulls: bool) -> Floats:

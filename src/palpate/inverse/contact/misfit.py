@@ -1,0 +1,105 @@
+"""Does contact explain the readings? What it leaves is tested for its size, for whiteness, and for what a drift of the sensor would leave."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.frame import Run
+from palpate.inverse.contact.products import Applied
+from palpate.inverse.contact.variances import posterior_factor, taken_by
+from palpate.inverse.fit import FEWEST, MODEL_DETAIL, misfit_probability
+from palpate.sensing.nuisance import nuisances
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.constrained import ConstrainedEstimator
+
+__all__ = ["drift_probability", "misfit_of"]
+
+#: Directions that contact takes up but for this part of their square tell nothing of drift.
+TOLD = 1e-6
+
+
+def misfit_of(estimator: ConstrainedEstimator, run: Run, residual: Floats, taken: float, largest: float) -> float:
+    """Misfit probability of a frame: of size and whiteness (`palpate.inverse.fit.misfit_probability`) and of drift (`drift_probability`).
+
+    ``residual`` is what is left and ``largest`` the largest reading, in units of the noise; ``taken`` the degrees of freedom that contact took.
+    """
+    known, columns, observed = estimator.noise_known, run.doubtful[0], run.observed
+    stretch = float(np.median(run.noise / estimator.readings.std)) if known else 1.0
+    detail = math.hypot(MODEL_DETAIL, estimator.problem.uncertainty.gain) * largest
+    taken += columns.shape[1]
+    if columns.shape[1]:
+        # what a pad that is not known exactly would leave is no misfit
+        rows = estimator.readings.white(columns[observed], observed)
+        left = residual[observed]
+        residual = residual.copy()
+        residual[observed] = left - rows @ np.linalg.lstsq(rows, left, rcond=1e-8)[0]
+    return misfit_probability(
+        residual * stretch,
+        observed,
+        estimator.pairs,
+        taken=taken,
+        known=known,
+        detail=detail * stretch,
+        others=() if math.isnan(run.drift) else (run.drift,),
+    )
+
+
+def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
+    """Probability that noise alone leaves as much along offsets and ramps of the channels, B, as contact leaves; NaN where it cannot be told.
+
+    Of r = y - A t, where t is the contact with the penalty P, the drift g = B'r has the covariance S = B'B - B'A (A'A + P)^-1 A'B, on the face of
+    the contact. g' S^-1 g is chi^2 of as many degrees of freedom as there are patterns (the score test; C. R. Rao, Proc. Cambridge Phil. Soc.
+    44, 1948, 50-57), or F where noise was learned. Contact takes up nearly all of a drift, and what is left is too small and too smooth for tests
+    of size and of neighbours. The model that it explains least counts: in the others it may be what they smooth.
+
+    Taken out first is what a pad may do that is not known exactly, and shear in one proportion to the pressure, which the penalty keeps small.
+    """
+    import scipy.special
+
+    if not run.members or any(isinstance(m.data.matrix, Applied) for m in run.members):
+        return math.nan
+    observed, known = run.observed, estimator.noise_known
+    drifts = np.stack([t.rows for t in nuisances(estimator.operator.planes_of, ("offset", "ramp"))], axis=1)
+    columns = np.concatenate([run.doubtful[0], drifts / run.noise[:, None]], axis=1)
+    columns = estimator.readings.white(columns[observed], observed)
+    y = estimator.readings.white((run.data / run.noise)[observed], observed)
+    detail = math.hypot(MODEL_DETAIL, estimator.problem.uncertainty.gain) * float(np.abs(y).max(initial=0.0))
+    chances = []
+    for m in run.members:
+        t, matrix = m.solution.traction, m.data.matrix
+        ways = np.zeros((len(t) - 1, *t.shape))
+        for i, way in enumerate(ways):
+            way[i] = t[-1]
+        drag = [matrix @ way.ravel() for way in ways]
+        first = len(drag) + run.doubtful[0].shape[1]
+        each = np.concatenate([*(d[:, None] for d in drag), columns], axis=1)
+        size = np.sqrt((each**2).sum(axis=0))
+        each = each / np.where(size > 0, size, 1.0)
+        z = posterior_factor(m.solution, each.T @ matrix)
+        along = each.T @ (y - matrix @ t.ravel())
+        covariance = each.T @ each - z.T @ z
+        count, squares = _squares(covariance, along)
+        fewer, without = _squares(covariance[:first, :first], along[:first])
+        count, squares = count - fewer, max(squares - without, 0.0) / (1.0 + detail**2)
+        free = len(y) - taken_by(m) - fewer
+        if count < 1 or free - count < FEWEST:
+            return math.nan
+        if known:
+            chances.append(float(scipy.special.gammaincc(0.5 * count, 0.5 * squares)))
+        else:
+            chances.append(float(scipy.special.fdtrc(count, free - count, squares / count)))
+    return max(chances)
+
+
+def _squares(covariance: Floats, along: Floats) -> tuple[int, float]:
+    """Degrees of freedom and g' S^-1 g, without directions that are not told."""
+    if not len(along):
+        return 0, 0.0
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    told = values > TOLD
+    return int(told.sum()), float(((vectors[:, told].T @ along) ** 2 / values[told]).sum())
