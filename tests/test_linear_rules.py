@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.linear.parameter import choose, tikhonov, truncate
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.model import Rounds
+from palpate.inverse.linear.parameter import Tried, candidates, choose, tikhonov, truncate
 from palpate.recordings import Recording, read_table
 
 CHANNELS = ["displacement_x", "displacement_y"]
@@ -98,3 +100,34 @@ def test_a_cut_off_never_parts_a_pair_that_symmetry_makes_equal(rng: np.random.G
             cut = choose(rule, truncate, values, np.ones(120), power, noise_known=False).parameter
             kept = (values[None, :] > cut[:, None]).sum(axis=1)
             assert (kept % 2 == 0).all()
+
+
+def test_what_does_not_depend_on_frames_may_be_kept() -> None:
+    """The same parameter and noise whether the candidates' filter factors are kept or made anew."""
+    rng = np.random.default_rng(7)
+    values, ones = 10.0 ** -rng.uniform(0.0, 9.0, 40), np.ones(40)
+    power = (1.0 + values[None, :] / 1e-4) * rng.standard_normal((3, 40)) ** 2
+    tried = Tried(tikhonov, candidates(values), values, ones)
+    for rule in ("evidence", "gcv", "lcurve"):
+        anew = choose(rule, tikhonov, values, ones, power, noise_known=False)
+        kept = choose(rule, tikhonov, values, ones, power, noise_known=False, tried=tried)
+        np.testing.assert_array_equal(anew.parameter, kept.parameter)
+        np.testing.assert_array_equal(anew.noise_variance, kept.noise_variance)
+
+
+def test_a_frame_projects_readings_once_and_others_anew() -> None:
+    class Counting:
+        asked = 0
+
+        def project(self, rows: list[Floats]) -> Floats:
+            self.asked += 1
+            return 2.0 * np.asarray(rows[0]).ravel()
+
+    spectrum, rounds = Counting(), Rounds()
+    first, second = np.ones((1, 4)), np.full((1, 4), 3.0)
+    with rounds:
+        for rows in (first, first.copy(), second, second, first):
+            np.testing.assert_array_equal(rounds.projected(spectrum, [rows]), 2.0 * rows.ravel())  # type: ignore[arg-type]
+        assert spectrum.asked == 3
+    rounds.projected(spectrum, [first])  # type: ignore[arg-type]
+    assert spectrum.asked == 4  # nothing outlives the frame

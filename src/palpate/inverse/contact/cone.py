@@ -316,12 +316,16 @@ class Face:
         out = np.ascontiguousarray(columns[places])
         if not self.mixed:
             return out
-        direction, cell = np.divmod(places, self.free.shape[1])
+        c, n = self.free.shape
+        direction, cell = np.divmod(places, n)
         turned = np.flatnonzero(self.oblique[cell])
         if len(turned):
-            each = columns.reshape(*self.free.shape, -1)
+            # as a sparse product: one pass over the columns
             weights = self.basis[cell[turned], :, direction[turned]]
-            out[turned] = sum(w[:, None] * part[cell[turned]] for w, part in zip(weights.T, each))
+            where = cell[turned][:, None] + n * np.arange(c)
+            ends = np.arange(0, weights.size + 1, c)
+            mixed = scipy.sparse.csr_array((weights.ravel(), where.ravel(), ends), shape=(len(turned), c * n))
+            out[turned] = mixed @ columns
         return out
 
     def restrict(self, matrix: Floats) -> Floats:

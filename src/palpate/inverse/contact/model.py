@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,6 +18,7 @@ from palpate.inverse.contact.differences import Differences
 from palpate.inverse.contact.products import Applied, Boxes, Products, by_products
 from palpate.inverse.contact.quadratic import Penalty, Quadratic, formed_or_not
 from palpate.inverse.linear.matrix_free.evidence import FrameAtSize, LinearAtSize
+from palpate.inverse.linear.spectrum import Spectrum
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import refined
 from palpate.sensing.operator import Operator
@@ -97,12 +98,25 @@ class Rounds(threading.local):
 
     kept: dict[int, Columns] | None = None
     linear: FrameAtSize | None = None
+    #: The readings that were projected last, by the spectrum.
+    _projected: dict[int, tuple[Floats, Floats]] | None = None
 
     def __enter__(self) -> None:
-        self.kept, self.linear = {}, None
+        self.kept, self.linear, self._projected = {}, None, {}
 
     def __exit__(self, *error: object) -> None:
-        self.kept = self.linear = None
+        self.kept = self.linear = self._projected = None
+
+    def projected(self, spectrum: Spectrum, rows: Sequence[Floats]) -> Floats:
+        """Readings in the basis of a spectrum: rounds that differ in their noise ask for the same."""
+        flat = np.concatenate([r.ravel() for r in rows])
+        known = None if self._projected is None else self._projected.get(id(spectrum))
+        if known is not None and np.array_equal(known[0], flat):
+            return known[1]
+        out = np.asarray(spectrum.project(rows))
+        if self._projected is not None:
+            self._projected[id(spectrum)] = flat, out
+        return out
 
     def of(self, linear: LinearAtSize) -> FrameAtSize:
         """What a matrix-free linear model makes of the frame."""

@@ -190,16 +190,21 @@ class Screened:
 
 
 def linear_noise(
-    linear: Decomposition, rows: Sequence[Floats], total: float, patterns: Floats | None = None
+    linear: Decomposition,
+    rows: Sequence[Floats],
+    total: float,
+    patterns: Floats | None = None,
+    projected: Floats | None = None,
 ) -> tuple[LinearEvidence, float, float]:
     """The linear model whose noise explains itself, that noise, and the degrees of freedom left; noise in units of the whitening."""
+    c = np.asarray(linear.spectrum.project(rows)) if projected is None else projected
     values = linear.spectrum.eigenvalues
     known = 1.0 if linear.noise_known else FIRST_NOISE * total
     for _ in range(ROUNDS):
-        found = linear_evidence(linear, rows, None, known, patterns)
+        found = linear_evidence(linear, rows, None, known, patterns, projected=c)
         w = found.parameter / (found.parameter + values)
         free = max(float(w.sum()) - (0 if patterns is None else len(patterns)), 1.0)
-        left = math.sqrt(max(_misfit(linear, rows, found, patterns), 0.0) / free)
+        left = math.sqrt(max(_misfit(linear, c, found, patterns), 0.0) / free)
         if left > known / SETTLED and (left < known * SETTLED or not linear.noise_known):
             break
         if linear.noise_known and left <= known:
@@ -223,9 +228,8 @@ def noise_at_size(linear: FrameAtSize, rows: Sequence[Floats], total: float) -> 
     return found, left, free
 
 
-def _misfit(linear: Decomposition, rows: Sequence[Floats], found: LinearEvidence, patterns: Floats | None) -> float:
-    """Squared misfit in units of the whitening."""
-    c = np.asarray(linear.spectrum.project(rows))
+def _misfit(linear: Decomposition, c: Floats, found: LinearEvidence, patterns: Floats | None) -> float:
+    """Squared misfit of readings in the basis of the spectrum, in units of the whitening."""
     if patterns is not None:
         c = c - found.sizes @ patterns
     w = found.parameter / (found.parameter + linear.spectrum.eigenvalues)
@@ -298,12 +302,13 @@ class _Screening:
     def model(self, held: Sequence[Floats], total: float) -> tuple[LinearEvidence, float, float]:
         """The linear model with the patterns that are held, the noise that it leaves, and the freedom left."""
         patterns = np.stack(held) if held else None
-        found, left, free = linear_noise(self.linear, self.rows, total, patterns)
+        found, left, free = linear_noise(self.linear, self.rows, total, patterns, self.coefficients)
         return found, max(left, self.least), free
 
     def _evidence(self, held: Sequence[Floats]) -> float:
         """Log evidence of the linear model with the noise that was given."""
-        found = linear_evidence(self.linear, self.rows, None, 1.0, np.stack(held) if held else None)
+        patterns = np.stack(held) if held else None
+        found = linear_evidence(self.linear, self.rows, None, 1.0, patterns, projected=self.coefficients)
         return log_evidence(found.objective, found.logdet, found.freedom, 1.0)
 
     def run(self, observed: Flags, thresholds: Thresholds) -> Screened:

@@ -57,7 +57,8 @@ class LinearStart:
         """What a linear model makes of a frame; ``known`` fixes the noise scale where it is not the arrays' own."""
         if isinstance(linear, LinearAtSize):
             return self._rounds.of(linear).evidence(rows, self.parameter, known, patterns)
-        return linear_evidence(linear, rows, self.parameter, known, patterns)
+        projected = self._rounds.projected(linear.spectrum, rows)
+        return linear_evidence(linear, rows, self.parameter, known, patterns, projected=projected)
 
     def noise(self, data: Floats, total: float, observed: Flags) -> tuple[LinearEvidence, float, float]:
         """The linear model whose noise explains itself, the noise, and the freedom left.

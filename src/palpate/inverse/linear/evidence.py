@@ -48,16 +48,19 @@ def linear_evidence(
     parameter: float | None = None,
     known: float | None = None,
     patterns: Floats | None = None,
+    *,
+    projected: Floats | None = None,
 ) -> LinearEvidence:
     """Of one frame of readings, with the parameter given or by evidence.
 
     ``known`` fixes the noise scale (in units of the whitening) where it is not the arrays' own; ``patterns`` (pattern, coefficient) are
-    those that readings may hold besides contact, projected like the readings.
+    those that readings may hold besides contact, projected like the readings; ``projected`` are the readings in the basis of the spectrum, where
+    they are known.
     """
     spectrum = linear.spectrum
     values, counts = spectrum.eigenvalues, spectrum.multiplicity
     unit = known or 1.0
-    coefficients = np.asarray(spectrum.project(rows)) / unit
+    coefficients = np.asarray(spectrum.project(rows) if projected is None else projected) / unit
     certain = linear.noise_known or known is not None
     if patterns is not None and len(patterns):
         best, variance, total, logdet, base, count = _with_patterns(values, coefficients, patterns, parameter, certain)
@@ -67,7 +70,10 @@ def linear_evidence(
     else:
         power = np.abs(coefficients) ** 2
         if parameter is None:
-            chosen, found = choose_parameter("evidence", tikhonov, values, counts, power[None], noise_known=certain)
+            tried = spectrum.tried
+            chosen, found = choose_parameter(
+                "evidence", tikhonov, values, counts, power[None], noise_known=certain, tried=tried
+            )
         else:
             chosen = np.array([parameter])
             left = float((counts * power * (1.0 - tikhonov(values, chosen))).sum())
@@ -138,8 +144,12 @@ def _restricted(weights: Floats, c: Floats, patterns: Floats) -> tuple[Floats, F
     if len(patterns) > MANY:
         taken, more = np.array([_by_factor(patterns * np.sqrt(w), np.sqrt(w) * c) for w in weights]).T
     else:
-        weighted = weights[:, None, :] * patterns[None]
-        taken, more = _by_eigenvalues(weighted @ patterns.T, weighted @ c)
+        k = len(patterns)
+        gram = np.empty((len(weights), k, k))
+        for i in range(k):
+            gram[:, i, i:] = weights @ (patterns[i] * patterns[i:]).T
+            gram[:, i:, i] = gram[:, i, i:]
+        taken, more = _by_eigenvalues(gram, weights @ (patterns * c).T)
     with np.errstate(divide="ignore"):
         logdet = -np.log(weights).sum(axis=1) + more
     return weights @ c**2 - taken, logdet

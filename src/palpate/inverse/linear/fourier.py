@@ -11,6 +11,7 @@ import numpy as np
 from palpate._arrays import from_numpy, irfftn, namespace, rfftn
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
+from palpate.inverse.linear.parameter import Tried
 from palpate.inverse.linear.priors import Prior, wavenumbers
 from palpate.sensing.operator import Operator, periodic_transfer
 
@@ -22,6 +23,7 @@ class FourierSpectrum:
 
     eigenvalues: Floats
     multiplicity: Floats
+    tried: Tried | None = None
 
     def __init__(
         self, operator: Operator, priors: Sequence[Prior], columns: Sequence[int], scales: Sequence[Floats]

@@ -24,6 +24,7 @@ __all__ = [
     "Curves",
     "Filter",
     "SpectrumCurves",
+    "Tried",
     "amplitude",
     "by_discrepancy",
     "candidates",
@@ -113,9 +114,10 @@ def choose_parameter(
     power: Floats,
     *,
     noise_known: bool,
+    tried: Tried | None = None,
 ) -> tuple[Floats, Floats]:
     """Parameter and noise variance of each frame by a rule; see `choose`."""
-    found = choose(rule, filter_factors, eigenvalues, multiplicity, power, noise_known=noise_known)
+    found = choose(rule, filter_factors, eigenvalues, multiplicity, power, noise_known=noise_known, tried=tried)
     return found.parameter, found.noise_variance
 
 
@@ -128,6 +130,7 @@ def choose(
     *,
     noise_known: bool,
     floor: Floats | None = None,
+    tried: Tried | None = None,
 ) -> Choice:
     """The regularisation parameter of each frame by a rule.
 
@@ -150,6 +153,8 @@ def choose(
         Whether whitening used the true noise, so that residuals have unit variance.
     floor : array (frame,), optional
         Least noise variance that is believed where the noise is not known.
+    tried : Tried, optional
+        What does not depend on the frames, where it is kept.
 
     Returns
     -------
@@ -158,9 +163,12 @@ def choose(
     """
     check_rule(rule, filter_factors, noise_known=noise_known)
     least = np.zeros(len(power)) if floor is None else floor
-    grid = _levels(eigenvalues) if filter_factors is truncate else candidates(eigenvalues)
+    if tried is None:
+        levels = _levels(eigenvalues) if filter_factors is truncate else candidates(eigenvalues)
+        tried = Tried(filter_factors, levels, eigenvalues, multiplicity)
+    grid = tried.grid
     datum = multiplicity * power  # (frame, n)
-    curves = SpectrumCurves(filter_factors, grid, eigenvalues, multiplicity, datum)
+    curves = SpectrumCurves(tried, datum)
     found = pick(rule, curves, None if noise_known else least)
     parameter = found.parameter if filter_factors is tikhonov else grid[found.best].copy()
     without, instead = found.without, ""
@@ -225,46 +233,63 @@ class Curves(Protocol):
     def count(self) -> float: ...
 
 
-class SpectrumCurves:
-    """`Curves` of frames whose squared coefficients ``datum`` (frame, n) in a spectrum are known; each is made when it is asked for."""
+class Tried:
+    """What the rules ask of a spectrum at the parameters ``grid`` whatever the frames; each is made when it is asked for."""
 
-    def __init__(
-        self, filter_factors: Filter, grid: Floats, eigenvalues: Floats, multiplicity: Floats, datum: Floats
-    ) -> None:
+    def __init__(self, filter_factors: Filter, grid: Floats, eigenvalues: Floats, multiplicity: Floats) -> None:
         self.grid, self.count = grid, float(multiplicity.sum())
-        self._values, self._multiplicity, self._datum = eigenvalues, multiplicity, datum
-        self._phi = filter_factors(eigenvalues[None, :], grid[:, None])  # (candidate, n)
+        self.values, self.multiplicity, self._filter = eigenvalues, multiplicity, filter_factors
+        self.left = 1.0 - self.phi  # (candidate, n)
 
-    @cached_property
-    def _left(self) -> Floats:
-        return 1.0 - self._phi
-
-    @cached_property
-    def residual(self) -> Floats:
-        return np.asarray(self._datum @ (self._left**2).T)
-
-    @cached_property
-    def penalty(self) -> Floats:
-        safe = np.where(self._values > 0, self._values, 1.0)
-        return np.asarray(self._datum @ np.where(self._values > 0, self._phi**2 / safe, 0.0).T)
-
-    @cached_property
-    def explained(self) -> Floats:
-        return np.asarray(self._datum @ self._left.T)
+    @property
+    def phi(self) -> Floats:
+        """Filter factors (candidate, n)."""
+        return self._filter(self.values[None, :], self.grid[:, None])
 
     @cached_property
     def free(self) -> Floats:
-        return np.asarray(self._left @ self._multiplicity)
+        return np.asarray(self.left @ self.multiplicity)
 
     @cached_property
     def logdet(self) -> Floats:
-        return np.asarray(-np.log(np.maximum(self._left, TINY)) @ self._multiplicity)
+        return np.asarray(-np.log(np.maximum(self.left, TINY)) @ self.multiplicity)
+
+
+class SpectrumCurves:
+    """`Curves` of frames whose squared coefficients ``datum`` (frame, n) in a spectrum are known; each is made when it is asked for."""
+
+    def __init__(self, tried: Tried, datum: Floats) -> None:
+        self.grid, self.count = tried.grid, tried.count
+        self._tried, self._datum = tried, datum
+
+    @cached_property
+    def residual(self) -> Floats:
+        return np.asarray(self._datum @ (self._tried.left**2).T)
+
+    @cached_property
+    def penalty(self) -> Floats:
+        values = self._tried.values
+        safe = np.where(values > 0, values, 1.0)
+        return np.asarray(self._datum @ np.where(values > 0, self._tried.phi**2 / safe, 0.0).T)
+
+    @cached_property
+    def explained(self) -> Floats:
+        return np.asarray(self._datum @ self._tried.left.T)
+
+    @property
+    def free(self) -> Floats:
+        return self._tried.free
+
+    @property
+    def logdet(self) -> Floats:
+        return self._tried.logdet
 
     @cached_property
     def inside(self) -> npt.NDArray[np.bool_]:
         # beyond the spectrum's ends every lambda does the same, and rounding makes corners of its own
-        top = float(self._values.max())
-        positive = self._values[self._values > CORNER * top]
+        values = self._tried.values
+        top = float(values.max())
+        positive = values[values > CORNER * top]
         return np.asarray((self.grid >= positive.min()) & (self.grid <= top))
 
 
@@ -278,7 +303,7 @@ class Picked(NamedTuple):
 
 def pick(rule: str, curves: Curves, floor: Floats | None) -> Picked:
     """What the rule makes of the curves; ``floor`` as in `amplitude`."""
-    count, frames = curves.count, len(curves.residual)
+    count = curves.count
     score: Floats
     if rule == "gcv":
         free = np.where(curves.free < FREE * count, np.nan, curves.free)
@@ -292,10 +317,10 @@ def pick(rule: str, curves: Curves, floor: Floats | None) -> Picked:
         score = minus_evidence(curves, floor)[0]
     score = np.where(np.isfinite(score), score, np.inf)
     best = np.argmin(score, axis=1)
-    without = np.zeros(frames, dtype=bool)
+    without = np.zeros(len(score), dtype=bool)
     if rule == "lcurve":
         ends = np.flatnonzero(curves.inside)[[0, -1]]
-        without = (turned[np.arange(frames), best] < TURN) | np.isin(best, ends)
+        without = (turned[np.arange(len(score)), best] < TURN) | np.isin(best, ends)
     return Picked(refined(curves.grid, score, best), best, without)
 
 
@@ -306,7 +331,7 @@ def amplitude(eigenvalues: Floats, multiplicity: Floats, power: Floats, floor: F
     that would not have shown. ``floor`` (frame,) is the least noise variance, or None where the noise is known.
     """
     grid = candidates(eigenvalues)
-    return mean_sizes(SpectrumCurves(tikhonov, grid, eigenvalues, multiplicity, multiplicity * power), floor)
+    return mean_sizes(SpectrumCurves(Tried(tikhonov, grid, eigenvalues, multiplicity), multiplicity * power), floor)
 
 
 def mean_sizes(curves: Curves, floor: Floats | None) -> tuple[Floats, Floats]:

@@ -16,6 +16,7 @@ import itertools
 import math
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -26,6 +27,7 @@ from palpate._recall import digest
 from palpate.elastic.channels import find_channel, mirror_parity
 from palpate.elastic.pad import Floats, Pad, mirror_symmetric
 from palpate.inverse.linear.lumps import lumps
+from palpate.inverse.linear.parameter import Tried, candidates, tikhonov
 from palpate.inverse.linear.priors import DifferencePrior, Prior
 from palpate.inverse.linear.whitening import axis_roots, inverse_root
 from palpate.sensing.arrays import Array, ScatteredArray
@@ -56,6 +58,11 @@ class Spectrum(Protocol):
     #: s^2 of the whitened operator, and how many real data each coefficient stands for.
     eigenvalues: Floats
     multiplicity: Floats
+
+    @property
+    def tried(self) -> Tried | None:
+        """What the choice of Tikhonov's parameter asks of it whatever the readings, where that is kept."""
+        ...
 
     def project(self, readings: Sequence[Any]) -> Any:
         """U^T N^{-1/2} readings: (..., n)."""
@@ -198,6 +205,11 @@ class DataSpectrum:
                 [self._some_modes(slice(i, min(i + MODES_AT_A_TIME, count))) for i in range(0, count, MODES_AT_A_TIME)]
             )
             self._copies.clear()
+
+    @cached_property
+    def tried(self) -> Tried:
+        """What the choice of Tikhonov's parameter asks of it whatever the readings: 5 MB of 32 x 32 x 3."""
+        return Tried(tikhonov, candidates(self.eigenvalues), self.eigenvalues, self.multiplicity)
 
     @property
     def nbytes(self) -> int:

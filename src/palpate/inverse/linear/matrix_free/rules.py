@@ -16,7 +16,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.interpolation import between
 from palpate.inverse.linear.matrix_free.system import System
-from palpate.inverse.linear.parameter import TINY, candidates, pick, tikhonov
+from palpate.inverse.linear.parameter import TINY, Tried, candidates, pick, tikhonov
 from palpate.inverse.linear.parameter import SpectrumCurves as Guess
 
 __all__ = ["Corrected", "Search"]
@@ -52,7 +52,7 @@ class Corrected:
         freedom = system.freedom
         power = (freedom.weights @ freedom.space.powers(rows).T).T
         grid = candidates(np.array([freedom.top]))
-        guess = Guess(tikhonov, grid, freedom.nodes, freedom.counts, np.maximum(power, 0.0))
+        guess = Guess(Tried(tikhonov, grid, freedom.nodes, freedom.counts), np.maximum(power, 0.0))
         return cls(guess, system, [[] for _ in rows], [[] for _ in rows])
 
     def add(
