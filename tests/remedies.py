@@ -282,6 +282,11 @@ REMEDIES = [
         lambda: pp.Skin(PAD, [line(), area()]),
         lambda: pp.Skin(PAD, [line(), line(depth=2e-3)]),
     ),
+    Remedy(
+        "Use a small contact, such as strip() or patch()",
+        lambda: pp.Skin(GEL, line(depth=0.0)).sense(pp.solutions.line_load(force=1.0)),
+        lambda: pp.Skin(GEL, line(depth=0.0)).sense(pp.solutions.strip(half_width=1e-5, traction=1e5)),
+    ),
     Remedy("a line contact needs a skin in line contact", lambda: AREA.sense(PUNCH), lambda: SKIN.sense(PUNCH)),
     Remedy(
         "does not take rng: it draws no samples",

@@ -215,7 +215,8 @@ def touch() -> pp.Touch:
     skin = pp.Skin(pad, array)
     press = pp.solutions.hertz_point(radius=3e-3, force=2.0).shifted(1e-3, -2e-3)
     with skin.track(friction=0.5) as tracker:
-        return tracker.step(skin.sense(press), 1.0)
+        # traction that is even in cells: without noise the interval holds no other error
+        return tracker.step(skin.sense(skin.sample(press)), 1.0)
 
 
 def points_of(cloud: Any) -> Any:

@@ -27,7 +27,8 @@ from palpate.inverse.registry import method_asked, method_named
 from palpate.inverse.words import notes
 from palpate.recordings.prepared import read_prepared, write_prepared
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
-from palpate.sensing.grids import Grid, LineGrid
+from palpate.sensing.contacts import contact_readings, sampled
+from palpate.sensing.grids import Grid
 from palpate.sensing.nuisance import check_nuisance
 from palpate.sensing.operator import Boundary, Operator
 from palpate.sensing.readings import Layout, checked_traction, creeping, frame_times, joined_planes, with_creep
@@ -365,18 +366,15 @@ class Skin:
         >>> traction.shape, (traction[1].sum() * skin.surface.cell).round(6).item()  # the force [N/m]
         ((2, 15), 10.0)
         """
-        if isinstance(contact, LineContact) != isinstance(self._surface, LineGrid):
-            raise InvalidInput("a line contact needs a skin in line contact, and an area contact one in area contact.")
-        if isinstance(contact, LineContact):
-            return contact.averages(self._surface.edges)  # type: ignore[union-attr]
-        return contact.averages(self._surface.x, self._surface.axes[0])
+        return sampled(contact, self._surface)
 
     def sense(self, traction: Any, *, rng: np.random.Generator | None = None, time: npt.ArrayLike | None = None) -> Any:
         """Readings for a traction.
 
         Parameters
         ----------
-        traction : array (*batch, component, *surface) [Pa], or a contact of `palpate.solutions`, of which each cell takes the mean: a contact of a few cells needs a finer surface
+        traction : array (*batch, component, *surface) [Pa], or a contact of `palpate.solutions`
+            A contact is read as it is, whatever the surface's cells, also beyond them; on a periodic surface it is repeated with it.
         rng : numpy Generator, optional
             Adds the arrays' own noise.
         time : array (frame,), optional
@@ -391,9 +389,9 @@ class Skin:
         Raises
         ------
         InvalidInput
-            A traction of another shape or not finite; times that are missing where the pad creeps; ``rng`` for an array without noise.
+            A traction of another shape or not finite; times that are missing where the pad creeps; ``rng`` for an array without noise; a contact of the other kind.
         Unsupported
-            Times where the pad does not creep.
+            Times where the pad does not creep; a concentrated load on taxels at depth 0.
 
         Examples
         --------
@@ -404,9 +402,9 @@ class Skin:
         [[184.8, 549.8, 184.8]]
         """
         if isinstance(traction, LineContact | AreaContact):
-            traction = self.sample(traction)
-        values = checked_traction(traction, self._surface)
-        out = self.operator.forward(values)
+            out: list[Any] = list(contact_readings(self.operator, traction))
+        else:
+            out = self.operator.forward(checked_traction(traction, self._surface))
         if isinstance(self._pad, Viscoelastic):
             out = with_creep(out, self._planes, self._pad.prony, frame_times(traction, out, self._planes, time), "add")
         elif time is not None:

@@ -31,7 +31,7 @@ from palpate.sensing.grids import Grid
 from palpate.sensing.kernels import aperture_rule, influence
 from palpate.sensing.scattered import Lattice
 
-__all__ = ["Boundary", "Convolution", "Operator", "commensurate", "periodic_transfer", "sampled_kernel"]
+__all__ = ["Boundary", "Convolution", "Operator", "Periodic", "commensurate", "periodic_transfer", "sampled_kernel"]
 
 Boundary = Literal["free", "periodic"]
 
@@ -360,7 +360,7 @@ def periodic_transfer(pad: Pad, grid: Grid, array: Array) -> npt.NDArray[np.comp
     return np.asarray(matrix)
 
 
-class _Periodic:
+class Periodic:
     """One matrix per wavevector; the surface repeats for ever."""
 
     def __init__(self, pad: Pad, array: Array, grid: Grid) -> None:
@@ -481,7 +481,7 @@ class Operator:
         made: list[_Plane] = []
         for array in self.planes_of:
             if self.boundary == "periodic":
-                made.append(_Periodic(self.pad, array, self.surface))
+                made.append(Periodic(self.pad, array, self.surface))
             elif commensurate(array, self.surface) is not None:
                 made.append(Convolution(self.pad, array, self.surface, recall=self.recall))
             elif len(array.points) * len(array.channels) > LARGEST_MATRIX:
