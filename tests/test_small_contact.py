@@ -74,6 +74,24 @@ def test_a_contact_that_one_taxel_alone_feels_is_within_the_error_of_none(
     assert low < force < high
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_a_reading_of_one_taxel_alone_may_be_a_broken_taxel(known: bool) -> None:
+    """A railed taxel on an untouched array, which a needle over it would read as well; a press that its neighbours feel is no such reading."""
+    array = _array((6, 8), 0.4, ["stress_zz"])
+    if known:
+        array = pp.AreaArray(
+            shape=array.shape, pitch=PITCH, depth=array.depth, channels=array.channels, noise=50.0
+        )  # fmt: skip
+    skin = pp.Skin(PAD, array)
+    railed = np.random.default_rng(1).normal(0.0, 50.0, (1, 6, 8))
+    railed[0, 2, 3] = 1e5
+    felt, _ = _press(array, (0.3, 0.3), 0.4, 5e-3, 1)
+    for readings, broken in ((railed, True), (felt, False)):
+        notes = skin.reconstruct(readings).notes
+        assert any(note.startswith("small contact") for note in notes)
+        assert any("or a broken taxel" in note for note in notes) == broken
+
+
 def test_the_linear_model_takes_it_for_noise() -> None:
     array = _array((8, 8), 0.37, ["stress_zz"])
     readings, _ = _press(array, (0.84, -1.75), 0.4, 0.013, 1)

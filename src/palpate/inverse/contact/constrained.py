@@ -26,7 +26,7 @@ from palpate.errors import Unsupported
 from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.edges import outside_taxels, ring_of
-from palpate.inverse.contact.frame import Frame, Run, said_of
+from palpate.inverse.contact.frame import Frame, Run, how_small, said_of
 from palpate.inverse.contact.hypotheses import Hypothesis, exceeded, hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.later import ContactErrors
 from palpate.inverse.contact.misfit import drift_probability, misfit_of
@@ -674,5 +674,5 @@ class ConstrainedEstimator:
             sliding=sum(m.weight for m in members if m.ray is not None),
             fit=misfit_of(self, run, residual, taken, float(np.abs(y[observed]).max(initial=0.0))),
             sampled=large,
-            small=any(m.compact for m in members),
+            small=how_small(members, self.operator.planes_of, run),
         )

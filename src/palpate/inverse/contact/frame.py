@@ -15,8 +15,12 @@ from palpate.inverse.contact.iterative import SAMPLES
 from palpate.inverse.contact.model import ContactModel
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors
+from palpate.sensing.arrays import Array
 
-__all__ = ["Frame", "Run", "said_of"]
+__all__ = ["Frame", "Run", "how_small", "said_of"]
+
+#: Standard deviations of noise above which a reading, or the sum of squares of many, is no noise.
+STANDS_OUT = 4.0
 
 Flags = npt.NDArray[np.bool_]
 
@@ -24,8 +28,8 @@ Flags = npt.NDArray[np.bool_]
 @dataclass(frozen=True)
 class Frame:
     """One frame's result; ``sampled``: the contact was too large for matrices, and errors of its cells are those of samples. Its errors are
-    then worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`); ``adrift``:
-    drift may be part of its force.
+    then worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`); 2 where one
+    taxel alone tells it. ``adrift``: drift may be part of its force.
     """
 
     traction: Floats
@@ -45,7 +49,7 @@ class Frame:
     nuisance_std: Floats = field(default_factory=lambda: np.zeros(0))
     at_limit: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     sampled: bool = False
-    small: bool = False
+    small: int = 0
     adrift: bool = False
 
     @property
@@ -76,13 +80,27 @@ class Run:
     adrift: float = 0.0
 
 
+def how_small(members: Sequence[ContactModel], planes: Sequence[Array], run: Run) -> int:
+    """0, 1 where a contact may be small, and 2 where besides readings of one taxel alone stand out of the noise: what touches there cannot be told
+    from what is wrong with it."""
+    if not any(m.compact for m in members):
+        return 0
+    first = np.cumsum([0] + [int(a.valid.sum()) for a in planes])
+    taxel = np.concatenate([np.tile(np.arange(s, e), len(a.channels)) for a, s, e in zip(planes, first, first[1:])])
+    squares = np.where(run.observed, (run.data / np.where(run.noise > 0, run.noise, 1.0)) ** 2, 0.0)
+    rest = run.observed & (taxel != taxel[int(np.argmax(squares))])
+    count = int(rest.sum())
+    level = count + STANDS_OUT * math.sqrt(2.0 * count)
+    return 2 if count and squares[rest].max() < STANDS_OUT**2 and squares[rest].sum() < level else 1
+
+
 def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
     """What is approximated in frames whose contact is too large for matrices, and what few taxels do not tell."""
 
     def where(count: int) -> str:
         return f" in {count} of {len(frames)} frames" if batch else ""
 
-    large, small = sum(f.sampled for f in frames), sum(f.small for f in frames)
+    large, small, alone = (sum(n) for n in zip(*((f.sampled, f.small > 0, f.small > 1) for f in frames)))
     said = []
     if large:
         said.append(
@@ -92,6 +110,10 @@ def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
         said.append(
             f"small contact{where(small)}: few taxels feel it, so that its size and its place between them, and its force with them, are known "
             "no better than the intervals say"
+        )
+    if alone:
+        said.append(
+            f"small contact or a broken taxel{where(alone)}: one taxel alone tells it, and the others read as where nothing touches"
         )
     drifting = sum(f.adrift for f in frames)
     if drifting:
