@@ -24,6 +24,10 @@ def test_threads_are_given_back() -> None:
     with few_threads(10):
         assert set(counts()) == {1}
     assert counts() == before
+    with few_threads(2 * SMALL, 100):  # few readings on many cells
+        assert set(counts()) == {1}
+    with few_threads(2 * SMALL, 2 * SMALL):
+        assert counts() == before
     with pytest.raises(ValueError, match="mine"), few_threads(10):
         raise ValueError("mine")
     assert counts() == before

@@ -256,7 +256,7 @@ class ConstrainedEstimator:
         like, batch = readings[0], batch_of(readings, self.operator)
         frames = []
         for f in frames_of(readings, self.operator):
-            with few_threads(self.inside.size * len(self.columns)), self._rounds:
+            with few_threads(self.inside.size * len(self.columns), len(self.readings.std)), self._rounds:
                 frames.append(self.frame(f, rng))
                 if math.prod(batch) > 1:
                     frames[-1] = replace(frames[-1], errors=frames[-1].known)

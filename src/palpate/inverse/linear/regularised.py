@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy, namespace, to_numpy
+from palpate._threads import few_threads
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.estimate import Estimate
@@ -62,10 +63,11 @@ def decompose(
         check_waves(operator.planes_of, operator.surface)
     scales, known = noise_scales(operator, columns)
     spectrum: Spectrum
-    if operator.boundary == "periodic":
-        spectrum = FourierSpectrum(operator, priors, columns, scales)
-    else:
-        spectrum = DataSpectrum(operator, priors, columns, scales, shared)
+    with few_threads(sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)):
+        if operator.boundary == "periodic":
+            spectrum = FourierSpectrum(operator, priors, columns, scales)
+        else:
+            spectrum = DataSpectrum(operator, priors, columns, scales, shared)
     return Decomposition(operator, tuple(columns), scales, known, spectrum)
 
 
