@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 
 import numpy as np
@@ -10,14 +11,15 @@ import scipy.linalg.blas  # noqa: F401
 import threadpoolctl
 
 import palpate as pp
-from palpate._threads import SMALL, few_threads
+from palpate._threads import SMALL, few_threads, spare
 
 
 def counts() -> list[int]:
     return [x["num_threads"] for x in threadpoolctl.threadpool_info() if x["user_api"] == "blas"]
 
 
-def test_threads_are_given_back() -> None:
+def test_threads_are_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "getloadavg", lambda: (0.4, 0.0, 0.0), raising=False)
     before = counts()
     with few_threads(SMALL + 1):
         assert counts() == before
@@ -31,6 +33,29 @@ def test_threads_are_given_back() -> None:
     with pytest.raises(ValueError, match="mine"), few_threads(10):
         raise ValueError("mine")
     assert counts() == before
+
+
+@pytest.mark.parametrize(
+    ("load", "threads"), [(0.0, None), (1.3, None), (2.0, 3), (3.6, 1), (50.0, 1)], ids=lambda v: str(v)
+)
+def test_large_problems_leave_cores_to_other_programs(
+    load: float, threads: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "getloadavg", lambda: (load, 0.0, 0.0), raising=False)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3}, raising=False)
+    assert spare() == threads
+    before = counts()
+    with few_threads(SMALL + 1):
+        assert set(counts()) == ({threads} if threads else set(before))
+    assert counts() == before
+
+
+def test_a_system_that_knows_no_load_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown() -> tuple[float, float, float]:
+        raise OSError
+
+    monkeypatch.setattr(os, "getloadavg", unknown, raising=False)
+    assert spare() is None
 
 
 def test_they_are_given_back_by_callers_that_overlap() -> None:

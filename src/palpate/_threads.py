@@ -7,12 +7,13 @@ wait for long (a frame of a 4 x 4 array took seven times the processor time on t
 from __future__ import annotations
 
 import functools
+import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-__all__ = ["SMALL", "few_threads"]
+__all__ = ["SMALL", "few_threads", "spare"]
 
 #: Unknowns up to which one thread is enough: a factorisation takes less than a second then.
 SMALL = 4096
@@ -23,7 +24,8 @@ WIDEST = 4
 
 @contextmanager
 def few_threads(unknowns: int, readings: int | None = None) -> Iterator[None]:
-    """A context in which linear algebra takes one thread where there are few unknowns, or few ``readings`` that tell of them.
+    """A context in which linear algebra takes one thread where there are few unknowns, or few ``readings`` that tell of them, and elsewhere no
+    more than other programs leave.
 
     The number belongs to the whole process: of several threads of the caller, one changes it and gives the others back when it leaves,
     which costs the rest time and nothing else. (Were each to put back what it found, one of them would put back the change.)
@@ -31,14 +33,30 @@ def few_threads(unknowns: int, readings: int | None = None) -> Iterator[None]:
     libraries, mine = _libraries()
     if readings is not None:
         unknowns = min(unknowns, WIDEST * readings)
-    if unknowns > SMALL or libraries is None or not mine.acquire(blocking=False):
+    threads = 1 if unknowns <= SMALL else spare()
+    if threads is None or libraries is None or not mine.acquire(blocking=False):
         yield
         return
     try:
-        with libraries.limit(limits=1, user_api="blas"):
+        with libraries.limit(limits=threads, user_api="blas"):
             yield
     finally:
         mine.release()
+
+
+def spare() -> int | None:
+    """Threads that other programs leave: the cores less the load of the last minute, this program's own one aside. None: all of them, or not known.
+
+    A thread that waits for its core keeps those that wait for it spinning: 4800 unknowns on two cores with two other programs took 30 s of
+    processor time with two threads, 8 s with one, and four times as long.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    try:
+        load = os.getloadavg()[0]
+    except (AttributeError, OSError):  # not on every system
+        return None
+    others = round(load) - 1
+    return None if others <= 0 else max(1, cores - others)
 
 
 @functools.cache
