@@ -26,9 +26,14 @@ def skin() -> pp.Skin:
     return pp.Skin(PAD, pp.AreaArray(shape=(9, 9), pitch=1e-3, depth=1.5e-3, channels=THREE))
 
 
+def on_cells(skin: pp.Skin) -> Any:
+    """What traction that is even in the skin's cells reads: what is tested are faults, not what cells cannot follow."""
+    return np.asarray(skin.sense(skin.sample(BALL)))
+
+
 @pytest.fixture(scope="module")
 def pressed(skin: pp.Skin) -> Any:
-    return np.asarray(skin.sense(BALL))
+    return on_cells(skin)
 
 
 @pytest.fixture(scope="module")
@@ -324,10 +329,27 @@ def _faulty(skin: pp.Skin, pressed: Any, seed: int, frames: int) -> dict[str, in
 
 
 @pytest.mark.long
+@pytest.mark.xfail(
+    strict=True,
+    reason="the tracker has one penalty on the surface's cells: 1.60 N for 1 N where they are as wide as the depth",
+)
+def test_a_tracker_on_wide_cells_reads_the_force_of_a_ball(small: pp.Skin) -> None:
+    """Exact readings, which cells of 1.3 mm follow to 7 %, with noise of 0.06 %: frames that the automatic method reads to 0.2 %."""
+    clean = np.asarray(small.sense(BALL))
+    rng = np.random.default_rng(0)
+    tracker = small.track()
+    for i in range(20):
+        touch = tracker.step((clean if i > 8 else 0.0 * clean) + NOISE * rng.standard_normal(clean.shape))
+    noisy = clean + NOISE * rng.standard_normal(clean.shape)
+    assert small.reconstruct(noisy).force[2] == pytest.approx(1.0, abs=0.02)
+    assert touch.force[2] == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.filterwarnings("error")
 def test_faults_at_random(small: pp.Skin, seed: int) -> None:
-    counts = _faulty(small, np.asarray(small.sense(BALL)), seed, 120)
+    counts = _faulty(small, on_cells(small), seed, 120)
     assert counts["SOLVED"] + counts["NOT_CONVERGED"] > 20
     assert counts["MISSING"] > 3
 
