@@ -41,7 +41,9 @@ def test_net_force_of_an_adhesive_contact_is_held(channels: list[str], given: bo
     assert force == pytest.approx(0.5, rel=0.05)  # of 1.2 N pushed and 0.7 N pulled
     clean = np.asarray(pp.Skin(PAD, _array(channels), surface=FINE).sense(traction))
     std = 0.01 * float(np.abs(clean).max())
-    skin = pp.Skin(PAD, _array(channels, std if given else None))
+    # a shift of displacements that nobody excludes is not told from net force: the interval is 0.45 of it then, 0.02 without
+    still = [] if channels == ["displacement_z"] else "auto"
+    skin = pp.Skin(PAD, _array(channels, std if given else None), nuisance=still)
     touch = skin.reconstruct(clean + std * np.random.default_rng(3).standard_normal((2, *clean.shape)))
     low, high = (np.asarray(side)[:, 2] for side in touch.interval(0.95, "force"))
     # before: 1.00 to 1.20 of it, three channels and displacements outside their intervals; not given, intervals of +- 17 %

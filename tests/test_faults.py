@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import wait
 from typing import Any
 
 import numpy as np
@@ -311,6 +312,10 @@ def _faulty(skin: pp.Skin, pressed: Any, seed: int, frames: int) -> dict[str, in
         for i in range(160):
             clean = (i >= 100) * pressed + NOISE * rng.standard_normal(pressed.shape)
             touch = tracker.step(clean, time + 0.01 * (i + 1))
+            if budget is not None:
+                wait(
+                    tracker._background._pending.values()
+                )  # a stream pauses between its frames: no race with the machine
             if i < 150:
                 continue
             if budget is None:
@@ -318,8 +323,7 @@ def _faulty(skin: pp.Skin, pressed: Any, seed: int, frames: int) -> dict[str, in
                 if status(touch) is Status.SOLVED:
                     assert touch.force[2] == pytest.approx(1.0, abs=0.15)
             else:
-                # a millisecond is too short for any frame, and how far its thread has come goes by the machine's load: 0.9 to 4 N half a
-                # second later. What is promised of such frames is that their error bars hold (here to the 0.15 of above), and an end
+                # a millisecond is too short for any frame: 0.9 to 4 N half a second later. What is promised of such frames is that their error bars hold (here to the 0.15 of above), and an end
                 # to unfinished frames: without one it was 17 to 290 N
                 assert status(touch) in (Status.SOLVED, Status.NOT_CONVERGED, Status.NOT_PUSHING)
                 low, high = touch.interval(0.95, of="force")
@@ -328,21 +332,27 @@ def _faulty(skin: pp.Skin, pressed: Any, seed: int, frames: int) -> dict[str, in
     return counts
 
 
-@pytest.mark.long
-@pytest.mark.xfail(
-    strict=True,
-    reason="the tracker has one penalty on the surface's cells: 1.60 N for 1 N where they are as wide as the depth",
-)
-def test_a_tracker_on_wide_cells_reads_the_force_of_a_ball(small: pp.Skin) -> None:
-    """Exact readings, which cells of 1.3 mm follow to 7 %, with noise of 0.06 %: frames that the automatic method reads to 0.2 %."""
-    clean = np.asarray(small.sense(BALL))
+@pytest.mark.parametrize(("friction", "force", "radius"), [(0.6, 1.0, 2.5e-3), (0.6, 2.0, 2.1e-3), (None, 1.0, 2.5e-3)])
+def test_a_ball_on_cells_as_wide_as_taxels_are_deep(
+    small: pp.Skin, friction: float | None, force: float, radius: float
+) -> None:
+    """Cells of 1.3 mm cannot follow a ball's readings to noise of 0.06 %: 4.1 N (2.6 to 4.6) was said for 1 N, 17.9 N (13 to 21) for 2 N.
+
+    Without friction pressure and shear grow against each other where the taxels hardly tell: the interval knows.
+    """
+    clean = np.asarray(small.sense(solutions.hertz_point(radius=radius, force=force).shifted(0.3e-3, -0.4e-3)))
     rng = np.random.default_rng(0)
-    tracker = small.track()
+    tracker = small.track(baseline=8, friction=friction)
     for i in range(20):
-        touch = tracker.step((clean if i > 8 else 0.0 * clean) + NOISE * rng.standard_normal(clean.shape))
-    noisy = clean + NOISE * rng.standard_normal(clean.shape)
-    assert small.reconstruct(noisy).force[2] == pytest.approx(1.0, abs=0.02)
-    assert touch.force[2] == pytest.approx(1.0, abs=0.15)
+        touch = tracker.step((i > 8) * clean + NOISE * rng.standard_normal(clean.shape))
+    low, high = (float(side[2]) for side in touch.interval(0.95, of="force"))
+    assert status(touch) is Status.SOLVED
+    if friction is None:
+        assert low < force < high
+    else:
+        assert touch.force[2] == pytest.approx(force, rel=0.1)
+        assert low / 1.05 < force < 1.05 * high
+    assert float(touch.fit) > 0.01
 
 
 @pytest.mark.long

@@ -178,7 +178,8 @@ class Contact:
             self._background.wait(MOVING, frame.deadline)
         learned = self._learn(frame)
         used = self._check.unused
-        noise = frame.noise if self._learning.noise is None else self._learning.noise
+        known = self._learning.in_contact(frame.actual[np.isfinite(frame.actual) & ~used])
+        noise = frame.noise if known is None else known
         frame = frame._replace(noise=noise)
         converged = True
         if not self.pushing:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,12 @@ RELEARN_MISFIT = 3.0
 #: A linear model that calls less than this part of what contact leaves noise follows noise too: 0.3 at least on the accuracy benchmark, 0.04 where a
 #: contact of 0.9 pitches on 8 x 8 taxels of three channels, less than a pitch deep, was then read 2.4 times too large.
 FOLLOWED = 0.15
+#: The same of noise that was told: what contact leaves beyond it is what cells of the surface cannot follow. On 6 x 7 taxels of three channels, 1.3 mm
+#: wide and 1.5 mm deep, a ball of 1 N was read as 4.2 N with noise of 0.06 % and friction given.
+TOLD = 0.5
+#: Cells of the surface cannot follow so much of the readings at the most: 0.006 to 0.04 of contacts wider than three cells (taxels 0.6 to 1.5 cells deep),
+#: 0.19 of one half a cell wide. Broken taxels under a contact and garbage leave 0.26 and more.
+COARSEST = 0.2
 #: Until the thread has learned the penalty: so many times the weight at which a gradient of the size that explains the readings
 #: over a depth counts as much as they do. Too smooth for some frames rather than too rough.
 PROVISIONAL = 10.0
@@ -48,6 +55,7 @@ class Learning:
         self._from_contact = self.noise is None  # the noise is learned with the penalty, unless the baseline tells it
         self.parameter: float | None = None
         self.resolution: float | None = None
+        self._coarse = 0.0  # what cells of the surface cannot follow, in parts of the readings' root mean square
         self._energy = self._signal = 0.0
         self._doubts = 0
 
@@ -64,6 +72,12 @@ class Learning:
     def state(self, noise: float) -> None:
         """The noise of a frame whose source knows it; no less than that of the zero."""
         self.noise, self._from_contact = max(noise, self._told or 0.0), False
+
+    def in_contact(self, y: Floats) -> float | None:
+        """The noise of a frame in contact: what is known, and what cells of the surface cannot follow of the readings ``y``."""
+        if self.noise is None or not self._coarse:
+            return self.noise
+        return math.hypot(self.noise, self._coarse * float(np.sqrt(np.mean(y**2))))
 
     def doubt(self, used: Floats) -> None:
         """Forget a noise that was learned from a frame unlike those that follow: contact would hide in it for ever."""
@@ -103,23 +117,28 @@ class Learning:
         rows = estimator.readings.planes(y * estimator.readings.std)
         known = None if self._from_contact else self.noise
 
-        def work() -> tuple[float, float, float, float]:
+        def work() -> tuple[float, float, float, float, float]:
             linear, floor = estimator.orders[1], MODEL_ERROR * float(np.abs(y).max())
             evidence = estimator.evidence(linear, rows, known)
             if evidence.scale < floor:
                 # less noise than a pad is known to: the detail that it would show is not there
                 evidence = estimator.evidence(linear, rows, floor)
-            if known is None:
-                left = self._left(y)
-                if evidence.scale < FOLLOWED * left:
-                    # a linear model of shallow channels follows noise too, and a penalty for it lets pressure and shear grow against each other
-                    evidence = estimator.evidence(linear, rows, max(left, floor))
-            return evidence.parameter, max(evidence.scale, floor if known is None else 0.0), energy, signal
+            left = self._left(y)
+            size = float(np.sqrt(np.mean(y**2)))
+            # what contact leaves beyond the noise that was told is the cells', or too much for them: broken readings
+            wide = known is not None and known < TOLD * left <= TOLD * COARSEST * size
+            follows = wide if known is not None else evidence.scale < FOLLOWED * left
+            if follows:
+                # a linear model of shallow channels follows noise too, and what wide cells cannot follow: a penalty for it lets pressure and
+                # shear grow against each other
+                evidence = estimator.evidence(linear, rows, max(left, floor))
+            coarse = math.sqrt(left**2 - known**2) / size if wide and known is not None else 0.0
+            return evidence.parameter, max(evidence.scale, floor if known is None else 0.0), energy, signal, coarse
 
         found: Any = background.result("learn", work)
         if found is None:
             return False
-        self.parameter, scale, self._energy, self._signal = found
+        self.parameter, scale, self._energy, self._signal, self._coarse = found
         self.resolution = estimator.resolution(self.parameter)
         if self._from_contact:
             # one frame of garbage must not make so much noise that contact hides in it
