@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -111,6 +112,8 @@ def framed(skin: pp.Skin, readings: Any, friction: float | None) -> Any:
 @pytest.mark.long
 @pytest.mark.parametrize("friction", [None, 0.6])
 def test_same_answer_without_matrices(friction: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    # without matrices nothing tests for drift: the rest of the fit is the same
+    monkeypatch.setattr("palpate.inverse.contact.constrained.drift_probability", lambda *_: math.nan)
     skin = skin_of(12)
     readings, _ = noisy(skin, ball(skin, 3e-3, 1e-3))
     exact = framed(skin, readings, friction)

@@ -153,13 +153,15 @@ def test_a_near_camera_does_not_lose_force() -> None:
     rng = np.random.default_rng(0)
     pictures = [near.picture(pressed(p) if p else None, rng=rng) for p in [0.0] * 4 + [0.5, 1.0, 1.0, 1.0, 0.0]]
     forces = {}
-    for distance in (None, 25e-3):
+    # each picture by itself: a tracker has no more time than the camera gives, and what it finds goes by the machine
+    for distance, track in ((None, False), (25e-3, False), (25e-3, True)):
         with follow(
-            pictures, plain(), view=near.view, reference=3, rate=30.0, distance=distance, track=True
+            pictures, plain(), view=near.view, reference=3, rate=30.0, distance=distance, track=track
         ) as touches:
-            forces[distance] = np.array([t.force for t in touches])
-    assert abs(forces[25e-3][7, 2] - 1.5) < abs(forces[None][7, 2] - 1.5)
-    assert forces[25e-3][8, 2] < 0.1  # let go: no ghost of the contact before
+            forces[distance, track] = np.array([t.force for t in touches])
+    assert abs(forces[25e-3, False][7, 2] - 1.5) < 0.6 * abs(forces[None, False][7, 2] - 1.5)
+    for track in (False, True):
+        assert forces[25e-3, track][8, 2] < 0.1  # let go: no ghost of the contact before
 
 
 @pytest.mark.long

@@ -126,7 +126,8 @@ class Learning:
             left = self._left(y)
             size = float(np.sqrt(np.mean(y**2)))
             # what contact leaves beyond the noise that was told is the cells', or too much for them: broken readings
-            wide = known is not None and known < TOLD * left <= TOLD * COARSEST * size
+            # (where channels do not tell pressure from shear, it is no measure)
+            wide = known is not None and not estimator.ambiguous and known < TOLD * left <= TOLD * COARSEST * size
             follows = wide if known is not None else evidence.scale < FOLLOWED * left
             if follows:
                 # a linear model of shallow channels follows noise too, and what wide cells cannot follow: a penalty for it lets pressure and
