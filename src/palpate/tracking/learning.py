@@ -75,7 +75,7 @@ class Learning:
 
     def in_contact(self, y: Floats) -> float | None:
         """The noise of a frame in contact: what is known, and what cells of the surface cannot follow of the readings ``y``."""
-        if self.noise is None or not self._coarse:
+        if self.noise is None or not self._coarse or not y.size:
             return self.noise
         return math.hypot(self.noise, self._coarse * float(np.sqrt(np.mean(y**2))))
 
