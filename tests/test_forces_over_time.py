@@ -348,3 +348,16 @@ def test_long_work_says_how_long_it_takes(monkeypatch: pytest.MonkeyPatch, capsy
         "solving: 2 of 10, about 3 min left (hint)\nsolving: 4 of 10, about 2 min left\n"
     )
     assert [progress.in_words(s) for s in (40, 600, 9000)] == ["40 s", "10 min", "2.5 h"]
+
+
+def test_a_force_that_noise_makes_rough_says_how_rough() -> None:
+    pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+    skin = pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+    press = skin.sense(pp.solutions.hertz_line(half_width=2e-3, force=10.0))
+    noise = np.random.default_rng(3).standard_normal(press.shape) * press.max()
+    touch = skin.reconstruct(press + np.stack([0.01 * noise, 0.3 * noise]))
+    assert not any("roughly" in n for n in touch[:1].notes)
+    (said_of_it,) = (n for n in touch.notes if "roughly" in n)
+    low, high = touch.interval(0.95, "force")
+    half = (high - low)[1].max() / 2 / np.abs(touch.values[1]).sum() / touch.surface.cell
+    assert half > 0.3 and f"in 1 of 2 frames: +- up to {half:.0%} of the load" in said_of_it

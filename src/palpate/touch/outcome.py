@@ -15,7 +15,11 @@ from palpate.status import Status
 if TYPE_CHECKING:
     from palpate.touch.result import Touch
 
-__all__ = ["POOR_FIT", "Nuisance", "Outcome", "pulling"]
+__all__ = ["POOR_FIT", "ROUGH", "Nuisance", "Outcome", "pulling"]
+
+#: Half of the 95 % interval of the net force, in parts of the load, above which the force is said to be known roughly only: it may then be off by
+#: as much as is called wrong (`palpate.bench.trust.judge.WRONG`).
+ROUGH = 0.3
 
 #: Below this misfit probability a frame says that the model does not explain it: one good frame in a hundred does.
 POOR_FIT = 0.01
@@ -74,6 +78,8 @@ class Outcome:
     nuisances: tuple[Nuisance, ...] = ()
     poor: int = 0
     worst_fit: float = 1.0
+    rough: int = 0
+    roughest: float = 0.0
 
     @classmethod
     def of(cls, touch: Touch) -> Outcome:
@@ -103,6 +109,7 @@ class Outcome:
             here = np.asarray(touch.fit) < POOR_FIT
             poor = int(np.count_nonzero(here))
             worst = float(np.min(np.asarray(touch.fit)[here])) if poor else 1.0
+        parts = _uncertainty(touch)
         return cls(
             int(np.prod(touch.batch, dtype=int)),
             bool(touch.batch),
@@ -117,6 +124,8 @@ class Outcome:
             _nuisances(touch),
             poor,
             worst,
+            int(np.count_nonzero(parts > ROUGH)),
+            float(np.max(parts, initial=0.0)),
         )
 
     def __add__(self, other: Outcome) -> Outcome:
@@ -138,6 +147,8 @@ class Outcome:
             nuisances,
             self.poor + other.poor,
             min(self.worst_fit, other.worst_fit),
+            self.rough + other.rough,
+            max(self.roughest, other.roughest),
         )
 
     def plain(self) -> dict[str, Any]:
@@ -201,6 +212,9 @@ class Outcome:
                     f"the whole edge of the array is loaded{some(n.hidden)}: the {n.label} cannot be told from contact; up to "
                     f"{n.hidden_std:.2g} {n.unit} of it is in the error bars"
                 )
+        if self.rough:
+            up_to = "up to " if self.batch else ""
+            said.append(f"the net force is known roughly only{some(self.rough)}: +- {up_to}{self.roughest:.0%} of the load (95 %)")
         if self.poor:
             how = "" if self.batch else f" (fit {self.worst_fit:.1g})"
             said.append(
@@ -219,6 +233,21 @@ def pulling(touch: Touch) -> npt.NDArray[np.bool_]:
     axes = tuple(range(-d, 0))
     known = (touch.methods == "adaptive") | (touch.methods == "constrained")
     return np.asarray(~touch.pushing & known & (pressure.sum(axis=axes) < 0) & (pressure.max(axis=axes) <= 0))
+
+
+def _uncertainty(touch: Touch) -> npt.NDArray[np.float64]:
+    """Half of the 95 % interval of the net force, worst component, in parts of the load (frame,); zero where nothing touches or nothing is known."""
+    from palpate.touch.intervals import interval
+
+    if touch.errors is None:
+        return np.zeros(0)
+    surface = touch.surface
+    low, high = (to_numpy(side) for side in interval(touch, 0.95, "force", None))
+    size = np.sqrt((to_numpy(touch.values).astype(np.float64) ** 2).sum(axis=-1 - surface.dimensions))
+    load = size.sum(axis=tuple(range(-surface.dimensions, 0))) * surface.cell
+    half = np.nan_to_num(0.5 * (high - low), nan=0.0, posinf=0.0).max(axis=-1)
+    solved = load > 0 if touch.status is None else (load > 0) & (np.asarray(touch.status) == int(Status.SOLVED))
+    return np.ravel(np.divide(half, load, out=np.zeros_like(half, dtype=np.float64), where=solved))
 
 
 def _nuisances(touch: Touch) -> tuple[Nuisance, ...]:
