@@ -359,6 +359,7 @@ def test_a_force_that_noise_makes_rough_says_how_rough() -> None:
     assert not any("roughly" in n for n in touch[:1].notes)
     (said_of_it,) = (n for n in touch.notes if "roughly" in n)
     low, high = touch.interval(0.95, "force")
-    half = (high - low)[1].max() / 2 / np.abs(touch.values[1]).sum() / touch.surface.cell
+    load = np.linalg.norm(touch.values[1], axis=0).sum() * touch.surface.cell
+    half = 0.5 * (high - low)[1].max() / load
     assert half > 0.3
     assert f"in 1 of 2 frames: +- up to {half:.0%} of the load" in said_of_it
