@@ -50,6 +50,19 @@ def compared(one: Scene, markers: Markers, moved: Any, contact: Any, **stage: An
 # -- found -----------------------------------------------------------------------------------------------------------------
 
 
+def test_large_dots_of_a_known_print_are_found_where_they_are_in_a_smaller_picture() -> None:
+    """The next pictures of a print are made smaller where its dots are large: nothing is lost but time."""
+    one = BASE.changed(print=dots(1.6e-3), size=(320, 240))
+    picture = one.picture(rng=np.random.default_rng(3))
+    first = find_dots(picture)
+    assert first.print.blur > 2 * 3.0  # at half the size
+    again = find_dots(picture, first.print)
+    assert len(again.positions) == len(first.positions) == 63
+    far = np.hypot(*(first.positions[:, None] - again.positions[None]).transpose(2, 0, 1))
+    assert far.min(axis=1).max() < 0.1
+    assert np.abs(first.strength[far.argmin(axis=0)] - again.strength).max() < 0.05
+
+
 @pytest.mark.parametrize("diameter", [0.3e-3, 0.8e-3, 1.4e-3])
 def test_every_dot_is_found_whatever_its_size_and_none_is_invented(diameter: float) -> None:
     one = scene(diameter, colour=1.0)

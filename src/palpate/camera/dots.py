@@ -28,6 +28,8 @@ WHOLE, SOME = 0.62, 0.3
 FAINTEST, NOISES = 0.04, 6.0
 #: Strongest extrema that are looked at.
 MOST = 5000
+#: Dots of a known print are sought in pictures made smaller by up to the first, as long as the blur stays as wide as the second [their pixels].
+SMALLER, BLURRY = 4, 3.0
 #: Fewest dots that make a print.
 FEWEST = 5
 
@@ -105,7 +107,7 @@ def levelled(image: npt.NDArray[Any], width: float) -> npt.NDArray[np.float32]:
     for _ in range(2):  # two boxes: smooth, at a cost that does not grow with the width
         light = cv2.blur(light, (side, side), borderType=cv2.BORDER_REFLECT)
     least = 0.02 * float(light.max())
-    return np.asarray(plain / np.maximum(light, max(least, 1e-6)), dtype=np.float32)
+    return np.asarray(cv2.divide(plain, cv2.max(light, max(least, 1e-6))), dtype=np.float32)
 
 
 def _response(flat: npt.NDArray[np.float32], blur: float) -> npt.NDArray[np.float32]:
@@ -122,8 +124,14 @@ def _peaks(
     cv2 = opencv()
     side = 2 * max(1, round(apart)) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    rows, columns = np.nonzero((response >= cv2.dilate(response, kernel)) & (response > least))
-    return rows, columns
+    # first the nearest pixels, of all at once, then the whole neighbourhood of the few that are left
+    near = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    rows, columns = np.nonzero((response >= cv2.dilate(response, near)) & (response > least))
+    down, across = (axis - side // 2 for axis in np.nonzero(kernel))
+    height, width = response.shape
+    around = response[np.clip(rows[:, None] + down, 0, height - 1), np.clip(columns[:, None] + across, 0, width - 1)]
+    most = response[rows, columns] >= around.max(axis=1, initial=-np.inf)
+    return rows[most], columns[most]
 
 
 def _subpixel(response: npt.NDArray[np.float32], rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]) -> Floats:
@@ -178,16 +186,33 @@ def find_dots(
     fault = fault_of(plain)
     if fault:
         raise InvalidInput(f"{fault}; no dots can be found in it. Check light, exposure and lens cap.")
+    known = print
     if print is None:
         print = _print_of(plain)
     if level is None:
         level = levelled(plain, 4.0 * print.blur)
+    if known is None or (step := _smaller(level.shape, known.blur)) == 1:
+        return _found(level, print)
+    # large dots lose nothing in a smaller picture
+    size = (level.shape[1] // step, level.shape[0] // step)
+    small = np.asarray(opencv().resize(level, size, interpolation=opencv().INTER_AREA))
+    found = _found(small, Print(print.blur / step, print.sign, print.response))
+    return Found(step * (found.positions + 0.5) - 0.5, found.strength, print)
+
+
+def _smaller(shape: tuple[int, ...], blur: float) -> int:
+    """By how much a picture may be made smaller where dots of this blur are sought."""
+    return max(n for n in range(1, SMALLER + 1) if n == 1 or (blur >= n * BLURRY and not any(s % n for s in shape)))
+
+
+def _found(level: npt.NDArray[np.float32], print: Print) -> Found:
+    """Dots of a known print in a levelled picture."""
     response = print.sign * _response(level, print.blur)
     rows, columns = _peaks(response, SOME * print.response, 0.9 * print.blur)
     positions = _subpixel(response, rows, columns)
     strength = response[rows, columns] / print.response
     # a dot that touches the edge has no middle that can be told
-    height, width = plain.shape
+    height, width = level.shape
     reach = 0.8 * print.radius
     inside = (
         (positions[:, 0] >= reach)

@@ -116,7 +116,7 @@ class Followed:
         self._inverse = np.linalg.inv(
             normal + (1e-3 * np.trace(normal, axis1=1, axis2=2) + 1e-9)[:, None, None] * np.eye(2)
         )
-        self._white = windows_of(white_of(plain), positions, half).mean(axis=(1, 2))
+        self._white = self._glare(white_of(plain), positions)
 
     def _seen(self, image: npt.ArrayLike | None) -> tuple[npt.NDArray[Any] | None, str]:
         """The picture in grey; or None, and why it tells nothing."""
@@ -140,12 +140,17 @@ class Followed:
         return Moved(none, none, none[:, 0], fault)
 
     def _sharpness(self, level: npt.NDArray[np.uint8], positions: Floats) -> float:
-        """Steepest gradient over a dot, typical of all."""
-        return float(
-            np.median(
-                np.abs(np.diff(windows_of(level, positions, self._half).astype(np.float64), axis=2)).max(axis=(1, 2))
-            )
-        )
+        """Steepest gradient over a dot, typical of all; of whole pixels, which interpolation does not smooth."""
+        half, size = self._half, np.array(level.shape[::-1])
+        column, row = np.clip(np.rint(positions), 0, size - 1).astype(np.intp).T
+        views = np.lib.stride_tricks.sliding_window_view(np.pad(level, half, mode="edge"), (2 * half + 1, 2 * half + 1))
+        return float(np.median(np.abs(np.diff(views[row, column].astype(np.int16), axis=2)).max(axis=(1, 2))))
+
+    def _glare(self, white: npt.NDArray[np.uint8], centres: Floats) -> Floats:
+        """Part (n,) of each window that is white."""
+        if not white.any():
+            return np.zeros(len(centres))
+        return np.asarray(windows_of(white, centres, self._half).mean(axis=(1, 2), dtype=np.float64))
 
     def _stretched(self, level: npt.NDArray[np.uint8], displacement: Floats) -> tuple[Floats, npt.NDArray[np.float32]]:
         """Displacement against windows that are stretched and turned as the print is there, and these windows.
@@ -153,16 +158,19 @@ class Followed:
         Beside a contact a window does not only move. How its surroundings are stretched, the neighbours say; what is left over is then noise and not the
         stretch, and Gauss-Newton steps of the displacement alone (Baker and Matthews 2004) take what the plain window made of it.
         """
+        n = len(displacement)
         known: npt.NDArray[np.bool_] = np.asarray(np.isfinite(displacement).all(axis=1))
         slopes = np.where(known[:, None, None], gradients(self._near, displacement), 0.0)
         found = displacement.copy()
+        arms = _arms(self._half + 1, slopes)
 
         def there() -> npt.NDArray[np.float32]:
-            return windows_of(level, np.where(known[:, None], self._places + found, 0.0), self._half + 1, slopes)
+            return _sampled(level, np.where(known[:, None], self._places + found, 0.0), arms)
 
         for _ in range(STEPS):
             left = (self._windows - there())[:, 1:-1, 1:-1]
-            step = np.einsum("nij,nj->ni", self._inverse, np.einsum("niyx,nyx->ni", self._gradients, left))
+            score = self._gradients.reshape(n, 2, -1) @ left.reshape(n, -1, 1)
+            step = (self._inverse @ score)[..., 0]
             found += np.where(np.hypot(*step.T) < 1.0, step.T, 0.0).T
         return found, there()
 
@@ -194,7 +202,7 @@ class Followed:
         keep = np.zeros(n, dtype=bool)
         keep[known] = good
         keep &= alike > ALIKE
-        keep &= windows_of(white, centres, self._half).mean(axis=(1, 2)) < self._white + GLARED
+        keep &= self._glare(white, centres) < self._white + GLARED
         reach = self._reach
         now = self._places + displacement
         with np.errstate(invalid="ignore"):
@@ -228,7 +236,8 @@ def mean_picture(reference: Any) -> npt.NDArray[Any]:
 
 def as_bytes(flat: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
     """What Lucas-Kanade takes: eight bits."""
-    return np.clip(np.round(flat * LEVEL), 0, 255).astype(np.uint8)
+    scaled = np.rint(flat * np.float32(LEVEL))
+    return np.clip(scaled, 0, 255, out=scaled).astype(np.uint8)
 
 
 def white_of(plain: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
@@ -241,13 +250,24 @@ def windows_of(
     level: npt.NDArray[np.uint8], centres: Floats, half: int, slopes: Floats | None = None
 ) -> npt.NDArray[np.float32]:
     """Windows (n, row, column) around centres, between pixels where these are; stretched by 1 + ``slopes`` (n, 2, 2)."""
+    return _sampled(level, centres, _arms(half, slopes))
+
+
+def _arms(half: int, slopes: Floats | None = None) -> npt.NDArray[np.float32]:
+    """Column and row (2, row, column) of each pixel of a window from its middle; (n, 2, row, column) of windows that are stretched by 1 + ``slopes``."""
+    reach = np.arange(-half, half + 1, dtype=np.float32)
+    arms = np.stack(np.meshgrid(reach, reach))
+    if slopes is None:
+        return arms
+    stretched = (np.eye(2) + slopes).astype(np.float32) @ arms.reshape(2, -1)
+    return stretched.reshape(-1, *arms.shape)
+
+
+def _sampled(level: npt.NDArray[np.uint8], centres: Floats, arms: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Windows (n, row, column) of these arms around centres."""
     cv2 = opencv()
-    side = 2 * half + 1
-    arms = np.stack(np.meshgrid(np.arange(-half, half + 1.0), np.arange(-half, half + 1.0)))  # column, row
-    at = centres[:, :, None, None] + arms
-    if slopes is not None:
-        at = at + np.einsum("nij,jyx->niyx", slopes, arms)
-    columns, rows = at[:, 0].astype(np.float32), at[:, 1].astype(np.float32)
+    middle, side = centres.astype(np.float32)[:, :, None, None], arms.shape[-1]
+    columns, rows = middle[:, 0] + arms[..., 0, :, :], middle[:, 1] + arms[..., 1, :, :]
     if int(cv2.__version__.partition(".")[0]) < 5:
         return _between(level, columns, rows)
     out = np.empty(columns.shape, dtype=np.float32)

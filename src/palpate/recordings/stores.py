@@ -24,7 +24,7 @@ from palpate.errors import InvalidInput
 from palpate.recordings.heldfile import Apart, HeldFile
 from palpate.recordings.labelled import CONVENTIONS, STATUS_FLAGS
 from palpate.status import Status
-from palpate.touch import Touch
+from palpate.touch import Touch, intervals
 
 if TYPE_CHECKING:
     from palpate.grasp import Event
@@ -112,7 +112,7 @@ class _Recorder(abc.ABC):
             "status": int(Status.SOLVED if touch.status is None else touch.status),
         }
         known = touch.errors is not None
-        row["std"] = touch.std.values if known else np.full(row["traction"].shape, np.nan)
+        row["std"] = np.asarray(intervals.std(touch)) if known else np.full(row["traction"].shape, np.nan)
         row["force_low"], row["force_high"] = (
             touch.interval(0.95, "force") if known else np.full((2, *row["force"].shape), np.nan)
         )
