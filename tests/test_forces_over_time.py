@@ -363,3 +363,18 @@ def test_a_force_that_noise_makes_rough_says_how_rough() -> None:
     half = 0.5 * (high - low)[1].max() / load
     assert half > 0.3
     assert f"in 1 of 2 frames: +- up to {half:.0%} of the load" in said_of_it
+
+
+def test_the_unit_of_an_axis_suits_the_band_where_numbers_are_next_to_nothing() -> None:
+    table = pandas.DataFrame({"time (s)": [0.0, 0.1]})
+    for name, unit, value, half in (
+        ("force_z", "N", 2.0, 0.1),
+        ("peak_pressure", "Pa", 8e4, 1e3),
+        ("slip_margin", "Pa", 3e-13, 6e3),
+    ):
+        table[f"{name} ({unit})"] = value
+        table[f"{name}_low ({unit})"], table[f"{name}_high ({unit})"] = value - half, value + half
+    table["status"], table["fit"] = "solved", 0.5
+    labels = [ax.get_ylabel() for ax in plot_forces(table).axes]
+    assert any("slip margin" in w and ("[Pa]" in w or "[kPa]" in w) for w in labels)
+    assert "slip_margin [Pa]" in table_words(table) or "slip margin [Pa]" in table_words(table)

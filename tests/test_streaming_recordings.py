@@ -23,6 +23,7 @@ import pytest
 import palpate as pp
 from command_line import run
 from long_runs import long_runs
+from palpate.archives import worker_count
 from palpate.recordings import open_recording, read_recording, read_touch, write_recording
 from palpate.recordings.labelled import touch_of
 from palpate.recordings.recording import Recording
@@ -608,3 +609,12 @@ def test_a_cluster_that_loses_workers_and_its_client(folder: Path, skin: pp.Skin
         done = pp.reconstruct_recording(skin, folder / "r.zarr", tmp_path / "t.zarr", **options)
     assert done.before == 12
     same(read_touch(tmp_path / "t.zarr"), plain)
+
+
+def test_small_sensors_take_all_cores_unasked_where_it_pays(skin: pp.Skin, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate.archives.run.cores", lambda: 3)
+    counted = [worker_count(skin, None, n) for n in (1, 99, 100, 10_000)]
+    assert counted == [1, 1, 2, 3]
+    assert worker_count(skin, pp.Tikhonov(), 10_000) == 1
+    large = pp.Skin(skin.pad, pp.AreaArray(shape=(64, 64), pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+    assert worker_count(large, None, 10_000) == 1

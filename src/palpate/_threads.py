@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-__all__ = ["SMALL", "few_threads", "spare"]
+__all__ = ["SMALL", "cores", "few_threads", "spare"]
 
 #: Unknowns up to which one thread is enough: a factorisation takes less than a second then.
 SMALL = 4096
@@ -44,19 +44,23 @@ def few_threads(unknowns: int, readings: int | None = None) -> Iterator[None]:
         mine.release()
 
 
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def spare() -> int | None:
     """Threads that other programs leave: the cores less the load of the last minute, this program's own one aside. None: all of them, or not known.
 
     A thread that waits for its core keeps those that wait for it spinning: 4800 unknowns on two cores with two other programs took 30 s of
     processor time with two threads, 8 s with one, and four times as long.
     """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
         load = os.getloadavg()[0]
     except (AttributeError, OSError):  # not on every system
         return None
     others = round(load) - 1
-    return None if others <= 0 else max(1, cores - others)
+    return None if others <= 0 else max(1, cores() - others)
 
 
 @functools.cache

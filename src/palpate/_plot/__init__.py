@@ -3,12 +3,13 @@
 from palpate._plot.forces import draw_forces, plot_forces
 from palpate._plot.maps import arrow_cells, plot_touch
 from palpate._plot.over import plot_over
-from palpate._plot.style import INK, journal, nice, scaled
+from palpate._plot.style import INK, column_size, journal, nice, scaled
 from palpate._plot.tables import plot_accuracy, plot_trust
 
 __all__ = [
     "INK",
     "arrow_cells",
+    "column_size",
     "draw_forces",
     "journal",
     "nice",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate._extras import require
-from palpate._plot.style import COLUMN, INK, journal, scaled
+from palpate._plot.style import COLUMN, INK, column_size, journal, scaled
 
 if TYPE_CHECKING:
     import pandas
@@ -67,9 +67,9 @@ def _clock(table: pandas.DataFrame) -> tuple[Any, str]:
 
 def _draw(ax: Axes, table: pandas.DataFrame, titles: Sequence[str]) -> None:
     when, _ = _clock(table)
-    largest = max((float(np.nanmax(np.abs(table[t]))) for t in titles if np.isfinite(table[t]).any()), default=0.0)
+    size = max(column_size(table, t) for t in titles)
     unit = titles[0][:-1].split(" (")[1]
-    factor, unit = (1.0, unit) if unit.startswith("N") and largest >= 0.05 else scaled(max(largest, 1e-12), unit)
+    factor, unit = (1.0, unit) if unit.startswith("N") and size >= 0.05 else scaled(max(size, 1e-12), unit)
     force = titles[0].startswith("force_")
     for title in titles:
         name = title.split(" (")[0]

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["COLUMN", "INK", "PAGE", "journal", "nice", "scaled"]
+import numpy as np
+
+if TYPE_CHECKING:
+    import pandas
+
+__all__ = ["COLUMN", "INK", "PAGE", "column_size", "journal", "nice", "scaled"]
 
 #: Colours that stay apart in print and for colour-blind readers (M. Okabe and K. Ito's, 2008, for axes).
 INK = {
@@ -67,3 +72,14 @@ def scaled(largest: float, unit: str) -> tuple[float, str]:
         if largest >= factor or factor == 1e-9:
             return 1.0 / factor, prefix + unit
     return 1.0, unit
+
+
+def column_size(table: pandas.DataFrame, title: str) -> float:
+    """Size that the unit of a column goes by: that of its largest number, or where that is small beside its interval, a tenth of the largest bound."""
+    name, unit = title.split(" (")
+    ends = (title, *(f"{name}_{side} ({unit}" for side in ("low", "high")))
+    number, *bounds = (
+        float(np.nanmax(np.abs(v[np.isfinite(v)]), initial=0.0))
+        for v in (np.asarray(table[t], dtype=np.float64) for t in ends)
+    )
+    return max(number, 0.1 * max(bounds))

@@ -13,6 +13,7 @@ import numpy as np
 
 import palpate
 from palpate._memory import require
+from palpate._threads import SMALL, cores
 from palpate.archives.pools import in_order, pool_of
 from palpate.archives.rested import Rest
 from palpate.archives.work import Task, fingerprint
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
     from palpate.skin import Skin
 
-__all__ = ["Reconstructed", "piece_length", "reconstruct_recording"]
+__all__ = ["Reconstructed", "piece_length", "reconstruct_recording", "worker_count"]
 
 #: Bytes of traction in a piece: enough that a batch is worth its overhead, little enough that many are in memory at a time.
 PIECE = 3_000_000
@@ -44,6 +45,10 @@ PIECE = 3_000_000
 LONGEST = 256
 #: The same of methods that solve one frame after another, a hundredth of a second to some seconds each.
 SLOW = 8
+#: Frames for each process that make up for its beginning: 1.5 s of imports and sensor against 0.04 s or more for each frame.
+PAYS = 50
+#: Processes that are begun unasked: each holds 150 MB.
+MOST = 8
 
 
 @dataclass(frozen=True)
@@ -92,6 +97,27 @@ def piece_length(skin: Skin, method: Method | None = None) -> int:
     """
     frame = 8 * len(skin.surface.components) * math.prod(skin.surface.shape)
     return max(1, min(LONGEST if method is None or not method.by_frame else SLOW, PIECE // frame))
+
+
+def worker_count(skin: Skin, method: Method | None, frames: int) -> int:
+    """Processes that pay where the user does not say: one for each core, of small sensors and methods that take their time over each frame.
+
+    A process takes a second or two to begin, which linear methods and a few frames do not earn, and holds what large sensors prepare once more.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.archives import worker_count
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> skin = pp.Skin(pad, pp.AreaArray(shape=(4, 4), pitch=4e-3, depth=4e-3, channels=["stress_zz"]))
+    >>> worker_count(skin, None, 20), worker_count(skin, pp.Tikhonov(), 100_000)
+    (1, 1)
+    """
+    unknowns = len(skin.surface.components) * math.prod(skin.surface.shape)
+    chosen = method_asked(None, {}) if method is None else method
+    if not chosen.by_frame or unknowns > SMALL:
+        return 1
+    return max(1, min(cores(), MOST, frames // PAYS))
 
 
 def reconstruct_recording(

@@ -61,8 +61,12 @@ def reconstruct(
         bool, typer.Option("--drop-missing", help="Leave out taxels with missing readings instead of refusing them.")
     ] = False,
     workers: Annotated[
-        int, typer.Option(min=1, help="Processes that share the work. The result is the same for any number.")
-    ] = 1,
+        int | None,
+        typer.Option(
+            min=1,
+            help="Processes that share the work; default: one for each core where that pays. The result is the same for any number.",
+        ),
+    ] = None,
     scheduler: Annotated[
         str | None,
         typer.Option(
@@ -85,7 +89,7 @@ def reconstruct(
     force: Force = False,
 ) -> None:
     """Recover pressure and shear from a recording of any length, each frame by itself. Nothing to tune."""
-    from palpate.archives import reconstruct_recording
+    from palpate.archives import reconstruct_recording, worker_count
     from palpate.recordings import open_recording
     from palpate.recordings.formats import file_format
     from palpate.skin import Skin
@@ -113,8 +117,12 @@ def reconstruct(
         names = None if components is None else [c.strip() for c in components.split(",")]
         if prepared is not None:
             _prepare(skin, prepared, method, names)
+        frames = len(recording) if frame is None else 1
+        if workers is None:
+            elsewhere = scheduler is not None and "://" in scheduler
+            workers = 1 if elsewhere else worker_count(skin, method, frames)
         hint = " (palpate track follows such recordings in far less)"
-        with Frames("solving frames", len(recording) if frame is None else 1, hint=hint) as bar:
+        with Frames("solving frames", frames, hint=hint) as bar:
             done = reconstruct_recording(
                 skin,
                 recording,

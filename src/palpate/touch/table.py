@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate._arrays import to_numpy
-from palpate._plot import scaled
+from palpate._plot import column_size, scaled
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.status import Status
@@ -226,10 +226,12 @@ def table_words(table: pandas.DataFrame, *, rows: int = PRINTED) -> str:
         cells = [["time [s]", *(f"{t:.3f}" for t in picked["time (s)"])]]
     forces = [t for t in table if t.startswith("force_") and "_low" not in t and "_high" not in t]
     shown = [*forces, *(t for t in table if t.startswith(("peak_pressure (", "slip_margin (")))]
-    largest = max((_largest(table, t) for t in forces), default=0.0)
+    strongest = max((column_size(table, t) for t in forces), default=0.0)
     for title in shown:
         name, unit = title[:-1].split(" (")
-        factor, unit = force_unit(largest, unit) if title in forces else scaled(_largest(table, title) or 1.0, unit)
+        factor, unit = (
+            force_unit(strongest, unit) if title in forces else scaled(column_size(table, title) or 1.0, unit)
+        )
         low, high = (factor * np.asarray(table[f"{name}_{side} ({title.split(' (')[1]}"]) for side in ("low", "high"))
         values = factor * np.asarray(table[title])
         half = 0.5 * (high - low)
@@ -253,16 +255,6 @@ def table_words(table: pandas.DataFrame, *, rows: int = PRINTED) -> str:
     elif any("(" in c for column in cells for c in column[1:]):
         lines.append("(brackets hold 95 %)")
     return "\n".join(lines)
-
-
-def _largest(table: pandas.DataFrame, title: str) -> float:
-    """Largest size of a column that is known; of what is all zero, that of its interval."""
-    values = np.abs(np.asarray(table[title], dtype=np.float64))
-    size = float(np.nanmax(values)) if np.isfinite(values).any() else 0.0
-    if size == 0.0:
-        bound = np.abs(np.asarray(table[title.replace(" (", "_high (")], dtype=np.float64))
-        size = float(np.nanmax(bound)) if np.isfinite(bound).any() else 0.0
-    return size
 
 
 def _cell(value: float, low: float, high: float, n: int | None) -> str:
