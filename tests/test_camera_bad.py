@@ -15,7 +15,7 @@ pytest.importorskip("av")
 for _name in ("typer", "pydantic", "h5netcdf"):
     pytest.importorskip(_name)
 
-from palpate.camera import write_video  # noqa: E402
+from palpate.camera import overlay, write_video  # noqa: E402
 from palpate.recordings import read_recording, read_touch  # noqa: E402
 from test_camera_live import BLACK, SKIN, filmed  # noqa: E402
 
@@ -49,6 +49,8 @@ def test_each_bad_picture_is_said_and_nothing_else_is_lost(tmp_path: Path) -> No
     assert (status[5:9] == int(pp.Status.MISSING)).all()
     assert np.isnan(force[5:9]).all()
     assert force[10, 0] == pytest.approx(0.45, abs=0.05)
+    # and a frame of the file lies over its picture
+    assert len(overlay(good[-1], touch.isel(time=10)).axes) > 1
 
 
 def test_what_cannot_be_used_is_refused_with_what_to_do(tmp_path: Path) -> None:

@@ -211,7 +211,9 @@ def test_a_result_lies_over_its_picture() -> None:
     column, row = SCENE.view.pixels([float(x), float(y)])
     assert column == pytest.approx(79.5 + 10.0, abs=3.0)
     assert row == pytest.approx(59.5 - 5.0, abs=3.0)
-    figure = overlay(pictures[-1], touch, SCENE.view, title="one", truth=touch)
+    assert touch.view is not None
+    assert np.allclose(touch.view.pixels([1e-3, 2e-3]), SCENE.view.pixels([1e-3, 2e-3]))
+    figure = overlay(pictures[-1], touch, title="one", truth=touch)
     assert len(figure.axes) == 3  # two pictures and a scale
     with pytest.raises(pp.InvalidInput, match="one frame"):
         overlay(

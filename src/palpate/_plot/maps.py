@@ -54,8 +54,12 @@ def plot_touch(
             raise InvalidInput(
                 "over a picture there is neither truth, ax nor seen_from: leave them out (palpate.camera.overlay draws a truth beside)."
             )
-        if not (isinstance(picture, tuple) and len(picture) == 2 and hasattr(picture[1], "pixels")):
-            raise InvalidInput("picture must be (image, view): the picture and where it lies, a palpate.camera.View.")
+        if not isinstance(picture, tuple):
+            picture = (picture, one.view)
+        if not (len(picture) == 2 and hasattr(picture[1], "pixels")):
+            raise InvalidInput(
+                "picture must be (image, view): the picture and where it lies, a palpate.camera.View; the image alone where the touch knows its view."
+            )
         return plot_over(one, picture[0], picture[1], title=title)
     values = to_numpy(one.values).astype(np.float64)
     true = None if truth is None else to_numpy(truth).astype(np.float64)

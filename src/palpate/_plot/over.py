@@ -45,8 +45,9 @@ def plot_over(
     show: str = "all",
     truth: Touch | None = None,
     title: str | None = None,
+    std: npt.ArrayLike | None = None,
 ) -> Figure:
-    """A figure of one frame over its picture; see `palpate.camera.overlay`."""
+    """A figure of one frame over its picture; see `palpate.camera.overlay`. ``std`` (component, y, x): of a touch without error bars of its own."""
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
 
@@ -59,7 +60,7 @@ def plot_over(
         )
     if show != "all" and show not in SHOWN:
         raise InvalidInput(f"show must be {', '.join(SHOWN)} or all; got {show!r}.")
-    fields = {name: _field(touch, name) for name in SHOWN}
+    fields = {name: _field(touch, name, std) for name in SHOWN}
     if show != "all" and fields[show] is None:
         why = "its error bars were not asked for" if show == "std" else "it was not sought"
         raise InvalidInput(f"{show} cannot be drawn: {why}.")
@@ -76,7 +77,7 @@ def plot_over(
         top = max(float(np.nanmax(np.abs(found), initial=0.0)) if found is not None else 0.0, 1e-12)
         unit = scaled(top, "Pa")[1]
         for axes, one, label in zip(beside, rows, ("found", "true")):
-            field = _field(one, name)
+            field = fields[name] if one is touch else _field(one, name)
             drawn = _panel(axes, one, np.zeros(one.surface.shape) if field is None else field, picture, view, name, top)
             said = f"{label}, {name}" if truth is not None else {"std": "standard deviation"}.get(name, name)
             axes.set_title(f"{said}: {_force(one)}" if name == names[0] else said, fontsize=9)
@@ -99,15 +100,15 @@ def _force(touch: Touch) -> str:
     return f"{force[names.index('z')]:.2f} N, across {across:.2f} N"
 
 
-def _field(touch: Touch, name: str) -> Floats | None:
+def _field(touch: Touch, name: str, known: npt.ArrayLike | None = None) -> Floats | None:
     values = np.nan_to_num(to_numpy(touch.values).astype(np.float64))
     if name == "pressure":
         return values[2] if "z" in touch.components else None
     if name == "shear":
         return np.asarray(np.hypot(values[0], values[1])) if {"x", "y"} & set(touch.components) else None
-    if touch.errors is None:
+    if known is None and touch.errors is None:
         return None
-    std = np.asarray(touch.std.values, dtype=np.float64)
+    std = np.asarray(touch.std.values if known is None else known, dtype=np.float64)
     if not np.isfinite(std).any():
         return None
     sought = [touch.surface.components.index(c) for c in touch.components]

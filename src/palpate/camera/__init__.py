@@ -9,12 +9,12 @@ from palpate.camera.dots import Found, Print, fault_of, find_dots
 from palpate.camera.flow import Flow
 from palpate.camera.markers import Markers
 from palpate.camera.overlay import overlay
-from palpate.camera.pictures import Picture, Pictures, grey, is_pictures, open_pictures, write_video
+from palpate.camera.pictures import Picture, Pictures, is_pictures, open_pictures, write_video
 from palpate.camera.render import Dots, Looks, Scene, Texture, Truth, dot_grid
 from palpate.camera.touches import Touches, follow, gel_skin
-from palpate.camera.view import Lens, View
 from palpate.camera.weighing import Weighed, weigh
 from palpate.camera.windows import Moved
+from palpate.sensing.view import Lens, View, grey
 
 __all__ = [
     "DepthMap",

@@ -13,15 +13,15 @@ import numpy.typing as npt
 
 from palpate.camera.dots import fault_of
 from palpate.camera.flow import Flow
-from palpate.camera.lattice import typical_distance
 from palpate.camera.markers import Markers
-from palpate.camera.pictures import Picture, Pictures, grey, open_pictures
-from palpate.camera.view import Lens, View
+from palpate.camera.pictures import Picture, Pictures, open_pictures
 from palpate.camera.windows import Moved
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings import Recording
 from palpate.recordings.camerasection import CameraSettings
+from palpate.sensing.lattice import typical_distance
+from palpate.sensing.view import Lens, View, grey
 
 __all__ = ["Displacements", "Reading", "Stage", "view_of"]
 

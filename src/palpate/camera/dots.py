@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate.camera.pictures import grey
-from palpate.camera.view import opencv
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.sensing.view import grey, opencv
 
 __all__ = ["Found", "Print", "fault_of", "find_dots", "levelled"]
 

@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from palpate.camera.dots import levelled
 from palpate.camera.matching import Neighbours
-from palpate.camera.view import opencv
 from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, gradients_of, mean_picture, white_of, windows_of
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.sensing.view import opencv
 
 __all__ = ["Flow"]
 

@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from palpate.camera.dots import Found, find_dots, levelled
 from palpate.camera.matching import Neighbours, matched, predicted
-from palpate.camera.view import opencv
 from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, mean_picture, white_of
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.sensing.view import opencv
 
 __all__ = ["Markers"]
 

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import numpy.typing as npt
 
 from palpate._plot import plot_over
-from palpate.camera.view import View
+from palpate.errors import InvalidInput
+from palpate.recordings.labelled import touch_of, view_of
+from palpate.sensing.grids import AreaGrid
+from palpate.sensing.view import View
 from palpate.touch import Touch
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.figure import Figure
 
 __all__ = ["overlay"]
@@ -18,8 +23,8 @@ __all__ = ["overlay"]
 
 def overlay(
     image: npt.NDArray[Any],
-    touch: Touch,
-    view: View,
+    touch: Touch | xarray.Dataset,
+    view: View | None = None,
     *,
     show: str = "pressure",
     title: str | None = None,
@@ -32,10 +37,10 @@ def overlay(
     Parameters
     ----------
     image : array (row, column) or (row, column, 3)
-    touch : Touch
-        Of this picture: one frame.
-    view : View
-        Where the picture lies.
+    touch : Touch or xarray.Dataset
+        Of this picture: one frame; or one of a file, ``read_touch("touch.nc").isel(time=7)``.
+    view : View, optional
+        Where the picture lies; by default what the touch or the file says (`Touch.view`).
     show : str
         "pressure" (default), "shear", "std", or "all": one panel each.
     truth : Touch, optional
@@ -44,7 +49,7 @@ def overlay(
     Raises
     ------
     InvalidInput
-        Several frames, a line, a picture that is none, or what the touch does not hold.
+        Several frames, a line, a picture that is none, what the touch does not hold, or no view.
 
     Examples
     --------
@@ -56,4 +61,34 @@ def overlay(
     >>> figure = overlay(np.zeros((120, 160)), touch, View.scaled(0.1e-3, size=(160, 120)))
     >>> figure.savefig("touch.png")  # doctest: +SKIP
     """
-    return plot_over(touch, image, view, show=show, title=title, truth=truth)
+    std = None
+    if not isinstance(touch, Touch):
+        touch, std = _of_file(touch)
+    lies = touch.view if view is None else view
+    if lies is None:
+        raise InvalidInput(
+            "nothing says where the picture lies: the touch holds no view, which those of a camera do. Give view, such as View.scaled(0.06e-3, size=(320, 240))."
+        )
+    return plot_over(touch, image, lies, show=show, title=title, truth=truth, std=std)
+
+
+def _of_file(dataset: xarray.Dataset) -> tuple[Touch, Any]:
+    """One frame of a data set of touches, and the standard deviations that it holds."""
+    if "traction" not in dataset or dataset["traction"].dims != ("component", "y", "x"):
+        held = dict(dataset["traction"].sizes) if "traction" in dataset else ", ".join(map(str, dataset.variables))
+        raise InvalidInput(
+            f"overlay draws one frame of an area: pick one of a file of touches, such as read_touch(path).isel(time=0); got {held or 'nothing'}."
+        )
+    if "surface" in dataset.attrs:
+        return touch_of(dataset), None
+    y, x = (np.asarray(dataset[name].values, dtype=np.float64) for name in ("y", "x"))
+    grid = AreaGrid(
+        shape=(len(y), len(x)),
+        spacing=(float(np.ptp(y)) / (len(y) - 1), float(np.ptp(x)) / (len(x) - 1)),
+        center=(float(x.mean()), float(y.mean())),
+    )
+    values = dataset["traction"].values.astype(np.float64)
+    # what was not sought is 0 all over
+    sought = tuple(c for c, field in zip(grid.components, values) if np.any(field != 0)) or grid.components
+    std = dataset["std"].values if "std" in dataset else None
+    return Touch(values, grid, sought, "recorded", view=view_of(dataset)), std

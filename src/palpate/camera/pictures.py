@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._extras import missing
-from palpate.camera.view import opencv
 from palpate.errors import InvalidInput
+from palpate.sensing.view import grey, opencv
 
-__all__ = ["Picture", "Pictures", "grey", "is_pictures", "open_pictures", "write_video"]
+__all__ = ["Picture", "Pictures", "is_pictures", "open_pictures", "write_video"]
 
 Image = npt.NDArray[Any]
 
@@ -47,40 +47,6 @@ def is_pictures(name: str | Path) -> bool:
     if path.suffix.lower() in (*STILLS, *STACKS, *VIDEOS) or re.fullmatch(r"/dev/video\d+", str(name)):
         return True
     return path.is_dir() and any(p.suffix.lower() in (*STILLS, *STACKS) for p in path.iterdir())
-
-
-def grey(image: npt.ArrayLike) -> Image:
-    """A picture as grey levels (row, column): of colour its luminance; depth and type are kept.
-
-    Raises
-    ------
-    InvalidInput
-        An array that is no picture.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from palpate.camera import grey
-    >>> grey(np.full((2, 3, 3), 7, dtype=np.uint8)).tolist()
-    [[7, 7, 7], [7, 7, 7]]
-    """
-    values = np.asarray(image)
-    if values.dtype == np.float64:
-        values = values.astype(np.float32)
-    if values.dtype not in (np.uint8, np.uint16, np.float32) or 0 in values.shape:
-        raise InvalidInput(
-            f"a picture must hold 8 or 16 bit grey levels, or floats; got {values.dtype} of shape {values.shape}."
-        )
-    if values.ndim == 2:
-        return np.ascontiguousarray(values)
-    if values.ndim == 3 and values.shape[-1] in (1, 3, 4):
-        if values.shape[-1] == 1:
-            return np.ascontiguousarray(values[..., 0])
-        cv2 = opencv()
-        return np.asarray(cv2.cvtColor(np.ascontiguousarray(values[..., :3]), cv2.COLOR_RGB2GRAY))
-    raise InvalidInput(
-        f"a picture must have shape (rows, columns) or (rows, columns, 3) with red, green, blue; got {values.shape}."
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate.camera.view import Lens, View, opencv
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.sensing import AreaArray, AreaGrid
+from palpate.sensing.view import Lens, View, opencv
 from palpate.skin import Skin
 from palpate.solutions import AreaContact
 

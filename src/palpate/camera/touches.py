@@ -12,12 +12,12 @@ import numpy as np
 
 from palpate.camera.depthmap import DepthMap
 from palpate.camera.displacements import Displacements, Reading
-from palpate.camera.view import View
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.recordings import Recording
 from palpate.recordings.camerasection import CameraSettings
 from palpate.sensing import Array, ScatteredArray
+from palpate.sensing.view import View
 from palpate.skin import Skin
 from palpate.status import Status
 from palpate.touch import Touch
@@ -160,10 +160,13 @@ class Touches:
         touch = self.tracker.step(values, time, std=std)
         if self._perspective is not None:
             self._perspective.learn(touch)
-        return touch
+        return replace(touch, view=self.readings.view)
 
     def alone(self, reading: Reading) -> Touch:
         """The touch of one reading by itself."""
+        return replace(self._alone(reading), view=self.readings.view)
+
+    def _alone(self, reading: Reading) -> Touch:
         lost = np.isnan(reading.values).any(axis=0)
         if lost.mean() > MOST_LOST:
             return _missing(self.skin, reading.time)

@@ -14,12 +14,12 @@ import numpy.typing as npt
 from palpate._arrays import to_numpy
 from palpate.camera.displacements import Displacements, Reading
 from palpate.camera.touches import Touches, camera_of, gel_skin
-from palpate.camera.view import View
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.layers import BondedLayers
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.uncertainty import Uncertainty
+from palpate.sensing.view import View
 from palpate.skin import Skin
 
 __all__ = ["Weighed", "weigh"]

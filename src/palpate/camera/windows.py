@@ -18,10 +18,9 @@ import numpy.typing as npt
 
 from palpate.camera.dots import fault_of
 from palpate.camera.matching import Neighbours, gradients, predicted
-from palpate.camera.pictures import grey
-from palpate.camera.view import opencv
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.sensing.view import grey, opencv
 
 __all__ = ["BLURRED", "Followed", "Moved", "as_bytes", "gradients_of", "mean_picture", "white_of", "windows_of"]
 

@@ -21,10 +21,10 @@ import scipy.fft
 import scipy.ndimage
 
 from palpate.camera import grey
-from palpate.camera.view import opencv
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.microscopy.fields import Field, mended
+from palpate.sensing.view import opencv
 
 __all__ = ["bead_displacements"]
 

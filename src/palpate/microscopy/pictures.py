@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from palpate._extras import missing
 from palpate.camera import grey, is_pictures, open_pictures
-from palpate.camera.view import opencv
 from palpate.errors import InvalidInput
+from palpate.sensing.view import opencv
 
 __all__ = ["read_pair", "read_picture"]
 

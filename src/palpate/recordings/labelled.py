@@ -18,6 +18,7 @@ from palpate.errors import InvalidInput
 from palpate.inverse.estimate import Errors
 from palpate.recordings.recording import Recording
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
+from palpate.sensing.view import View
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.uncertainty import Case
@@ -34,6 +35,7 @@ __all__ = [
     "recording_of",
     "touch_dataset",
     "touch_of",
+    "view_of",
 ]
 
 CONVENTIONS = "palpate recording 1"
@@ -269,8 +271,20 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         case=_case(attrs["case"], name) if "case" in attrs else None,
         friction=float(attrs["friction"]) if "friction" in attrs else None,
         nuisance_names=tuple((str(a), str(b)) for a, b in _loaded(attrs.get("nuisance_names", "[]"), name)),
+        view=view_of(dataset, name),
         **fields_of,
     )
+
+
+def view_of(dataset: xarray.Dataset, name: str = "the data set") -> View | None:
+    """Where the picture of a camera's result lies; None where it is no camera's."""
+    held = dataset["traction"].attrs.get("view")
+    if held is None:
+        return None
+    try:
+        return View.restored(_loaded(text(held), name))
+    except InvalidInput as error:
+        raise InvalidInput(f"{name}: where its picture lies cannot be read; the file may be damaged.") from error
 
 
 def _loaded(text: Any, name: str) -> Any:

@@ -188,7 +188,8 @@ class _Recorder(abc.ABC):
             layout[name] = _Variable((name,), data.dtype, {} if name == "component" else {"units": "m"}, data)
         for name, value in row.items():
             if name in ("traction", "std"):
-                layout[name] = _Variable(("time", *dims), np.float32, {"units": "Pa", "shape": value.shape})
+                lies = {k: v for k, v in traction.attrs.items() if k == "view"}
+                layout[name] = _Variable(("time", *dims), np.float32, {"units": "Pa", "shape": value.shape, **lies})
             elif name.startswith("force"):
                 layout[name] = _Variable(("time", "component"), np.float64, {"units": unit, "shape": value.shape})
             elif name == "touching":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy, is_numpy, namespace, to_numpy
-from palpate._batches import freeze, per_frame, per_frame_fields, rebuilt, stacked
+from palpate._batches import freeze, per_frame, per_frame_fields, rebuilt
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.estimate import Errors
 from palpate.sensing.grids import Grid
+from palpate.sensing.view import View
 from palpate.status import Status
 from palpate.touch import intervals
 from palpate.touch.numbers import Numbers
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Touch", "joined"]
+__all__ = ["Touch"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +101,8 @@ class Touch(Numbers):
         What the error bars' constants must be for: contact, kind of channels, body (`palpate.uncertainty`).
     friction : float or None
         The coefficient of friction that it was found with, where one was given.
+    view : View or None
+        Of a camera's: where the picture lies, pixels to metres and which way x and y go (`palpate.camera.View`).
 
     Notes
     -----
@@ -150,6 +154,7 @@ class Touch(Numbers):
     reading_names: Mapping[int, str] = field(default_factory=dict)
     case: Case | None = None
     friction: float | None = None
+    view: View | None = None
 
     def __post_init__(self) -> None:
         expected = (len(self.surface.components), *self.surface.shape)
@@ -318,6 +323,7 @@ class Touch(Numbers):
                 "long_name": "surface traction",
                 "method": self.method,
                 "notes": "\n".join(self.notes),
+                **({} if self.view is None else {"view": json.dumps(self.view.described())}),
             },
         )
         for name in ("x", "y")[:d]:
@@ -537,8 +543,8 @@ class Touch(Numbers):
         seen_from : str
             "inside" (default): x to the right, y up and z, which points into the pad, towards the viewer, as a camera behind a gel sees it; "outside": y down, as one
             who looks at the surface sees it.
-        picture : (image, View), optional
-            The picture that it was found in and where that lies (`palpate.camera`): everything is drawn over it, in its pixels.
+        picture : image or (image, View), optional
+            The picture that it was found in, and where that lies (`palpate.camera`; default: `view`): everything is drawn over it, in its pixels.
 
         Notes
         -----
@@ -645,51 +651,3 @@ class Touch(Numbers):
         forces = Forces(friction=friction, level=level)
         forces.add(self)
         return forces.table()
-
-
-def joined(touches: Sequence[Touch]) -> Touch:
-    """One touch of many frames: from batches, end to end, or from single frames of one skin, along a new axis.
-
-    Every field is kept. Notes are those of any; what only some have (error bars, where a stream has not got to them yet) is NaN
-    in the rest.
-
-    Raises
-    ------
-    InvalidInput
-        Nothing to join, single frames mixed with batches, or results on different surfaces or of different components.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import palpate as pp
-    >>> from palpate.touch import joined
-    >>> frame = pp.Touch(np.zeros((2, 4)), pp.LineGrid(count=4, spacing=1e-3), ("x", "z"), "tikhonov")
-    >>> joined([frame, frame, frame]).batch
-    (3,)
-    """
-    if not touches:
-        raise InvalidInput("there is nothing to join: give at least one touch.")
-    first = touches[0]
-    single = not first.batch
-    for t in touches:
-        if (
-            t.surface != first.surface
-            or t.components != first.components
-            or t.unobservable_force != first.unobservable_force
-        ):
-            raise InvalidInput("results of different surfaces or components cannot be joined; join those of one skin.")
-        if (not t.batch) != single or len(t.batch) > 1:
-            raise InvalidInput("single frames join with single frames, and batches (frame, ...) with batches.")
-    counts = [1 if single else t.batch[0] for t in touches]
-    arrays = stacked(touches, new_axis=single, counts=counts)
-    if any(not np.array_equal(t.methods, np.full(t.batch, first.method)) for t in touches):
-        found = [np.atleast_1d(t.methods) for t in touches]
-        arrays["found_by"] = np.concatenate(found)
-    meta: dict[str, str] = {}
-    for t in touches:
-        meta.update(t.meta)
-    names: dict[int, str] = {}
-    for t in touches:
-        names.update(t.reading_names)
-    assumptions = tuple(dict.fromkeys(n for t in touches for n in t.assumptions))
-    return replace(first, **arrays, assumptions=assumptions, meta=meta, reading_names=names)

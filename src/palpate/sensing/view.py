@@ -8,7 +8,7 @@ towards a camera behind it, are right-handed.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +19,7 @@ from palpate._extras import missing
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
-__all__ = ["Lens", "View", "opencv"]
+__all__ = ["Lens", "View", "grey", "opencv"]
 
 
 def opencv() -> Any:
@@ -29,6 +29,40 @@ def opencv() -> Any:
     except ImportError as error:
         raise missing("pictures", error) from error
     return cv2
+
+
+def grey(image: npt.ArrayLike) -> npt.NDArray[Any]:
+    """A picture as grey levels (row, column): of colour its luminance; depth and type are kept.
+
+    Raises
+    ------
+    InvalidInput
+        An array that is no picture.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.camera import grey
+    >>> grey(np.full((2, 3, 3), 7, dtype=np.uint8)).tolist()
+    [[7, 7, 7], [7, 7, 7]]
+    """
+    values = np.asarray(image)
+    if values.dtype == np.float64:
+        values = values.astype(np.float32)
+    if values.dtype not in (np.uint8, np.uint16, np.float32) or 0 in values.shape:
+        raise InvalidInput(
+            f"a picture must hold 8 or 16 bit grey levels, or floats; got {values.dtype} of shape {values.shape}."
+        )
+    if values.ndim == 2:
+        return np.ascontiguousarray(values)
+    if values.ndim == 3 and values.shape[-1] in (1, 3, 4):
+        if values.shape[-1] == 1:
+            return np.ascontiguousarray(values[..., 0])
+        cv2 = opencv()
+        return np.asarray(cv2.cvtColor(np.ascontiguousarray(values[..., :3]), cv2.COLOR_RGB2GRAY))
+    raise InvalidInput(
+        f"a picture must have shape (rows, columns) or (rows, columns, 3) with red, green, blue; got {values.shape}."
+    )
 
 
 def _pairs(values: npt.ArrayLike, what: str) -> Floats:
@@ -76,6 +110,10 @@ class Lens:
             )
         object.__setattr__(self, "matrix", matrix)
         object.__setattr__(self, "distortion", distortion)
+
+    def described(self) -> dict[str, Any]:
+        """What makes it again, as files hold it."""
+        return {"matrix": self.matrix.tolist(), "distortion": self.distortion.tolist(), "error": self.error}
 
     def undistorted(self, pixels: npt.ArrayLike) -> Floats:
         """Where the same points would lie without distortion."""
@@ -126,8 +164,6 @@ class Lens:
             Fewer than three pictures in which the whole board is found.
         """
         cv2 = opencv()
-        from palpate.camera.pictures import grey
-
         board = np.zeros((corners[0] * corners[1], 3), dtype=np.float32)
         board[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square
         found = []
@@ -275,7 +311,7 @@ class View:
         >>> np.ptp(view.places([[0, 0], [40, 40]]), axis=0).round(6).tolist()
         [0.002, 0.002]
         """
-        from palpate.camera.lattice import lattice
+        from palpate.sensing.lattice import lattice
 
         across, up = pitch if isinstance(pitch, tuple | list) else (pitch, pitch)
         for value in (across, up):
@@ -292,6 +328,30 @@ class View:
             raise InvalidInput("the dots form no rectangular grid of this pitch: give four points instead.")
         scale = np.sqrt(squares)
         return cls.scaled((float(scale[0]), float(scale[1])), size=size, lens=lens)
+
+    def described(self) -> dict[str, Any]:
+        """What makes it again, as files of results hold it: attribute ``view`` of the traction, in JSON.
+
+        Examples
+        --------
+        >>> from palpate.camera import View
+        >>> view = View.scaled(0.1e-3, size=(160, 120))
+        >>> again = View.restored(view.described())
+        >>> again.pixels([1e-3, 2e-3]).round(6).tolist()
+        [89.5, 39.5]
+        """
+        return {"homography": self.homography.tolist(), "lens": None if self.lens is None else self.lens.described()}
+
+    @classmethod
+    def restored(cls, described: Mapping[str, Any]) -> View:
+        """From what `View.described` gives; `InvalidInput` where that is something else."""
+        try:
+            lens = described["lens"]
+            return cls(described["homography"], None if lens is None else Lens(**lens))
+        except (TypeError, KeyError, ValueError) as error:
+            raise InvalidInput(
+                f"a view is described by its homography (3, 3) and its lens (or none); got {str(described)[:80]}."
+            ) from error
 
     def places(self, pixels: npt.ArrayLike) -> Floats:
         """(x, y) [m] of pixels (..., 2)."""

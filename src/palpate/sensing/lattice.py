@@ -30,7 +30,7 @@ def lattice(points: Floats) -> tuple[Floats, Floats]:
     Examples
     --------
     >>> import numpy as np
-    >>> from palpate.camera.lattice import lattice
+    >>> from palpate.sensing.lattice import lattice
     >>> points = np.stack(np.meshgrid(np.arange(5) * 30.0, np.arange(4) * 20.0), -1).reshape(-1, 2)
     >>> [step.round(6).tolist() for step in lattice(points)]
     [[30.0, 0.0], [0.0, 20.0]]

@@ -1,0 +1,66 @@
+"""Touches of single frames or batches as one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from palpate._batches import stacked
+from palpate.errors import InvalidInput
+from palpate.touch.result import Touch
+
+__all__ = ["joined"]
+
+
+def joined(touches: Sequence[Touch]) -> Touch:
+    """One touch of many frames: from batches, end to end, or from single frames of one skin, along a new axis.
+
+    Every field is kept, `Touch.view` where it is the same for all. Notes are those of any; what only some have (error bars, where a stream has not got to them yet) is NaN
+    in the rest.
+
+    Raises
+    ------
+    InvalidInput
+        Nothing to join, single frames mixed with batches, or results on different surfaces or of different components.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.touch import joined
+    >>> frame = pp.Touch(np.zeros((2, 4)), pp.LineGrid(count=4, spacing=1e-3), ("x", "z"), "tikhonov")
+    >>> joined([frame, frame, frame]).batch
+    (3,)
+    """
+    if not touches:
+        raise InvalidInput("there is nothing to join: give at least one touch.")
+    first = touches[0]
+    single = not first.batch
+    for t in touches:
+        if (
+            t.surface != first.surface
+            or t.components != first.components
+            or t.unobservable_force != first.unobservable_force
+        ):
+            raise InvalidInput("results of different surfaces or components cannot be joined; join those of one skin.")
+        if (not t.batch) != single or len(t.batch) > 1:
+            raise InvalidInput("single frames join with single frames, and batches (frame, ...) with batches.")
+    counts = [1 if single else t.batch[0] for t in touches]
+    arrays = stacked(touches, new_axis=single, counts=counts)
+    if any(not np.array_equal(t.methods, np.full(t.batch, first.method)) for t in touches):
+        found = [np.atleast_1d(t.methods) for t in touches]
+        arrays["found_by"] = np.concatenate(found)
+    meta: dict[str, str] = {}
+    for t in touches:
+        meta.update(t.meta)
+    names: dict[int, str] = {}
+    for t in touches:
+        names.update(t.reading_names)
+    assumptions = tuple(dict.fromkeys(n for t in touches for n in t.assumptions))
+    views = {None if t.view is None else json.dumps(t.view.described()) for t in touches if t.view is not first.view}
+    alike = not views or (first.view is not None and views == {json.dumps(first.view.described())})
+    view = first.view if alike else None  # a camera that was moved: no one view holds for all
+    return replace(first, **arrays, assumptions=assumptions, meta=meta, reading_names=names, view=view)
