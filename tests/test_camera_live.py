@@ -208,6 +208,59 @@ def test_only_the_newest_picture_is_looked_at(monkeypatch: pytest.MonkeyPatch) -
     assert camera.released
 
 
+def test_a_camera_that_opencv_itself_reads_ends_and_is_opened_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file in place of the device, through OpenCV's own capture: colours and times; its end is an unplugged camera; plugged in again, it begins anew."""
+    red = np.zeros((120, 160, 3), np.uint8)
+    red[:, :80, 2] = 200  # OpenCV writes blue, green, red
+    writer = cv2.VideoWriter(str(tmp_path / "device.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (160, 120))
+    for _ in range(5):
+        writer.write(red)
+    writer.release()
+    capture, opened = cv2.VideoCapture, []
+
+    def device(source: int) -> Any:
+        opened.append(capture(str(tmp_path / "device.avi")))
+        return opened[-1]
+
+    monkeypatch.setattr(cv2, "VideoCapture", device)
+    for _ in range(2):
+        with open_pictures(0) as pictures:
+            found = list(pictures)
+        assert pictures.size == (160, 120)
+        assert [p.fault for p in found[:5]] == [""] * 5
+        image = found[4].image
+        assert image is not None
+        assert image[60, 40].tolist() == pytest.approx([200, 0, 0], abs=12)  # red comes first
+        assert image[60, 120].tolist() == pytest.approx([0, 0, 0], abs=12)
+        assert (np.diff([p.time for p in found]) > 0).all()
+        assert {p.fault for p in found[5:]} == {"the camera gave no picture"}
+        assert "camera 0 gives no pictures any more: it was unplugged" in pictures.notes[0]
+        assert not opened[-1].isOpened()  # let go, so that it can be opened again
+    assert len(opened) == 2
+
+
+def test_a_camera_that_hangs_is_given_up_after_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A driver that waits for seconds before it says that there is no picture."""
+    from palpate.camera import pictures as module
+
+    now = [0.0]
+
+    class Hanging(Camera):
+        def read(self) -> tuple[bool, Any]:
+            now[0] += 0.03 if self.images else 2.0
+            return super().read()
+
+    monkeypatch.setattr(module.clock, "monotonic", lambda: now[0])
+    camera = plugged(monkeypatch, Hanging([BLACK + 9] * 3))
+    with open_pictures(0) as source:
+        found = list(source)
+    assert [p.image is None for p in found] == [False] * 3 + [True]
+    assert now[0] < 5.0
+    assert camera.released
+
+
 def test_what_a_thread_finds_is_raised_where_pictures_are_taken() -> None:
     def broken() -> Iterator[tuple[float, Any, str]]:
         yield 0.0, BLACK, ""

@@ -172,7 +172,7 @@ def test_bad_pictures_pass_and_say_why() -> None:
         found = list(touches)
     assert len(found) == 10
     assert pp.Status(int(found[6].status)) is pp.Status.MISSING
-    assert any("picture 6: the picture is black" in note for note in found[6].notes)
+    assert any("no touch in a picture: the picture is black" in note for note in found[6].notes)
     np.testing.assert_allclose(found[-1].force[:2], TRUE[:2], atol=0.03)
     with follow(pictures[:7], plain(), view=SCENE.view, reference=3, track=False, every=6) as touches:
         alone = list(touches)

@@ -117,3 +117,46 @@ def test_killed_while_writing(folder: Path) -> None:
     assert (folder / "old.csv").read_text() == "old"
     assert len(read_recording("r.nc").readings) == 3
     assert len(list(folder.glob(".palpate-*"))) == 1
+
+
+def test_rows_of_a_table_are_kept_where_a_run_is_stopped(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Beside a result that was to be replaced, which stays."""
+    from palpate.tracking.tracker import Tracker
+
+    step, taken = Tracker.step, [0]
+
+    def stopped(self: Tracker, *args: object, **options: object) -> pp.Touch:
+        taken[0] += 1
+        if taken[0] % 3 == 0:
+            raise KeyboardInterrupt
+        return step(self, *args, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Tracker, "step", stopped)
+    for name, kept in {"new.csv": "new.csv", "old.csv": "old.part.csv"}.items():
+        assert run("track", "r.nc", "--skin", "skin.toml", "--force", "--out", name, monkeypatch=monkeypatch) == 130
+        said = capsys.readouterr().err
+        assert f"{kept} holds the 2 frames before." in said
+        assert said.strip().endswith("error: stopped")
+        assert len((folder / kept).read_text().splitlines()) == 1 + 2
+    assert (folder / "old.csv").read_text() == "old"
+
+
+def test_rows_so_far_are_written_while_frames_come(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a killed process leaves."""
+    from palpate.cli import files as written
+    from palpate.touch import Forces
+
+    monkeypatch.setattr(written, "KEPT_EVERY", 0.0)
+    monkeypatch.setattr(written, "KEPT_PART", float("inf"))
+    touch = pp.Touch(np.ones((2, 4)), pp.LineGrid(count=4, spacing=1e-3), ("x", "z"), "tikhonov")
+    for name, kept in {"new.csv": "new.csv", "old.csv": "old.part.csv"}.items():
+        forces = Forces()
+        with written.kept_rows(forces, folder / name) as keep:
+            for frame in range(3):
+                forces.add(touch)
+                keep()
+                assert len((folder / kept).read_text().splitlines()) == 1 + frame + 1
+        assert len((folder / name).read_text().splitlines()) == 1 + 3
+        assert not (folder / "old.part.csv").exists()  # the whole table came in its place

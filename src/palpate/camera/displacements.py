@@ -193,6 +193,7 @@ class Displacements:
             raise InvalidInput(
                 f"{self.pictures.name}: {count} pictures of the gel at rest are needed at the start, {len(good)} of the first {len(first)} show something"
                 + (f" ({why}). " if why else ". ")
+                + "".join(f"{note} " for note in self.pictures.notes)
                 + f"Give a smaller reference (here up to {len(good)}), or begin with the gel untouched."
                 if good
                 else f"{self.pictures.name}: none of the first {len(first)} pictures shows anything ({why}). Check light, exposure and lens cap."

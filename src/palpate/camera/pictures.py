@@ -31,6 +31,7 @@ STACKS = (".tif", ".tiff")
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg", ".wmv")
 #: Pictures that a camera may fail to give one after another, and seconds that it may give none, before it is given up.
 FAILED, SILENT = 10, 3.0
+DAMAGED = "the video is damaged here"
 CODEC = "Convert it once, such as with: ffmpeg -i IN -c:v libx264 -crf 12 OUT.mp4"
 
 
@@ -258,6 +259,8 @@ def _stack(path: Path, rate: float | None) -> Pictures:
         file = tifffile.TiffFile(path)
         pages = file.pages
         count = len(pages)
+        # what its head says of a stack whose end is missing
+        claimed = max([count, *(int(m["shape"][0]) for m in file.shaped_metadata or () if len(m.get("shape", ())) > 2)])
     except (tifffile.TiffFileError, OSError, ValueError) as error:
         raise InvalidInput(f"{path}: cannot be read as TIFF ({error}).") from error
     described = file.imagej_metadata or {}
@@ -274,7 +277,7 @@ def _stack(path: Path, rate: float | None) -> Pictures:
                 continue
             yield None, image, ""
 
-    return Pictures(frames(), name=str(path), count=count, rate=rate, close=file.close)
+    return Pictures(frames(), name=str(path), count=claimed, rate=rate, close=file.close)
 
 
 def _video(path: Path) -> Pictures:
@@ -301,15 +304,26 @@ def _video(path: Path) -> Pictures:
     rate = float(stream.average_rate) if stream.average_rate else None
 
     def frames() -> Iterator[tuple[float | None, Image | None, str]]:
-        number, last = 0, None
+        number, last, broken = 0, None, ""
         try:
-            for frame in container.decode(stream):
+            for frame in _decoded(container, stream):
+                number += 1
+                # AVI has no times, only an order in which to decode: it is as even as its rate
+                timed = not isinstance(frame, str) and frame.time is not None and container.format.name != "avi"
+                at = float(frame.time) if timed else None
+                if isinstance(frame, str):
+                    broken = frame
+                elif not broken or frame.key_frame:
+                    broken = DAMAGED if frame.is_corrupt else ""
+                if broken:
+                    # what follows is built on it, up to the next picture that stands alone
+                    last = at if at is not None else last + 1.0 / rate if last is not None and rate else None
+                    yield last, None, broken
+                    continue
                 plain = frame.format.name in ("gray", "gray8", "gray10le", "gray12le", "gray16le")
                 image = frame.to_ndarray(format="gray" if plain else "rgb24")
-                # AVI has no times, only an order in which to decode: it is as even as its rate
-                at = None if frame.time is None or container.format.name == "avi" else float(frame.time)
                 yield at, image, ""
-                number, last = number + 1, at
+                last = at
             short = _short(container, rate, last)
             if short is not None:
                 notes.append(
@@ -323,6 +337,25 @@ def _video(path: Path) -> Pictures:
     return Pictures(
         frames(), name=str(path), count=stream.frames or None, rate=rate, timed=True, close=container.close, notes=notes
     )
+
+
+def _decoded(container: Any, stream: Any) -> Iterator[Any]:
+    """Pictures of a video; where one cannot be decoded, why, and then those that come later."""
+    import av
+
+    failed = 0
+    for packet in container.demux(stream):
+        try:
+            frames = packet.decode()
+        except av.error.InvalidDataError as error:
+            failed += 1
+            if failed > FAILED:
+                raise
+            yield f"{DAMAGED} ({_plain(error)})"
+            continue
+        if frames:
+            failed = 0
+        yield from frames
 
 
 def _short(container: Any, rate: float | None, last: float | None) -> float | None:

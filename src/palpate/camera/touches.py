@@ -147,7 +147,7 @@ class Touches:
                 else self.step(reading.values, reading.time, std=reading.std)
             )
             if reading.fault:
-                touch = replace(touch, assumptions=(*touch.assumptions, f"picture {reading.index}: {reading.fault}"))
+                touch = replace(touch, assumptions=(*touch.assumptions, f"no touch in a picture: {reading.fault}"))
             yield touch
 
     def step(self, values: Floats, time: float, *, std: Floats | None = None) -> Touch:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +15,8 @@ import typer
 import palpate
 from palpate.errors import InvalidInput
 
+#: Seconds after which the rows of a table that is still growing are written, and the part of the time that this may take.
+KEPT_EVERY, KEPT_PART = 5.0, 0.02
 _HELP = "Replace a result that exists. What is read is never replaced."
 Force = Annotated[bool, typer.Option("--force", "--overwrite", help=_HELP)]
 #: Where --force is the force of a contact.
@@ -140,3 +144,39 @@ def write_forces(forces: Any, path: Path) -> None:
     from palpate.recordings.files import atomically
 
     atomically(path, forces.write)
+
+
+@contextlib.contextmanager
+def kept_rows(forces: Any, path: Path | None) -> Iterator[Callable[[], None]]:
+    """A table of frames that are still coming, whole at the end; call what is given after each, and the rows so far are in the file every few seconds and where
+    the command is stopped.
+
+    A result that is replaced stays until the new one is whole; rows so far are beside it then, in NAME.part.csv. None: there is no table to keep.
+    """
+    if path is None:
+        yield lambda: None
+        return
+    whole = not path.exists()
+    so_far = path if whole else path.with_name(f"{path.stem}.part{path.suffix}")
+    last, took, kept = time.monotonic(), 0.0, 0
+
+    def keep() -> None:
+        nonlocal last, took, kept
+        began = time.monotonic()
+        # a long table is written less often, so that it holds up nothing
+        if began - last >= max(KEPT_EVERY, took / KEPT_PART):
+            write_forces(forces, so_far)
+            last = time.monotonic()
+            took, kept = last - began, len(forces)
+
+    try:
+        yield keep
+    except BaseException:
+        if len(forces) > kept:
+            write_forces(forces, so_far)
+        if len(forces):
+            typer.echo(f"{so_far} holds the {len(forces)} frames before.", err=True)
+        raise
+    write_forces(forces, path)
+    if not whole:
+        so_far.unlink(missing_ok=True)

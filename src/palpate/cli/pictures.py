@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import typer
 
-from palpate.cli.files import check_output, provenance, save_figure, skin_files, write_forces
+from palpate.cli.files import check_output, kept_rows, provenance, save_figure, skin_files
 from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
 
@@ -43,6 +44,7 @@ def track_pictures(
 ) -> None:
     """Follow a gel in pictures: `palpate track VIDEO`."""
     import contextlib
+    import logging
 
     from palpate._plot import plot_forces as drawn
     from palpate.camera import follow, overlay
@@ -52,6 +54,9 @@ def track_pictures(
     from palpate.touch import Forces, joined
     from palpate.touch.table import table_words
 
+    # what libraries say of damaged files, palpate says once and in words
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     skin_file = known_skin(skin_file)
     kind = None if out is None else file_format(out, task="write_touch")
     inputs = [source, *skin_files(skin_file)]
@@ -94,6 +99,7 @@ def track_pictures(
             name = stack.enter_context(in_place(out)) if out.exists() else out
             channels = tuple(skin.planes[0].channels)
             sink = stack.enter_context(recorder(name, channels, positions=readings.positions, meta=record))
+        keep = stack.enter_context(kept_rows(forces, out if kind == "csv" else None))
         for touch in stream:
             reading = stream.last
             if reading is None:
@@ -113,13 +119,12 @@ def track_pictures(
             elif kind not in (None, "csv"):
                 touches.append(touch)
             taken.append((reading.time, np.asarray(touch.force, dtype=np.float64)))
+            keep()
         health = None if stream.tracker is None else stream.tracker.health
         notes, faults = list(readings.pictures.notes), dict(readings.faults)
         view = readings.view
     if touches and out is not None:
         write_touch(joined(touches), out, provenance=record)
-    elif out is not None and kind == "csv":
-        write_forces(forces, out)
     if plot_forces is not None:
         save_figure(drawn(forces.table(), events=marks), plot_forces)
     typer.echo(table_words(forces.table()))

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.cli.files import Force, check_output, provenance, save_figure, skin_files, write_forces
+from palpate.cli.files import Force, check_output, kept_rows, provenance, save_figure, skin_files
 from palpate.cli.methods import tracker_options
 from palpate.cli.options import Columns, check_matching, check_picture, check_watched, grasp_monitor, mapping_for
 from palpate.cli.progress import Bar, busy
@@ -153,6 +153,7 @@ def track(
             # beside a result that is replaced; else under its own name, where it grows with every block
             name = stack.enter_context(in_place(out)) if out.exists() else out
             sink = stack.enter_context(recorder(name, recording.channels, positions=recording.positions, meta=record))
+        keep = stack.enter_context(kept_rows(forces, out if kind == "csv" else None))
         step = stack.enter_context(Bar("frames", len(recording.readings)))
         for time, values in zip(recording.time, recording.readings):
             if zeros and time >= zeros[0]:
@@ -163,6 +164,7 @@ def track(
             events = monitor.update(touch) if "z" in touch.components else []
             marks += events
             forces.add(touch, events)
+            keep()
             step()
             if sink is not None:
                 sink.readings(float(time), values)
@@ -173,8 +175,6 @@ def track(
                 touches.append(touch)
     if touches and out is not None:
         write_touch(joined(touches), out, provenance=record)
-    elif out is not None and kind == "csv":
-        write_forces(forces, out)
     if plot_forces is not None:
         save_figure(drawn(forces.table(), events=marks), plot_forces)
     typer.echo(table_words(forces.table()))
