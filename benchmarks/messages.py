@@ -3,18 +3,20 @@
     python benchmarks/messages.py           the table
     python benchmarks/messages.py --write   into docs/_generated/messages.md
 
-Messages are read off the source. A test holds a message where it quotes twelve letters or more of it; a remedy was tried where tests/remedies.py has the
+Messages are read off the source. A test holds a message where it quotes twelve letters or more of it; a remedy was tried where tests/remedies has the
 message with a call that is refused and the call that its words lead to.
 """
 
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE, TESTS, TABLE = ROOT / "src" / "palpate", ROOT / "tests", ROOT / "docs" / "_generated" / "messages.md"
@@ -22,6 +24,24 @@ SOURCE, TESTS, TABLE = ROOT / "src" / "palpate", ROOT / "tests", ROOT / "docs" /
 KINDS = ("InvalidInput", "Unsupported", "NotObservable", "UncheckedInput", "PalpateError")
 #: Letters, with a blank among them, that a test must quote of a message to count as holding it.
 ENOUGH = 12
+#: What a message offers who meets it.
+CLASSES = {
+    "advises": "says what to do",
+    "accepts": "says what is accepted; giving that is the remedy",
+    "states": "says only what is wrong",
+    "elsewhere": "what it asks for is not to be had in a test; the last column says why",
+}
+#: Words with which an advice begins, behind a stop or a conjunction.
+_VERBS = (
+    "add|ask|average|begin|beginning|build|call|check|choose|close|correct|count|define|describe|draw|drop|enter|expose|export|film|find|focus|follow|"
+    "give|grid|hold|import|install|join|keep|leave|let|light|list|look|make|mark|measure|mend|move|name|open|pass|pick|prepare|press|put|read|record|"
+    "rename|repair|run|save|say|see|seek|send|set|shift|show|solve|source|start|state|take|tell|track|try|turn|uninstall|unpack|update|use|wait|write"
+)
+ADVICE = rf"(?:^|[.:;,(]\s|\bor |\band |\bthen |\bplease )(?:{_VERBS})\b(?! of\b)|\bare? (?:you|they) |is \w+ meant|Is it |looks? |--\w+ takes? what|palpate \w+ writes one"
+#: Words with which a message says what is accepted.
+ACCEPTS = r"\bmust\b|accepted|there (?:are|is)|\bit has\b|\bneed|\btakes?\b|\bat least\b|\bbelongs?\b|\bsuch as\b|\blike\b|sought are|\bfrom 0 to\b"
+#: Messages whose remedy a test cannot carry out: room, words, and why.
+ELSEWHERE: tuple[tuple[str, str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -36,6 +56,11 @@ class Message:
     def parts(self) -> list[str]:
         """What is constant in it."""
         return self.text.split("{}")
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Room and words: one message, from however many lines it is raised."""
+        return self.where, self.text
 
     @property
     def says_what_it_got(self) -> bool:
@@ -54,8 +79,15 @@ def _text(node: ast.expr) -> str | None:
     return None
 
 
-def messages() -> Iterator[Message]:
+@functools.cache
+def messages() -> tuple[Message, ...]:
     """Those of all modules, in their order."""
+    return tuple(_messages())
+
+
+def _messages() -> Iterator[Message]:
+    """What several lines of a module raise alike is one."""
+    seen = set()
     for path in sorted(SOURCE.rglob("*.py")):
         if path.parent.name in ("bench", "trust"):  # measurements of ours, no front door
             continue
@@ -67,13 +99,16 @@ def messages() -> Iterator[Message]:
             if kind in KINDS and outer.exc.args:
                 text = _text(outer.exc.args[0])
                 if text is not None and len(text.replace("{}", "").strip()) >= ENOUGH:
-                    yield Message(room, kind, " ".join(text.split()))
+                    found = Message(room, kind, " ".join(text.split()))
+                    if found.key not in seen:
+                        seen.add(found.key)
+                        yield found
 
 
 def quoted() -> list[str]:
     """The pieces of strings of all tests that are long enough, between what a pattern leaves open."""
     found = set()
-    for path in sorted(TESTS.glob("*.py")):
+    for path in sorted(TESTS.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and len(node.value) >= ENOUGH:
                 pieces = re.split(r"\.[*+]\??|\n", node.value.replace("\\", ""))
@@ -81,16 +116,19 @@ def quoted() -> list[str]:
     return sorted(found)
 
 
-def tried() -> list[tuple[str, str]]:
-    """Words and room of the messages whose remedy tests/remedies.py tries."""
-    tree = ast.parse((TESTS / "remedies.py").read_text(encoding="utf-8"))
-    calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call) and getattr(n.func, "id", "") == "Remedy"]
-    found = []
-    for call in calls:
-        room = [k.value.value for k in call.keywords if k.arg == "room" and isinstance(k.value, ast.Constant)]
-        if isinstance(call.args[0], ast.Constant):
-            found.append((str(call.args[0].value), str(room[0]) if room else ""))
-    return found
+def remedies() -> list[Any]:
+    """Those that the tests try, from tests/remedies."""
+    if str(TESTS) not in sys.path:
+        sys.path.insert(0, str(TESTS))
+    from remedies import REMEDIES
+
+    return list(REMEDIES)
+
+
+def meant(remedy: Any) -> list[tuple[str, str]]:
+    """The messages (room, text) that a remedy of the tests stands for: one, where its words are enough."""
+    here = [m for m in messages() if remedy.words in m.text and remedy.room in ("", m.where)]
+    return [m.key for m in here if m.text == remedy.words] or [m.key for m in here]
 
 
 def held(message: Message, tests: list[str]) -> bool:
@@ -98,24 +136,47 @@ def held(message: Message, tests: list[str]) -> bool:
     return any(piece in part for part in message.parts for piece in tests)
 
 
+def kind_of(message: Message) -> str:
+    """Which of `CLASSES` a message is of."""
+    if reason(message):
+        return "elsewhere"
+    if re.search(ADVICE, message.text, re.IGNORECASE):
+        return "advises"
+    return "accepts" if re.search(ACCEPTS, message.text) else "states"
+
+
+def reason(message: Message) -> str:
+    """Why its remedy cannot be tried in a test; "" where it can."""
+    return next((why for room, words, why in ELSEWHERE if room == message.where and words in message.text), "")
+
+
 def table() -> str:
     """The page."""
-    tests, known = quoted(), tried()
+    tests, known = quoted(), {key for remedy in remedies() for key in meant(remedy)}
     rows = []
     for m in messages():
-        remedy = any(words in m.text and room in ("", m.where) for words, room in known)
-        rows.append((m, held(m, tests) or remedy, remedy))
+        remedy = m.key in known
+        rows.append((m, kind_of(m), held(m, tests) or remedy, remedy))
     lines = [
-        f"{len(rows)} messages; {sum(m.says_what_it_got for m, _, _ in rows)} say what was received; a test quotes {sum(h for _, h, _ in rows)}; "
-        f"the remedy of {sum(r for _, _, r in rows)} was tried on the very input that was refused. {{}} is what is filled in.",
+        f"{len(rows)} messages; {sum(m.says_what_it_got for m, *_ in rows)} say what was received; a test quotes {sum(h for *_, h, _ in rows)}; "
+        f"the remedy of {sum(r for *_, r in rows)} was tried on the very input that was refused. {{}} is what is filled in.",
         "",
-        "| message | where | says what it got | quoted by a test | remedy tried |",
-        "|---|---|---|---|---|",
+        "| class | messages | remedy tried | left |",
+        "|---|---|---|---|",
     ]
-    for m, h, r in rows:
+    for name, words in CLASSES.items():
+        mine = [r for _, k, _, r in rows if k == name]
+        lines.append(f"| {name}: {words} | {len(mine)} | {sum(mine)} | {len(mine) - sum(mine)} |")
+    lines += [
+        "",
+        "| message | where | class | says what it got | quoted by a test | remedy tried |",
+        "|---|---|---|---|---|---|",
+    ]
+    for m, k, h, r in rows:
         text = re.sub(r"([|<>*_`\[\]$])", r"\\\1", m.text)
+        answer = reason(m) and f"no: {reason(m)}"
         lines.append(
-            f"| {text} | {m.where} | {'yes' if m.says_what_it_got else 'no'} | {'yes' if h else 'no'} | {'yes' if r else 'no'} |"
+            f"| {text} | {m.where} | {k} | {'yes' if m.says_what_it_got else 'no'} | {'yes' if h else 'no'} | {'yes' if r else answer or 'no'} |"
         )
     return "\n".join(lines) + "\n"
 

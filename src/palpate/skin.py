@@ -37,6 +37,7 @@ from palpate.sensing.uncertainty import Uncertainty
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
 from palpate.tracking import Tracker, check_settings
+from palpate.tracking.tracker import check_sought
 from palpate.uncertainty import Case
 
 if TYPE_CHECKING:
@@ -636,6 +637,7 @@ class Skin:
         """
         check_settings(tolerance=tolerance, rate=rate, budget=budget, rezero=rezero)
         names = self._names(components)
+        check_sought(names, self.boundary)
         method = method_named(Constrained.name, {"friction": friction, "parameter": parameter})
         solver = self._prepared(method, names)
         filters: Callable[[], list[CreepFilter | None]] | None = None

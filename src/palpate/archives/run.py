@@ -26,6 +26,7 @@ from palpate.recordings.formats import find_format, open_recording
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
 from palpate.recordings.touchstream import Collected
+from palpate.recordings.zarrstream import begun
 from palpate.sensing.readings import Creep, Layout, joined_planes
 from palpate.sensing.zero import OFFSETS, STANDS, Levels
 from palpate.status import Status
@@ -207,7 +208,9 @@ def reconstruct_recording(
     target = Path(out)
     known = find_format(target)
     chosen = method_asked(method, options)
-    length = piece_length(skin, chosen) if chunk is None else chunk
+    # a run that goes on has the pieces that it was begun with
+    length = chunk if chunk is not None else begun(target).get("chunk") if resume else None
+    length = piece_length(skin, chosen) if length is None else length
     if isinstance(length, bool) or not isinstance(length, int) or length < 1:
         raise InvalidInput(f"chunk must be a whole number of frames from 1 on; got {chunk!r}.")
     if target.exists() and not overwrite:

@@ -9,7 +9,7 @@ import typer
 
 from palpate.cli.files import check_output, provenance, skin_files, skin_text
 from palpate.cli.methods import tracker_options
-from palpate.cli.options import Columns, check_matching, check_watched, grasp_monitor, mapping_for
+from palpate.cli.options import Columns, check_matching, grasp_monitor, mapping_for
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
@@ -144,7 +144,6 @@ def live(
         def source() -> Iterator[tuple[float, Any]]:
             yield from zip((recording.time / speed).tolist(), recording.readings)
 
-    check_watched(skin, max_pressure, max_force)
     monitor = grasp_monitor(skin, options.get("friction"), max_pressure, max_force)
     if seen is not None and seen.touches.tracker is not None:
         tracker = seen.touches.tracker

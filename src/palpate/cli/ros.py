@@ -10,7 +10,6 @@ import typer
 
 from palpate.cli.files import check_output, provenance, skin_files, skin_text
 from palpate.cli.methods import TrackerCommand, tracker_options
-from palpate.cli.options import check_watched
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
@@ -95,7 +94,6 @@ def ros(
     try:
         kind = kind or _kind(connection, mapping.topic)
         skin, rest = _skin(connection, skin_file, mapping, kind)
-        check_watched(skin, max_pressure, max_force)
         force = "force per length" if skin.surface.dimensions == 1 else "force"
         sinks: list[Sink] = []
         if record is not None:

@@ -226,11 +226,8 @@ def _gel(
                 f'{skin_file}: one plane with channels = ["displacement_x", "displacement_y"] is what a picture of beads shows.'
             )
         return pad, float(planes[0].depth), read_uncertainty(skin_file)
-    if modulus is None or ratio is None:
-        lacking = [o for o, v in options[:2] if v is None]
-        raise InvalidInput(
-            f'{" and ".join(lacking)} of the gel are needed, such as --youngs-modulus "8 kPa" --poissons-ratio 0.48, or --skin gel.toml.'
-        )
+    assert modulus is not None  # of both `_complete` has seen to it
+    assert ratio is not None
     value, uncertainty = _known("--youngs-modulus", modulus)
     below = parse_quantity(depth, "length", "--depth")
     if thickness is None:

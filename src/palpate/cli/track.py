@@ -9,7 +9,7 @@ import typer
 
 from palpate.cli.files import Force, check_output, kept_rows, provenance, save_figure, skin_files
 from palpate.cli.methods import tracker_options
-from palpate.cli.options import Columns, check_matching, check_picture, check_watched, grasp_monitor, mapping_for
+from palpate.cli.options import Columns, check_matching, check_picture, grasp_monitor, mapping_for
 from palpate.cli.progress import Bar, busy
 from palpate.errors import InvalidInput
 
@@ -134,7 +134,6 @@ def track(
             f"--baseline {baseline} leaves no frame of the {len(recording.readings)} in the recording: give a smaller number."
         )
     zeros = _zeros(zero_at or [], recording.time)
-    check_watched(skin, max_pressure, max_force)
     monitor = grasp_monitor(
         skin, options.get("friction"), max_pressure, max_force, lambda event: typer.echo(str(event))
     )

@@ -19,7 +19,7 @@ from palpate.inverse.linear.spectrum import DataSpectrum
 from palpate.inverse.observability import is_observable
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid
-from palpate.sensing.operator import Boundary, Operator
+from palpate.sensing.operator import Boundary, Operator, check_surface
 from palpate.sensing.surface import WIDE, default_surface
 from palpate.sensing.uncertainty import STEP, Uncertainty, scale_free, stretched
 
@@ -110,6 +110,7 @@ class Problem:
         kept: Kept | None = None,
         recall: Recall | None = None,
     ) -> None:
+        check_surface(planes, surface)
         self.pad, self.planes, self.surface, self.boundary = pad, tuple(planes), surface, boundary
         self.components, self.fixed, self.nuisance = tuple(components), fixed, nuisance
         self.uncertainty = uncertainty or Uncertainty()

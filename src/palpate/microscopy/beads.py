@@ -111,10 +111,6 @@ def bead_displacements(
         raise InvalidInput("both pictures are the same: give the beads at rest and the beads that are pulled.")
     a, b = _evened(first, 2.0 * window), _evened(second, 2.0 * window)
     grid = tuple(np.arange((window - 1) / 2.0, n - (window - 1) / 2.0, step) for n in first.shape)  # rows, columns
-    if min(len(g) for g in grid) < 4:
-        raise InvalidInput(
-            f"windows of {window} every {step} pixels make {len(grid[0])} x {len(grid[1])} vectors: at least 4 x 4 are needed. Take smaller ones."
-        )
     u = _coarse(a, b, grid, window)
     fine = _Fine(a, b, grid, window, step)
     for last in (*[False] * (ROUNDS - 1), True):

@@ -273,6 +273,10 @@ class _Decimals:
         if self._commas and "," in cell:
             if self._comma is None:
                 self._comma = (line, cell.strip())
+            if "." in cell:
+                raise InvalidInput(
+                    f"{self._path}, line {line}: {cell.strip()!r} has a comma and a point. Save the table with decimal points and without separators of thousands."
+                )
             # 1,234 may be a thousand and more; 0,234 and 1,23 may not
             self._sure = self._sure or _GROUPED.fullmatch(cell) is None
             text = cell.replace(",", ".")

@@ -25,7 +25,10 @@ from palpate.touch.outcome import Outcome
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["ZarrStream", "growing", "partial"]
+__all__ = ["ZarrStream", "begun", "growing", "partial"]
+
+#: What is done, line by line, beside a store that grows.
+_PIECES = "pieces.jsonl"
 
 
 def partial(path: str | Path) -> Path:
@@ -46,6 +49,8 @@ def growing(
         A run that was broken off is there, and ``resume`` and ``replace`` are not asked for; or it was another run.
     """
     folder = partial(path)
+    if folder.exists() and not (folder / _PIECES).exists() and any(folder.iterdir()):
+        raise InvalidInput(f"{folder} holds something else; move it away or give another name.")
     if folder.exists() and not (resume or replace):
         raise InvalidInput(
             f"{folder} holds a run that was broken off. Go on with it by --resume (resume=True), or begin anew with --force (overwrite=True)."
@@ -61,6 +66,15 @@ def growing(
     shutil.rmtree(folder, ignore_errors=True)
 
 
+def begun(path: Path) -> dict[str, Any]:
+    """What the run was begun with that was broken off on the way to ``path``; empty where there is none."""
+    try:
+        with (partial(path) / _PIECES).open(encoding="utf-8") as lines:
+            return dict(json.loads(lines.readline()))
+    except (OSError, ValueError, TypeError):
+        return {}
+
+
 class ZarrStream(Arrays):
     """Each piece is a block of its own in every array, so that writing it again harms no other.
 
@@ -72,7 +86,7 @@ class ZarrStream(Arrays):
         self, path: Path, count: int, record: Mapping[str, str], run: Mapping[str, Any], *, resume: bool
     ) -> None:
         super().__init__(path, count, record)
-        self._list = path.parent / "pieces.jsonl"
+        self._list = path.parent / _PIECES
         self._arrays: dict[str, Any] = {}
         if resume and self._list.exists():
             self._apart(lambda: self._go_on(run))
@@ -81,8 +95,6 @@ class ZarrStream(Arrays):
 
     def _fresh(self, run: Mapping[str, Any]) -> None:
         folder = self.path.parent
-        if folder.exists() and not self._list.exists() and any(folder.iterdir()):
-            raise InvalidInput(f"{folder} holds something else; move it away or give another name.")
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
         self._log(dict(run))

@@ -463,13 +463,8 @@ class Operator:
     ) -> None:
         self.recall = recall
         self.pad, self.planes_of, self.surface, self.boundary = pad, tuple(planes), surface, boundary
+        check_surface(planes, surface)
         for array in planes:
-            if array.dimensions != surface.dimensions:
-                raise InvalidInput(
-                    f"the surface is a {type(surface).__name__} but the array is a {type(array).__name__} in "
-                    f"{'line' if array.dimensions == 1 else 'area'} contact; use "
-                    f"{'LineGrid' if array.dimensions == 1 else 'AreaGrid'}."
-                )
             if boundary == "periodic":
                 _check_periodic(array, surface)
         self._weights = [_Cached(a.valid.astype(np.float64)) if a.mask is not None else None for a in planes]
@@ -556,6 +551,17 @@ class Operator:
         keep = np.ones((len(self.planes_of[i].channels), 1))
         keep[list(floating)] = 0.0
         return readings - from_numpy(1.0 - keep, readings) * mean
+
+
+def check_surface(planes: Sequence[Array], surface: Grid) -> None:
+    """Refuse a surface of another kind of contact than the arrays are in."""
+    for array in planes:
+        if array.dimensions != surface.dimensions:
+            raise InvalidInput(
+                f"the surface is a {type(surface).__name__} but the array is a {type(array).__name__} in "
+                f"{'line' if array.dimensions == 1 else 'area'} contact; use "
+                f"{'LineGrid' if array.dimensions == 1 else 'AreaGrid'}."
+            )
 
 
 def _floating_channels(pad: Pad, array: Array, boundary: Boundary) -> tuple[int, ...]:

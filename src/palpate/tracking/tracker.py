@@ -18,7 +18,7 @@ import numpy as np
 from palpate._arrays import from_numpy
 from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import CreepFilter
-from palpate.errors import InvalidInput
+from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors
 from palpate.sensing.readings import Layout
@@ -62,6 +62,19 @@ def check_settings(**settings: float | None) -> None:
             continue
         if isinstance(value, bool) or not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
             raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
+
+
+def check_sought(components: Sequence[str], boundary: str) -> None:
+    """Refuse what no tracker can follow, with what serves: a tracker has one method, so that another method is no advice."""
+    frames = 'Skin.reconstruct(readings, method="tikhonov") (palpate reconstruct --method tikhonov)'
+    if boundary == "periodic":
+        raise Unsupported(
+            f'a tracker needs boundary="free". On a periodic surface take frames by themselves, {frames}.'
+        )
+    if "z" not in components:
+        raise Unsupported(
+            f"a tracker keeps pressure from pulling, so it needs the pressure: seek z too, with channels that measure it, or take frames by themselves, {frames}."
+        )
 
 
 #: What is said where the channels alone do not tell pressure from shear. Balls that press, slide and twist were read 1 to 35 % too small from markers 0.5 mm

@@ -161,11 +161,15 @@ class SpectralPrior:
         self._copies: dict[tuple[Any, ...], Any] = {}
 
     def _evaluate(self, k: Floats) -> Floats:
-        value = np.asarray(self._density(k), dtype=np.float64) * self.scale
+        try:
+            value = np.asarray(self._density(k), dtype=np.float64) * self.scale
+        except (TypeError, ValueError) as error:  # what it returns is no number; or what it takes is no array
+            raise InvalidInput(
+                f"spectrum must be a function that takes an array of wavenumbers [rad/m] and returns densities of the same shape; this one fails: {error}."
+            ) from error
         if value.shape != k.shape or not np.isfinite(value).all() or (value < 0).any():
             raise InvalidInput(
-                "spectrum must be a function of wavenumber [rad/m] (an array) that returns finite densities >= 0 of the "
-                "same shape, at k = 0 too."
+                "spectrum must be a function of wavenumber [rad/m] (an array) that returns finite densities >= 0 of the same shape, at k = 0 too."
             )
         return value
 

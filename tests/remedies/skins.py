@@ -1,9 +1,7 @@
-"""Refusals with the calls that their words lead to, on the very input that was refused. benchmarks/messages.py lists which messages are here."""
+"""Pads, arrays, skins and methods in Python: what a refusal of them advises."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +13,7 @@ from palpate import simulation
 from palpate.recordings import read_recording, write_recording
 from palpate.touch import Forces
 from palpate.units import parse_quantity
-
-
-@dataclass(frozen=True)
-class Remedy:
-    """A message by words of it ({} is what is filled in), a call that is refused with it, and the call that it advises.
-
-    ``room`` is the module that refuses, where others have the same words.
-    """
-
-    words: str
-    refused: Callable[[], Any]
-    advised: Callable[[], Any]
-    room: str = ""
-
+from remedies._remedy import Remedy
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 RUBBER = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
@@ -310,7 +295,7 @@ REMEDIES = [
     ),
     Remedy(
         "Use Skin(pad, array).sense(contact)",
-        lambda: PUNCH.fields(GEL, ROWS, 1e-3, ["stress_zz"]),
+        lambda: PUNCH.fields(GEL, ["stress_zz"], ROWS, 1e-3),
         lambda: pp.Skin(GEL, line()).sense(PUNCH),
     ),
     Remedy(
@@ -344,34 +329,39 @@ def add(forces: Forces, touch: pp.Touch) -> Forces:
     return forces
 
 
-def files(folder: Path) -> list[Remedy]:
-    """Those that need a folder."""
-    whole = pp.Recording(readings=PRESS[None], channels=BOTH)
-    write_recording(whole, folder / "there.nc")
-    (folder / "folder.nc").mkdir()
-    (folder / "wrong.csv").write_bytes((folder / "there.nc").read_bytes())
-    return [
-        Remedy(
-            "does not exist; make it first",
-            lambda: write_recording(whole, folder / "new" / "r.nc"),
-            lambda: ((folder / "new").mkdir(), write_recording(whole, folder / "new" / "r.nc")),
-            room="recordings.files",
-        ),
-        Remedy(
-            "is a folder; give a file name",
-            lambda: write_recording(whole, folder / "folder.nc"),
-            lambda: write_recording(whole, folder / "named.nc"),
-            room="recordings.files",
-        ),
-        Remedy(
-            ": the ending ",
-            lambda: write_recording(whole, folder / "r.xls"),
-            lambda: write_recording(whole, folder / "r.csv"),
-            room="recordings.formats",
-        ),
-        Remedy(
-            ": cannot be read as {}; {}.",
-            lambda: read_recording(folder / "wrong.csv"),
-            lambda: read_recording((folder / "wrong.csv").rename(folder / "right.nc")),
-        ),
-    ]
+def lay() -> None:
+    """A whole recording, one under a wrong name, and a folder with the name of a file."""
+    write_recording(WHOLE, "there.nc")
+    Path("folder.nc").mkdir()
+    Path("wrong.csv").write_bytes(Path("there.nc").read_bytes())
+
+
+WHOLE = pp.Recording(readings=PRESS[None], channels=BOTH)
+REMEDIES += [
+    Remedy(
+        "does not exist; make it first",
+        lambda: write_recording(WHOLE, "new/r.nc"),
+        lambda: (Path("new").mkdir(), write_recording(WHOLE, "new/r.nc")),
+        room="recordings.files",
+    ),
+    Remedy(
+        "is a folder; give a file name",
+        lambda: write_recording(WHOLE, "folder.nc"),
+        lambda: write_recording(WHOLE, "named.nc"),
+        room="recordings.files",
+        given=lay,
+    ),
+    Remedy(
+        ": the ending ",
+        lambda: write_recording(WHOLE, "r.xls"),
+        lambda: write_recording(WHOLE, "r.csv"),
+        room="recordings.formats",
+    ),
+    Remedy(
+        ": cannot be read as {}; {}.",
+        lambda: read_recording("wrong.csv"),
+        lambda: read_recording(Path("wrong.csv").rename("right.nc")),
+        given=lay,
+        right=lambda read: bool(np.array_equal(read.readings, WHOLE.readings)),
+    ),
+]
