@@ -1,6 +1,8 @@
 """Holds palpate against closed forms, published tables and reference solutions, and prints every figure the docs quote.
 
-    python benchmarks/validation.py [--shared ../shared] [section ...]
+    python benchmarks/validation.py [--shared ../shared] [--write] [section ...]
+
+``--write`` puts what each section prints into docs/_generated/validation, from where the pages show it.
 
 Sections: paper, line, area, contact, alva, beads, force, adjoint, layers, layers3d, inversion, alvalayers, creep, sweep, decibels, empty,
 robust, edge, crossing, channels. The folder of published data and oracles is not part of the project; sections that need it say so where it is absent.
@@ -9,11 +11,14 @@ robust, edge, crossing, channels. The folder of published data and oracles is no
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
+import io
 import itertools
 import json
 import re
 import sys
+import textwrap
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -27,6 +32,7 @@ from palpate.elastic import transfer
 from palpate.recordings import read_table
 
 SHARED = Path("../shared")
+WRITTEN = Path(__file__).resolve().parents[1] / "docs" / "_generated" / "validation"
 
 
 def channel_of(field: str) -> str:
@@ -835,10 +841,20 @@ SECTIONS: dict[str, Callable[[], None]] = {
 }
 
 
+class Printed(io.StringIO):
+    """What is printed, kept and shown at once."""
+
+    def write(self, text: str) -> int:
+        sys.__stdout__.write(text)
+        sys.__stdout__.flush()
+        return super().write(text)
+
+
 def main() -> int:
     global SHARED
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--shared", type=Path, default=SHARED)
+    parser.add_argument("--write", action="store_true")
     parser.add_argument("sections", nargs="*", metavar="section", help=", ".join(SECTIONS))
     arguments = parser.parse_args()
     SHARED = arguments.shared
@@ -853,7 +869,12 @@ def main() -> int:
         ):
             print(f"  skipped: {SHARED} is not here")
             continue
-        SECTIONS[name]()
+        printed = Printed()
+        with contextlib.redirect_stdout(printed):
+            SECTIONS[name]()
+        if arguments.write:
+            WRITTEN.mkdir(exist_ok=True)
+            (WRITTEN / f"{name}.txt").write_text(textwrap.dedent(printed.getvalue()), encoding="utf-8")
     return 0
 
 

@@ -12,6 +12,7 @@ import pytest
 import palpate as pp
 from long_runs import long_runs
 from palpate import solutions
+from palpate.bench.trust.rows import make_frame
 from palpate.grasp import GraspMonitor
 from palpate.status import Status
 
@@ -415,3 +416,12 @@ def test_a_threshold_of_the_sensor_makes_no_dead_taxels() -> None:
     assert not silent(cut, index, neighbours([array])).any()
     cut[44] = 0.0
     assert np.flatnonzero(silent(cut, index, neighbours([array]))).tolist() == [44]
+
+
+def test_a_converter_that_rails_at_ten_peaks_beside_a_pull_is_answered() -> None:
+    # its readings told less than nothing of common shear, by rounding: a matrix was not positive definite
+    frame = make_frame("railed", 11, seed=733)
+    touch = frame.skin.reconstruct(frame.readings, **({} if frame.friction is None else {"friction": frame.friction}))
+    assert np.isfinite(touch.force).all()
+    assert touch.fit < 0.01
+    assert any("displacement_x at taxel (0,)" in note for note in touch.notes)

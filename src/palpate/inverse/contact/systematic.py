@@ -124,7 +124,7 @@ def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Run, 
         if one is None:
             continue
         z = posterior_factor(one.solution, columns.T @ one.data.matrix)
-        precision = columns.T @ columns - z.T @ z + np.eye(columns.shape[1])
+        precision = _told(columns, z) + np.eye(columns.shape[1])
         more = z @ np.linalg.cholesky(np.linalg.inv(precision)) / STATED
         if one is (model.contact or model):
             total = np.zeros(one.solution.traction.shape)
@@ -149,7 +149,7 @@ def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float]
         way[i] = t[-1]
     seen = np.stack([matrix @ way.ravel() for way in ways], axis=1)
     z = posterior_factor(model.solution, seen.T @ matrix)
-    covariance = np.linalg.inv(seen.T @ seen - z.T @ z + np.diag(1.0 / np.asarray(variances)))
+    covariance = np.linalg.inv(_told(seen, z) + np.diag(1.0 / np.asarray(variances)))
     size = covariance @ (seen.T @ (y - matrix @ t.ravel()))
     short = posterior_factor(model.solution, np.stack([model.penalty.product(way).ravel() for way in ways]))
     face, factor = face_of(model.solution)
@@ -160,6 +160,14 @@ def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float]
         found[-1] = np.maximum(found[-1], 0.0)
     model.solution = replace(model.solution, traction=found)
     return np.asarray(short @ np.linalg.cholesky(covariance))
+
+
+def _told(seen: Floats, z: Floats) -> Floats:
+    """S = B'B - Z'Z, what readings tell of unknowns besides the contact. Of readings far beyond the noise (a converter at its end) rounding may leave
+    directions below zero: of these they tell nothing.
+    """
+    values, vectors = np.linalg.eigh(seen.T @ seen - z.T @ z)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def owe(model: ContactModel, columns: Floats, prior: Floats, gains: Floats) -> None:
