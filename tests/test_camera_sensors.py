@@ -38,7 +38,7 @@ def guess(folder: Path) -> Path:
     return folder / "gel.toml"
 
 
-@pytest.mark.parametrize("name", list(sensors.presets()))
+@pytest.mark.parametrize("name", [name for name in sensors.presets() if name != "digit"])
 def test_each_preset_is_a_skin_with_a_camera(name: str, tmp_path: Path) -> None:
     path = sensors.preset(name).write(tmp_path / "skin.toml")
     camera = read_camera(path)
@@ -50,6 +50,47 @@ def test_each_preset_is_a_skin_with_a_camera(name: str, tmp_path: Path) -> None:
     assert pp.Skin.from_file(path, recording=recording).planes[0].shape == (12,)
     with pytest.raises(pp.InvalidInput, match="exists"):
         sensors.preset(name).write(path)
+
+
+def test_what_is_not_published_is_refused_until_it_is_measured(tmp_path: Path) -> None:
+    """No number is made up for a sensor whose maker gives none."""
+    measured = {"thickness": "2.5 mm +- 5 %", "depth": "0.5 mm +- 10 %", "pitch": "2 mm"}
+    recording = pp.Recording(
+        readings=np.zeros((1, 2, 12)), channels=["displacement_x", "displacement_y"], positions=dot_grid((3, 4), 2e-3)
+    )
+    for index, key in enumerate(measured):
+        path = sensors.digit(**{k: v for k, v in measured.items() if k != key}, youngs_modulus="200 kPa").write(
+            tmp_path / f"{index}.toml"
+        )
+        with pytest.raises(pp.InvalidInput, match=rf"line \d+: {key} is unknown: measure it"):
+            pp.Skin.from_file(path, recording=recording)
+    path = sensors.digit(**measured).write(tmp_path / "soft.toml")
+    with pytest.raises(
+        pp.InvalidInput, match=r"line 10: youngs_modulus is unknown.*palpate weigh PICTURES --skin FILE"
+    ):
+        pp.Skin.from_file(path, recording=recording)
+    path = sensors.digit(**measured, youngs_modulus="200 kPa +- 6 %").write(tmp_path / "known.toml")
+    skin = pp.Skin.from_file(path, recording=recording)
+    assert (skin.pad.layers[0].thickness, skin.uncertainty.youngs_modulus) == (2.5e-3, 0.06)  # type: ignore[attr-defined]
+    assert 'youngs_modulus = "unknown"' in sensors.digit().text
+
+
+@pytest.mark.long
+def test_an_unknown_modulus_is_weighed(tmp_path: Path) -> None:
+    """With no guess at all: the same answer as with one."""
+    (tmp_path / "unknown.toml").write_text(guess(tmp_path).read_text().replace('"300 kPa +- 30 %"', '"unknown"'))
+    found = weigh([press(1.0), press(1.5, 2e-3)], tmp_path / "unknown.toml", [1.0, 1.5])
+    guessed = weigh([press(1.0), press(1.5, 2e-3)], guess(tmp_path), [1.0, 1.5])
+    assert found.youngs_modulus == pytest.approx(guessed.youngs_modulus, rel=0.01)
+    assert found.std == pytest.approx(guessed.std, rel=0.1)
+    assert np.isnan(found.factor)
+    assert found.ratios == pytest.approx(guessed.ratios / guessed.factor, rel=0.01)
+    assert "times what the skin says" not in str(found)
+    layer = '[[pad.layer]]\nthickness = "1 mm"\nyoungs_modulus = "1 MPa"\npoissons_ratio = 0.48\n\n[[plane]]'
+    text = (tmp_path / "unknown.toml").read_text().replace("[[plane]]", layer)
+    (tmp_path / "two.toml").write_text(text)
+    with pytest.raises(pp.InvalidInput, match="Guess the unknown one"):
+        weigh(press(1.0), tmp_path / "two.toml", 1.0)
 
 
 def test_numbers_are_overridden_and_others_refused(tmp_path: Path) -> None:
@@ -117,3 +158,5 @@ def test_the_commands(tmp_path: Path) -> None:
     write_video(tmp_path / "still.mp4", press(1.0)[:3], rate=30.0)
     by_name = run("track", "still.mp4", "--skin", "gelsight_mini", "--baseline", "3", "--every", "3", cwd=tmp_path)
     assert "35 dots" in by_name.stdout, by_name.stderr
+    unknown = run("track", "still.mp4", "--skin", "digit", cwd=tmp_path)
+    assert "palpate sensors digit --out gel.toml" in unknown.stderr

@@ -9,6 +9,9 @@ from palpate.errors import InvalidInput
 
 __all__ = ["UNITS", "convert_factor", "parse_quantity"]
 
+#: What a file says in place of a quantity that must be measured first.
+UNKNOWN = "unknown"
+
 #: kind -> unit -> factor to SI
 UNITS: dict[str, dict[str, float]] = {
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254},
@@ -45,6 +48,8 @@ def parse_quantity(text: object, kind: str, what: str) -> float:
     example = _EXAMPLES[kind]
     if isinstance(text, bool | int | float):
         raise InvalidInput(f'{what} = {text!r} has no unit: write "{text} {example.split()[1]}" if that is meant.')
+    if isinstance(text, str) and text.strip().lower() == UNKNOWN:
+        raise InvalidInput(f'{what} is unknown: measure it and write it here, such as "{example}".')
     if not isinstance(text, str):
         raise InvalidInput(f'{what} must be a quantity such as "{example}"; got {text!r}.')
     match = _QUANTITY.match(text)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,11 +23,14 @@ from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.sensing.view import View
 from palpate.skin import Skin
+from palpate.units import UNKNOWN
 
 __all__ = ["Weighed", "weigh"]
 
 #: A frame belongs to the press where dots move by this part of the most; of these, the middle ones are solved, so many.
 PRESSED, SOLVED = 0.8, 3
+#: What a modulus that is unknown begins with: any.
+BEGUN = "100 kPa"
 #: A 95 % interval is so many standard deviations wide to each side.
 WIDE = 1.96
 
@@ -39,9 +44,9 @@ class Weighed:
     youngs_modulus, std : float
         Of the uppermost layer [Pa]; layers below in the same proportion.
     factor : float
-        Over what the skin says.
+        Over what the skin says; NaN where that is "unknown".
     ratios, ratio_std : array (press,)
-        Known force over the force found with the skin's modulus, and its standard deviation.
+        Known force over the force found with the skin's modulus (where that is unknown: with `youngs_modulus`), and its standard deviation.
     agreement : float
         Probability of ratios that differ as much where the model holds: below 0.01, pad, depth or scale are wrong. NaN for one press.
     fit : array (press,)
@@ -57,8 +62,9 @@ class Weighed:
     fit: Floats
 
     def __str__(self) -> str:
+        said = f" ({self.factor:.3g} times what the skin says)" if math.isfinite(self.factor) else ""
         lines = [
-            f"modulus         {1e-3 * self.youngs_modulus:.4g} kPa +- {100 * self.std / self.youngs_modulus:.2g} % ({self.factor:.3g} times what the skin says)"
+            f"modulus         {1e-3 * self.youngs_modulus:.4g} kPa +- {100 * self.std / self.youngs_modulus:.2g} %{said}"
         ]
         for i, (ratio, std, fit) in enumerate(zip(self.ratios, self.ratio_std, self.fit)):
             lines.append(f"press {i}         {ratio:.3g} +- {std:.2g} times; fit {fit:.2g}")
@@ -88,7 +94,7 @@ def weigh(
     sources : one or a list
         Of videos, folders and so on (`open_pictures`), each a press that begins with the gel at rest.
     skin : path of a skin.toml, or Skin
-        With a guess of the modulus.
+        With a guess of the modulus, or ``youngs_modulus = "unknown"``.
     forces : float or sequence
         Normal force of each press [N]: mass times 9.81 m/s^2 for a weight that rests on the gel.
     view, rate
@@ -121,6 +127,38 @@ def weigh(
     known = np.atleast_1d(np.asarray(forces, dtype=np.float64))
     if known.shape != (len(listed),) or not (np.isfinite(known).all() and (known > 0).all()):
         raise InvalidInput(f"forces must be positive, one for each of {len(listed)} presses [N]; got {known.tolist()}.")
+    with tempfile.TemporaryDirectory() as folder:
+        given = skin if isinstance(skin, Skin) else Path(skin)
+        begun = given if isinstance(given, Skin) else _begun(given, Path(folder))
+        return _weighed(listed, begun, known, view, rate, options, guessed=begun is not given)
+
+
+def _begun(skin: Path, folder: Path) -> Path:
+    """The skin with a modulus to begin with where it says "unknown": displacements give forces over the modulus, whatever that is."""
+    text = skin.read_text(encoding="utf-8") if skin.is_file() else ""
+    key = re.compile(r'^(\s*youngs_modulus\s*=\s*)("[^"\n]*"|\'[^\'\n]*\')', re.MULTILINE)
+    values = [value.strip("\"'").strip().lower() for _, value in key.findall(text)]
+    if UNKNOWN not in values:
+        return skin
+    if any(value != UNKNOWN for value in values):
+        raise InvalidInput(
+            f"{skin}: the modulus of one layer is unknown and that of another is not: a weight tells how stiff they are together. Guess the unknown one, in proportion."
+        )
+    path = folder / skin.name
+    path.write_text(key.sub(rf'\g<1>"{BEGUN}"', text), encoding="utf-8")
+    return path
+
+
+def _weighed(
+    listed: list[Any],
+    skin: Skin | Path,
+    known: Floats,
+    view: View | None,
+    rate: float | None,
+    options: dict[str, Any],
+    *,
+    guessed: bool,
+) -> Weighed:
     settings = camera_of(skin, view)
     lies: Any = settings if view is None else view
     ratios, stds, fits, modulus = [], [], [], math.nan
@@ -154,6 +192,8 @@ def weigh(
         agreement = float(chi2.sf(misfit, len(ratio) - 1))
         scatter = float(ratio.std(ddof=1)) / math.sqrt(len(ratio))
     std = math.hypot(shared, scatter)
+    if guessed:
+        return Weighed(mean * modulus, std * modulus, math.nan, ratio / mean, each / mean, agreement, np.array(fits))
     return Weighed(mean * modulus, std * modulus, mean, ratio, each, agreement, np.array(fits))
 
 

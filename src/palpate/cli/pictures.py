@@ -14,6 +14,7 @@ import typer
 from palpate.cli.files import check_output, kept_rows, provenance, save_figure, skin_files
 from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
+from palpate.units import UNKNOWN
 
 __all__ = ["known_skin", "track_pictures"]
 
@@ -24,6 +25,10 @@ def known_skin(skin_file: Path) -> Path:
 
     if skin_file.exists() or skin_file.suffix or skin_file.name not in presets():
         return skin_file
+    if f'= "{UNKNOWN}"' in presets()[skin_file.name].text:
+        raise InvalidInput(
+            f'too little of {skin_file.name} is published to use it as it is: palpate sensors {skin_file.name} --out gel.toml, replace what says "{UNKNOWN}" there, and give --skin gel.toml.'
+        )
     return Path(str(resources.files("palpate.sensors").joinpath(f"{skin_file.name}.toml")))
 
 

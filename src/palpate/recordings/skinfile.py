@@ -56,7 +56,7 @@ from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Boundary
-from palpate.units import KIND_OF_SI, parse_quantity
+from palpate.units import KIND_OF_SI, UNKNOWN, parse_quantity
 
 try:
     from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
@@ -96,7 +96,18 @@ Length = Annotated[float, BeforeValidator(_length)]
 Lengths = Annotated[float | tuple[float, float], BeforeValidator(_lengths)]
 Depth = Annotated[Any, BeforeValidator(lambda v: v if v == "base" else _length(v))]
 Time = Annotated[float, BeforeValidator(lambda v: parse_quantity(v, "time", "time"))]
-Pressure = Annotated[float, BeforeValidator(lambda v: parse_quantity(v, "pressure", "pressure"))]
+
+
+def _modulus(value: Any) -> float:
+    if isinstance(value, str) and value.strip().lower() == UNKNOWN:
+        raise InvalidInput(
+            "pressure is unknown, and forces are proportional to it. One known weight tells it: film the gel at rest and then under the weight, "
+            'run palpate weigh PICTURES --skin FILE --force "1.96 N", and write here what it says'
+        )
+    return parse_quantity(value, "pressure", "pressure")
+
+
+Pressure = Annotated[float, BeforeValidator(_modulus)]
 
 
 Count = Annotated[int, Field(ge=1, le=1_000_000)]

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from palpate.errors import InvalidInput
 
-__all__ = ["Preset", "gelsight_mini", "own_gel", "preset", "presets"]
+__all__ = ["Preset", "digit", "gelsight_mini", "own_gel", "preset", "presets"]
 
-_NAMES = ("gelsight_mini", "own_gel")
+_NAMES = ("gelsight_mini", "digit", "own_gel")
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def presets() -> dict[str, Preset]:
     --------
     >>> from palpate import sensors
     >>> list(sensors.presets())
-    ['gelsight_mini', 'own_gel']
+    ['gelsight_mini', 'digit', 'own_gel']
     """
     return {name: preset(name) for name in _NAMES}
 
@@ -145,6 +145,22 @@ def gelsight_mini(**numbers: str) -> Preset:
     'gelsight_mini'
     """
     return preset("gelsight_mini").changed(**numbers)
+
+
+def digit(**numbers: str) -> Preset:
+    """DIGIT with dots of one's own on its gel; ``numbers`` as for `Preset.changed`.
+
+    Its gel's thickness and stiffness are not published, and it is sold without dots: these numbers say "unknown", and a reader refuses the file until they
+    are given. `palpate.camera.weigh` takes an unknown modulus, and finds it.
+
+    Examples
+    --------
+    >>> from palpate import sensors
+    >>> gel = sensors.digit(thickness="2.4 mm +- 5 %", depth="0.5 mm", pitch="1.5 mm")
+    >>> gel.text.count('= "unknown"')  # the modulus, for palpate weigh
+    1
+    """
+    return preset("digit").changed(**numbers)
 
 
 def own_gel(**numbers: str) -> Preset:
