@@ -170,6 +170,12 @@ REMEDIES = [
         lambda: CameraSettings(scale=6e-5, reference=0),
         lambda: CameraSettings(scale=6e-5, reference=1),
     ),
+    # what must be measured first
+    skin(
+        "is unknown: measure it and write it here, such as",
+        LAYERS.replace('"2 mm"', '"unknown"', 1),
+        LAYERS.replace('"2 mm"', '"1.5 mm"', 1),
+    ),
     # a sensor that is known
-    Remedy("no sensor {}; there are", lambda: preset("digit"), lambda: preset("gelsight_mini")),
+    Remedy("no sensor {}; there are", lambda: preset("gelsight"), lambda: preset("gelsight_mini")),
 ]
