@@ -29,6 +29,8 @@ CLASSES = {
     "advises": "says what to do",
     "accepts": "says what is accepted; giving that is the remedy",
     "states": "says only what is wrong",
+    "damage": "says that a file is damaged or of another kind, or that a disk failed: another copy or another disk helps",
+    "inner": "said by a layer beneath; on every way that is public another message comes first",
     "elsewhere": "what it asks for is not to be had in a test; the last column says why",
 }
 #: Words with which an advice begins, behind a stop or a conjunction.
@@ -40,8 +42,64 @@ _VERBS = (
 ADVICE = rf"(?:^|[.:;,(]\s|\bor |\band |\bthen |\bplease )(?:{_VERBS})\b(?! of\b)|\bare? (?:you|they) |is \w+ meant|Is it |looks? |--\w+ takes? what|palpate \w+ writes one"
 #: Words with which a message says what is accepted.
 ACCEPTS = r"\bmust\b|accepted|there (?:are|is)|\bit has\b|\bneed|\btakes?\b|\bat least\b|\bbelongs?\b|\bsuch as\b|\blike\b|sought are|\bfrom 0 to\b"
+#: Words of a file that is damaged, or of a disk that failed.
+DAMAGE = r"damaged|truncated|checksum|cannot be read as|cannot write there|writing failed|cannot make the folder|cannot be opened as|not a palpate (?:recording|packet)|whole palpate result|NUL characters"
+_CLUSTER, _PACKAGE, _MACHINE = (
+    "needs a Dask cluster",
+    "needs another package that is broken",
+    "needs a machine without memory",
+)
+_ROS, _PORT, _BENCH = (
+    "needs ROS 2 running",
+    "needs what listens there to leave",
+    "runs for minutes; the check alone is quick, and what follows is the long tests'",
+)
 #: Messages whose remedy a test cannot carry out: room, words, and why.
-ELSEWHERE: tuple[tuple[str, str, str], ...] = ()
+ELSEWHERE: tuple[tuple[str, str, str], ...] = (
+    ("_memory", "of memory, and", _MACHINE),
+    ("archives.pools", "knows its own workers", _CLUSTER),
+    ("archives.pools", "has no workers: start some", _CLUSTER),
+    ("archives.pools", "no Dask scheduler answers", _CLUSTER),
+    ("archives.pools", "were stopped by the system", _MACHINE),
+    ("archives.pools", "lost one worker after another", _CLUSTER),
+    ("archives.pools", "is gone", _CLUSTER),
+    ("archives.work", "install the same version on both", _CLUSTER),
+    ("camera.pictures", "camera {}: cannot be opened", "needs a camera"),
+    ("camera.pictures", "no codec for this video is installed", "needs a build of FFmpeg without the codec"),
+    ("cli.bench", "", _BENCH),
+    ("cli.paper", "", _BENCH),
+    ("cli.ros", "", _ROS),
+    ("live.foxglove", "cannot listen on", _PORT),
+    ("live.foxglove", "sending {} failed", "needs a viewer that goes away"),
+    ("live.rerun", "", "needs the package rerun-sdk and its viewer"),
+    ("live.server", "cannot listen on", _PORT),
+    ("network.listener", "cannot listen on", _PORT),
+    ("network.frames", "big-endian", "needs a driver on a big-endian machine"),
+    ("recordings.files", "it is read-only", "needs a user who may not write: tests may run as one who may write all"),
+    ("cli.files", "Permission denied", "needs a user who may not write: tests may run as one who may write all"),
+    ("recordings.formats", "does not derive from Format", _PACKAGE),
+    ("recordings.formats", "of another package cannot be loaded", _PACKAGE),
+    ("recordings.formats", "both claim", _PACKAGE),
+    ("recordings.skinfile", "does not take these keys", _PACKAGE),
+    ("recordings.prepared", "was written by palpate", "needs another version of palpate"),
+    ("_recall", "its form is", "needs another version of palpate"),
+    ("ros.client", "Source the workspace it was built in", _ROS),
+    ("ros.node", "", _ROS),
+    ("sensing.quadrature", "", "needs a pad of another package that breaks its own promises"),
+)
+#: Messages before which another comes on every way that is public: room and words.
+INNER = (
+    ("elastic.viscoelastic", "time must increase from frame to frame"),
+    ("inverse.linear.parameter", "parameter must be a positive number or one of"),
+    ("inverse.linear.parameter", "is not defined for truncation"),
+    ("inverse.linear.posterior", "samples of the posterior are drawn"),
+    ("inverse.paper.constant_friction", "friction must be a finite number other than 0"),
+    ("inverse.paper.grid", "ask for fewer with components"),
+    ("recordings.mapped", "there are no positions"),
+    ("archives.run", "there are no frames"),
+    ("sensing.operator", 'methods "dft" and "linear" need a regular array'),
+    ("sensing.operator", "not commensurate with the surface grid"),
+)
 
 
 @dataclass(frozen=True)
@@ -140,6 +198,10 @@ def kind_of(message: Message) -> str:
     """Which of `CLASSES` a message is of."""
     if reason(message):
         return "elsewhere"
+    if any(room == message.where and words in message.text for room, words in INNER):
+        return "inner"
+    if re.search(DAMAGE, message.text):
+        return "damage"
     if re.search(ADVICE, message.text, re.IGNORECASE):
         return "advises"
     return "accepts" if re.search(ACCEPTS, message.text) else "states"

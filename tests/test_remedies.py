@@ -36,11 +36,23 @@ CASES = [
 @pytest.mark.parametrize("remedy", CASES)
 def test_what_is_advised_works(remedy: Remedy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    try:
+        tried(remedy)
+    except pp.Unsupported as error:
+        if "pip install" in str(error):
+            pytest.skip(str(error))
+        raise
+
+
+def tried(remedy: Remedy) -> None:
     if remedy.given is not None:
         remedy.given()
-    pattern = ".*".join(re.escape(part) for part in remedy.words.strip().split("{}"))
-    with pytest.raises(pp.PalpateError, match=pattern) as caught:
+    with pytest.raises(pp.PalpateError) as caught:
         remedy.refused()
+    if "pip install" in str(caught.value):
+        raise caught.value
+    pattern = ".*".join(re.escape(part) for part in remedy.words.strip().split("{}"))
+    assert re.search(pattern, str(caught.value)), str(caught.value)
     if remedy.room:
         assert any(place.endswith("palpate/" + remedy.room.replace(".", "/")) for place in raised_in(caught.value))
     got = remedy.advised()

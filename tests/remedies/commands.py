@@ -351,7 +351,7 @@ REMEDIES = [
         slow=True,
     ),
     row(
-        "palpate track takes of every frame what it has",
+        "because each lacks a reading in some frame",
         f"{RECONSTRUCT} --drop-missing",
         TRACK,
         given=gaps(0, 1, 2, 6, 7, 8),
@@ -362,6 +362,7 @@ REMEDIES = [
         RECONSTRUCT.replace("skin.toml", "shear.toml"),
         RECONSTRUCT,
         right=lambda told: "of 2" in told,
+        slow=True,
     ),
     row(
         "taxels but the skin describes",
@@ -384,13 +385,21 @@ REMEDIES = [
         f"reconstruct r.nc --skin periodic.toml {FAST} --out out.nc",
         given=lambda: lay(periodic_toml='boundary = "periodic"\n' + LINE),
         right=lambda told: "of 2" in told,
+        slow=True,
     ),
-    row("is none: leave it out", f"{RECONSTRUCT} --map time=t,stress_zz=S{{}}", RECONSTRUCT, room="cli.options"),
+    row(
+        "is none: leave it out",
+        f"{RECONSTRUCT} --map time=t,stress_zz=S{{}}",
+        RECONSTRUCT,
+        room="cli.options",
+        slow=True,
+    ),
     row(
         "names its columns itself: leave it out",
         f"{RECONSTRUCT} --map time=t,stress_zz=S{{}}".replace("r.nc", "own.csv"),
         RECONSTRUCT.replace("r.nc", "own.csv"),
         given=lambda: (lay(), write_recording(press(), "own.csv")),
+        slow=True,
     ),
     row(
         "pictures end in .png, .pdf or .svg",
@@ -407,6 +416,7 @@ REMEDIES = [
         f"reconstruct m.nc --skin free.toml {FAST} --out out.nc",
         given=lambda: marked(),
         right=lambda told: "frame 0 of 1" in told,
+        slow=True,
     ),
     # palpate track
     row(

@@ -107,7 +107,7 @@ def damaged(words: str, name: str, spoil: Any, room: str, read: Any = read_recor
         shutil.copy(name, Path("copy") / name)
         spoil(Path(name))
 
-    return Remedy(words, lambda: read(name), lambda: read(Path("copy") / name), given=given, room=room)
+    return Remedy(words, lambda: read(name), lambda: read(Path("copy") / name), given=given, room=room, slow=True)
 
 
 def cut(path: Path) -> None:
@@ -137,6 +137,7 @@ def run(
     given: Any = lay,
     room: str = "archives.run",
     skin: Any = None,
+    slow: bool = True,
 ) -> Remedy:
     """A run over a recording."""
 
@@ -152,6 +153,7 @@ def run(
         given=lambda: (pytest.importorskip("zarr"), given()),
         room=room,
         right=lambda done: done.frames in (1, 2),
+        slow=slow,
     )
 
 
@@ -205,6 +207,7 @@ def topic(
         given=given,
         room=room,
         right=lambda r: float(np.ravel(r.readings)[-1]) == 5000.0,
+        slow=True,
     )
 
 
@@ -401,7 +404,14 @@ REMEDIES = [
     run("baseline must be a number of frames at the start", {"baseline": 2}, {"baseline": 1}),
     run("workers must be a whole number", {"workers": 0}, {"workers": 1}, room="archives.pools"),
     run("scheduler must be", {"scheduler": "slurm"}, {"scheduler": "threads"}, room="archives.pools"),
-    run("holds a run that was broken off", {}, {"resume": True}, given=broken_off, room="recordings.zarrstream"),
+    run(
+        "holds a run that was broken off",
+        {},
+        {"resume": True},
+        given=broken_off,
+        slow=False,
+        room="recordings.zarrstream",
+    ),
     run(
         "the run that was broken off was another one",
         {"resume": True, "parameter": 1e-3},

@@ -210,6 +210,6 @@ def _without_missing(skin: Skin, recording: OpenRecording) -> Skin:
             "it has."
         )
     if len(skin.planes) != 1:
-        raise InvalidInput("--drop-missing serves skins of one plane.")
+        raise InvalidInput("--drop-missing serves skins of one plane: palpate track takes of every frame what it has.")
     typer.echo(f"left out {int(missing.sum())} of {missing.size} taxels with missing readings", err=True)
     return skin.masked(~missing)

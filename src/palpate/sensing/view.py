@@ -183,7 +183,14 @@ class Lens:
                 "least 3 are needed. Count inner corners, not fields; show the whole board, flat, sharp and with a white rim."
             )
         height, width = sizes.pop()
-        error, matrix, distortion, _, _ = cv2.calibrateCamera([board] * len(found), found, (width, height), None, None)
+        try:
+            error, matrix, distortion, _, _ = cv2.calibrateCamera(
+                [board] * len(found), found, (width, height), None, None
+            )
+        except cv2.error as facing:  # boards that all face the camera
+            raise InvalidInput(
+                "the pictures of the board do not tell the lens: tilt the board, another way in each picture."
+            ) from facing
         return cls(matrix, np.ravel(distortion), float(error))
 
 
