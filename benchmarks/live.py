@@ -194,6 +194,7 @@ async def watch(
         found["keys"] = await by_keys(browser)
         if shots is not None:
             await browser.picture(shots / "live-looking-back.png")
+        found["cut off"] = await cut_off(browser)
         if axe is not None:
             found["axe"] = await checked(browser, address, axe)
         found["errors"] = browser.errors
@@ -218,6 +219,19 @@ async def by_keys(browser: Browser) -> dict[str, Any]:
     await browser.value("document.activeElement.blur(); 0")
     await browser.press(" ", 32, text=" ")
     found["space"] = await browser.value("document.getElementById('pause').textContent")
+    found["paused"] = await browser.value("document.getElementById('ago').textContent")
+    await browser.press("ArrowLeft", 37, times=5)
+    # resumed where no other frame ever comes, the page shows the last one; what is looked through does not move on
+    await browser.value("window.kept = palpate.socket.onmessage; palpate.socket.onmessage = null; 0")
+    await browser.press(" ", 32, text=" ")
+    found["resumed"] = await browser.until("shown === frames[frames.length - 1]", 10.0)
+    await browser.value("palpate.socket.onmessage = window.kept; 0")
+    await browser.press(" ", 32, text=" ")
+    at = await browser.value("shown.time")
+    await browser.until("frames[frames.length - 1] !== held.frames[held.frames.length - 1]", PATIENCE)
+    await browser.press("ArrowLeft", 37)
+    await browser.press("ArrowRight", 39, times=3)
+    found["still"] = at == await browser.value("shown.time")
     await browser.press("ArrowLeft", 37, times=5)
     found["back"] = await browser.value("document.getElementById('ago').textContent")
     await asyncio.sleep(0.3)  # charts are drawn at the next turn
@@ -226,6 +240,14 @@ async def by_keys(browser: Browser) -> dict[str, Any]:
         "charts.forces.scales.x.max === shown.time && shown !== frames[frames.length - 1]"
     )
     return found
+
+
+async def cut_off(browser: Browser) -> dict[str, Any]:
+    """What the page says while it has no connection, and that this ends."""
+    said = "/connection is lost/.test(document.getElementById('alarm').textContent)"
+    await browser.value("palpate.socket.close(); 0")
+    lost = await browser.until(f"{said} && document.getElementById('zero').disabled", PATIENCE)
+    return {"lost": lost, "again": await browser.until(f"palpate.connected && !{said}", PATIENCE)}
 
 
 async def checked(browser: Browser, address: str, axe: Path) -> dict[str, list[str]]:

@@ -336,8 +336,12 @@ def test_in_a_browser(tmp_path: Path) -> None:
     assert keys["theme"]
     assert keys["tab"][:3] == ["pause", "theme", "scrub"]
     assert keys["space"] == "Resume"
+    assert keys["paused"] == "paused"
+    assert keys["resumed"]
+    assert keys["still"]
     assert keys["back"].startswith("−")
     assert keys["axis"]
+    assert numbers["cut off"] == {"lost": True, "again": True}
     assert all(p.stat().st_size > 20_000 for p in tmp_path.glob("*.png"))
 
 

@@ -23,6 +23,8 @@ function axes(colour, label) {
 function line(colour, name) {
   return { stroke: () => colour(name), width: 1.8, points: { show: false } };
 }
+// before the first frame: an axis without a line
+const during = (_, a, b) => (a === null || a === undefined ? [0, SPAN] : [a, b]);
 const EDGE = { stroke: "transparent", width: 0, points: { show: false } };
 
 function makeCharts(layout, colour) {
@@ -36,7 +38,7 @@ function makeCharts(layout, colour) {
       width: wide("forces"),
       axes: axes(colour, layout.unit),
       scales: {
-        x: { time: false, range: (_, a, b) => [a, b] },
+        x: { time: false, range: during },
         y: { range: (_, a, b) => [a < 0 ? -roundAbove(-a) : 0, b > 0 ? roundAbove(b) : 1] },
       },
       series: [{}, line(colour, "--normal"), EDGE, EDGE, line(colour, "--shear"), EDGE, EDGE],
@@ -53,7 +55,7 @@ function makeCharts(layout, colour) {
       ...common,
       width: wide("margins"),
       axes: axes(colour, "1 − Q/(µP)"),
-      scales: { x: { time: false, range: (_, a, b) => [a, b] }, y: { range: () => [0, 1] } },
+      scales: { x: { time: false, range: during }, y: { range: () => [0, 1] } },
       series: [{}, line(colour, "--good"), EDGE, EDGE],
       bands: [{ series: [3, 2], fill: fill("--good") }],
     },

@@ -14,6 +14,7 @@ let layout = null,
   trail = [],
   fresh = null,
   shown = null,
+  held = null, // what can be looked through while paused: it must not move on under the reader
   paused = false,
   back = 0,
   top_ = 0;
@@ -61,10 +62,14 @@ function connect() {
     hook.connected = true;
     lastMessage = Date.now();
     say(standing());
+    able();
+    alarms();
   };
   socket.onclose = (event) => {
     hook.connected = false;
     say(event.reason === "pages" ? "too many pages are open; trying again" : "lost; trying again");
+    able();
+    alarms();
     setTimeout(connect, 1000);
   };
   socket.onmessage = (message) => {
@@ -91,6 +96,11 @@ function connect() {
 }
 function told(facts) {
   if (facts.shape) {
+    if (layout && String(layout.shape) !== String(facts.shape)) {
+      // frames of another sensor do not fit
+      pause(false);
+      shown = fresh = null;
+    }
     layout = facts;
     frames = [];
     trail = facts.history;
@@ -109,23 +119,38 @@ function told(facts) {
     hook.state = state;
     recording(state.recording);
     say(standing());
+    able();
     alarms();
     wire();
-    if (back === 0) $("ago").textContent = newest();
   }
   if ("recording" in facts) recording(facts.recording);
   if (facts.refused) log(facts.refused, true);
 }
 function recording(name) {
-  $("record").setAttribute("aria-pressed", String(Boolean(name)));
+  $("record").dataset.on = String(Boolean(name));
   $("record").textContent = name ? "Stop recording" : "Record";
 }
 // what is wrong with the stream stays in sight until it is mended, whatever the contact does
 function alarms() {
-  alarm([...(state.failure ? [state.failure] : []), ...bad].join("; "));
+  const lost = layout && !hook.connected ? ["the connection is lost: this is the last that came"] : [];
+  alarm([...lost, ...(state.failure ? [state.failure] : []), ...bad].join("; "));
+}
+// with the connection, and without: a button that would do nothing is off
+function able() {
+  $("zero").disabled = !hook.connected || state.ended;
+  $("record").disabled = !hook.connected || (state.ended && !state.recording);
+  if (back === 0) stand(newest());
 }
 // what is shown when nobody looks back
-const newest = () => (state.ended ? "last frame" : "now");
+const last = (list) => list[list.length - 1];
+const over = () => state.ended || (layout !== null && !hook.connected);
+const newest = () =>
+  paused && (!over() || last(held.frames) !== last(frames)) ? "paused" : over() ? "last frame" : "now";
+function stand(text) {
+  $("ago").textContent = text;
+  // a screen reader says when, not the number of the frame
+  $("scrub").setAttribute("aria-valuetext", `${text} ${$("at").textContent}`.trim());
+}
 function standing() {
   if (paused) return "paused";
   if (state.ended) return state.failure ? "the stream has failed" : "the stream has ended";
@@ -264,7 +289,7 @@ let plotted = 0;
 function repaint() {
   if (shown && layout && charts) {
     paint(shown);
-    paintCharts(trail, shown);
+    paintCharts(paused ? held.trail : trail, shown);
   }
 }
 function tick(now) {
@@ -284,27 +309,35 @@ function tick(now) {
   if (hook.latencies.length > 20000) hook.latencies.shift();
   $("scrub").max = String(Math.max(1, frames.length - 1));
   $("scrub").value = $("scrub").max;
-  $("ago").textContent = newest();
+  stand(newest());
 }
 
 // -- what the user does --------------------------------------------------------------------------
 function pause(on) {
   paused = on;
-  if (!on) back = 0;
-  $("pause").setAttribute("aria-pressed", String(on));
+  back = 0;
+  held = null;
+  $("pause").dataset.on = String(on);
   $("pause").textContent = on ? "Resume" : "Pause";
-  if (on) $("scrub").max = String(frames.length - 1);
-  say(standing());
+  if (on) {
+    const until = frames.lastIndexOf(shown) + 1 || frames.length;
+    held = { frames: frames.slice(0, until), trail: [...trail] };
+    $("scrub").max = String(Math.max(0, until - 1));
+    $("scrub").value = $("scrub").max;
+    stand(newest());
+  } else fresh = last(frames) || null; // also where no other frame ever comes
+  if (hook.connected) say(standing());
 }
 function look(index) {
-  if (!frames.length) return;
-  const i = Math.max(0, Math.min(frames.length - 1, index));
   if (!paused) pause(true);
-  shown = frames[i];
-  back = frames.length - 1 - i;
+  if (!held.frames.length) return;
+  const end = held.frames.length - 1,
+    i = Math.max(0, Math.min(end, index));
+  shown = held.frames[i];
+  back = end - i;
   $("scrub").value = String(i);
-  $("ago").textContent = back ? `−${(frames[frames.length - 1].time - shown.time).toFixed(2)} s` : newest();
   repaint();
+  stand(back ? `−${(held.frames[end].time - shown.time).toFixed(2)} s` : newest());
 }
 $("pause").onclick = () => pause(!paused);
 $("scrub").oninput = () => look(Number($("scrub").value));
@@ -312,8 +345,7 @@ $("theme").onclick = () => {
   theme = theme === "dark" ? "light" : "dark";
   dress();
 };
-$("record").onclick = () =>
-  hook.socket.send(JSON.stringify({ record: $("record").getAttribute("aria-pressed") !== "true" }));
+$("record").onclick = () => hook.socket.send(JSON.stringify({ record: $("record").dataset.on !== "true" }));
 $("zero").onclick = () => hook.socket.send(JSON.stringify({ zero: true }));
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
@@ -321,11 +353,14 @@ document.addEventListener("keydown", (event) => {
     onButton = event.target instanceof HTMLButtonElement;
   if (key === " " && !onButton) {
     event.preventDefault();
-    pause(!paused);
-  } else if (key === "t") $("theme").click();
-  else if (key === "z" && !$("zero").hidden) $("zero").click();
-  else if (key === "r" && !$("record").hidden) $("record").click();
-  else if ((key === "arrowleft" || key === "arrowright") && event.target !== $("scrub"))
+    if (!event.repeat) pause(!paused);
+  } else if ("tzr".includes(key)) {
+    // once, however long it is held down
+    if (!event.repeat) {
+      const button = $({ t: "theme", z: "zero", r: "record" }[key]);
+      if (!button.hidden) button.click();
+    }
+  } else if ((key === "arrowleft" || key === "arrowright") && event.target !== $("scrub"))
     look(Number($("scrub").value) + (key === "arrowleft" ? -1 : 1) * (event.shiftKey ? 25 : 1));
 });
 addEventListener("resize", size);
