@@ -653,6 +653,9 @@ def test_bench_from_the_shell(tmp_path: Path) -> None:
     assert len(rows) == 12
     assert all(0 < float(r["error"]) < 1 for r in rows)
     assert (tmp_path / "accuracy.png").stat().st_size > 10_000
+    page = (tmp_path / "accuracy.md").read_text(encoding="utf-8")
+    assert "| across the edge | adaptive |" in page
+    assert "| normal force |" in page
     wrong = run(*command, "--layouts", "sphere", cwd=tmp_path)
     assert wrong.returncode == 2
     assert "layouts must be among" in wrong.stderr

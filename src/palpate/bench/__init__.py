@@ -1,7 +1,18 @@
 """How accurate the inversion is, and whether its error bars are honest: contacts x noise x methods."""
 
 from palpate.bench.ablation import ablation, as_markdown, summary
-from palpate.bench.accuracy import DEFAULT, NOISES, Record, accuracy, coverage, measured, ratios, run, table
+from palpate.bench.accuracy import (
+    DEFAULT,
+    NOISES,
+    Record,
+    accuracy,
+    accuracy_markdown,
+    coverage,
+    measured,
+    ratios,
+    run,
+    table,
+)
 from palpate.bench.calibration import beyond, calibration, crossing, population, write_constants
 from palpate.bench.contacts import FRICTION, Patch, area_contact, line_contact
 from palpate.bench.layouts import LAYOUTS, Layout
@@ -18,6 +29,7 @@ __all__ = [
     "Record",
     "ablation",
     "accuracy",
+    "accuracy_markdown",
     "area_contact",
     "as_markdown",
     "beyond",

@@ -24,6 +24,7 @@ __all__ = [
     "NOISES",
     "Record",
     "accuracy",
+    "accuracy_markdown",
     "coverage",
     "measured",
     "ratios",
@@ -219,6 +220,40 @@ def coverage(records: Sequence[Record], level: float, method: str = DEFAULT) -> 
             group = inside.setdefault(quantity, {}).setdefault((record.layout, record.contact, record.noise), [])
             group.append(float(np.mean((z >= low) & (z <= high))))
     return {quantity: float(np.mean([np.mean(v) for v in groups.values()])) for quantity, groups in inside.items()}
+
+
+def accuracy_markdown(records: Sequence[Record], *, command: str) -> str:
+    """Both tables as a page shows them: errors over the clairvoyant filter's, and what the intervals hold. ``command`` made them."""
+    noises = sorted({r.noise for r in records})
+    lines = [
+        f"Written by `{command}`. Error over the clairvoyant filter's, geometric mean over the contacts (worst contact):",
+        "",
+        "| layout | method |" + "".join(f" noise {100 * n:g} % |" for n in noises) + " all |",
+        "|---|---|" + "---|" * (len(noises) + 1),
+    ]
+    cells: dict[tuple[str, str], dict[float, str]] = {}
+    for layout, method, noise, mean, worst, _ in table(records):
+        cells.setdefault((layout, method), {})[math.inf if math.isnan(noise) else noise] = f"{mean:.2f} ({worst:.2f})"
+    for (layout, method), row in cells.items():
+        lines.append(f"| {layout} | {method} | " + " | ".join(row.get(n, "-") for n in (*noises, math.inf)) + " |")
+    layouts = list(dict.fromkeys(r.layout for r in records))
+    parts = {name: [r for r in records if r.layout == name] for name in layouts}
+    parts["all contacts"] = list(records)
+    for method in dict.fromkeys(r.method for r in records):
+        held = {name: (coverage(some, 0.5, method), coverage(some, 0.95, method)) for name, some in parts.items()}
+        if not held["all contacts"][0]:
+            continue
+        names = [name for name in parts if held[name][0]]
+        lines += ["", f"Part of the true values inside the 50 and 95 % intervals ({method}):", ""]
+        lines += ["| quantity | " + " | ".join(names) + " |", "|---|" + "---|" * len(names)]
+        for quantity in held["all contacts"][0]:
+            inside = (
+                f"{held[n][0][quantity]:.2f}, {held[n][1][quantity]:.2f}" if quantity in held[n][0] else ""
+                for n in names
+            )
+            title = "normal force" if quantity == "force" else quantity.replace("_", " ")
+            lines.append(f"| {title} | " + " | ".join(inside) + " |")
+    return "\n".join([*lines, ""])
 
 
 def spread_over(function: Callable[[Any], Any], tasks: Sequence[Any], jobs: int) -> Iterable[Any]:

@@ -41,7 +41,9 @@ def bench_accuracy(
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for the table of every case (accuracy.csv) and the picture (accuracy.png)."),
+        typer.Option(
+            help="Folder for the table of every case (accuracy.csv), the tables of a page (accuracy.md) and the picture (accuracy.png)."
+        ),
     ] = None,
     force: Force = False,
 ) -> None:
@@ -64,7 +66,7 @@ def bench_accuracy(
         raise InvalidInput(f"layouts must be among {', '.join(bench.LAYOUTS)}; got {', '.join(unknown)}.")
     folder = make_folder(out) if out is not None else None
     if folder is not None:
-        for name in ("accuracy.csv", "accuracy.png"):
+        for name in ("accuracy.csv", "accuracy.md", "accuracy.png"):
             check_output(folder / name, force=force)
     total = sum(
         len(bench.LAYOUTS[n].contacts)
@@ -100,10 +102,14 @@ def bench_accuracy(
         writer.writerow(["layout", "contact", "noise", "method", "error", "clairvoyant"])
         writer.writerows([r.layout, r.contact, r.noise, r.method, r.error, r.clairvoyant] for r in records)
         write_text(folder / "accuracy.csv", table.getvalue())
+        chosen = "" if method is None else f" --method {method}"
+        alone = "" if comparisons else " --no-comparisons"
+        command = f'palpate bench accuracy{chosen} --layouts "{",".join(names)}" --draws {draws} --seed {seed}{alone}'
+        write_text(folder / "accuracy.md", bench.accuracy_markdown(records, command=command))
         from palpate._plot import plot_accuracy
 
         save_figure(plot_accuracy(records), folder / "accuracy.png")
-        typer.echo(f"wrote           {folder / 'accuracy.csv'}, {folder / 'accuracy.png'}")
+        typer.echo(f"wrote           {folder / 'accuracy.csv'}, {folder / 'accuracy.md'}, {folder / 'accuracy.png'}")
 
 
 @bench_app.command("ablation", epilog=example("bench ablation"))
