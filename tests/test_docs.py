@@ -76,3 +76,17 @@ def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", page.read_text()):
         if not target.startswith("http"):
             assert (page.parent / target).exists(), target
+
+
+def test_the_readme_quotes_the_validation_that_is_printed() -> None:
+    readme = (ROOT / "README.md").read_text()
+    shown = ROOT / "docs" / "_generated" / "validation"
+    texts = {name: (shown / f"{name}.txt").read_text() for name in ("paper", "line", "area", "alvalayers", "layers3d")}
+    for strain in re.findall(r"strain_zz +\S+ +division (\S+)", texts["paper"])[:2]:
+        assert f"{float(strain):.2e}".replace("e-0", "e-") in readme
+    worst = max(float(re.findall(r"at 32 cells: (\S+)", texts[name])[0]) for name in ("line", "area"))
+    assert f"within {worst:.1e}".replace("e-0", "e-") in readme
+    disc = next(line for line in texts["alvalayers"].splitlines() if "singledepth" in line)
+    largest = max(float(v) for v in re.findall(r"_MPa (\S+)", disc))
+    assert f"within {largest:.1e}".replace("e-0", "e-") in readme
+    assert max(float(v) for v in re.findall(r" (\d\.\de-\d+) \(", texts["layers3d"])) < 4e-3
