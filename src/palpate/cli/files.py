@@ -38,6 +38,8 @@ def check_output(path: Path, *, inputs: Iterable[Path | None] = (), force: bool,
                 )
         if not Path(os.path.realpath(path)).parent.is_dir():
             raise InvalidInput(f"{path}: the folder {path.parent} does not exist; make it first.")
+        with contextlib.suppress(FileNotFoundError):
+            os.lstat(path)  # is_dir() and lexists() may keep to themselves that a name is too long
         if path.is_dir() and not (path.suffix.lower() == ".zarr" and is_store(path)):
             raise InvalidInput(f"{path} is a folder; give a file name.")
         if os.path.lexists(path) and not force:

@@ -37,7 +37,10 @@ def in_place(path: str | Path) -> Iterator[Path]:
     if not target.parent.is_dir():
         raise InvalidInput(f"{path}: the folder {target.parent} does not exist; make it first.")
     try:
-        before = os.stat(target) if target.exists() else None
+        try:  # exists() may keep to itself that a name is too long
+            before = os.stat(target)
+        except FileNotFoundError:
+            before = None
         if before is not None and not (stat.S_ISREG(before.st_mode) or is_store(target)):
             what = "is a folder" if stat.S_ISDIR(before.st_mode) else "is no ordinary file"
             raise InvalidInput(f"{path} {what}; give a file name.")
