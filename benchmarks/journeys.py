@@ -1,6 +1,6 @@
-"""The three journeys of the first hour: what each file of a new user needs from a clone to a number with its interval and a figure.
+"""The journeys of the first hour: what each file of a new user needs from a clone to a number with its interval and a figure.
 
-    python benchmarks/journeys.py [counts] [markers] [field] [--write] [--keep FOLDER]
+    python benchmarks/journeys.py [counts] [markers] [field] [video] [--write] [--keep FOLDER]
 
 Makes the files that docs/howto/first-hour.md speaks of from known contacts, takes skins and commands from that page (and the one of cameras) as they stand
 there, runs each in a process of its own, and holds what comes out beside the truth. ``--write`` puts the table into docs/_generated/journeys.md;
@@ -21,6 +21,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas
@@ -49,6 +50,15 @@ def blocks(page: str, kind: str) -> list[str]:
     return [textwrap.dedent(body) for _, body in found]
 
 
+def shown(page: str, command: str) -> str:
+    """The command of a page that begins so, on one line."""
+    text = (PAGES / page).read_text(encoding="utf-8").replace("\\\n", " ")
+    found = re.search(rf"`({re.escape(command)}[^`]*)`", text)
+    if found is None:
+        raise SystemExit(f"{page} shows no {command}")
+    return " ".join(found.group(1).split())
+
+
 def commands(page: str) -> list[str]:
     """Commands that a page shows, in its order; one that shortens its mapping takes that of the one before."""
     text = (PAGES / page).read_text(encoding="utf-8").replace("\\\n", " ")
@@ -61,8 +71,8 @@ def commands(page: str) -> list[str]:
     return [c.replace('--map "..."', mapping.group(0)) for c in found]
 
 
-def run(journey: str, command: str, folder: Path, answer: Callable[[], str]) -> Step:
-    """One command in a folder, by the interpreter that runs this."""
+def run(journey: str, command: str, folder: Path, answer: Callable[[], str], said: list[str] | None = None) -> Step:
+    """One command in a folder, by the interpreter that runs this; what it prints goes to ``said``."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(
         [sys.executable, "-m", *shlex.split(command)], cwd=folder, capture_output=True, text=True, check=False
@@ -70,6 +80,8 @@ def run(journey: str, command: str, folder: Path, answer: Callable[[], str]) -> 
     wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
         raise SystemExit(f"{command}\n{done.stdout}{done.stderr}")
+    if said is not None:
+        said.append(done.stdout)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return Step(journey, command, wall, cpu, answer())
 
@@ -166,7 +178,66 @@ def field(folder: Path) -> Iterator[Step]:
     yield run("field", command, folder, answer)
 
 
-JOURNEYS = {"counts": counts, "markers": markers, "field": field}
+def video(folder: Path) -> Iterator[Step]:
+    """Two films of a phone, 640 x 480 at 30 a second: a weight of 200 g on a gel of 260 kPa, and a finger that presses and slides."""
+    from palpate.camera import Dots, Looks, Scene, dot_grid, write_video
+
+    def scene(seed: int) -> Any:
+        gel = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=2.6e5, poissons_ratio=0.48)])
+        rng = np.random.default_rng(seed)
+        places = dot_grid((8, 11), 2e-3) + 5e-5 * np.random.default_rng(5).standard_normal((88, 2))
+        looks = Looks(noise=3.0, colour=0.5, shading=0.3, glare=[(120.0 + 5 * rng.random(), 90.0, 14.0)])
+        return Scene(
+            pad=gel,
+            depth=0.5e-3,
+            print=Dots(places, 0.8e-3),
+            size=(640, 480),
+            scale=3.75e-5,
+            distance=25e-3,
+            looks=looks,
+        )
+
+    weight = pp.solutions.hertz_point(radius=4e-3, force=1.96)
+    write_video(folder / "weight.mp4", scene(1).pictures([None] * 15 + [weight] * 15), rate=30.0)
+    load = np.interp(np.arange(90), [15, 40, 75, 88], [0.0, 1.5, 1.5, 0.0])
+    slide = np.interp(np.arange(90), [40, 60], [0.0, 0.3])
+    finger = [
+        pp.solutions.hertz_point(radius=3e-3 * (f / 1.5) ** (1 / 3), force=f).sliding(q) if f > 0.02 else None
+        for f, q in zip(load, slide)
+    ]
+    write_video(folder / "press.mp4", scene(2).pictures(finger), rate=30.0)
+    skin = folder / "gel.toml"
+
+    def measured() -> str:
+        """What the user of the page measures."""
+        text = skin.read_text(encoding="utf-8").replace('# distance = "25 mm"', 'distance = "25 mm"')
+        skin.write_text(text.replace('depth = "0.5 mm +- 20 %"', 'depth = "0.5 mm +- 10 %"'), encoding="utf-8")
+        return "lines marked <- measured"
+
+    yield run("video", shown("camera.md", "palpate sensors own_gel"), folder, measured)
+    said: list[str] = []
+
+    def modulus() -> str:
+        found = re.search(r"([\d.]+) kPa \+- ([\d.]+ ?%?)", said[-1])
+        if found is None:
+            raise SystemExit(said[-1])
+        text = skin.read_text(encoding="utf-8").replace('"300 kPa +- 30 %"', f'"{found.group(0)}"')
+        skin.write_text(text, encoding="utf-8")
+        return f"{found.group(0)} for 260"
+
+    yield run("video", shown("camera.md", "palpate weigh weight.mp4"), folder, modulus, said)
+    track = shown("camera.md", "palpate track press.mp4")
+    yield run(
+        "video",
+        track.replace("touch.nc", "every10.csv"),
+        folder,
+        lambda: beside(folder / "every10.csv", 6, float(load[60])),
+    )
+    fast = "palpate track press.mp4 --skin gel.toml --fast --friction 0.6 --out forces.csv --plot-forces forces.png"
+    yield run("video", fast, folder, lambda: beside(folder / "forces.csv", 60, float(load[60])))
+
+
+JOURNEYS = {"counts": counts, "markers": markers, "field": field, "video": video}
 
 
 def main() -> None:
