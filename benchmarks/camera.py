@@ -348,7 +348,8 @@ def main() -> None:
             found = re.search(rf"\n## {name.capitalize()}\n.*?(?=\n## |\Z)", before, re.S)
             lines += [found[0].rstrip("\n")] if found else []
             continue
-        lines += [f"\n## {name.capitalize()}\n"]
+        asked = {"force": f" --frames {args.frames}", "rate": ""}.get(name, f" --seeds {args.seeds}")
+        lines += [f"\n## {name.capitalize()}\n", f"Made by `python benchmarks/camera.py {name}{asked}`.\n"]
         for line in maker():
             print(line, flush=True)
             lines.append(line)

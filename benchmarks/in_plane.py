@@ -112,7 +112,8 @@ def main() -> None:
                     lines.append(f"| {1e3 * depth:g} mm deep | {label} | {kind} | {told} | {numbers} |")
                     print(lines[-1], flush=True)
     if args.markdown is not None:
-        args.markdown.write_text("\n".join(lines) + "\n")
+        made = f"Made by `python benchmarks/in_plane.py --frames {args.frames}`.\n"
+        args.markdown.write_text("\n".join([made, *lines]) + "\n")
 
 
 if __name__ == "__main__":

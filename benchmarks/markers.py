@@ -169,7 +169,8 @@ def main() -> None:
             print(line, flush=True)
             lines.append(line)
     if args.markdown is not None:
-        args.markdown.write_text("# Markers that are followed in the plane\n" + "\n".join(lines) + "\n")
+        made = f"Made by `python benchmarks/markers.py --frames {args.frames} --seed {args.seed}`.\n"
+        args.markdown.write_text("# Markers that are followed in the plane\n\n" + made + "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -172,7 +172,8 @@ def main() -> None:
         keys = list(rows[0][2])
         lines = [f"| condition | method | {' | '.join(keys)} |", "|---" * (len(keys) + 2) + "|"]
         lines += [f"| {c} | {m} | {' | '.join(f'{v[k]:.3g}' for k in keys)} |" for c, m, v in rows]
-        args.markdown.write_text("\n".join(lines) + "\n")
+        made = f"Made by `python benchmarks/tfm.py --cells {args.cells}`.\n"
+        args.markdown.write_text("\n".join([made, *lines]) + "\n")
 
 
 if __name__ == "__main__":
