@@ -10,7 +10,19 @@ from palpate.errors import Unsupported
 from remedies._remedy import Remedy
 
 #: One module for each room that refuses.
-ROOMS = ("skins", "arguments", "skinfiles", "tables", "fields", "stores", "camera", "streams", "commands", "rest")
+ROOMS = (
+    "skins",
+    "arguments",
+    "skinfiles",
+    "tables",
+    "fields",
+    "stores",
+    "camera",
+    "streams",
+    "commands",
+    "rest",
+    "left",
+)
 
 
 def _of(room: str) -> list[Remedy]:
