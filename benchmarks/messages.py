@@ -1,7 +1,7 @@
 """Every message that a user may be refused with: where it is raised, whether it says what it got, and whether a test tried its remedy.
 
     python benchmarks/messages.py           the table, and that of notes (benchmarks/notes.py)
-    python benchmarks/messages.py --write   into docs/_generated/messages.md and notes.md
+    python benchmarks/messages.py --write   into docs/_generated/messages.md
 
 Messages are read off the source. A test holds a message where it quotes twelve letters or more of it; a remedy was tried where tests/remedies has the
 message with a call that is refused and the call that its words lead to.
@@ -253,7 +253,6 @@ if __name__ == "__main__":
     import notes
 
     if "--write" in sys.argv[1:]:
-        TABLE.write_text(table(), encoding="utf-8")
-        notes.TABLE.write_text(notes.table(), encoding="utf-8")
+        TABLE.write_text(table() + notes.table(), encoding="utf-8")
     else:
-        sys.stdout.write(f"{table()}\n{notes.table()}")
+        sys.stdout.write(table() + notes.table())

@@ -218,28 +218,30 @@ def reason(note: messages.Message) -> str:
     return next((why for room, words, why in ELSEWHERE if room == note.where and words in note.text), "")
 
 
-#: Where the table is kept.
-TABLE = messages.TABLE.with_name("notes.md")
-
-
 def table() -> str:
     """The second part of the page."""
     tests, known = messages.quoted(), {key for case in cases() for key in meant(case)}
     rows = [(n, kind_of(n), n.key in known) for n in notes()]
     lines = [
+        "",
+        "## Every note",
+        "",
+        "What palpate says without refusing: notes of results, remarks of long runs, warnings, the events of a live view, and what a status means. An advice counts as tried "
+        "where a test brings the note about, does what it says with the same readings, and finds the note gone or the answer right (`tests/remedies/notes.py`).",
+        "",
         f"{len(rows)} notes that results, commands, warnings and live views say without refusing; what {sum(r for *_, r in rows)} of them lead to was done in a "
         "test, on the very readings, and the note was gone or the answer right.",
         "",
-        "| class | notes | advice tried | left |",
+        "|class | notes | advice tried | left |",
         "|---|---|---|---|",
     ]
     for name, words in CLASSES.items():
         mine = [r for _, k, r in rows if k == name]
-        lines.append(f"| {name}: {words} | {len(mine)} | {sum(mine)} | {len(mine) - sum(mine)} |")
-    lines += ["", "| note | where | class | quoted by a test | advice tried |", "|---|---|---|---|---|"]
+        lines.append(f"|{name}: {words} | {len(mine)} | {sum(mine)} | {len(mine) - sum(mine)} |")
+    lines += ["", "|note | where | class | quoted by a test | advice tried |", "|---|---|---|---|---|"]
     for n, k, r in rows:
         answer = "yes" if r else (reason(n) and f"no: {reason(n)}") or ("-" if k == "tells" else "no")
         quoted = "yes" if r or messages.held(n, tests) else "no"
-        lines.append(f"| {messages.escaped(n.text)} | {n.where} | {k} | {quoted} | {answer} |")
+        lines.append(f"|{messages.escaped(n.text)} | {n.where} | {k} | {quoted} | {answer} |")
     lines += ["", "What the walk over the source does not find:", "", *(f"- {one}" for one in NOT_FOUND)]
     return "\n".join(lines) + "\n"

@@ -48,4 +48,6 @@ def test_each_case_is_of_one_note_of_the_source(monkeypatch: pytest.MonkeyPatch)
     import notes
 
     assert len(notes.notes()) > 100
+    kept = (ROOT / "docs" / "_generated" / "messages.md").read_text(encoding="utf-8")
+    assert kept.endswith(notes.table()), "run python benchmarks/messages.py --write"
     assert [(n.words, notes.meant(n)) for n in NOTES if len(notes.meant(n)) != 1] == []

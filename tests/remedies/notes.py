@@ -383,14 +383,26 @@ def heights() -> Any:
     return pad, pp.AreaArray(**how, noise=noise), clean + noise * np.random.default_rng(0).standard_normal(clean.shape)
 
 
-def height(part: float = 1.0, **how: Any) -> pp.Touch:
+def height(**how: Any) -> pp.Touch:
     pad, array, values = heights()
-    return pp.Skin(pad, array, **how).reconstruct(part * values)
+    return pp.Skin(pad, array, **how).reconstruct(values)
+
+
+@functools.cache
+def soft() -> Any:
+    """Heights of a half-space under a ball of 1 N, with 1 % noise, and its array."""
+    how = {"shape": (9, 9), "pitch": 2e-3, "depth": 2e-3, "channels": ["displacement_z"]}
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
+    fine = pp.Skin(pad, pp.AreaArray(**how), surface=pp.AreaGrid(shape=(60, 60), spacing=0.4e-3))
+    clean = np.asarray(fine.sense(pp.solutions.hertz_point(radius=4e-3, force=1.0)))
+    noise = 0.01 * float(np.abs(clean).max())
+    return pad, pp.AreaArray(**how, noise=noise), clean + noise * np.random.default_rng(0).standard_normal(clean.shape)
 
 
 def weaker(**how: Any) -> pp.Touch:
-    """Under the same force heights of a gel that is 7 % stiffer than it is said to be."""
-    touch = height(1.0 / 1.07, **how)
+    """A gel that is 7 % stiffer than it is said to be moves less under the same force."""
+    pad, array, values = soft()
+    touch = pp.Skin(pad, array, **how).reconstruct(values / 1.07)
     low, high = touch.interval(0.95, "force")
     assert how.get("uncertainty") or not low[2] < 1.0 < high[2]
     return touch
