@@ -213,7 +213,7 @@ def infinite(aperture: float) -> Any:
 
 REMEDIES = [
     value(
-        "must be real numbers; got dtype {}: {}",
+        "be real numbers; got dtype {}: {}",
         lambda x: SKIN.reconstruct(x, **FAST),
         PRESS.astype(complex),
         PRESS.astype(complex).real,
