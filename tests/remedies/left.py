@@ -250,13 +250,13 @@ REMEDIES = [
         "dft",
     ),
     value(
-        "the time of a frame must be seconds within 2**33 of 0; got {}. Is it in nanoseconds?",
+        "time of a frame must be seconds within 2**33 of 0; got {}. Is it in nanoseconds?",
         lambda time: frame_from_bytes(at(time)),
         1.7e18,
         1.7e18 * 1e-9,
     ),
     value(
-        "the time of a frame must be seconds within 2**33 of 0; got {}.",
+        "time of a frame must be seconds within 2**33 of 0; got {}.",
         lambda time: frame_bytes(0, time, PRESS),
         1.7e18,
         1.7e9,
