@@ -255,12 +255,6 @@ REMEDIES = [
         1.7e18,
         1.7e18 * 1e-9,
     ),
-    value(
-        "time of a frame must be seconds within 2**33 of 0; got {}.",
-        lambda time: frame_bytes(0, time, PRESS),
-        1.7e18,
-        1.7e9,
-    ),
     value("samples must be one row of odd length", transform, np.ones(8), np.ones(9)),
     value(
         "stress must hold three normal stresses first",
