@@ -1,6 +1,6 @@
 """Every message that a user may be refused with: where it is raised, whether it says what it got, and whether a test tried its remedy.
 
-    python benchmarks/messages.py           the table
+    python benchmarks/messages.py           the table, and that of notes (benchmarks/notes.py)
     python benchmarks/messages.py --write   into docs/_generated/messages.md
 
 Messages are read off the source. A test holds a message where it quotes twelve letters or more of it; a remedy was tried where tests/remedies has the
@@ -212,6 +212,11 @@ def reason(message: Message) -> str:
     return next((why for room, words, why in ELSEWHERE if room == message.where and words in message.text), "")
 
 
+def escaped(text: str) -> str:
+    """As Markdown shows it in a table."""
+    return re.sub(r"([|<>*_`\[\]$])", r"\\\1", text)
+
+
 def table() -> str:
     """The page."""
     tests, known = quoted(), {key for remedy in remedies() for key in meant(remedy)}
@@ -235,7 +240,7 @@ def table() -> str:
         "|---|---|---|---|---|---|",
     ]
     for m, k, h, r in rows:
-        text = re.sub(r"([|<>*_`\[\]$])", r"\\\1", m.text)
+        text = escaped(m.text)
         answer = reason(m) and f"no: {reason(m)}"
         lines.append(
             f"| {text} | {m.where} | {k} | {'yes' if m.says_what_it_got else 'no'} | {'yes' if h else 'no'} | {'yes' if r else answer or 'no'} |"
@@ -244,7 +249,10 @@ def table() -> str:
 
 
 if __name__ == "__main__":
+    sys.modules["messages"] = sys.modules[__name__]
+    import notes
+
     if "--write" in sys.argv[1:]:
-        TABLE.write_text(table(), encoding="utf-8")
+        TABLE.write_text(table() + notes.table(), encoding="utf-8")
     else:
-        sys.stdout.write(table())
+        sys.stdout.write(table() + notes.table())

@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import palpate as pp
-from remedies import REMEDIES, Remedy
+from remedies import NOTES, REMEDIES, Remedy
 
 ROOT = Path(__file__).parents[1]
 
@@ -76,3 +77,47 @@ def test_the_table_of_messages_is_that_of_the_source(monkeypatch: pytest.MonkeyP
     assert len(new) > 500
     assert (sorted(new - old), sorted(old - new)) == ([], []), "run python benchmarks/messages.py --write"
     assert [(r.words, messages.meant(r)) for r in REMEDIES if len(messages.meant(r)) != 1] == []
+
+
+# -- notes -------------------------------------------------------------------------------------------------------------------
+
+
+def pattern(note: Any) -> str:
+    return ".*".join(re.escape(part) for part in note.words.split("{}"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "note", [pytest.param(n, id=f"{i}-" + re.sub(r"\W+", "-", n.words)[:60].strip("-")) for i, n in enumerate(NOTES)]
+)
+def test_what_a_note_advises_works(note: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from remedies.notes import texts
+
+    monkeypatch.chdir(tmp_path)
+    if note.given is not None:
+        note.given()
+    try:
+        said = texts(note.said())
+        got = note.advised()
+    except pp.Unsupported as error:
+        if "pip install" in str(error):
+            pytest.skip(str(error))
+        raise
+    assert re.search(pattern(note), " ".join(said.split())), said
+    assert note.right is None or note.right(got)
+    after = re.search(pattern(note), " ".join(texts(got).split()))
+    assert note.right is not None or not note.stays
+    assert note.stays or not after, texts(got)
+
+
+@pytest.mark.long
+def test_each_case_is_of_one_note_of_the_source(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    for name in ("messages", "notes"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    import notes
+
+    assert len(notes.notes()) > 100
+    kept = (ROOT / "docs" / "_generated" / "messages.md").read_text(encoding="utf-8")
+    assert kept.endswith(notes.table()), "run python benchmarks/messages.py --write"
+    assert [(n.words, notes.meant(n)) for n in NOTES if len(notes.meant(n)) != 1] == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from typing import Any
 
 import pytest
 
@@ -10,17 +11,31 @@ from palpate.errors import Unsupported
 from remedies._remedy import Remedy
 
 #: One module for each room that refuses.
-ROOMS = ("skins", "arguments", "skinfiles", "tables", "fields", "stores", "camera", "streams", "commands", "rest")
+ROOMS = (
+    "skins",
+    "arguments",
+    "skinfiles",
+    "tables",
+    "fields",
+    "stores",
+    "camera",
+    "streams",
+    "commands",
+    "rest",
+    "left",
+)
 
 
-def _of(room: str) -> list[Remedy]:
+def _of(room: str, name: str = "REMEDIES") -> list[Any]:
     """None of a room whose packages are not installed."""
     try:
-        return list(importlib.import_module(f"remedies.{room}").REMEDIES)
+        return list(getattr(importlib.import_module(f"remedies.{room}"), name))
     except (pytest.skip.Exception, ImportError, Unsupported):
         return []
 
 
 REMEDIES: list[Remedy] = [remedy for room in ROOMS for remedy in _of(room)]
+#: Notes with the calls that their words lead to.
+NOTES: list[Any] = _of("notes", "NOTES")
 
-__all__ = ["REMEDIES", "ROOMS", "Remedy"]
+__all__ = ["NOTES", "REMEDIES", "ROOMS", "Remedy"]
