@@ -71,7 +71,8 @@ def test_the_table_of_messages_is_that_of_the_source(monkeypatch: pytest.MonkeyP
 
     def rows(text: str) -> set[tuple[str, ...]]:
         cells = [re.split(r"(?<!\\) ?\| ?", line) for line in text.splitlines() if line.startswith("| ")]
-        return {tuple(row[1:4]) for row in cells[1:]}
+        # rows of messages; how many were tried goes by the extras that are here
+        return {tuple(row[1:4]) for row in cells if len(row) > 6}
 
     new, old = rows(made), rows(kept)
     assert len(new) > 500
