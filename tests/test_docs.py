@@ -78,6 +78,12 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert (page.parent / target).exists(), target
 
 
+def cells_of(page: str) -> dict[str, list[str]]:
+    """Rows of the tables of a generated page by their first cell."""
+    rows = re.findall(r"^\| (.+?) \|$", (ROOT / "docs" / "_generated" / page).read_text(), flags=re.MULTILINE)
+    return {cells[0]: cells for cells in (row.split(" | ") for row in rows)}
+
+
 def test_the_readme_quotes_the_validation_that_is_printed() -> None:
     readme = (ROOT / "README.md").read_text()
     shown = ROOT / "docs" / "_generated" / "validation"
@@ -90,3 +96,14 @@ def test_the_readme_quotes_the_validation_that_is_printed() -> None:
     largest = max(float(v) for v in re.findall(r"_MPa (\S+)", disc))
     assert f"within {largest:.1e}".replace("e-0", "e-") in readme
     assert max(float(v) for v in re.findall(r" (\d\.\de-\d+) \(", texts["layers3d"])) < 4e-3
+
+
+def test_the_readme_quotes_the_accuracy_that_is_measured() -> None:
+    measured, readme = cells_of("accuracy.md"), (ROOT / "README.md").read_text()
+    names = {"line": "line", "area": "area", "three channels": "three channels", "bonded displacement": "glued gel"}
+    names["across the edge"] = "contacts across the array's edge"
+    for layout, name in names.items():
+        assert f"{name} {measured[layout][-1]}" in readme
+    for quantity, name in {"normal force": "", "shear force": "", "peak pressure": "peak", "traction": "cells"}.items():
+        held = float(measured[quantity][-1].split(", ")[1])
+        assert f"{name or quantity} {100 * held:.0f} %" in readme
