@@ -224,7 +224,7 @@ def table() -> str:
     rows = [(n, kind_of(n), n.key in known) for n in notes()]
     lines = [
         "",
-        "## Every note",
+        "**Every note**",
         "",
         "What palpate says without refusing: notes of results, remarks of long runs, warnings, the events of a live view, and what a status means. An advice counts as tried "
         "where a test brings the note about, does what it says with the same readings, and finds the note gone or the answer right (`tests/remedies/notes.py`).",
