@@ -173,7 +173,8 @@ def field(folder: Path) -> Iterator[Step]:
         table = next(folder.glob("**/*.csv"))
         rows = pandas.read_csv(table)
         row = rows[rows.iloc[:, 0].astype(str).str.contains("strain")].iloc[0]
-        return f"{' '.join(str(v) for v in row.tolist())} for {energy * 1e15:.0f} fJ"
+        found, low, high = (1e15 * float(row[name]) for name in ("value", "low_95", "high_95"))
+        return f"strain energy {found:.1f} fJ ({low:.1f} to {high:.1f}) for {1e15 * energy:.1f}"
 
     yield run("field", command, folder, answer)
 

@@ -289,7 +289,7 @@ def stopped(*, resume: bool) -> str:
     with (
         mock.patch.object(ZarrStream, "add", once),
         contextlib.redirect_stderr(err),
-        contextlib.suppress(BaseException),
+        contextlib.suppress(KeyboardInterrupt, SystemExit),
     ):
         spoken(line_)
     return err.getvalue()
