@@ -25,6 +25,21 @@ class Remedy:
     slow: bool = False
 
 
+def value(
+    words: str,
+    make: Any,
+    wrong: Any,
+    mended: Any,
+    *,
+    room: str = "",
+    right: Any = None,
+    given: Any = None,
+    slow: bool = False,
+) -> Remedy:
+    """The same call with another value."""
+    return Remedy(words, lambda: make(wrong), lambda: make(mended), room=room, right=right, given=given, slow=slow)
+
+
 def laid(**files: str | bytes) -> None:
     """Files by their names, with "_" before the ending in place of a point."""
     for name, held in files.items():

@@ -11,7 +11,7 @@ import pytest
 
 import palpate as pp
 from palpate.recordings.camerasection import CameraSettings
-from remedies._remedy import Remedy, command, laid
+from remedies._remedy import Remedy, command, laid, value
 from remedies.skins import AREA, FAST, TOUCH, TRACTION
 
 pytest.importorskip("cv2")
@@ -66,20 +66,6 @@ def texture() -> Any:
 
 REST = [picture()] * 5
 PULLED = [*REST, picture(1.5), picture(1.5)]
-
-
-def value(
-    words: str,
-    make: Any,
-    wrong: Any,
-    mended: Any,
-    *,
-    room: str = "",
-    right: Any = None,
-    given: Any = None,
-    slow: bool = False,
-) -> Remedy:
-    return Remedy(words, lambda: make(wrong), lambda: make(mended), room=room, right=right, given=given, slow=slow)
 
 
 def near(view: Any) -> bool:

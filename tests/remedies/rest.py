@@ -14,25 +14,11 @@ from palpate.network import frame_bytes, zero_bytes
 from palpate.network.frames import zero_from_bytes
 from palpate.recordings import read_recording, read_touch, recorder, write_recording, write_touch
 from remedies import camera
-from remedies._remedy import Remedy, command, laid
+from remedies._remedy import Remedy, command, laid, value
 from remedies.commands import TWO as TWO_PLANES
 from remedies.skins import AREA, BOTH, FAST, PAD, PRESS, SKIN, TOUCH, labelled, line
 
 PICTURE, VIEW, PRESSED = camera.picture(), camera.VIEW, camera.PRESSED
-
-
-def value(
-    words: str,
-    make: Any,
-    wrong: Any,
-    mended: Any,
-    *,
-    room: str = "",
-    right: Any = None,
-    given: Any = None,
-    slow: bool = False,
-) -> Remedy:
-    return Remedy(words, lambda: make(wrong), lambda: make(mended), room=room, right=right, given=given, slow=slow)
 
 
 def same(touch: Any) -> bool:

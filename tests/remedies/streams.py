@@ -14,27 +14,13 @@ from palpate.inverse import registry
 from palpate.network import FrameListener, Limits, frame_bytes, frame_from_bytes, zero_bytes
 from palpate.recordings import TopicMapping
 from palpate.sensors import preset
-from remedies._remedy import Remedy, command, laid
+from remedies._remedy import Remedy, command, laid, value
 from remedies.skins import BOTH, FAST, GRID, NORMAL, ONE, PAD, PRESS, PUNCH, SKIN, TRACTION, WORKING, line
 
 FRAME = np.arange(18.0).reshape(2, 9)
 TWO = pp.Skin(PAD, [line(), line(depth=2e-3)])
 DEEPER = pp.Skin(PAD, [line(channels=["stress_zz"]), line(channels=["stress_zz"], depth=2e-3)])
 WIDE = pp.Skin(PAD, [line(), line(count=7, depth=2e-3)])
-
-
-def value(
-    words: str,
-    make: Any,
-    wrong: Any,
-    mended: Any,
-    *,
-    room: str = "",
-    right: Any = None,
-    given: Any = None,
-    slow: bool = False,
-) -> Remedy:
-    return Remedy(words, lambda: make(wrong), lambda: make(mended), room=room, right=right, given=given, slow=slow)
 
 
 def listening(**how: Any) -> Any:
