@@ -8,7 +8,7 @@ import pytest
 import palpate as pp
 from palpate import solutions
 from palpate._batches import per_frame_fields
-from palpate.inverse.estimate import Errors
+from palpate.inverse.estimate import Errors, Stated
 from palpate.touch import joined
 from palpate.uncertainty import Case, constants
 
@@ -149,6 +149,7 @@ def full(frames: int = 4) -> pp.Touch:
         drag=some(2),
         drag_std=some(),
         sticking=some(4),
+        stated=Stated(traction=some(3, 3, 4), force=some(3), moment=some(3), center=some(2), peak=some()),
         reading_names={i: f"stress_zz at taxel ({i},)" for i in range(36)},
     )
 

@@ -36,8 +36,7 @@ from palpate.sensing.surface import default_surface
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
-from palpate.tracking import Tracker, check_settings
-from palpate.tracking.tracker import check_sought
+from palpate.tracking.tracker import Tracker, check_settings, check_sought
 from palpate.uncertainty import Case
 
 if TYPE_CHECKING:
@@ -513,6 +512,7 @@ class Skin:
             case=self.case(sought),
             friction=chosen.friction_given,
             errors=estimate.errors,
+            stated=estimate.stated,
             converged=estimate.converged,
             touching=estimate.contact,
             outliers=estimate.outliers,

@@ -16,7 +16,7 @@ from palpate.elastic.pad import Floats
 from palpate.sensing.operator import Operator
 from palpate.status import Status
 
-__all__ = ["Errors", "Estimate", "batch_of", "frames_of"]
+__all__ = ["Errors", "Estimate", "Stated", "batch_of", "frames_of"]
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,23 @@ class Errors:
 
 
 @dataclass(frozen=True)
+class Stated:
+    """Standard deviations that a linear estimate owes to what was named as not known exactly (`palpate.Uncertainty`).
+
+    Shapes and units as in `Errors`; 0 in frames whose `Errors` hold it already. No constant of the method makes them smaller.
+    """
+
+    traction: Floats = field(metadata=per_frame("component", "*", missing=0.0))
+    force: Floats = field(metadata=per_frame("component", missing=0.0))
+    moment: Floats = field(metadata=per_frame("about", missing=0.0))
+    center: Floats = field(metadata=per_frame("along", missing=0.0))
+    peak: Floats = field(metadata=per_frame(missing=0.0))
+
+    def __post_init__(self) -> None:
+        freeze(self)
+
+
+@dataclass(frozen=True)
 class Estimate:
     """What an inversion returns: the traction and how it was chosen.
 
@@ -59,7 +76,7 @@ class Estimate:
     square misfit in the same units) have the batch shape, the noise of the
     constrained methods (*batch, channel); None from methods that have no such thing. Likewise ``noise_std`` (*batch, channel), in the unit
     of each channel, ``errors``
-    (`Errors`), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
+    (`Errors`), ``stated`` (`Stated`, of linear methods), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
     (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
     analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame), ``resolution`` [m] and
     ``sliding`` (probability that the contact slides as a whole; NaN where nothing touches). ``method`` (*batch) is the short name of what
@@ -92,6 +109,7 @@ class Estimate:
     nuisance_std: Floats | None = None
     nuisance_names: tuple[tuple[str, str], ...] = ()
     at_limit: npt.NDArray[np.bool_] | None = None
+    stated: Stated | None = None
 
     def status(self) -> npt.NDArray[np.int8] | None:
         """What became of each frame (*batch), as codes of `palpate.Status`; None where nothing tells the batch."""

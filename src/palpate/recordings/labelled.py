@@ -15,7 +15,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.elastic.quantities import COMPONENTS
 from palpate.errors import InvalidInput
-from palpate.inverse.estimate import Errors
+from palpate.inverse.estimate import Errors, Stated
 from palpate.recordings.recording import Recording
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.view import View
@@ -174,7 +174,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
     -------
     xarray.Dataset
         ``traction`` [Pa] and ``force`` [N or N/m]; with error bars ``std``, ``force_low``, ``force_high`` (95 %) as they are to be
-        used, and ``errors_*`` as the model gives them before calibration; the further fields of `Touch` by their names.
+        used, and ``errors_*`` as the model gives them before calibration (``stated_*``: what linear methods owe to the pad); the further fields of `Touch` by their names.
     """
     import xarray
 
@@ -192,7 +192,10 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
             found[name] = ((*batch, "component"), side, attrs)
         for key, tail in _declared(Errors).items():
             found[f"errors_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(touch.errors, key)))
-    for key, tail in _declared(Touch, without=("values", "time", "errors", *_TEXT)).items():
+    if touch.stated is not None:
+        for key, tail in _declared(Stated).items():
+            found[f"stated_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(touch.stated, key)))
+    for key, tail in _declared(Touch, without=("values", "time", "errors", "stated", *_TEXT)).items():
         value = getattr(touch, key)
         if value is not None:
             found[key] = ((*batch, *_expanded(tail, surface)), to_numpy(value))
@@ -248,12 +251,15 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
     errors = None
     if "errors_traction" in dataset:
         errors = Errors(**{f.name: dataset[f"errors_{f.name}"].values for f in fields(Errors)})
+    stated = None
+    if "stated_traction" in dataset:
+        stated = Stated(**{f.name: dataset[f"stated_{f.name}"].values for f in fields(Stated)})
     time = dataset["time"] if "time" in dataset.variables else None
     if time is not None and time.attrs.get("units") == "frame":
         time = None
     fields_of: dict[str, Any] = {
         key: dataset[key].values
-        for key in _declared(Touch, without=("values", "time", "errors", *_TEXT))
+        for key in _declared(Touch, without=("values", "time", "errors", "stated", *_TEXT))
         if key in dataset
     }
     return Touch(
@@ -267,6 +273,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         time=None if time is None else time.values,
         meta=_meta(attrs.get("meta", "{}"), name),
         errors=errors,
+        stated=stated,
         found_by=_found_by(dataset, name),
         case=_case(attrs["case"], name) if "case" in attrs else None,
         friction=float(attrs["friction"]) if "friction" in attrs else None,

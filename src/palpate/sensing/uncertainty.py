@@ -23,8 +23,8 @@ STEP = 0.02
 class Uncertainty:
     """Relative standard deviations of what a skin is described by: 0.1 is ten per cent.
 
-    They enter every interval of the methods "automatic", "adaptive" and "constrained" through what each would change in the readings
-    (the delta method: readings are linear in it for small changes).
+    They enter every interval, of the linear methods too, through what each would change in the readings (the delta method: readings are
+    linear in it for small changes).
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
-from palpate.inverse.estimate import Errors
+from palpate.inverse.estimate import Errors, Stated
 from palpate.touch.outcome import pulling
 from palpate.uncertainty import Calibration, Constants, constants
 
@@ -82,7 +82,7 @@ def std(touch: Touch) -> Floats:
     def of(known: Constants) -> tuple[Floats, ...]:
         _, raw, outside, _ = uncalibrated(touch, known, "traction")
         traction = known.quantities["traction"]
-        return (traction.std * np.hypot(raw, outside / traction.scale),)
+        return (np.hypot(traction.std * np.hypot(raw, outside / traction.scale), named(touch, "traction")),)
 
     return _each_method(touch, of)[0]
 
@@ -101,33 +101,36 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
         if (friction is not None) != (of == "slip_margin"):
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
         value, deviation, outside, floor = uncalibrated(touch, known, of, friction)
+        more = named(touch, of, friction)
         # a pull is a push of the other sign, and so are its error bars
         pulls = pulling(touch)
         mirrored = pulls.any() and of not in ("slip_margin", "center_of_pressure")
         turned = np.reshape(pulls, (*pulls.shape, *(1,) * (np.ndim(value) - pulls.ndim)))
         if mirrored:
             value = np.where(turned, -value, value)
-        low, high = table[of].bounds(level, value, deviation, outside, floor)
+        low, high = table[of].bounds(level, value, deviation, outside, floor, stated=more)
         if of == "force" and "shear_force" in table:
             # pressure only adds up, so that its sum is biased where that of shear is not
-            sides = table["shear_force"].bounds(level, value, deviation, outside, floor, away=True)
+            sides = table["shear_force"].bounds(level, value, deviation, outside, floor, stated=more, away=True)
             for side, shear in zip((low, high), sides):
                 side[..., :-1] = shear[..., :-1]
         if touch.converged is not None and not touch.converged.all():
             # what an iteration still had to go may be to either side
             ended = touch.converged.reshape((*touch.converged.shape, *(1,) * (low.ndim - touch.converged.ndim)))
-            whole = replace(table[of], shift=0.0).bounds(level, value, deviation, outside, floor)
+            whole = replace(table[of], shift=0.0).bounds(level, value, deviation, outside, floor, stated=more)
             low, high = np.where(ended, low, whole[0]), np.where(ended, high, whole[1])
         if touch.pushing is not None and not touch.pushing.all():
             # traction of either sign is neither biased, as pressure that only adds up is, nor bounded by zero
             both = ~touch.pushing & ~pulls
             free = both.reshape((*both.shape, *(1,) * (low.ndim - both.ndim)))
-            either = replace(table[of], shift=0.0).bounds(level, value, deviation, outside, np.asarray(-math.inf))
+            either = replace(table[of], shift=0.0).bounds(
+                level, value, deviation, outside, np.asarray(-math.inf), stated=more
+            )
             low, high = np.where(free, either[0], low), np.where(free, either[1], high)
         if touch.touching is not None and not touch.touching.all():
             # an empty frame's error is that of what would not show: nothing was found that could be biased, and a pull would not show either
             empty = ~touch.touching.reshape((*touch.touching.shape, *(1,) * (low.ndim - touch.touching.ndim)))
-            plain = Calibration().bounds(level, value, deviation, outside, np.asarray(-math.inf))
+            plain = Calibration().bounds(level, value, deviation, outside, np.asarray(-math.inf), stated=more)
             low, high = np.where(empty, plain[0], low), np.where(empty, plain[1], high)
         if mirrored:
             low, high = np.where(turned, -high, low), np.where(turned, -low, high)
@@ -147,6 +150,8 @@ def exceeds(touch: Touch, limit: float, of: str) -> Floats:
         value, deviation, outside, _ = uncalibrated(touch, known, of)
         if of == "force":
             value, deviation, outside = value[..., -1], deviation[..., -1], outside[..., -1]
+        more = named(touch, of)
+        outside = np.hypot(outside, more if of != "force" or touch.stated is None else np.asarray(more)[..., -1])
         table = known.quantities[of]
         found = table.above(limit, value, deviation, outside)
         if touch.converged is not None and not touch.converged.all():
@@ -179,7 +184,17 @@ def uncalibrated(
     return value, deviation, np.zeros_like(deviation), none
 
 
-def _slip(touch: Touch, found: Errors, friction: float) -> tuple[Floats, Floats]:
+def named(touch: Touch, of: str, friction: float | None = None) -> Floats | float:
+    """What a linear estimate owes to a pad that is not known exactly (standard deviation of a quantity): no constant of the method scales it."""
+    if touch.stated is None:
+        return 0.0
+    if of == "slip_margin":
+        return _slip(touch, touch.stated, float(friction or 0.0))[1]
+    name = {"center_of_pressure": "center", "peak_pressure": "peak"}.get(of, of)
+    return np.asarray(getattr(touch.stated, name))
+
+
+def _slip(touch: Touch, found: Errors | Stated, friction: float) -> tuple[Floats, Floats]:
     """Slip margin and its standard deviation, that of mu p - |q| in the cell that is nearest to slip."""
     value = to_numpy(touch.slip_margin(friction))
     values, d = to_numpy(touch.values), touch.surface.dimensions

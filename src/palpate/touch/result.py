@@ -15,7 +15,7 @@ from palpate._arrays import from_numpy, is_numpy, namespace, to_numpy
 from palpate._batches import freeze, per_frame, per_frame_fields, rebuilt
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.inverse.estimate import Errors
+from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.grids import Grid
 from palpate.sensing.view import View
 from palpate.status import Status
@@ -61,6 +61,8 @@ class Touch(Numbers):
         Time of each frame [s].
     errors : Errors or None
         Standard deviations in closed form, as the model gives them; `std` and `interval` put them to use.
+    stated : Stated or None
+        Standard deviations that a linear estimate owes to what was named as not known exactly (`palpate.Uncertainty`).
     converged : array (*batch) of bool or None
         Whether the optimisation reached its tolerance.
     touching : array (*batch) of bool or None
@@ -155,6 +157,7 @@ class Touch(Numbers):
     case: Case | None = None
     friction: float | None = None
     view: View | None = None
+    stated: Stated | None = field(default=None, metadata=per_frame())
 
     def __post_init__(self) -> None:
         expected = (len(self.surface.components), *self.surface.shape)

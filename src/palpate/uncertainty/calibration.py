@@ -90,10 +90,19 @@ class Calibration:
         return np.asarray(np.where(np.isfinite(size + value), chance, np.nan), dtype=np.float64)
 
     def bounds(
-        self, level: float, value: Floats, std: Floats, outside: Floats, floor: Floats, *, away: bool = False
+        self,
+        level: float,
+        value: Floats,
+        std: Floats,
+        outside: Floats,
+        floor: Floats,
+        *,
+        stated: Floats | float = 0.0,
+        away: bool = False,
     ) -> tuple[Floats, Floats]:
-        """Ends of the central interval, none below ``floor``; with ``away`` the shift is away from zero."""
-        half = self._quantile(0.5 * (1.0 + level)) * np.hypot(self.scale * std, outside)
+        """Ends of the central interval, none below ``floor``; ``stated`` is a normal deviation by itself; with ``away`` the shift is away from zero."""
+        half = self.quantile(level) * np.hypot(self.scale * std, outside)
+        half = np.hypot(half, Calibration().quantile(level) * stated)
         middle = value + std * (self.shift * np.sign(value) if away else self.shift)
         return np.maximum(middle - half, floor), np.maximum(middle + half, floor)
 

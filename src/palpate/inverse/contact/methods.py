@@ -17,6 +17,7 @@ from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors, Estimate, batch_of
 from palpate.inverse.linear.matrix_free.path import Linear
 from palpate.inverse.linear.methods import Tikhonov
+from palpate.inverse.linear.stated import among
 from palpate.inverse.method import Method, Needs, Prepared, count, number
 from palpate.inverse.problem import Problem
 
@@ -222,6 +223,7 @@ def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> E
         said=other.said,
         residual=filled(found.residual, other.residual),
         errors=errors,
+        stated=among(other.stated, pulls),
         outliers=outliers,
         converged=None if found.converged is None else filled(found.converged | pulls, other.converged, True),
         contact=None if found.contact is None else found.contact | pulls,

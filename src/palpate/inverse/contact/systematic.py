@@ -124,8 +124,7 @@ def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Run, 
         if one is None:
             continue
         z = posterior_factor(one.solution, columns.T @ one.data.matrix)
-        precision = _told(columns, z) + np.eye(columns.shape[1])
-        more = z @ np.linalg.cholesky(np.linalg.inv(precision)) / STATED
+        more = z @ _untold(columns, z, np.ones(columns.shape[1])) / STATED
         if one is (model.contact or model):
             total = np.zeros(one.solution.traction.shape)
             total[-1] = one.level.grid.cell
@@ -149,8 +148,8 @@ def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float]
         way[i] = t[-1]
     seen = np.stack([matrix @ way.ravel() for way in ways], axis=1)
     z = posterior_factor(model.solution, seen.T @ matrix)
-    covariance = np.linalg.inv(_told(seen, z) + np.diag(1.0 / np.asarray(variances)))
-    size = covariance @ (seen.T @ (y - matrix @ t.ravel()))
+    root = _untold(seen, z, np.sqrt(np.asarray(variances)))
+    size = root @ root.T @ (seen.T @ (y - matrix @ t.ravel()))
     short = posterior_factor(model.solution, np.stack([model.penalty.product(way).ravel() for way in ways]))
     face, factor = face_of(model.solution)
     change = np.zeros(t.size)
@@ -159,15 +158,16 @@ def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float]
     if not pulls:
         found[-1] = np.maximum(found[-1], 0.0)
     model.solution = replace(model.solution, traction=found)
-    return np.asarray(short @ np.linalg.cholesky(covariance))
+    return np.asarray(short @ root)
 
 
-def _told(seen: Floats, z: Floats) -> Floats:
-    """S = B'B - Z'Z, what readings tell of unknowns besides the contact. Of readings far beyond the noise (a converter at its end) rounding may leave
-    directions below zero: of these they tell nothing.
+def _untold(seen: Floats, z: Floats, prior: Floats) -> Floats:
+    """K with K K' = (S + D^-2)^-1, what readings do not tell of unknowns besides the contact: S = B'B - Z'Z is what they tell, D the ``prior``
+    deviations. Of readings far beyond the noise (a converter at its end) rounding may leave directions of S below zero: of these they tell nothing.
     """
-    values, vectors = np.linalg.eigh(seen.T @ seen - z.T @ z)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+    b, c = seen * prior, z * prior
+    values, vectors = np.linalg.eigh(b.T @ b - c.T @ c)
+    return np.asarray(prior[:, None] * vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
 
 
 def owe(model: ContactModel, columns: Floats, prior: Floats, gains: Floats) -> None:

@@ -37,7 +37,18 @@ from palpate.inverse.linear.parameter import Filter, amplitude
 from palpate.inverse.linear.spectrum import Spectrum
 from palpate.sensing.grids import Grid
 
-__all__ = ["FINEST", "PATTERN", "UNEXPLAINED", "LinearErrors", "Source", "Uncertainty", "Variances", "unexplained"]
+__all__ = [
+    "FINEST",
+    "PATTERN",
+    "UNEXPLAINED",
+    "LinearErrors",
+    "Source",
+    "Uncertainty",
+    "Variances",
+    "center_rows",
+    "moment_rows",
+    "unexplained",
+]
 
 #: No pad and no grid is known better than this part of the net force: the least error of it that is assumed. A convention, which
 #: matters only where noise is less than that.
@@ -66,6 +77,30 @@ def finest(spectrum: Spectrum, power: Floats) -> Floats:
     counts = spectrum.multiplicity[order]
     least = np.cumsum(counts) <= max(FINEST * counts.sum(), counts[0])
     return np.asarray((power[:, order] * counts * least).sum(axis=1) / np.maximum((counts * least).sum(), 1.0))
+
+
+def moment_rows(grid: Grid) -> Floats:
+    """The moments as sums over cells (moment, component, *surface)."""
+    d, cell = grid.dimensions, grid.cell
+    places = np.meshgrid(*grid.axes, indexing="ij")[::-1]  # x, then y
+    out = np.zeros((1 if d == 1 else 3, d + 1, *grid.shape))
+    if d == 1:
+        out[0, 1] = -places[0] * cell
+    else:
+        x, y = places
+        out[0, 2], out[1, 2] = y * cell, -x * cell
+        out[2, 0], out[2, 1] = -y * cell, x * cell
+    return out
+
+
+def center_rows(grid: Grid, pressure: Floats) -> Floats:
+    """Changes of the centre of pressure with the ``pressure`` of a frame (axis, *surface); 0 where nothing presses."""
+    places = np.stack(np.meshgrid(*grid.axes, indexing="ij")[::-1])
+    inside = np.where((pressure > CONTACT * pressure.max()) & (pressure.max() > 0), pressure, 0.0)
+    total = inside.sum()
+    if not total > 0:
+        return np.zeros_like(places)
+    return np.stack([(inside > 0) * (x - (x * inside).sum() / total) / total for x in places])
 
 
 class Variances:
@@ -103,16 +138,7 @@ class Variances:
     @cached_property
     def moment_rows(self) -> Floats:
         """The moments as sums over cells (moment, component sought, *surface)."""
-        d, cell = self.grid.dimensions, self.grid.cell
-        places = np.meshgrid(*self.grid.axes, indexing="ij")[::-1]  # x, then y
-        whole = np.zeros((1 if d == 1 else 3, d + 1, *self.grid.shape))
-        if d == 1:
-            whole[0, 1] = -places[0] * cell
-        else:
-            x, y = places
-            whole[0, 2], whole[1, 2] = y * cell, -x * cell
-            whole[2, 0], whole[2, 1] = -y * cell, x * cell
-        return whole[:, list(self.columns)]
+        return moment_rows(self.grid)[:, list(self.columns)]
 
     @cached_property
     def moment(self) -> tuple[Floats, Floats]:
@@ -296,11 +322,7 @@ class Source:
         pressure = self._all[:, -1]
         rows = np.zeros((self._count, len(self._places), len(self.variances.columns), *self.variances.grid.shape))
         for i, p in enumerate(pressure):
-            inside = np.where((p > CONTACT * p.max()) & (p.max() > 0), p, 0.0)
-            total = inside.sum()
-            if total > 0:
-                for a, x in enumerate(self._places):
-                    rows[i, a, -1] = (inside > 0) * (x - (x * inside).sum() / total) / total
+            rows[i, :, -1] = center_rows(self.variances.grid, p)
         return rows
 
     def peak(self) -> Floats:

@@ -169,6 +169,13 @@ class Regularised:
             said=tuple(said),
         )
 
+    def again(self, readings: Sequence[Floats], parameter: Floats) -> Floats:
+        """Traction (frame, component, *surface) of readings (frame, channel, *array) per plane, with a parameter (frame,) each and nothing taken out."""
+        coefficients, values = self.spectrum.project(readings), self.spectrum.eigenvalues
+        phi = self.filter(values[None, :], parameter[:, None])
+        gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
+        return np.asarray(self.spectrum.solve(coefficients * gain))
+
     def _floor(self, readings: Sequence[Any], frames: int) -> Floats:
         """Least noise variance of each frame (frame,), relative to the whitening."""
         largest: Any = np.zeros(frames)

@@ -12,6 +12,7 @@ from palpate.inverse.linear.memory import block_size
 from palpate.inverse.linear.parameter import Filter, tikhonov
 from palpate.inverse.linear.priors import DifferencePrior, Prior
 from palpate.inverse.linear.regularised import Decomposition, Regularised
+from palpate.inverse.linear.stated import InDoubt
 from palpate.inverse.problem import Problem
 from palpate.sensing.operator import LARGEST_MATRIX
 
@@ -25,7 +26,7 @@ __all__ = [
     "matrix_free",
 ]
 
-Linear = Regularised | MatrixFree
+Linear = Regularised | MatrixFree | InDoubt
 #: What methods that know contact start from.
 LinearModel = Decomposition | LinearAtSize
 
@@ -43,6 +44,14 @@ def linear_method(
     absolute: bool = False,
 ) -> Linear:
     """The method prepared for a problem, with one prior for each component sought."""
+    linear = _alone(problem, priors, filter_factors, parameter, absolute)
+    return InDoubt(linear, problem) if problem.uncertainty.any else linear
+
+
+def _alone(
+    problem: Problem, priors: Sequence[Prior], filter_factors: Filter, parameter: float | str, absolute: bool
+) -> Regularised | MatrixFree:
+    """The method, of a pad that is taken as it is described."""
     if matrix_free(problem, filter_factors, priors):
         check_system(problem.pad, problem.planes, problem.surface, len(problem.columns))
         key = ("matrix-free system", False, problem.columns, tuple(p.key for p in priors))

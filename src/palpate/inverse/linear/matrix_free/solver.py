@@ -144,6 +144,17 @@ class MatrixFree:
             "deviations": None if removed is None else removed.deviations,
         }
 
+    def again(self, readings: Sequence[Floats], parameter: Floats) -> Floats:
+        """Traction (frame, component, *surface) of readings (frame, channel, *array) per plane, with a parameter (frame,) each and nothing taken out."""
+        out = np.zeros((len(parameter), len(self.grid.components), *self.grid.shape))
+        together = max(1, TOGETHER // self.system.normal.total)
+        for i in range(0, len(parameter), together):
+            part = slice(i, i + together)
+            rows = self.system.normal.rows([r[part] for r in readings])
+            solved = self.system.solve(rows, parameter[part], tolerance=ENOUGH, most=MOST)
+            out[part, list(self.system.columns)] = self.system.traction(solved)
+        return out
+
     def _floor(self, readings: Sequence[Floats]) -> Floats:
         """Least noise variance of each frame (frame,), relative to the whitening."""
         largest: Any = np.zeros(len(readings[0]))

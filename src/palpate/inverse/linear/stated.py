@@ -1,0 +1,110 @@
+"""What linear methods owe to a pad, depths and gains that are not known exactly, by the delta method.
+
+An estimate t = K y of fixed parameter, with readings y = A(theta) t: where theta is off by d, it is off by K (dA/dtheta t) d to first order. What all
+readings share (modulus, depth, thickness) is one direction each; gains, of each reading by itself, are as many directions as there are readings, or
+`SKETCHES` sums of them with random signs, whose squares add up to the same on average. Where every reading is proportional to the modulus, so is
+the traction itself.
+
+This stands beside the closed-form errors and not in them: the constants of a method correct what its prior makes of noise, and know nothing of the pad.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import to_numpy
+from palpate.elastic.pad import Floats
+from palpate.inverse.estimate import Estimate, Stated
+from palpate.inverse.linear.matrix_free.solver import MatrixFree
+from palpate.inverse.linear.posterior import center_rows, moment_rows
+from palpate.inverse.linear.regularised import Regularised
+from palpate.inverse.linear.whitening import Readings
+from palpate.inverse.problem import Problem
+from palpate.sensing.grids import Grid
+from palpate.sensing.uncertainty import scale_free
+
+__all__ = ["InDoubt", "among"]
+
+#: Sums of gain errors with random signs; the standard deviations they give are known to 1/sqrt(2 SKETCHES), 9 %.
+SKETCHES = 64
+
+
+class InDoubt:
+    """A linear method whose estimates say what they owe to the problem's `palpate.Uncertainty`."""
+
+    def __init__(self, linear: Regularised | MatrixFree, problem: Problem) -> None:
+        self.linear, self.problem, self.grid = linear, problem, linear.grid
+        self.readings = Readings(linear.operator, linear.scales)
+
+    def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
+        """As the method itself."""
+        found = self.linear.solve(readings, rng)
+        if found.parameter is None:
+            raise RuntimeError("a linear method names its parameter")
+        batch = np.shape(found.parameter)
+        traction = to_numpy(found.traction).astype(np.float64).reshape(-1, len(self.grid.components), *self.grid.shape)
+        flat = [to_numpy(r).astype(np.float64).reshape(-1, *r.shape[len(batch) :]) for r in readings]
+        frames = [
+            deviations(self._directions([r[i] for r in flat], t, float(lam)), t, self.grid)
+            for i, (t, lam) in enumerate(zip(traction, np.reshape(found.parameter, -1)))
+        ]
+        joined = {f.name: np.stack([getattr(one, f.name) for one in frames]) for f in fields(Stated)}
+        return replace(found, stated=Stated(**{n: v.reshape((*batch, *v.shape[1:])) for n, v in joined.items()}))
+
+    def _directions(self, readings: list[Floats], traction: Floats, parameter: float) -> Floats:
+        """What the estimate is off by (direction, component, *surface), one standard deviation each."""
+        known, out = self.problem.uncertainty, []
+        columns, size = self.problem.doubtful(traction)
+        if known.youngs_modulus and scale_free(self.problem.planes).all():
+            out.append(known.youngs_modulus * traction[None])
+            columns, size = columns[:, 1:], size[1:]
+        rows = list((columns * size).T)
+        if known.gain:
+            off = known.gain * self.readings.flat(readings)
+            signs = np.eye(len(off))
+            if len(off) > SKETCHES:
+                signs = np.random.default_rng(0).choice([-1.0, 1.0], (SKETCHES, len(off))) / math.sqrt(SKETCHES)
+            rows.extend(signs * off)
+        if rows:
+            planes = [np.stack(each) for each in zip(*(self.readings.planes(row) for row in rows))]
+            out.append(self.linear.again(planes, np.full(len(rows), parameter)))
+        return np.concatenate(out) if out else np.zeros((1, *traction.shape))
+
+
+def deviations(directions: Floats, traction: Floats, grid: Grid) -> Stated:
+    """Standard deviations of a frame's quantities from what its ``traction`` (component, *surface) is off by."""
+
+    def size(values: Floats) -> Floats:
+        return np.asarray(np.sqrt((values**2).sum(axis=0)))
+
+    d = grid.dimensions
+    every = tuple(range(-d, 0))
+    pressure = traction[-1]
+    moments = np.tensordot(directions, moment_rows(grid), (range(1, d + 2), range(1, d + 2)))
+    centers = np.tensordot(directions[:, -1], center_rows(grid, pressure), (range(1, d + 1), range(1, d + 1)))
+    return Stated(
+        traction=size(directions),
+        force=size(grid.cell * directions.sum(axis=every)),
+        moment=size(moments),
+        center=size(centers),
+        peak=size(directions[:, -1].reshape(len(directions), -1)[:, int(np.argmax(pressure))]),
+    )
+
+
+def among(part: Stated | None, where: npt.NDArray[np.bool_]) -> Stated | None:
+    """Those of a batch whose frames ``where`` are those of ``part``; zero elsewhere."""
+    if part is None:
+        return None
+    out = {}
+    for f in fields(Stated):
+        value = getattr(part, f.name)
+        whole = np.zeros((*where.shape, *value.shape[1:]))
+        whole[where] = value
+        out[f.name] = whole
+    return Stated(**out)
