@@ -21,7 +21,9 @@ import messages
 #: Lists that carry notes to the user.
 LISTS = frozenset({"notes", "said", "_said", "remarks", "remark", "_assumptions", "doubts"})
 #: Functions that return notes.
-RETURNS = frozenset({"notes", "remarks", "assumptions", "said_of", "_said", "_doubts", "_note", "calibration_note"})
+RETURNS = frozenset(
+    {"notes", "_unfinished", "remarks", "assumptions", "said_of", "_said", "_doubts", "_note", "calibration_note"}
+)
 #: Calls that say something at once: methods of sessions and listeners, warnings, and the shell's way to say things beside its answer.
 CALLS = frozenset({"note", "report", "_report", "_say", "warn", "_warn"})
 #: Modules whose notes lie in a list of another name; and names that are used there for what a message says.
@@ -39,7 +41,7 @@ CLASSES = {
 }
 #: Notes that are held in a constant.
 NAMED = {
-    "sensing.zero": ("OFFSETS", "STANDS"),
+    "sensing.zero": ("MOVED", "OFFSETS", "STANDS"),
     "tracking.tracker": ("MISREAD",),
     "microscopy.readers": ("_SCATTERED",),
     "camera.pictures": ("DAMAGED",),

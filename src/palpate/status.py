@@ -46,7 +46,7 @@ class Status(enum.IntEnum):
         3,
         "not converged",
         "the iteration stopped before it reached its tolerance",
-        "allow more time (a larger budget), or a looser tolerance",
+        "the note beside it says what helps on this very frame",
     )
     NOT_PUSHING = (
         4,

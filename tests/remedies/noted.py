@@ -200,6 +200,44 @@ REST = [0.0] * 8
 MISSING = np.full((1, 2, 15), np.nan)
 
 
+def few_steps(*loads: float, **how: Any) -> list[pp.Touch]:
+    """A tracker whose iteration may take few steps."""
+    from unittest import mock
+
+    from palpate.tracking import iteration
+
+    with mock.patch.object(iteration, "ITERATIONS", 15):
+        return tracked(readings(0.0, 0.0, *loads), **how)
+
+
+def impatient(method: str) -> pp.Touch:
+    """Contact that only pushes, found by an iteration that gives up at once."""
+    from unittest import mock
+
+    from palpate.inverse.contact import cone
+
+    with mock.patch.multiple(cone, PATIENCE=-1, RESCUES=0):
+        return one_frame(readings(1.0)[0], method=method)
+
+
+def network(**how: Any) -> pp.Touch:
+    """A ball of 1 N, 1 % noise, by a network whose smoothness hardly counts, or by another way."""
+    channels = ["stress_xz", "stress_yz", "stress_zz"]
+    skin = pp.Skin(PAD, pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=1e-3, channels=channels))
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(radius=2e-3, force=1.0)))
+    return skin.reconstruct(
+        clean + 0.01 * np.abs(clean).max() * np.random.default_rng(0).standard_normal(clean.shape), **how
+    )
+
+
+def anew() -> pp.Touch:
+    """A zero that a finger spoilt, taken anew when the finger has gone."""
+    tracker = line()[0].track(baseline=12)
+    tracked(wandering(), tracker=tracker)
+    tracker.rezero()
+    return tracked(readings(*[0.0] * 10, 1.0, seed=1), tracker=tracker, begin=1.0)[-1]
+
+
 def rezeroed(drifted: bool) -> list[pp.Touch]:
     """A zero that has moved like a light press for 80 s, the new zero where nothing touches, and a press."""
     tracker, off = line()[0].track(baseline=0, rezero=None), 0.3 * line()[1]

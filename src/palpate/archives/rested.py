@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.sensing.zero import far_frames, zero_of
+from palpate.sensing.zero import far_frames, moved, zero_of
 from palpate.touch import Touch, joined
 
 if TYPE_CHECKING:
@@ -23,8 +23,6 @@ FRAMES_FOR_NOISE = 5
 LIKELY = 4.0
 #: ... and none of them is so many times the noise.
 FARTHEST = 5.0
-#: Readings that wander so many times as far as they differ from frame to frame drift, or something touches.
-WANDERING = 2.0
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,7 @@ class Rest:
     noise : array (channel,) or None
         Standard deviation of one frame less the zero, of each channel; None where they do not tell it.
     wanders : bool
-        Whether they drift or move by more than that noise.
+        Whether they drift, or something begins to touch (`palpate.sensing.zero.moved`).
 
     Examples
     --------
@@ -64,10 +62,10 @@ class Rest:
         if len(kept) < FRAMES_FOR_NOISE:
             return cls(zero, None, False)
         steps = np.sqrt(np.nanmean(np.diff(kept, axis=0) ** 2, axis=(0, 2)) / 2.0)
-        spread = np.sqrt(np.nanmean((kept - np.nanmean(kept, axis=0)) ** 2, axis=(0, 2)))
         known = bool(np.isfinite(steps).all() and (steps > 0).all())
         noise = steps * np.sqrt(1.0 + 1.0 / len(kept)) if known else None
-        return cls(zero, noise, known and bool((spread > WANDERING * steps).any()))
+        index = np.repeat(np.arange(flat.shape[1]), flat.shape[2])
+        return cls(zero, noise, moved(flat.reshape(len(flat), -1), index))
 
     def quiet(self, readings: Floats) -> Any:
         """Which frames, less the zero, are at rest: nothing but noise."""

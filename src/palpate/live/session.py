@@ -26,7 +26,7 @@ from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import Event, GraspMonitor
 from palpate.network.waiting import FrameSource
 from palpate.recordings import Sink, recorder
-from palpate.sensing.zero import STANDS
+from palpate.sensing.zero import MOVED, STANDS
 from palpate.skin import Skin
 from palpate.status import Status
 from palpate.touch import Touch
@@ -173,6 +173,7 @@ class Session:
         self._recorder: Sink | None = None
         self.recording: str | None = None
         self._stands = False  # said once
+        self._moved = False  # of the zero that is used now
         self._zero_from = 0  # frames that a new zero is wanted from
 
     def start(self) -> None:
@@ -359,9 +360,7 @@ class Session:
             self.note(f"{time:.3f} s  the zero is taken anew from {wanted} frames: nothing must touch")
         touch = (self.tracker.step if self._step is None else self._step)(reading, time)
         events = self.monitor.update(touch) if "z" in touch.components else []
-        if STANDS in touch.notes and not self._stands:
-            self._stands = True
-            self.note(f"{time:.3f} s  {STANDS}")
+        self._doubt_the_zero(touch, time)
         packet = self._packed(touch, events, born) if self._pages else None
         with self._lock:
             self._remember([str(e) for e in events])
@@ -381,6 +380,16 @@ class Session:
                 self.history.append({k: numbers[k] for k in TRAIL if k in numbers})
         self.count += 1
         self._notify()
+
+    def _doubt_the_zero(self, touch: Touch, time: float) -> None:
+        """Says once that readings stand far from 0, and once for each zero that its frames moved."""
+        if STANDS in touch.notes and not self._stands:
+            self._stands = True
+            self.note(f"{time:.3f} s  {STANDS}")
+        if (MOVED in touch.notes) is not self._moved:
+            self._moved = not self._moved
+            if self._moved:
+                self.note(f"{time:.3f} s  {MOVED}")
 
     def _packed(self, touch: Touch, events: Iterable[Event], born: float) -> bytes:
         """One packet for the pages."""

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
-__all__ = ["FRAMES", "OFFSETS", "STANDS", "STILL", "Levels", "far_frames", "zero_of"]
+__all__ = ["FRAMES", "MOVED", "OFFSETS", "STANDS", "STILL", "Levels", "far_frames", "moved", "zero_of"]
 
 #: A frame that is so many times as far from the median of the frames as half of them are is no zero: a glitch, or a touch. (Noise: up to
 #: 1.5 times, of twenty readings; a drift in the meantime: twice.)
@@ -36,6 +36,62 @@ STANDS = (
     "nothing touches in the first frames, make these the zero, such as the first ten with --baseline 10 (baseline=10); or take it anew while nothing touches (Z on "
     "the page, Tracker.rezero)"
 )
+#: Frames that tell whether those of a zero move.
+FRAMES_THAT_MOVE = 5
+#: They do where the mean of the later half of one reading is so many standard deviations from that of the earlier half, ...
+ONE_MOVED = 7.0
+#: ... or those of all readings of a channel together, as a mean square, and by ...
+MANY_MOVED = 4.0
+#: ... so many standard deviations of that mean, ...
+SURE = 4.0
+#: ... and by more than so many of the smallest steps that are seen: counts toggle by one.
+COUNTS = 2.0
+#: What is then said.
+MOVED = (
+    "the readings move while the zero is taken, by more than their noise: something touches, or they drift, and every force is then off by it. Give fewer frames "
+    "(baseline=, --baseline), or take the zero anew while nothing touches (Z on the page, Tracker.rezero)"
+)
+
+
+def moved(frames: Floats, index: Any) -> bool:
+    """Whether ``frames`` (frame, reading), those of a zero, drift or begin to be touched; ``index`` (reading,) is the channel of each reading.
+
+    The mean of the later half is compared with that of the earlier half, in units of the noise that neighbouring frames tell: noise that is the same
+    from frame to frame cancels, and a trend does not. Of fewer than five frames nothing is said.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.sensing.zero import moved
+    >>> rest = 500.0 + np.random.default_rng(0).standard_normal((12, 48))
+    >>> finger = np.maximum(np.arange(12.0) - 5.0, 0.0)[:, None] * np.where(np.arange(48) < 6, 1.0, 0.0)
+    >>> moved(rest, np.zeros(48)), moved(rest + finger, np.zeros(48))
+    (False, True)
+    """
+    frames, index = np.asarray(frames, dtype=np.float64), np.asarray(index)
+    kept = frames[~far_frames(frames)]
+    if len(kept) < FRAMES_THAT_MOVE:
+        return False
+    known = np.isfinite(kept).all(axis=0)
+    kept, index = kept[:, known], index[known]
+    half = len(kept) // 2
+    steps = np.diff(kept, axis=0)
+    shift = np.abs(kept[-half:].mean(axis=0) - kept[:half].mean(axis=0))
+    of_one = (steps**2).mean(axis=0) / 2.0
+    for channel in np.unique(index):
+        mine = index == channel
+        sizes = np.abs(steps[:, mine])
+        least = float(sizes.min(initial=math.inf, where=sizes > 0))
+        # a reading noisier than its channel goes by its own noise, one that is quiet by chance by that of all
+        std = np.sqrt(np.maximum(of_one[mine], of_one[mine].mean()) * 2.0 / half)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = np.where(shift[mine] > COUNTS * least, shift[mine] / std, 0.0)
+        z = np.nan_to_num(z)
+        count = len(z)
+        together = max(MANY_MOVED, 1.0 + SURE * math.sqrt(2.0 / count) + SURE**2 / count)
+        if z.max() > ONE_MOVED or float((z**2).mean()) > together:
+            return True
+    return False
 
 
 def zero_of(frames: Floats) -> Floats:

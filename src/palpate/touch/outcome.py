@@ -179,14 +179,16 @@ class Outcome:
             status = Status.coded(code)
             if status in (Status.SOLVED, Status.NOT_PUSHING):
                 continue
-            remedy = f"; {status.remedy}" if status.remedy and not self.batch else ""
+            # what did not converge says itself what helps: a tracker, a rule and a constrained method need something different
+            own = status is Status.NOT_CONVERGED
+            remedy = f"; {status.remedy}" if status.remedy and not self.batch and not own else ""
             said.append(f"{status.label}{some(count)}: {status.meaning}{remedy}")
         if self.pulls:
             said.append(f"the readings pull as a whole{some(self.pulls)}: adhesion, or a wrong sign of the readings?")
         for count, what in (
             (self.linear, "; the linear method was used"),
             (self.rims, "; pull about it was sought too"),
-            (self.unexplained, '; method="tikhonov" assumes nothing of the kind'),
+            (self.unexplained, f"; {Status.NOT_PUSHING.remedy}"),
         ):
             if count:
                 said.append(

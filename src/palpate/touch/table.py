@@ -27,8 +27,6 @@ __all__ = ["Forces", "columns", "table_of", "table_words", "write_table"]
 
 #: Rows of a table that is printed.
 PRINTED = 20
-#: What a tracker says of a frame's status.
-_STATUS = {f"{s.meaning}; {s.remedy}" for s in Status}
 #: Axes of what has one number for each, by the dimensions of the surface.
 _AXES = {"force": {1: ("x", "z"), 2: ("x", "y", "z")}, "moment": {1: ("y",), 2: ("x", "y", "z")}}
 
@@ -144,8 +142,7 @@ class Forces:
         found = Outcome.of(touch)
         self._outcome = found if self._outcome is None else self._outcome + found
         for note in touch.assumptions:
-            if note not in _STATUS:  # said with the status
-                self._said[note] = self._said.get(note, 0) + len(part["status"])
+            self._said[note] = self._said.get(note, 0) + len(part["status"])
         count = len(part["status"])
         self._events += ["; ".join(map(_short, events)), *[""] * (count - 1)]
 

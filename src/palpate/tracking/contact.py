@@ -150,6 +150,11 @@ class Contact:
         return self._solution.traction if self.pushing else self._pulling.traction
 
     @property
+    def exhausted(self) -> bool:
+        """Whether the iteration of this frame ended for its steps, not for its time."""
+        return self._solution.exhausted
+
+    @property
     def size(self) -> float:
         """Sum of the magnitudes of pressure, in any unit."""
         return float(np.abs(self._solution.pressure if self.pushing else self._pulling.traction[-1]).sum())

@@ -41,6 +41,7 @@ class Iteration:
             None  # change of traction [Pa] (component, cell) that is still to come, where the iteration did not end
         )
         self._corrected: tuple[Region, Floats, Single, Single] | None = None
+        self.exhausted = False  # whether the last frame ended for its steps, not for its time
         self.product = 0.0  # t'A'y of the last frame
 
     def shared(self, faint: float = 0.0) -> Floats:
@@ -95,6 +96,7 @@ class Iteration:
                 x = x + left @ (right @ b.ravel())
             return np.asarray(x.reshape(shape))
 
+        self.exhausted = False
         x, before, pushed = z, z, u
         for _ in range(ITERATIONS):
             before, pushed = z, u
@@ -110,6 +112,8 @@ class Iteration:
                 break
             if clock.perf_counter() > deadline:
                 break
+        else:
+            self.exhausted = True
         self.z, self.u, self.missing = z, u, None
         if not converged:
             # -(H + rho)^-1 (H z - h + rho u), with (H + rho) x = h + rho (z - u) of the step before

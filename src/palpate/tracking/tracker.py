@@ -22,7 +22,7 @@ from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors
 from palpate.sensing.readings import Layout
-from palpate.sensing.zero import STANDS
+from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.tracking.background import Background
@@ -189,7 +189,7 @@ class Tracker:
         self._check = ReadingCheck(self.health, self._limits)
         self._standing = Standing()
         self._times = FrameTimes(self.rate)
-        self._zero = Zero(self._given_zero, self._zero_frames, self.drift_time)
+        self._zero = Zero(self._given_zero, self._zero_frames, self.drift_time, self._offsets.index)
         self._learning = Learning(estimator)
         self._equations.reset()
         self._background.forget()
@@ -279,7 +279,8 @@ class Tracker:
             raise InvalidInput(f"a tracker of {len(other._std)} readings has no zero for one of {len(self._std)}.")
         if other._zero.capturing or other._zero.baseline is None:
             return False
-        self._zero = Zero(other._zero.baseline * other._std / self._std, 0, self.drift_time)
+        self._zero = Zero(other._zero.baseline * other._std / self._std, 0, self.drift_time, self._offsets.index)
+        self._zero.moved = other._zero.moved
         return True
 
     # -- one frame -----------------------------------------------------------------------------------------------------
@@ -378,9 +379,13 @@ class Tracker:
         if zero.baseline is None or zero.capturing:
             self._standing = Standing()
             learning.take_noise(zero.capture(scaled))
+            if zero.moved and not zero.capturing:
+                self._said.append(MOVED)
             return Status.CAPTURING_ZERO, True
         if known is not None:
             learning.state(known)
+        if zero.moved:
+            self._said.append(MOVED)
         follows = self.drift_time is not None
         of_zero = math.sqrt(1.0 + zero.variance)
         if follows and self._touching:
@@ -441,6 +446,15 @@ class Tracker:
         if not (contact.pushing and contact.fits):
             return self._unless_frozen(Status.NOT_PUSHING), converged
         return self._unless_frozen(Status.SOLVED if converged else Status.NOT_CONVERGED), converged
+
+    def _unfinished(self) -> str:
+        """What helps where the iteration did not end."""
+        if self.budget is not None and not self._contact.exhausted:
+            return f"the time of this frame ended the iteration: give it more, with a budget larger than {self.budget:.3g} s"
+        return (
+            f"the steps of this frame ended the iteration: the next frame goes on from here, and a tolerance looser than {self.tolerance:.3g} "
+            "(tolerance=) ends it earlier"
+        )
 
     def _could_be_none(self, offsets: Floats, unused: Flags, highest: float, noise: float) -> bool:
         """Whether these offsets (channel,), put back, might leave no contact."""
@@ -577,8 +591,8 @@ class Tracker:
         said = [*([] if note is None else [note]), *self._said]
         pushing = status is not Status.NOT_PUSHING
         drag = contact.drag if status.known and self._touching else None
-        if status not in (Status.SOLVED, Status.NO_CONTACT):
-            said.append(f"{status.meaning}; {status.remedy}")
+        if status is Status.NOT_CONVERGED:
+            said.append(self._unfinished())
         return Touch(
             from_numpy(values.reshape(-1, *estimator.operator.surface.shape), like),
             grid,

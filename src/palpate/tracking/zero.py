@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.sensing.zero import far_frames
+from palpate.sensing.zero import far_frames, moved
 from palpate.tracking.health import Flags
 from palpate.tracking.search import TAKEN
 
@@ -17,22 +18,26 @@ __all__ = ["Zero"]
 FRAMES_FOR_NOISE = 5
 #: Largest part of the time constant that one frame counts for, however long the pause before it: ten frames must agree on a new zero.
 ONE_FRAME = 0.1
+#: Part of a zero whose frames moved that is left of it when that is no longer said.
+FORGOTTEN = 0.05
 
 
 class Zero:
     """Baseline of whitened readings.
 
     ``baseline`` is the zero itself, or None: then it is the mean of the first ``frames`` frames. ``time_constant`` [s] is that with
-    which it follows drift; None: it does not.
+    which it follows drift; None: it does not. ``index`` is the channel of each reading; ``moved`` tells whether the frames of the zero moved, until
+    it has followed the readings for so long that nothing is left of them.
     """
 
-    def __init__(self, baseline: Floats | None, frames: int, time_constant: float | None) -> None:
+    def __init__(self, baseline: Floats | None, frames: int, time_constant: float | None, index: Any = None) -> None:
         self.baseline = None if baseline is None else baseline.copy()
         self.time_constant = time_constant
         self._frames = frames
         self._captured: list[Floats] = []
         self.variance = 0.0  # of the zero, in units of the noise's
         self._only: Flags | None = None  # readings whose zero is captured again
+        self.moved, self._index, self._left = False, index, 1.0
 
     @property
     def capturing(self) -> bool:
@@ -59,6 +64,9 @@ class Zero:
         with np.errstate(invalid="ignore"):
             good = np.isfinite(frames)
             far = far_frames(np.where(good, frames, math.nan))
+            index = np.zeros(frames.shape[1]) if self._index is None else self._index
+            sought = slice(None) if self._only is None else self._only
+            self.moved, self._left = moved(frames[:, sought], index[sought]), 1.0
             good &= ~far[:, None]
             count = np.maximum(good.sum(axis=0), 1)
             mean = np.where(good, frames, 0.0).sum(axis=0) / count
@@ -86,5 +94,7 @@ class Zero:
         # drift is slow: what would be taken for contact in one frame is something else
         change = np.clip(scaled - self.baseline, -TAKEN * noise, TAKEN * noise)
         self.baseline[good] += share * change[good]
+        self._left *= 1.0 - share
+        self.moved = self.moved and self._left > FORGOTTEN
         self.variance = (1.0 - share) ** 2 * self.variance + share**2
         return True

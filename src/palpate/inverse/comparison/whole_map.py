@@ -162,4 +162,15 @@ class WholeMap(abc.ABC):
             converged=converged.reshape(batch),
             settling=settling.reshape(batch) if self.settles else None,
             noise_std=scale[..., None] * np.concatenate(self.linear.scales),
+            said=self._said(converged, batch),
+        )
+
+    def _said(self, converged: Any, batch: tuple[int, ...]) -> tuple[str, ...]:
+        """What helps where the iteration did not end."""
+        if converged.all():
+            return ()
+        where = f" in {np.count_nonzero(~converged)} of {len(converged)} frames" if batch else ""
+        larger = "a larger parameter helps, or " if self.has_parameter else ""
+        return (
+            f'the iteration did not reach its tolerance{where}: the last traction met is given; {larger}method="tikhonov", which has no such iteration',
         )

@@ -115,6 +115,12 @@ def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
         said.append(
             f"small contact or a broken taxel{where(alone)}: one taxel alone tells it, and the others read as where nothing touches"
         )
+    short = sum(not f.converged for f in frames)
+    if short:
+        said.append(
+            f"the iteration did not reach its tolerance{where(short)}: the best traction met is given, and the error bars may be too narrow; "
+            'method="tikhonov" has no such iteration'
+        )
     drifting = sum(f.adrift for f in frames)
     if drifting:
         said.append(
