@@ -97,6 +97,11 @@ INNER = (
     ("inverse.paper.grid", "ask for fewer with components"),
     ("recordings.mapped", "there are no positions"),
     ("archives.run", "there are no frames"),
+    ("camera.render", "a scene has an area for its surface"),
+    ("recordings.formats", "cannot go on after it was broken off"),
+    ("recordings.touchstream", "are not there"),
+    ("recordings.touchstream", "results of different skins cannot be written"),
+    ("recordings.touchstream", "results of different kinds cannot be written"),
     ("sensing.operator", 'methods "dft" and "linear" need a regular array'),
     ("sensing.operator", "not commensurate with the surface grid"),
 )

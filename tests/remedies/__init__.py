@@ -23,6 +23,7 @@ ROOMS = (
     "commands",
     "rest",
     "left",
+    "copies",
 )
 
 

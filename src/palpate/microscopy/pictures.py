@@ -12,6 +12,7 @@ import numpy.typing as npt
 from palpate._extras import missing
 from palpate.camera import grey, is_pictures, open_pictures
 from palpate.errors import InvalidInput
+from palpate.microscopy.packed import unpacks
 from palpate.sensing.view import opencv
 
 __all__ = ["read_pair", "read_picture"]
@@ -50,13 +51,14 @@ def _packed(path: Path) -> list[npt.NDArray[Any]] | None:
     try:
         with tifffile.TiffFile(path) as file:
             plain = all(page.compression == 1 for page in file.pages)
+            good = plain or unpacks(path, file.pages)
     except (tifffile.TiffFileError, OSError, ValueError, AttributeError, IndexError, TypeError) as error:
         raise InvalidInput(
             f"{path}: cannot be read as TIFF ({str(error)[:80]}); it is truncated or damaged."
         ) from error
     if plain:
         return None
-    whole, pages = cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED)
+    whole, pages = cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED) if good else (False, [])
     if not whole or not pages:
         raise InvalidInput(
             f"{path}: cannot be unpacked; it is damaged, or compressed in a way that is not known. Save it without compression."

@@ -69,7 +69,7 @@ def in_place(path: str | Path) -> Iterator[Path]:
 
 def atomically(path: str | Path, write: Callable[[str], None]) -> None:
     """Call ``write`` with the name of an empty file beside ``path``, then move it there; leave nothing on failure (`in_place`)."""
-    if Path(path).is_dir():
+    if os.path.isdir(path):  # that of Path raises where a name is too long
         raise InvalidInput(f"{path} is a folder; give a file name.")
     with in_place(path) as fresh:
         fresh.touch()

@@ -89,9 +89,9 @@ class ZarrStream(Arrays):
         self._list = path.parent / _PIECES
         self._arrays: dict[str, Any] = {}
         if resume and self._list.exists():
-            self._apart(lambda: self._go_on(run))
+            self._written(lambda: self._go_on(run))
         else:
-            self._apart(lambda: self._fresh(run))
+            self._written(lambda: self._fresh(run))
 
     def _fresh(self, run: Mapping[str, Any]) -> None:
         folder = self.path.parent
