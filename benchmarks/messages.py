@@ -66,6 +66,11 @@ ELSEWHERE: tuple[tuple[str, str, str], ...] = (
     ("archives.work", "install the same version on both", _CLUSTER),
     ("camera.pictures", "camera {}: cannot be opened", "needs a camera"),
     ("camera.pictures", "no codec for this video is installed", "needs a build of FFmpeg without the codec"),
+    (
+        "camera.weighing",
+        "no pressing force is found",
+        "contact is taken to push: no pictures are known that come to it",
+    ),
     ("cli.bench", "", _BENCH),
     ("cli.paper", "", _BENCH),
     ("cli.ros", "", _ROS),
@@ -98,6 +103,8 @@ INNER = (
     ("recordings.mapped", "there are no positions"),
     ("archives.run", "there are no frames"),
     ("camera.render", "a scene has an area for its surface"),
+    ("cli.options", "watch the pressure, but these channels measure only"),
+    ("microscopy.pictures", "holds no picture"),
     ("recordings.formats", "cannot go on after it was broken off"),
     ("recordings.touchstream", "are not there"),
     ("recordings.touchstream", "results of different skins cannot be written"),
@@ -246,7 +253,7 @@ def table() -> str:
     ]
     for m, k, h, r in rows:
         text = escaped(m.text)
-        answer = reason(m) and f"no: {reason(m)}"
+        answer = "no: another message comes first" if k == "inner" else reason(m) and f"no: {reason(m)}"
         lines.append(
             f"| {text} | {m.where} | {k} | {'yes' if m.says_what_it_got else 'no'} | {'yes' if h else 'no'} | {'yes' if r else answer or 'no'} |"
         )

@@ -60,6 +60,13 @@ _CAMERA, _ROS = "needs a camera that is unplugged", "needs ROS 2 running"
 ELSEWHERE: tuple[tuple[str, str, str], ...] = (
     ("camera.pictures", "gives no pictures any more", _CAMERA),
     ("cli.ros", "", _ROS),
+    ("inverse.words", "these channels alone cannot tell pressure", "needs channels that were not measured"),
+    ("status", "the arithmetic broke down", "no frame is known that brings it about"),
+    (
+        "touch.outcome",
+        "the net force is known roughly only",
+        "the readings hold no more: needs more taxels, or less noise",
+    ),
     ("ros.node", "", _ROS),
 )
 #: What the walk does not find, in words for the page.

@@ -24,6 +24,7 @@ ROOMS = (
     "rest",
     "left",
     "copies",
+    "more",
 )
 
 

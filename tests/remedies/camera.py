@@ -52,7 +52,7 @@ def picture(pull: float = 0.0, count: int = 35) -> Any:
         away = np.array([cx - 80.0, cy - 60.0])
         cx, cy = np.array([cx, cy]) + pull * away / 20.0 * np.exp(-(away @ away) / 800.0)
         image -= 150.0 / (1.0 + np.exp((np.hypot(x - cx, y - cy) - 4.0) / 0.6))
-    noise = np.random.default_rng(int(10 * pull)).normal(0.0, 1.0, image.shape)
+    noise = np.random.default_rng(abs(int(10 * pull))).normal(0.0, 1.0, image.shape)
     return np.clip(image + noise, 0, 255).astype(np.uint8)
 
 

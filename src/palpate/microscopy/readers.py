@@ -150,7 +150,8 @@ def _npz(path: Path, name: str | None) -> Found:
     import zlib
 
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # opened here, as the library leaves a file open that it cannot read
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             held = {key: np.asarray(file[key]) for key in file.files}
     except (
         ValueError,
