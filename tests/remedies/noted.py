@@ -238,6 +238,21 @@ def anew() -> pp.Touch:
     return tracked(readings(*[0.0] * 10, 1.0, seed=1), tracker=tracker, begin=1.0)[-1]
 
 
+def wide(**how: Any) -> pp.Touch:
+    """Contact that reaches past both ends of the array."""
+    skin = pp.Skin(PAD, pp.LineArray(**LINE, noise=5.0), **how)
+    clean = np.asarray(skin.sense(pp.solutions.hertz_line(half_width=12e-3, force=100.0)))
+    return skin.reconstruct(clean + 5.0 * np.random.default_rng(0).standard_normal(clean.shape))
+
+
+def one_taxel(broken: bool) -> pp.Touch:
+    """Nothing touches, and one taxel reads 200 times the noise; that taxel counts, or is said to be broken."""
+    skin = pp.Skin(PAD, pp.AreaArray(shape=(4, 4), pitch=4e-3, depth=1e-3, channels=["stress_zz"], noise=20.0))
+    frame = 20.0 * np.random.default_rng(0).standard_normal((1, 4, 4))
+    frame[0, 1, 2] += 4000.0
+    return (skin.masked(np.arange(16).reshape(4, 4) != 6) if broken else skin).reconstruct(frame)
+
+
 def rezeroed(drifted: bool) -> list[pp.Touch]:
     """A zero that has moved like a light press for 80 s, the new zero where nothing touches, and a press."""
     tracker, off = line()[0].track(baseline=0, rezero=None), 0.3 * line()[1]

@@ -41,6 +41,7 @@ from remedies.noted import (
     of_cell,
     offsets,
     one_frame,
+    one_taxel,
     outlying,
     pressed_at,
     pulled,
@@ -64,6 +65,7 @@ from remedies.noted import (
     wandering,
     warned,
     weaker,
+    wide,
 )
 
 __all__ = ["NOTES", "texts"]
@@ -225,6 +227,17 @@ NOTES = [
         lambda: tracked(np.concatenate([readings(0.0, 0.0), MISSING, readings(1.0, seed=4)]))[-1],
         both(holds(*PRESSED), status_is(Status.SOLVED)),
         room="status",
+    ),
+    Note(
+        "cannot be told from contact; up to {} {} of it is in the error bars. Where it does not drift, say Skin(..., nuisance=[])",
+        wide,
+        lambda: wide(nuisance=[]),
+    ),
+    Note(
+        "small contact or a broken taxel{}: one taxel alone tells it",
+        lambda: one_taxel(False),
+        lambda: one_taxel(True),
+        both(holds(0.0, 0.0, 0.0), status_is(Status.NO_CONTACT)),
     ),
     # trackers and sessions
     Note(

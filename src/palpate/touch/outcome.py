@@ -212,7 +212,7 @@ class Outcome:
             if n.hidden:
                 said.append(
                     f"the whole edge of the array is loaded{some(n.hidden)}: the {n.label} cannot be told from contact; up to "
-                    f"{n.hidden_std:.2g} {n.unit} of it is in the error bars"
+                    f"{n.hidden_std:.2g} {n.unit} of it is in the error bars. Where it does not drift, say Skin(..., nuisance=[])"
                 )
         if self.rough:
             up_to = "up to " if self.batch else ""
