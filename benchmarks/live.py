@@ -191,7 +191,8 @@ async def watch(
         await browser("Emulation.setDeviceMetricsOverride", width=1280, height=720, deviceScaleFactor=1, mobile=False)
         await browser("Page.navigate", url=address)
         await browser.until("palpate.painted > 10", PATIENCE)
-        found["keys"] = await by_keys(browser)
+        switched = await by_switch(browser, address)
+        found["keys"] = {**await by_keys(browser), **switched}
         if shots is not None:
             await browser.picture(shots / "live-looking-back.png")
         found["cut off"] = await cut_off(browser)
@@ -201,6 +202,26 @@ async def watch(
         return found
     finally:
         browser.close()
+
+
+async def by_switch(browser: Browser, address: str) -> dict[str, Any]:
+    """Single keys switched off do nothing, also when the page is opened again; and they act again when they are switched on."""
+    theme, checked_ = "document.documentElement.dataset.theme", "document.getElementById('keys').ariaChecked"
+    before = await browser.value(theme)
+    await browser.value("document.getElementById('keys').click(); 0")
+    off: dict[str, Any] = {"checked": await browser.value(checked_)}
+    await browser.press("t", 84, text="t")
+    await browser.press(" ", 32, text=" ")
+    off["theme"] = before != await browser.value(theme)
+    off["space"] = await browser.value("document.getElementById('pause').textContent")
+    await browser("Page.navigate", url=address)
+    await browser.until("palpate.painted > 10", PATIENCE)
+    off["kept"] = await browser.value(checked_)
+    await browser.value("document.getElementById('keys').click(); document.activeElement.blur(); 0")
+    await browser.press("t", 84, text="t")
+    on = before != await browser.value(theme)
+    await browser.press("t", 84, text="t")
+    return {"switched off": off, "switched on": on}
 
 
 async def by_keys(browser: Browser) -> dict[str, Any]:

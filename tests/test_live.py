@@ -334,7 +334,9 @@ def test_in_a_browser(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("*.png"))) == 5
     keys = numbers["keys"]
     assert keys["theme"]
-    assert keys["tab"][:3] == ["pause", "theme", "scrub"]
+    assert keys["tab"][:4] == ["pause", "theme", "keys", "scrub"]
+    assert keys["switched off"] == {"checked": "false", "theme": False, "space": "Pause", "kept": "false"}
+    assert keys["switched on"]
     assert keys["space"] == "Resume"
     assert keys["paused"] == "paused"
     assert keys["resumed"]

@@ -347,8 +347,39 @@ $("theme").onclick = () => {
 };
 $("record").onclick = () => hook.socket.send(JSON.stringify({ record: $("record").dataset.on !== "true" }));
 $("zero").onclick = () => hook.socket.send(JSON.stringify({ zero: true }));
+// single keys can be switched off (WCAG 2.1.4): speech input and a hand that slips press them without meaning to
+const KEYS = "palpate keys",
+  TITLES = new Map(
+    ["pause", "zero", "record", "theme"].map((id) => [id, [$(id).title, $(id).getAttribute("aria-keyshortcuts")]]),
+  );
+let keys = true;
+try {
+  keys = localStorage.getItem(KEYS) !== "off";
+} catch {
+  // a browser that keeps nothing
+}
+function listen(on) {
+  keys = on;
+  $("keys").setAttribute("aria-checked", String(on));
+  $("keys").lastElementChild.textContent = on ? "on" : "off";
+  $("keys").title = on
+    ? "Space, arrows, T, Z and R act: switch them off"
+    : "Space, arrows, T, Z and R do nothing: switch them on";
+  for (const [id, [title, key]] of TITLES) {
+    $(id).title = on ? title : title.replace(/^(Space|[A-Z])(: |$)/, "");
+    if (on) $(id).setAttribute("aria-keyshortcuts", key);
+    else $(id).removeAttribute("aria-keyshortcuts");
+  }
+  try {
+    localStorage.setItem(KEYS, on ? "on" : "off");
+  } catch {
+    // as above
+  }
+}
+$("keys").onclick = () => listen(!keys);
+listen(keys);
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if (!keys || event.ctrlKey || event.metaKey || event.altKey) return;
   const key = event.key.toLowerCase(),
     onButton = event.target instanceof HTMLButtonElement;
   if (key === " " && !onButton) {
