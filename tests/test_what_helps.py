@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from unittest import mock
 
 import numpy as np
@@ -100,3 +101,32 @@ def test_a_network_that_does_not_settle_offers_what_it_has() -> None:
     assert "budget" not in text
     with pytest.raises(pp.Unsupported, match="budget"):
         network(method="network", budget=1.0)
+
+
+def test_the_frames_of_the_zero_are_the_first_ones_also_where_a_live_view_is_late() -> None:
+    """A paced stream that fell behind skips frames, and would take its zero from those in which the finger presses already."""
+    import time
+
+    from palpate.live.session import Session
+
+    skin, full = line()
+    found: list[pp.Touch] = []
+
+    def source() -> Iterator[tuple[float, np.ndarray]]:
+        for i in range(40):
+            if i == 3:
+                time.sleep(0.3)
+            yield 0.005 * i, full * (i >= 20)
+
+    tracker = skin.track(baseline=12)
+
+    def step(reading: np.ndarray, now: float) -> pp.Touch:
+        found.append(tracker.step(reading, now))
+        return found[-1]
+
+    one = Session(skin, source, tracker, pp.GraspMonitor(), pace=True, step=step)
+    one.run()
+    assert one.behind > 0
+    assert [int(t.status) for t in found].count(int(Status.CAPTURING_ZERO)) == 12
+    assert not any(MOVED in t.notes for t in found)
+    assert not any("the readings move" in text for text in one.past)

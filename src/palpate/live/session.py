@@ -327,8 +327,8 @@ class Session:
                 wait = (time - first) - (clock.perf_counter() - begun)
                 if wait > 0:
                     self._stop.wait(wait)
-                elif wait < -0.1:
-                    # too late to matter: a live view shows now, not then
+                elif wait < -0.1 and not self.tracker.capturing:
+                    # too late to matter: a live view shows now, not then; but the frames of the zero are the first ones, also where others are skipped
                     self.behind += 1
                     continue
             self._raw, self._now, self._arrived = time, time + (self._shift or 0.0), clock.monotonic()

@@ -253,6 +253,23 @@ class Tracker:
         self._offsets.rate = np.zeros_like(self._offsets.rate)
         self._zero.again(frames, only)
 
+    @property
+    def capturing(self) -> bool:
+        """Whether the next frame is taken for the zero.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> tracker = skin.track(baseline=1)
+        >>> before = tracker.capturing
+        >>> touch = tracker.step([[0.0] * 21] * 2)
+        >>> before, tracker.capturing
+        (True, False)
+        """
+        return self._zero.capturing
+
     def take_zero(self, other: Tracker) -> bool:
         """Go on from the zero of another tracker of the same skin; False, and nothing is done, while that one captures its own.
 
