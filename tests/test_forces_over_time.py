@@ -378,3 +378,24 @@ def test_the_unit_of_an_axis_suits_the_band_where_numbers_are_next_to_nothing() 
     labels = [ax.get_ylabel() for ax in plot_forces(table).axes]
     assert any("slip margin" in w and ("[Pa]" in w or "[kPa]" in w) for w in labels)
     assert "slip_margin [Pa]" in table_words(table) or "slip margin [Pa]" in table_words(table)
+
+
+def test_a_run_says_of_all_its_frames_what_its_pieces_said_of_theirs(tmp_path: Path) -> None:
+    """Counts of pieces add up; of the one frame that is shown, a note that holds for all says no count."""
+    from palpate.recordings import read_touch
+
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    skin = pp.Skin(pad, pp.AreaArray(shape=(4, 4), pitch=4e-3, depth=1e-3, channels=["stress_zz"], noise=20.0))
+    rng = np.random.default_rng(0)
+    frames = np.asarray(20.0 * rng.standard_normal((5, 1, 4, 4)))
+    frames[:, 0, 1, 2] += 4000.0
+    recording = pp.Recording(readings=frames, channels=["stress_zz"])
+    done = pp.reconstruct_recording(skin, recording, tmp_path / "t.nc", chunk=2)
+    small = [n for n in done.notes if n.startswith("small contact in")]
+    assert all("in 5 of 5 frames" in n for n in small)
+    assert small
+    assert not [n for n in done.touch.notes if " of 2 frames" in n or " of 1 frames" in n]
+    assert any(n.startswith("small contact:") for n in done.touch.notes)
+    kept = str(read_touch(tmp_path / "t.nc").attrs["notes"])
+    assert "in 5 of 5 frames" in kept
+    assert "of 2 frames" not in kept

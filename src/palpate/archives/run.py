@@ -31,6 +31,8 @@ from palpate.sensing.readings import Creep, Layout, joined_planes
 from palpate.sensing.zero import OFFSETS, STANDS, Levels
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.touch.counted import Counted
+from palpate.touch.outcome import Outcome
 from palpate.touch.table import columns, table_of
 
 if TYPE_CHECKING:
@@ -70,6 +72,8 @@ class Reconstructed:
         Numbers of all frames; see `Touch.table`.
     remarks : tuple of str
         What is to be said of the readings.
+    notes : tuple of str
+        What was assumed, and what became of the frames: of all of them, where those of ``touch`` are of one.
     """
 
     path: Path
@@ -79,6 +83,7 @@ class Reconstructed:
     touch: Touch
     table: pandas.DataFrame
     remarks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def piece_length(skin: Skin, method: Method | None = None) -> int:
@@ -295,7 +300,7 @@ def reconstruct_recording(
             f"the readings drift in the {baseline} frames of the zero, or something touches: give fewer (--baseline, baseline=)",
         )
     touch, at = gathered.largest
-    return Reconstructed(target, len(wanted), before, at, touch, numbers, remarks)
+    return Reconstructed(target, len(wanted), before, at, touch, numbers, remarks, gathered.notes)
 
 
 class _Gathered:
@@ -304,9 +309,14 @@ class _Gathered:
     def __init__(self) -> None:
         self._parts: dict[int, dict[str, Any]] = {}
         self._largest: tuple[float, Touch, int] | None = None
+        self._said = Counted()
+        self._outcome: Outcome | None = None
 
     def add(self, start: int, touch: Touch) -> None:
         self._parts[start] = columns(touch)
+        self._said.add(touch.assumptions, touch.batch[0])
+        became = Outcome.of(touch)
+        self._outcome = became if self._outcome is None else self._outcome + became
         loads = np.nansum(np.abs(touch.values), axis=tuple(range(1, np.ndim(touch.values))))
         at = int(np.argmax(loads))
         found = (float(loads[at]), start + at)
@@ -318,6 +328,10 @@ class _Gathered:
         if self._largest is None:
             raise InvalidInput("there are no frames.")
         return self._largest[1:]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return (*self._said.words(), *(() if self._outcome is None else self._outcome.words()))
 
     def table(self) -> pandas.DataFrame:
         return table_of([self._parts[start] for start in sorted(self._parts)])

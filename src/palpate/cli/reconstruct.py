@@ -158,6 +158,9 @@ def reconstruct(
     else:
         typer.echo(f"frame {done.frame} of {total}")
     typer.echo(touch.summary())
+    for note in done.notes if done.frames > 1 else ():
+        if note not in touch.notes:
+            typer.echo(f"note: {note}")
     if touch.parameter is not None:
         typer.echo(f"parameter       {float(touch.parameter):.4g}")
     if done.before:

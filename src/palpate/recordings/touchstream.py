@@ -15,6 +15,7 @@ from palpate.errors import InvalidInput
 from palpate.recordings.heldfile import Apart
 from palpate.recordings.labelled import OWN, missing_value, touch_dataset, touch_of
 from palpate.touch import Touch, joined
+from palpate.touch.counted import Counted
 from palpate.touch.outcome import Outcome
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class Whole:
     def __init__(self) -> None:
         self.first: dict[str, Any] = {}
         self.methods: list[str] = []
-        self._assumptions: dict[str, None] = {}
+        self._assumptions = Counted()
         self._names: dict[str, str] = {}
         self._meta: dict[str, str] = {}
         self._outcome: Outcome | None = None
@@ -71,7 +72,7 @@ class Whole:
         for name in json.loads(attrs.get("methods", json.dumps([attrs["method"]]))):
             if name not in self.methods:
                 self.methods.append(name)
-        self._assumptions.update(dict.fromkeys(json.loads(attrs["assumptions"])))
+        self._assumptions.add(json.loads(attrs["assumptions"]), outcome.frames)
         self._names.update(json.loads(attrs["reading_names"]))
         self._meta.update(json.loads(attrs["meta"]))
         self._outcome = outcome if self._outcome is None else self._outcome + outcome
@@ -86,7 +87,7 @@ class Whole:
             **{k: str(v) for k, v in {**self._meta, **record}.items() if k not in OWN},
             **own,
             "notes": self.notes,
-            "assumptions": json.dumps(list(self._assumptions)),
+            "assumptions": json.dumps(list(self._assumptions.words())),
             "reading_names": json.dumps(self._names),
             "meta": json.dumps(self._meta),
         }
@@ -96,7 +97,7 @@ class Whole:
         """What was assumed and what became of the frames, in words."""
         said = self._outcome.words() if self._outcome is not None else []
         return "\n".join(
-            dict.fromkeys((*self._assumptions, *said, *([self._calibration] if self._calibration else [])))
+            dict.fromkeys((*self._assumptions.words(), *said, *([self._calibration] if self._calibration else [])))
         )
 
     def codes(self, piece: Piece) -> Any:

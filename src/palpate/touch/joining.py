@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate._batches import stacked
 from palpate.errors import InvalidInput
+from palpate.touch.counted import counted
 from palpate.touch.result import Touch
 
 __all__ = ["joined"]
@@ -59,7 +60,7 @@ def joined(touches: Sequence[Touch]) -> Touch:
     names: dict[int, str] = {}
     for t in touches:
         names.update(t.reading_names)
-    assumptions = tuple(dict.fromkeys(n for t in touches for n in t.assumptions))
+    assumptions = counted([(t.assumptions, n) for t, n in zip(touches, counts)])
     views = {None if t.view is None else json.dumps(t.view.described()) for t in touches if t.view is not first.view}
     alike = not views or (first.view is not None and views == {json.dumps(first.view.described())})
     view = first.view if alike else None  # a camera that was moved: no one view holds for all

@@ -20,6 +20,7 @@ from palpate.sensing.grids import Grid
 from palpate.sensing.view import View
 from palpate.status import Status
 from palpate.touch import intervals
+from palpate.touch.counted import of_one
 from palpate.touch.numbers import Numbers
 from palpate.uncertainty import Case, contact_kind
 
@@ -229,7 +230,8 @@ class Touch(Numbers):
             taken = xp.take(flat, xp.asarray(where.ravel(), device=getattr(a, "device", None)), axis=0)
             return xp.reshape(taken, (*where.shape, *rest))
 
-        return rebuilt(self, pick)
+        found = rebuilt(self, pick)
+        return found if where.ndim else replace(found, assumptions=tuple(map(of_one, found.assumptions)))
 
     def frame(self, index: int) -> Touch:
         """One frame, counted over all batch axes (the touch itself where there is no batch).

@@ -1,0 +1,64 @@
+"""Notes that say in how many frames something is: added up over parts of a recording, and said of one frame."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+__all__ = ["Counted", "counted", "of_one"]
+
+_COUNT = re.compile(r" in (\d+) of (\d+) frames\b")
+
+
+class Counted:
+    """The notes of all parts, each once; where a note says in how many frames it is, it says so of all frames.
+
+    Examples
+    --------
+    >>> from palpate.touch.counted import Counted
+    >>> both = Counted()
+    >>> both.add(["pad given", "small contact in 3 of 8 frames: few taxels feel it"], 8)
+    >>> both.add(["pad given", "small contact in 5 of 6 frames: few taxels feel it"], 6)
+    >>> both.words()
+    ('pad given', 'small contact in 8 of 14 frames: few taxels feel it')
+    """
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[str, ...], int] = {}
+        self._frames = 0
+
+    def add(self, notes: Iterable[str], frames: int) -> None:
+        """Those of another part of so many frames."""
+        self._frames += frames
+        for note in notes:
+            count = _COUNT.search(note)
+            parts = (note,) if count is None else (note[: count.start()], note[count.end() :])
+            self._found[parts] = self._found.get(parts, 0) + (0 if count is None else int(count[1]))
+
+    def words(self) -> tuple[str, ...]:
+        """One sentence for each."""
+        return tuple(
+            f" in {n} of {self._frames} frames".join(parts) if len(parts) > 1 else parts[0]
+            for parts, n in self._found.items()
+        )
+
+
+def counted(parts: Sequence[tuple[Iterable[str], int]]) -> tuple[str, ...]:
+    """The notes of several parts (notes, frames), as `Counted` adds them up."""
+    found = Counted()
+    for notes, frames in parts:
+        found.add(notes, frames)
+    return found.words()
+
+
+def of_one(note: str) -> str:
+    """What a note of several frames says of one of them: without a count where it is said of all.
+
+    Examples
+    --------
+    >>> from palpate.touch.counted import of_one
+    >>> of_one("small contact in 1 of 1 frames: few taxels feel it"), of_one("drift in 2 of 8 frames")
+    ('small contact: few taxels feel it', 'drift in 2 of 8 frames')
+    """
+    count = _COUNT.search(note)
+    return note if count is None or count[1] != count[2] else note[: count.start()] + note[count.end() :]
