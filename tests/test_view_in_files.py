@@ -11,7 +11,7 @@ import pytest
 
 import palpate as pp
 from palpate.camera import Lens, View, overlay
-from palpate.recordings import read_touch, recorder, write_touch
+from palpate.recordings import read_recording, read_touch, recorder, write_touch
 from palpate.recordings.labelled import touch_of, view_of
 from palpate.touch import joined
 
@@ -72,6 +72,40 @@ def test_a_stream_records_where_its_pictures_lie_and_a_frame_of_it_is_drawn_over
     assert np.allclose(drawn[1].filled(0.0), same[1].filled(0.0), rtol=1e-6)
     with pytest.raises(pp.InvalidInput, match=r"pick one of a file of touches.*'time': 3"):
         overlay(picture, data)
+
+
+@pytest.mark.parametrize("kind", sorted(VIEWS))
+def test_archives_of_numpy_and_robots_hold_where_the_picture_lies(tmp_path: Path, kind: str) -> None:
+    """They are for other programs: the view is there as JSON, once."""
+    view = VIEWS[kind]
+    write_touch(touch(view, 3), tmp_path / "t.npz")
+    write_touch(touch(None, 3), tmp_path / "none.npz")
+    with np.load(tmp_path / "t.npz") as file:
+        held = [str(file["view"])]
+    with np.load(tmp_path / "none.npz") as file:
+        assert "view" not in file.files
+    reader = pytest.importorskip("mcap.reader")
+    pytest.importorskip("foxglove")
+    write_touch(touch(view, 3), tmp_path / "t.mcap")
+    with (tmp_path / "t.mcap").open("rb") as file:
+        records = {r.name: r.metadata for r in reader.make_reader(file).iter_metadata()}
+    held.append(records["palpate view"]["view"])
+    for text in held:
+        found = View.restored(json.loads(text))
+        assert np.array_equal(found.pixels(PLACES), view.pixels(PLACES))
+
+
+def test_a_stream_for_robots_says_a_view_once_and_again_where_the_camera_moved(tmp_path: Path) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    pytest.importorskip("foxglove")
+    with recorder(tmp_path / "t.mcap", ["displacement_x", "displacement_y"]) as out:
+        for frame, kind in enumerate(("scaled", "scaled", "tilted", "tilted")):
+            out.readings(0.1 * frame, np.zeros((2, 4)))
+            out.touch(touch(VIEWS[kind]), 0.1 * frame)
+    with (tmp_path / "t.mcap").open("rb") as file:
+        names = [r.name for r in reader.make_reader(file, validate_crcs=True).iter_metadata()]
+    assert names == ["palpate", "palpate view", "palpate view"]
+    assert read_recording(tmp_path / "t.mcap").readings.shape == (4, 2, 4)
 
 
 def drawn_cells(figure: Any) -> tuple[Any, Any]:

@@ -1,7 +1,8 @@
 """MCAP: recordings written while they happen, and read from robots without ROS installed.
 
 Written (``pip install palpate[bags]``): the messages of `palpate.recordings.messages`. Readings are kept in single precision, time to the
-nanosecond. A chunk goes to the file when it is full, so that a process that is killed loses less than a chunk.
+nanosecond. A chunk goes to the file when it is full, so that a process that is killed loses less than a chunk. Where the picture of a camera's
+touches lies is a metadata record before the first of them.
 
 Read: those, and messages of others whose numbers a `TopicMapping` picks out: images of floats, foxglove Grids, and any message with lists of
 numbers or of points, packed as ROS 2 does (cdr) or as Protobuf. Their definitions are in the file.
@@ -33,6 +34,8 @@ __all__ = ["McapRecorder", "own", "read_messages", "topics", "write_mcap"]
 
 #: Bytes after which a chunk is written: what a killed process can lose.
 CHUNK = 64 * 1024
+#: Name of the metadata record that says where the picture of the touches after it lies: ``view``, JSON that `View.restored` takes.
+VIEW = "palpate view"
 
 
 def _library() -> Any:
@@ -89,6 +92,7 @@ class McapRecorder:
         self._apart = Apart()
         self._ids: dict[str, int] = {}
         self._count = self._frames = self._kept = 0
+        self._view: dict[str, Any] | None = None
         self._writer = mcap.writer.Writer(self._file, chunk_size=chunk, enable_data_crcs=True)
         self._writer.start(profile="ros2", library="palpate")
         self._writer.add_metadata("palpate", facts)
@@ -105,6 +109,7 @@ class McapRecorder:
     def touch(self, touch: Touch, time: float | None = None) -> None:
         """What was found in one frame."""
         now = float(touch.time) if time is None else time  # type: ignore[arg-type]
+        self._say_view(touch)
         for kind, data in self._encoder.touch(touch, now):
             self._add(kind, data, now)
 
@@ -124,6 +129,14 @@ class McapRecorder:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _say_view(self, touch: Touch) -> None:
+        """Where the picture lies: once, and again where it changes."""
+        described = None if touch.view is None else touch.view.described()
+        if self._open and described is not None and described != self._view:
+            facts = {"view": json.dumps(described)}
+            self._guarded(lambda: self._writer.add_metadata(VIEW, facts))
+            self._view = described
 
     def _add(self, kind: Kind, data: bytes, time: float) -> None:
         if not self._open:

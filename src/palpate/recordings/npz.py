@@ -100,6 +100,8 @@ class Npz(Format):
         arrays.update(zip(("x",) if touch.surface.dimensions == 1 else ("y", "x"), touch.surface.axes))
         if touch.time is not None:
             arrays["time"] = touch.time
+        if touch.view is not None:
+            arrays["view"] = np.array(json.dumps(touch.view.described()))
         with path.open("wb") as file:
             np.savez_compressed(file, **arrays)
 
