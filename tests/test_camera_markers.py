@@ -141,8 +141,11 @@ def test_every_whole_dot_of_a_real_gel_is_found(number: int) -> None:
     assert len(found.positions) == inside.sum() == 90  # every dot, none invented
     assert sorted(far.argmin(axis=1)) == list(range(90))
     assert np.median(far.min(axis=1)) < 0.9
-    # but for dots half lost and one that the table has 6 pixels off the dot
-    assert np.mean(far.min(axis=1) < 1.5) > 0.85
+    # but for dots half lost and one that the table has 6 pixels off the dot (benchmarks/real_pictures.py)
+    cut = np.sign(table[inside, 2:])
+    least, largest = now[inside] - (cut <= 0), now[inside] + 1 + (cut >= 0)
+    dot = found.positions[far.argmin(axis=1)]
+    assert (np.hypot(*(dot - np.clip(dot, least, largest)).T) < 1.5).sum() >= 85
     rest = np.hypot(*(table[inside, None, :2] - found.positions[None]).transpose(2, 0, 1)).min(axis=1)
     assert np.median(rest) > 1.5
 
