@@ -2,7 +2,8 @@
 
 A gel of 3.5 mm (300 kPa, Poisson's ratio 0.48) on a window, 7 x 9 dots 2 mm apart and 0.5 mm deep, pictures of 320 x 240 pixels of 0.06 mm. Displacement: error and
 coverage of its standard deviation over size of the dots, noise, compression, blur, shading and move. Force: balls, edges, slides and twists, each picture by itself and
-with the tracker, by the dots alone and with a map of the surface's depth where something presses. Rate: processor time of each stage, one thread.
+with the tracker, by the dots alone and with a map of the surface's depth where something presses. Rate: processor time of each stage, one thread. Source: the live view on
+a camera of 30 and 60 pictures a second, which a stand-in of OpenCV's capture plays (camera_source.py), on one core with nothing else to do.
 
     python benchmarks/camera.py                              # tables, some ten minutes
     python benchmarks/camera.py displacement --seeds 8
@@ -19,6 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import camera_source
 import numpy as np
 
 import palpate as pp
@@ -324,13 +326,47 @@ def rate(base: Scene) -> Iterator[str]:
         )
 
 
+SECTION = """\
+[pad]
+kind = "bonded_layers"
+
+[[pad.layer]]
+thickness = "3.5 mm"
+youngs_modulus = "300 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "scattered"
+depth = "0.5 mm"
+channels = ["displacement_x", "displacement_y"]
+
+[camera]
+"""
+
+
+def source(base: Scene, seconds: float, wall: bool) -> Iterator[str]:
+    """`palpate live --camera` on a stand-in, whose pictures come by a clock of their own."""
+    shown: list[tuple[str, tuple[int, int], float, Dots | Texture]] = [
+        ("320 x 240, 63 dots", SIZE, SCALE, base.print),
+        ("640 x 480, 63 dots", (640, 480), SCALE / 2.0, base.print),
+        ("160 x 120, texture every 1.5 mm", (160, 120), 2.0 * SCALE, Texture(0.15e-3)),
+    ]
+    scenes = []
+    for label, size, scale, print_ in shown:
+        where = f'scale = "{1e3 * scale:g} mm"\n' + ("" if print_ is base.print else 'texture = "1.5 mm"\n')
+        scenes.append((label, Scene(pad=GEL, depth=DEPTH, print=print_, size=size, scale=scale), SECTION + where))
+    yield from camera_source.rates(scenes, seconds, wall=wall)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "tables", nargs="*", choices=["displacement", "texture", "force", "rate", []], help="default: all"
+        "tables", nargs="*", choices=["displacement", "texture", "force", "rate", "source", []], help="default: all"
     )
     parser.add_argument("--seeds", type=int, default=5, help="prints and contacts of each row of displacement")
     parser.add_argument("--frames", type=int, default=4, help="contacts of each kind")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each camera of source")
+    parser.add_argument("--wall", action="store_true", help="source by the clock, beside whatever else runs")
     parser.add_argument("--markdown", type=Path, help="file for the tables; those that are not made stay as they are")
     args = parser.parse_args()
     base = Scene(pad=GEL, depth=DEPTH, print=Dots(dot_grid((7, 9), PITCH), DIAMETER), size=SIZE, scale=SCALE)
@@ -339,6 +375,7 @@ def main() -> None:
         "texture": lambda: texture(base, max(1, args.seeds // 2)),
         "force": lambda: force(base, args.frames),
         "rate": lambda: rate(base),
+        "source": lambda: source(base, args.seconds, args.wall),
     }
     lines: list[str] = []
     before = args.markdown.read_text() if args.markdown is not None and args.markdown.exists() else ""
@@ -348,7 +385,11 @@ def main() -> None:
             found = re.search(rf"\n## {name.capitalize()}\n.*?(?=\n## |\Z)", before, re.S)
             lines += [found[0].rstrip("\n")] if found else []
             continue
-        asked = {"force": f" --frames {args.frames}", "rate": ""}.get(name, f" --seeds {args.seeds}")
+        asked = {
+            "force": f" --frames {args.frames}",
+            "rate": "",
+            "source": f" --seconds {args.seconds:g}" + " --wall" * args.wall,
+        }.get(name, f" --seeds {args.seeds}")
         lines += [f"\n## {name.capitalize()}\n", f"Made by `python benchmarks/camera.py {name}{asked}`.\n"]
         for line in maker():
             print(line, flush=True)

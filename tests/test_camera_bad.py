@@ -111,6 +111,26 @@ def test_a_folder_of_bad_pictures_gives_a_row_for_each(tmp_path: Path) -> None:
     assert float(rows[-1][across]) == pytest.approx(0.45, abs=0.05)
 
 
+@pytest.mark.parametrize(
+    ("ending", "known", "other"),
+    [(".mp4", b"avc1", b"zzzz"), (".mkv", b"V_MPEG4/ISO/AVC", b"V_MPEGX/ISO/XXX"), (".avi", b"H264", b"ZZZZ")],
+)
+def test_a_codec_that_nobody_knows_is_said_with_what_to_do(
+    tmp_path: Path, ending: str, known: bytes, other: bytes
+) -> None:
+    """A whole video but for the name of its codec."""
+    path = tmp_path / f"press{ending}"
+    write_video(path, filmed(), rate=30.0)
+    whole = path.read_bytes()
+    assert known in whole
+    path.write_bytes(whole.replace(known, other))
+    (tmp_path / "gel.toml").write_text(SKIN)
+    done = run("track", path.name, "--skin", "gel.toml", "--out", "t.nc", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert "no codec for this video is installed. Convert it once, such as with: ffmpeg" in done.stderr
+    assert not (tmp_path / "t.nc").exists()
+
+
 def test_a_video_that_is_damaged_in_the_middle_is_used_after_it_too(tmp_path: Path) -> None:
     """Every eighth picture stands alone. Those between the damage and the next of these are built on what is not there: none of them is passed on."""
     import av

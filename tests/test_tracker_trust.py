@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import wait
 from typing import Any
 
 import numpy as np
@@ -135,6 +136,42 @@ def test_a_pull_is_a_pull(skin: pp.Skin, pressed: Any, friction: float | None, b
     assert touch.pushing
     assert touch.force[2] == pytest.approx(1.0, abs=0.06)
     assert stream.monitor.going_on() == ("contact",)
+
+
+def test_error_bars_of_a_pull_hold_no_frame_up_where_there_is_a_budget(
+    skin: pp.Skin, pressed: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They took 0.2 to 0.8 s of a frame that has 20 ms; until they come there are none, and not those of the push before."""
+    stream = Stream(skin, pressed, budget=60.0)
+    background = stream.tracker._background
+    result, asked = background.result, []
+    for _ in range(3):
+        stream.step(pressed)
+    for _ in range(3):
+        stream.step(0.0)
+    with monkeypatch.context() as patched:  # work that takes its time
+        patched.setattr(
+            background,
+            "result",
+            lambda name, work: asked.append(name) or result(name, work) if "pull" not in name else asked.append(name),
+        )
+        for _ in range(3):
+            touch = stream.step(-pressed)
+    assert not touch.pushing
+    assert touch.force[2] == pytest.approx(-1.0, abs=0.12)
+    assert touch.errors is None
+    assert "errors of a pull" in asked
+    for _ in range(20):
+        touch = stream.step(-pressed)
+        if touch.errors is not None:
+            break
+        wait(list(background._pending.values()), timeout=20.0)
+    assert holds(touch, -1.0)
+    for _ in range(6):  # and those of the pull are not those of the next push
+        touch = stream.step(pressed)
+        if touch.errors is not None:
+            assert holds(touch, 1.0)
+    stream.tracker.close()
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def test_archives_of_numpy_and_robots_hold_where_the_picture_lies(tmp_path: Path
     write_touch(touch(view, 3), tmp_path / "t.mcap")
     with (tmp_path / "t.mcap").open("rb") as file:
         records = {r.name: r.metadata for r in reader.make_reader(file).iter_metadata()}
-    held.append(records["palpate view"]["view"])
+    held.append(records["palpate.view"]["view"])
     for text in held:
         found = View.restored(json.loads(text))
         assert np.array_equal(found.pixels(PLACES), view.pixels(PLACES))
@@ -104,7 +104,7 @@ def test_a_stream_for_robots_says_a_view_once_and_again_where_the_camera_moved(t
             out.touch(touch(VIEWS[kind]), 0.1 * frame)
     with (tmp_path / "t.mcap").open("rb") as file:
         names = [r.name for r in reader.make_reader(file, validate_crcs=True).iter_metadata()]
-    assert names == ["palpate", "palpate view", "palpate view"]
+    assert names == ["palpate", "palpate.view", "palpate.view"]
     assert read_recording(tmp_path / "t.mcap").readings.shape == (4, 2, 4)
 
 

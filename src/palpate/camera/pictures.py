@@ -167,9 +167,9 @@ def open_pictures(source: Any, *, rate: float | None = None) -> Pictures:
     Raises
     ------
     InvalidInput
-        No such file, nothing in it, a file that is no video, a rate for a source that has times.
+        No such file, nothing in it, a file that is no video, a codec that is not installed, a rate for a source that has times.
     Unsupported
-        A library is not installed, or a codec is missing.
+        A library is not installed.
 
     Examples
     --------

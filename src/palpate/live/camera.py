@@ -14,6 +14,9 @@ from palpate.touch import Touch
 
 __all__ = ["CameraSource"]
 
+#: Seconds without a picture that are said.
+LATE = 1.0
+
 
 class CameraSource:
     """Displacements of the dots in a camera's pictures, as they come: a source of `palpate.live.Session`.
@@ -106,11 +109,15 @@ class CameraSource:
 
         A camera that ends raises `InvalidInput`: the view must say so.
         """
-        skipped, said = 0, ""
+        skipped, said, before = 0, "", None
         for count, reading in enumerate(self.touches.readings, 1):
-            for _ in range(self.latest.skipped - skipped):
+            early = self.latest.skipped - skipped
+            for _ in range(early):
                 self.skip()
-            skipped = self.latest.skipped
+            skipped += early
+            if before is not None and not early and reading.time - before > LATE:
+                self.report(f"{reading.time:.3f} s  the camera was late: no picture for {reading.time - before:.1f} s")
+            before = reading.time
             if reading.fault != said:  # once for as long as it lasts
                 self.report(f"{reading.time:.3f} s  " + (reading.fault or "the pictures are good again"))
                 said = reading.fault

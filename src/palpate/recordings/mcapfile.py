@@ -35,7 +35,7 @@ __all__ = ["McapRecorder", "own", "read_messages", "topics", "write_mcap"]
 #: Bytes after which a chunk is written: what a killed process can lose.
 CHUNK = 64 * 1024
 #: Name of the metadata record that says where the picture of the touches after it lies: ``view``, JSON that `View.restored` takes.
-VIEW = "palpate view"
+VIEW = "palpate.view"
 
 
 def _library() -> Any:

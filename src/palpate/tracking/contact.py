@@ -267,7 +267,9 @@ class Contact:
         if self.pushing:
             self._errors.refresh(self._solution, y, self.noise, unused, self._background, self._offsets)
         else:
-            self._errors.refresh_pulling(self._pulling, y, self.noise, unused, self._parameter, self._offsets)
+            self._errors.refresh_pulling(
+                self._pulling, y, self.noise, unused, self._parameter, self._background, self._offsets
+            )
         self._bars, self.drag = self._errors.errors, None
         if self.pushing:
             self.drag = self._dragging.found(

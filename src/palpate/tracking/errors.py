@@ -31,6 +31,8 @@ Shrink = Callable[[Floats], Floats]
 REFRESH, CHANGED = 200, 0.25
 #: A contact is taken to be the same in so many frames, when what they tell about offsets is counted.
 SAME = 100.0
+#: Work on the error bars of traction of either sign.
+PULLING = "errors of a pull"
 #: Frames after which error bars are made again for other readings that are used: these may come and go.
 SOON = 8
 
@@ -42,6 +44,7 @@ class ErrorBars:
         self._estimator, self._equations = estimator, equations
         self._no_contact: tuple[float, Errors] | None = None
         self._age, self._cells = 0, 0
+        self._pulls = False  # whether they are of traction of either sign
         self.errors: Errors | None = None
         self.observed: Observed | None = None  # about the channels' offsets
         self.taken = math.nan  # degrees of freedom of the readings that the contact takes up
@@ -49,6 +52,7 @@ class ErrorBars:
     def clear(self) -> None:
         """The contact has ended."""
         self.errors, self.observed, self.taken = None, None, math.nan
+        self._pulls = False
 
     def serves(self, solution: Iteration) -> bool:
         """Whether the errors that there are were made for a contact like the present one."""
@@ -82,6 +86,9 @@ class ErrorBars:
     ) -> None:
         """Make them again where they are old, or the contact is another."""
         region, estimator = solution.region, self._estimator
+        if self._pulls:
+            background.drop(PULLING)
+            self.clear()
         if region is None:
             return
         pressure = solution.pressure
@@ -117,22 +124,44 @@ class ErrorBars:
             self._age = 0
 
     def refresh_pulling(
-        self, pulling: Pulling, y: Floats, noise: float, unused: Flags, parameter: float, offsets: Offsets
+        self,
+        pulling: Pulling,
+        y: Floats,
+        noise: float,
+        unused: Flags,
+        parameter: float,
+        background: Background,
+        offsets: Offsets,
     ) -> None:
-        """The same for traction of either sign."""
+        """The same for traction of either sign; those of a contact that only pushes say nothing of it."""
         estimator, cells = self._estimator, pulling.cells
-        if cells is None or not self._due(len(cells)):
+        if not self._pulls:
+            background.drop("errors")
+            self.clear()
+            self._pulls = True
+        if cells is None or not (self._due(len(cells)) or PULLING in background):
             return
-        std, data, white = self._data(cells, y, noise, unused)
-        shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
-        weight = parameter / noise**2 if noise > 0 else 0.0
-        known, shrink = marginalised(data, white, shared, offsets.cov)
-        either = pulling.model(known, weight)
-        self._owe(either, shrink, y, std, unused)
-        self.errors = estimator.summed_up([either])[1]
-        model = pulling.model(data, weight)
-        self.observed, self.taken = self._observed(data, shared, model.penalty.dense(), std, unused), _taken(model)
-        self._cells, self._age = len(cells), 0
+        traction, cov = pulling.traction, offsets.cov.copy()
+
+        def work() -> tuple[Errors | None, Observed | None, float, int]:
+            try:
+                std, data, white = self._data(cells, y, noise, unused)
+                shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
+                weight = parameter / noise**2 if noise > 0 else 0.0
+                known, shrink = marginalised(data, white, shared, cov)
+                either = pulling.model(known, weight, traction)
+                self._owe(either, shrink, y, std, unused)
+                errors = estimator.summed_up([either])[1]
+                model = pulling.model(data, weight, traction)
+                observed = self._observed(data, shared, model.penalty.dense(), std, unused)
+            except np.linalg.LinAlgError:
+                return None, None, math.nan, len(cells)  # no error bars rather than no answer
+            return errors, observed, _taken(model), len(cells)
+
+        found = background.result(PULLING, work)
+        if found is not None:
+            self.errors, self.observed, self.taken, self._cells = found
+            self._age = 0
 
     def _observed(self, data: Normal, shared: Floats, penalty: Floats, std: float, unused: Flags) -> Observed:
         """What a frame tells about offsets; whitened columns of ``data`` and ``shared`` are in units of ``std``."""

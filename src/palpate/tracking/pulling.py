@@ -122,11 +122,11 @@ class Pulling:
             whole[:, self.cells] = self.traction
         return self._estimator.explained_by(whole) / self._estimator.readings.std
 
-    def model(self, data: Normal, parameter: float) -> ContactModel:
-        """The solution as a model whose every cell is free; ``data`` in units of the noise, with the penalty's weight for it."""
-        c, n = self.traction.shape
+    def model(self, data: Normal, parameter: float, traction: Floats) -> ContactModel:
+        """A solution ``traction`` as a model whose every cell is free; ``data`` in units of the noise, with the penalty's weight for it."""
+        c, n = traction.shape
         penalty = Penalty(data.cells, self._estimator.precisions(data.level, 1, parameter), data.level.grid.shape)
         hessian = penalty.added(data.gram.copy())
         face = Face(np.broadcast_to(np.eye(c), (n, c, c)), np.ones((c, n)), False)
-        solution = Solution(self.traction, 0.0, 1, True, face, Dense(cholesky(firm(hessian.copy()))))
+        solution = Solution(traction, 0.0, 1, True, face, Dense(cholesky(firm(hessian.copy()))))
         return ContactModel(data, Formed(hessian), penalty, solution, weight=1.0)
