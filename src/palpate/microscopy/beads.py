@@ -40,6 +40,9 @@ WORST = 1.0
 ALIKE = 0.35
 #: A window that is less alike than this part of the median holds no beads, or others.
 UNLIKE = 0.4
+#: Windows less alike than this part of the median after a round, which least squares cannot bring together (beads are further off than they are wide), are sought within so
+#: many pixels, or half a window; a place serves where it is as much alike.
+SOUGHT, FAR, PLACE = 0.7, 8, 0.5
 #: Interpolation and pixels leave at least this [px].
 FLOOR = 0.005
 
@@ -119,6 +122,8 @@ def bead_displacements(
             [scipy.ndimage.gaussian_filter(c, SMOOTHED * max(1.0, window / (2.0 * step)), mode="nearest") for c in u]
         )
         u, std, alike = fine.round(smooth, last=last)
+        if not last:
+            u = fine.sought(smooth, u, alike)
     if not np.nanmedian(alike) > ALIKE:
         raise InvalidInput(
             f"the pictures do not show the same beads in the same places: windows correlate by {float(np.nanmedian(alike)):.2f} after deformation. Are they a pair, in "
@@ -226,6 +231,7 @@ class _Fine:
 
     def __init__(self, a: Floats, b: Floats, grid: Any, window: int, step: int) -> None:
         self.a, self.b, self.window, self.sigma = a, b, window, SIGMA * window
+        self.grid, self.seen = grid, b
         self.slopes = _slope(a, 0), _slope(a, 1)
         self.rows, self.columns = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in a.shape), indexing="ij")
         self.weights = {
@@ -274,9 +280,11 @@ class _Fine:
         d = d * np.minimum(1.0, 2.0 / np.maximum(np.hypot(*d), 1e-9))
         before = np.stack([self._summed(c, weights) for c in dense]) if last else known
         u = before + np.where(good, d, np.nan)
-        if not last:
-            return u, np.zeros_like(u), np.ones(u.shape[1:])
         ab, bb, aa = (self._summed(p * inside, weights) for p in (warped * self.a, warped * warped, self.a * self.a))
+        alike = np.asarray(ab / np.sqrt(np.maximum(aa * bb, 1e-30)))
+        if not last:
+            self.seen = warped
+            return u, np.zeros_like(u), alike
         near = [scipy.ndimage.uniform_filter(s, TOGETHER, mode="constant") * TOGETHER**2 for s in (sx, sy)]
         factor = 1.0 / self.window**2
         mxx, myy = (factor * self._summed(s * n, weights) for s, n in zip((sx, sy), near))
@@ -285,7 +293,27 @@ class _Fine:
         vx = (nyy**2 * mxx - 2 * nxy * nyy * mxy + nxy**2 * myy) / safe**2
         vy = (nxx**2 * myy - 2 * nxy * nxx * mxy + nxy**2 * mxx) / safe**2
         std = np.sqrt(np.maximum(np.stack([vx, vy]), 0.0))
-        return u, np.where(good, std, np.inf), np.asarray(ab / np.sqrt(np.maximum(aa * bb, 1e-30)))
+        return u, np.where(good, std, np.inf), alike
+
+    def sought(self, known: Floats, u: Floats, alike: Floats) -> Floats:
+        """Displacements ``u`` of a round with those of windows that are unlike by correlation of the window itself with the picture that was deformed by
+        what was ``known``, where it is found there.
+        """
+        cv2 = opencv()
+        u, half, reach = u.copy(), self.window // 2, min(FAR, self.window // 2)
+        for row, column in np.argwhere(~(alike > SOUGHT * np.nanmedian(alike))):
+            top, left = (int(g[i]) - half + 1 for g, i in zip(self.grid, (row, column)))
+            inner = [slice(max(k, 0), k + self.window) for k in (top, left)]
+            outer = [slice(max(i.start - reach, 0), i.stop + reach) for i in inner]
+            block, where = self.a[tuple(inner)], np.ascontiguousarray(self.seen[tuple(outer)])
+            if min(np.subtract(where.shape, block.shape)) < 0:
+                continue
+            found = cv2.matchTemplate(where, np.ascontiguousarray(block), cv2.TM_CCOEFF_NORMED)
+            _, best, _, (x, y) = cv2.minMaxLoc(found)
+            if best > PLACE:
+                shift = x - (inner[1].start - outer[1].start), y - (inner[0].start - outer[0].start)
+                u[:, row, column] = known[:, row, column] + shift
+        return u
 
     def _warped(self, rows: Floats, columns: Floats, *, exact: bool) -> Floats:
         """The second picture where the field says; OpenCV's places are whole 32nds of a pixel, which serves on the way there."""
