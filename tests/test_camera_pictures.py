@@ -300,3 +300,33 @@ def test_a_missing_codec_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_a_camera_that_is_not_there() -> None:
     with pytest.raises(pp.InvalidInput, match="camera"):
         open_pictures("/dev/video97")
+
+
+def test_stacks_of_microscopes_keep_their_times_and_channels_are_not_taken_for_pictures(tmp_path: Path) -> None:
+    """Two channels of one time were taken for beads at rest and beads that are pulled."""
+    from palpate.errors import InvalidInput
+    from palpate.microscopy import read_pair
+
+    both = np.random.default_rng(0).integers(0, 4000, (3, 2, 64, 80)).astype(np.uint16)
+    one = both[:, 0]
+    tifffile.imwrite(tmp_path / "ij.tif", one, imagej=True, metadata={"axes": "TYX", "finterval": 0.5})
+    increment = {"axes": "TYX", "TimeIncrement": 500.0, "TimeIncrementUnit": "ms"}
+    tifffile.imwrite(tmp_path / "o.ome.tif", one, metadata=increment)
+    tifffile.imwrite(tmp_path / "slices.tif", one, imagej=True, metadata={"axes": "ZYX"})  # as ImageJ calls a sequence
+    for name, times in {"ij.tif": [0.0, 0.5, 1.0], "o.ome.tif": [0.0, 0.5, 1.0], "slices.tif": [0.0, 1.0, 2.0]}.items():
+        with open_pictures(tmp_path / name) as pictures:
+            found = list(pictures)
+        assert [p.time for p in found] == times
+        assert all(np.array_equal(p.image, image) for p, image in zip(found, one))
+    tifffile.imwrite(tmp_path / "tc.tif", both, imagej=True, metadata={"axes": "TCYX"})
+    tifffile.imwrite(tmp_path / "c.ome.tif", both[0], metadata={"axes": "CYX"})
+    tifffile.imwrite(tmp_path / "tz.tif", both, imagej=True, metadata={"axes": "TZYX"})
+    for name, words in {
+        "tc.tif": "2 channels",
+        "c.ome.tif": "2 channels",
+        "tz.tif": "2 planes of 3 times",
+    }.items():
+        with pytest.raises(InvalidInput, match=rf"{name}: holds {words} .*save"):
+            open_pictures(tmp_path / name)
+        with pytest.raises(InvalidInput, match=rf"{name}: holds {words} .*save"):
+            read_pair([tmp_path / name])

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._extras import missing
+from palpate.camera.stacks import check_axes, pages_claimed, rate_of
 from palpate.errors import InvalidInput
 from palpate.sensing.view import grey, opencv
 
@@ -255,18 +256,21 @@ def _stack(path: Path, rate: float | None) -> Pictures:
         import tifffile
     except ImportError as error:
         raise missing("TIFF stacks", error) from error
+    file = None
     try:
         file = tifffile.TiffFile(path)
         pages = file.pages
         count = len(pages)
-        # what its head says of a stack whose end is missing
-        claimed = max([count, *(int(m["shape"][0]) for m in file.shaped_metadata or () if len(m.get("shape", ())) > 2)])
+        claimed = max(count, pages_claimed(file))
+        check_axes(file, path)
+        if rate is None:
+            rate = rate_of(file)
     except (tifffile.TiffFileError, OSError, ValueError) as error:
+        if file is not None:
+            file.close()
+        if isinstance(error, InvalidInput):
+            raise
         raise InvalidInput(f"{path}: cannot be read as TIFF ({error}).") from error
-    described = file.imagej_metadata or {}
-    interval = described.get("finterval")
-    if rate is None and interval:
-        rate = 1.0 / float(interval)
 
     def frames() -> Iterator[tuple[None, Image | None, str]]:
         for number in range(count):

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from palpate._extras import missing
 from palpate.camera import grey, is_pictures, open_pictures
+from palpate.camera.stacks import check_axes
 from palpate.errors import InvalidInput
 from palpate.microscopy.packed import unpacks
 from palpate.sensing.view import opencv
@@ -50,8 +51,11 @@ def _packed(path: Path) -> list[npt.NDArray[Any]] | None:
         raise missing("TIFF stacks", error) from error
     try:
         with tifffile.TiffFile(path) as file:
+            check_axes(file, path)
             plain = all(page.compression == 1 for page in file.pages)
             good = plain or unpacks(path, file.pages)
+    except InvalidInput:
+        raise
     except (tifffile.TiffFileError, OSError, ValueError, AttributeError, IndexError, TypeError) as error:
         raise InvalidInput(
             f"{path}: cannot be read as TIFF ({str(error)[:80]}); it is truncated or damaged."
