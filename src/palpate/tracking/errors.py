@@ -133,7 +133,7 @@ class ErrorBars:
         background: Background,
         offsets: Offsets,
     ) -> None:
-        """The same for traction of either sign; those of a contact that only pushes say nothing of it."""
+        """The same for traction of either sign, of which those of a contact that only pushes say nothing."""
         estimator, cells = self._estimator, pulling.cells
         if not self._pulls:
             background.drop("errors")
@@ -158,7 +158,8 @@ class ErrorBars:
                 return None, None, math.nan, len(cells)  # no error bars rather than no answer
             return errors, observed, _taken(model), len(cells)
 
-        found = background.result(PULLING, work)
+        # an answer without error bars is none: the first are made at once
+        found = work() if self.errors is None else background.result(PULLING, work)
         if found is not None:
             self.errors, self.observed, self.taken, self._cells = found
             self._age = 0
