@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate._extras import require
+from palpate.elastic.channels import channel_unit
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.layers import BondedLayers
 from palpate.elastic.pad import Floats, Pad, isotropic_constants
@@ -136,6 +137,7 @@ def plot_response(pad: Pad, planes: Sequence[Array]) -> Figure:
     # off the axes every component of an area contact is felt
     angle = 0.0 if line else 0.6
     for axes, (plane, channel) in zip(grid, channels):
+        largest = 0.0
         for body, style in ((pad, "-"), (half, "--")):
             matrix = np.abs(transfer(body, k * np.cos(angle), k * np.sin(angle), plane.depth, [channel], line=line))[
                 :, 0
@@ -146,13 +148,14 @@ def plot_response(pad: Pad, planes: Sequence[Array]) -> Figure:
                 value: Floats = matrix[:, "xyz".index(component)]
                 if value.max() > 0:
                     label = {"x": "shear x", "y": "shear y", "z": "pressure"}[component] if body is pad else None
-                    axes.loglog(
-                        wavelength * factor, np.maximum(value, 1e-6 * value.max()), style, color=colour, label=label
-                    )
+                    axes.loglog(wavelength * factor, value, style, color=colour, label=label)
+                    largest = max(largest, float(value.max()))
         depth_factor, depth_unit = scaled(max(plane.depth, 1e-6), "m")
         axes.set_title(f"{channel} at {plane.depth * depth_factor:.3g} {depth_unit}", fontsize=10)
         axes.set_xlabel(f"wavelength [{unit}]")
-        axes.set_ylabel("per unit traction")
+        axes.set_ylabel(f"{channel_unit(channel)} per Pa of traction")
+        if largest > 0:  # what is damped by a million is felt by no sensor, and would be most of the axis
+            axes.set_ylim(1e-6 * largest, 2.0 * largest)
         axes.legend(frameon=False, fontsize=8)
     for axes in grid[len(channels) :]:
         axes.set_visible(False)
