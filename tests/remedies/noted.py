@@ -44,10 +44,7 @@ def texts(got: Any) -> str:
         return got
     if isinstance(got, tuple | list):
         return "\n".join(map(texts, got))
-    for name in ("notes", "remarks", "past"):
-        if hasattr(got, name):
-            return "\n".join(getattr(got, name))
-    return ""
+    return "\n".join(text for name in ("remarks", "notes", "past") for text in getattr(got, name, ()))
 
 
 def last(got: Any) -> Any:
