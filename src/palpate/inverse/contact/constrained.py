@@ -33,7 +33,7 @@ from palpate.inverse.contact.misfit import drift_probability, misfit_of
 from palpate.inverse.contact.model import ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
-from palpate.inverse.contact.posterior import AMBIGUOUS_COUPLED, AMBIGUOUS_FORCE, AMBIGUOUS_SHEAR, Posterior
+from palpate.inverse.contact.posterior import Posterior, ambiguity_of
 from palpate.inverse.contact.products import AT_SIZE, FIRST_AT_SIZE, Applied, Products
 from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven
@@ -147,12 +147,10 @@ class ConstrainedEstimator:
         self._responses = Responses(operator, columns, self.readings)
         self._levels: dict[int, Level] = {}
         self._rounds = Rounds()
-        ambiguity = (0.0, 0.0)
+        ambiguity = (0.0, 0.0, 0.0, 0.0)
         if problem.ambiguous:
-            acts = float(np.median(pressing(problem.pad, problem.planes, problem.components[:-1])))
-            least = AMBIGUOUS_COUPLED if cone.coupled else AMBIGUOUS_FORCE
-            normal = least * max(1.0, self.acts / max(acts, 1e-3))
-            ambiguity = (AMBIGUOUS_SHEAR, normal)
+            acting = pressing(problem.pad, problem.planes, problem.components[:-1])
+            ambiguity = ambiguity_of(acting, self.acts, coupled=cone.coupled)
         self.posterior = Posterior(operator, columns, cone, self.inside, self.outside, self.reach, ambiguity=ambiguity)
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)

@@ -17,7 +17,7 @@ from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors, Estimate, batch_of
 from palpate.inverse.linear.matrix_free.path import Linear
 from palpate.inverse.linear.methods import Tikhonov
-from palpate.inverse.linear.stated import among
+from palpate.inverse.linear.stated import among, with_offsets
 from palpate.inverse.method import Method, Needs, Prepared, count, number
 from palpate.inverse.problem import Problem
 
@@ -147,7 +147,9 @@ class Automatic(Method):
             return other.prepare(problem)
         pushing = Adaptive(friction=self.friction, draws=self.draws).prepare(problem)
         linear = self.friction is None and not problem.ambiguous
-        return AutomaticEstimator(pushing, (lambda: Tikhonov().prepare(problem)) if linear else None)
+        return AutomaticEstimator(
+            pushing, (lambda: with_offsets(Tikhonov().prepare(problem), problem)) if linear else None
+        )
 
 
 class AutomaticEstimator:

@@ -189,7 +189,10 @@ class Summary:
         return self._everywhere(np.tensordot(self._weights, np.stack([p.mean for p in self._parts]), 1))
 
     def traction(self) -> Floats:
-        return self._everywhere(np.sqrt(widened(self._mixed("traction")[1], self.posterior.reach)))
+        mean, variance = self._mixed("traction")
+        out = widened(variance, self.posterior.reach)
+        out[-1] += (self.posterior.ambiguity[2] * mean[-1]) ** 2
+        return self._everywhere(np.sqrt(out))
 
     def force(self) -> Floats:
         total, variance = self._mixed("force")
@@ -207,7 +210,8 @@ class Summary:
         return np.asarray(np.sqrt(self._mixed("center")[1]))
 
     def peak(self) -> Floats:
-        return np.asarray(np.sqrt(self._mixed("peak")[1]))
+        mean, variance = self._mixed("peak")
+        return np.asarray(np.sqrt(variance + (self.posterior.ambiguity[3] * mean) ** 2))
 
     def variance_reduction(self) -> Floats:
         first = self.members[0]
