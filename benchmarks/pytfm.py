@@ -4,7 +4,7 @@ pyTFM (GPL) is no part of this project and is not installed with it: it runs by 
 
     python -m venv /tmp/pytfm && /tmp/pytfm/bin/pip install "numpy<2" "scipy<1.13" "matplotlib<3.9" natsort tqdm imageio "scikit-image<0.23" "setuptools<70"
     /tmp/pytfm/bin/pip install --no-deps pyTFM==1.3.5 openpiv==0.23.6
-    python benchmarks/pytfm.py /tmp/pytfm/bin/python --cells 16 --markdown docs/_generated/pytfm.md
+    python benchmarks/pytfm.py /tmp/pytfm/bin/python --cells 16 --pull 1500 300 --markdown docs/_generated/pytfm.md
 """
 
 from __future__ import annotations
@@ -92,11 +92,11 @@ def main() -> None:
     parser.add_argument("python", help="where pyTFM is installed")
     parser.add_argument("--cells", type=int, default=6)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--pull", type=float, nargs="*", default=[1500.0], help="largest traction [Pa]")
+    parser.add_argument("--pull", type=float, nargs="*", default=[1500.0, 300.0], help="largest traction [Pa]")
     parser.add_argument("--markdown", type=Path)
     args = parser.parse_args()
     lines = [
-        f"Made by `python benchmarks/pytfm.py PYTHON --cells {args.cells}`, with pyTFM 1.3.5.",
+        f"Made by `python benchmarks/pytfm.py PYTHON --cells {args.cells} --pull {' '.join(f'{p:g}' for p in args.pull)}`, with pyTFM 1.3.5.",
         "",
         "| pull | displacements | traction | error | background | magnitude in adhesions | strain energy | contractility |",
         "|---" * 8 + "|",
