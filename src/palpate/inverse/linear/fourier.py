@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from palpate._arrays import from_numpy, irfftn, namespace, rfftn
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
-from palpate.inverse.linear.parameter import Tried
+from palpate.inverse.linear.parameter import Tried, tried_on
 from palpate.inverse.linear.priors import Prior, wavenumbers
 from palpate.sensing.operator import Operator, periodic_transfer
 
@@ -23,7 +24,6 @@ class FourierSpectrum:
 
     eigenvalues: Floats
     multiplicity: Floats
-    tried: Tried | None = None
 
     def __init__(
         self, operator: Operator, priors: Sequence[Prior], columns: Sequence[int], scales: Sequence[Floats]
@@ -69,6 +69,11 @@ class FourierSpectrum:
         self._scales = scales
         self._norm = math.sqrt(math.prod(grid.shape))
         self._copies: dict[tuple[Any, ...], Any] = {}
+
+    @cached_property
+    def tried(self) -> Tried:
+        """What the choice of Tikhonov's parameter asks of it whatever the readings."""
+        return tried_on(self.eigenvalues, self.multiplicity)
 
     @property
     def nbytes(self) -> int:

@@ -37,6 +37,7 @@ __all__ = [
     "pick",
     "refined",
     "tikhonov",
+    "tried_on",
     "truncate",
 ]
 
@@ -67,6 +68,8 @@ FLAT = 1e-6
 TURN = 0.1 * math.pi
 #: Keeps logarithms of what rounds to nothing finite; near the smallest double.
 TINY = 1e-300
+#: Spectra of so many values are shared out to bins, so many to a decade of s^2, down to so many decades below the least candidate.
+LONG, BINS_PER_DECADE, BELOW = 4096, 24, 6
 #: Steps of the mean over candidates within one of theirs.
 FINER = 8
 
@@ -164,8 +167,11 @@ def choose(
     check_rule(rule, filter_factors, noise_known=noise_known)
     least = np.zeros(len(power)) if floor is None else floor
     if tried is None:
-        levels = _levels(eigenvalues) if filter_factors is truncate else candidates(eigenvalues)
-        tried = Tried(filter_factors, levels, eigenvalues, multiplicity)
+        if filter_factors is tikhonov:
+            tried = tried_on(eigenvalues, multiplicity)
+        else:
+            levels = _levels(eigenvalues) if filter_factors is truncate else candidates(eigenvalues)
+            tried = Tried(filter_factors, levels, eigenvalues, multiplicity)
     grid = tried.grid
     datum = multiplicity * power  # (frame, n)
     curves = SpectrumCurves(tried, datum)
@@ -240,11 +246,21 @@ class Tried:
         self.grid, self.count = grid, float(multiplicity.sum())
         self.values, self.multiplicity, self._filter = eigenvalues, multiplicity, filter_factors
         self.left = 1.0 - self.phi  # (candidate, n)
+        self.ends = _ends(eigenvalues)
+
+    def shared(self, datum: Floats) -> Floats:
+        """Squared coefficients (frame, n) on the values that the sums are taken over."""
+        return datum
 
     @property
     def phi(self) -> Floats:
         """Filter factors (candidate, n)."""
         return self._filter(self.values[None, :], self.grid[:, None])
+
+    @cached_property
+    def squares(self) -> Floats:
+        """(1 - phi)^2 (candidate, n)."""
+        return self.left**2
 
     @cached_property
     def free(self) -> Floats:
@@ -255,16 +271,61 @@ class Tried:
         return np.asarray(-np.log(np.maximum(self.left, TINY)) @ self.multiplicity)
 
 
+def tried_on(eigenvalues: Floats, multiplicity: Floats) -> Tried:
+    """What the choice of Tikhonov's parameter asks of a spectrum, on bins where it is long."""
+    grid = candidates(eigenvalues)
+    if len(eigenvalues) < LONG:
+        return Tried(tikhonov, grid, eigenvalues, multiplicity)
+    return Binned(grid, eigenvalues, multiplicity)
+
+
+class Binned(Tried):
+    """A long spectrum, shared out to bins of log s^2 by cubic interpolation: the curves are smooth in it, and right to some 1e-6 of what is summed up.
+
+    What lies below the bins leaves nothing of itself in the traction, whatever the candidate.
+    """
+
+    def __init__(self, grid: Floats, eigenvalues: Floats, multiplicity: Floats) -> None:
+        import scipy.sparse
+
+        top = float(eigenvalues.max())
+        count = BINS_PER_DECADE * (DECADES + BELOW)
+        log = BINS_PER_DECADE * (np.log10(np.maximum(eigenvalues, TINY)) - math.log10(top)) + count
+        first = np.clip(np.floor(log).astype(int) - 1, 0, count - 3)
+        x = log - first
+        shares = np.stack(
+            [
+                -(x - 1) * (x - 2) * (x - 3) / 6,
+                x * (x - 2) * (x - 3) / 2,
+                -x * (x - 1) * (x - 3) / 2,
+                x * (x - 1) * (x - 2) / 6,
+            ]
+        )
+        below = log < 0
+        shares[:, below] = np.array([1.0, 0.0, 0.0, 0.0])[:, None]
+        places = np.where(below, count + 1, first + np.arange(4)[:, None])
+        rows = np.broadcast_to(np.arange(len(eigenvalues)), places.shape)
+        self._shares = scipy.sparse.csr_array(
+            (shares.ravel(), (places.ravel(), rows.ravel())), shape=(count + 2, len(eigenvalues))
+        )
+        bins = np.append(top * 10.0 ** ((np.arange(count + 1) - count) / BINS_PER_DECADE), 0.0)
+        super().__init__(tikhonov, grid, bins, self._shares @ multiplicity)
+        self.ends = _ends(eigenvalues)
+
+    def shared(self, datum: Floats) -> Floats:
+        return np.asarray((self._shares @ datum.T).T)
+
+
 class SpectrumCurves:
     """`Curves` of frames whose squared coefficients ``datum`` (frame, n) in a spectrum are known; each is made when it is asked for."""
 
     def __init__(self, tried: Tried, datum: Floats) -> None:
         self.grid, self.count = tried.grid, tried.count
-        self._tried, self._datum = tried, datum
+        self._tried, self._datum = tried, tried.shared(datum)
 
     @cached_property
     def residual(self) -> Floats:
-        return np.asarray(self._datum @ (self._tried.left**2).T)
+        return np.asarray(self._datum @ self._tried.squares.T)
 
     @cached_property
     def penalty(self) -> Floats:
@@ -287,10 +348,8 @@ class SpectrumCurves:
     @cached_property
     def inside(self) -> npt.NDArray[np.bool_]:
         # beyond the spectrum's ends every lambda does the same, and rounding makes corners of its own
-        values = self._tried.values
-        top = float(values.max())
-        positive = values[values > CORNER * top]
-        return np.asarray((self.grid >= positive.min()) & (self.grid <= top))
+        least, top = self._tried.ends
+        return np.asarray((self.grid >= least) & (self.grid <= top))
 
 
 class Picked(NamedTuple):
@@ -299,6 +358,12 @@ class Picked(NamedTuple):
     parameter: Floats
     best: npt.NDArray[np.intp]
     without: npt.NDArray[np.bool_]
+
+
+def _ends(eigenvalues: Floats) -> tuple[float, float]:
+    """The least eigenvalue in which a corner may lie, and the largest."""
+    top = float(eigenvalues.max())
+    return float(eigenvalues[eigenvalues > CORNER * top].min()), top
 
 
 def pick(rule: str, curves: Curves, floor: Floats | None) -> Picked:
@@ -324,14 +389,16 @@ def pick(rule: str, curves: Curves, floor: Floats | None) -> Picked:
     return Picked(refined(curves.grid, score, best), best, without)
 
 
-def amplitude(eigenvalues: Floats, multiplicity: Floats, power: Floats, floor: Floats | None) -> tuple[Floats, Floats]:
+def amplitude(
+    eigenvalues: Floats, multiplicity: Floats, power: Floats, floor: Floats | None, tried: Tried | None = None
+) -> tuple[Floats, Floats]:
     """What the frames say of the size of traction and noise: mean prior amplitude alpha = sigma^2/lambda and noise variance sigma^2 (frame,).
 
     Means over lambda by its marginal likelihood, all decades of it being equally likely before: where nothing is seen, the amplitude
-    that would not have shown. ``floor`` (frame,) is the least noise variance, or None where the noise is known.
+    that would not have shown. ``floor`` (frame,) is the least noise variance, or None where the noise is known; ``tried`` as in `choose`.
     """
-    grid = candidates(eigenvalues)
-    return mean_sizes(SpectrumCurves(Tried(tikhonov, grid, eigenvalues, multiplicity), multiplicity * power), floor)
+    tried = tried_on(eigenvalues, multiplicity) if tried is None else tried
+    return mean_sizes(SpectrumCurves(tried, multiplicity * power), floor)
 
 
 def mean_sizes(curves: Curves, floor: Floats | None) -> tuple[Floats, Floats]:

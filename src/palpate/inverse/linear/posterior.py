@@ -456,7 +456,7 @@ class Source:
         spectrum = self.variances.spectrum
         power = known.power.reshape(self._count, -1)
         floor = None if known.floor is None else np.reshape(known.floor, -1)
-        size, noise = amplitude(spectrum.eigenvalues, spectrum.multiplicity, power, floor)
+        size, noise = amplitude(spectrum.eigenvalues, spectrum.multiplicity, power, floor, tried=spectrum.tried)
         if floor is not None:
             blind = unexplained(self.filter, spectrum, np.reshape(known.parameter, -1)) < UNEXPLAINED
             noise = np.where(blind, np.maximum(noise, finest(spectrum, power)), noise)

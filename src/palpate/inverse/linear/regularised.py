@@ -18,7 +18,7 @@ from palpate.errors import Unsupported
 from palpate.inverse.estimate import Estimate
 from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import check_spectrum, check_waves
-from palpate.inverse.linear.parameter import MODEL_ERROR, Filter, check_parameter, choose
+from palpate.inverse.linear.parameter import MODEL_ERROR, Filter, check_parameter, choose, tikhonov
 from palpate.inverse.linear.patterns import Patterns
 from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, Uncertainty, Variances, unexplained
 from palpate.inverse.linear.priors import Prior
@@ -123,7 +123,14 @@ class Regularised:
         power = np.real(power).reshape(-1, len(values))
         if isinstance(self.parameter, str):
             choice = choose(
-                self.parameter, self.filter, values, counts, power, noise_known=self.noise_known, floor=floor
+                self.parameter,
+                self.filter,
+                values,
+                counts,
+                power,
+                noise_known=self.noise_known,
+                floor=floor,
+                tried=self.spectrum.tried if self.filter is tikhonov else None,
             )
             chosen, variance = choice.parameter, choice.noise_variance
             if choice.fell_back.any():

@@ -27,7 +27,7 @@ from palpate._recall import digest
 from palpate.elastic.channels import find_channel, mirror_parity
 from palpate.elastic.pad import Floats, Pad, mirror_symmetric
 from palpate.inverse.linear.lumps import lumps
-from palpate.inverse.linear.parameter import Tried, candidates, tikhonov
+from palpate.inverse.linear.parameter import Tried, tried_on
 from palpate.inverse.linear.priors import DifferencePrior, Prior
 from palpate.inverse.linear.whitening import axis_roots, inverse_root
 from palpate.sensing.arrays import Array, ScatteredArray
@@ -60,8 +60,8 @@ class Spectrum(Protocol):
     multiplicity: Floats
 
     @property
-    def tried(self) -> Tried | None:
-        """What the choice of Tikhonov's parameter asks of it whatever the readings, where that is kept."""
+    def tried(self) -> Tried:
+        """What the choice of Tikhonov's parameter asks of it whatever the readings."""
         ...
 
     def project(self, readings: Sequence[Any]) -> Any:
@@ -209,7 +209,7 @@ class DataSpectrum:
     @cached_property
     def tried(self) -> Tried:
         """What the choice of Tikhonov's parameter asks of it whatever the readings: 5 MB of 32 x 32 x 3."""
-        return Tried(tikhonov, candidates(self.eigenvalues), self.eigenvalues, self.multiplicity)
+        return tried_on(self.eigenvalues, self.multiplicity)
 
     @property
     def nbytes(self) -> int:
