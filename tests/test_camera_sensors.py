@@ -18,7 +18,7 @@ pytest.importorskip("av")
 for _name in ("typer", "pydantic", "h5netcdf"):
     pytest.importorskip(_name)
 
-from palpate.camera import Displacements, dot_grid, weigh, write_video  # noqa: E402
+from palpate.camera import Displacements, Weighed, dot_grid, weigh, write_video  # noqa: E402
 from palpate.recordings import read_camera, read_uncertainty  # noqa: E402
 
 #: Stiffer than the skin below says.
@@ -127,6 +127,7 @@ def test_a_known_force_sets_the_modulus(tmp_path: Path) -> None:
     assert found.factor == pytest.approx(4 / 3, rel=0.1)
     assert found.agreement > 0.01
     assert "they agree" in str(found)
+    assert "NOT explain" not in str(found)
 
 
 @pytest.mark.long
@@ -140,6 +141,14 @@ def test_presses_that_do_not_fit_say_so(tmp_path: Path) -> None:
         weigh(press(1.0), guess(tmp_path), -1.0)
     with pytest.raises(pp.InvalidInput, match="one for each"):
         weigh([press(1.0)], guess(tmp_path), [1.0, 2.0])
+
+
+def test_a_modulus_from_dots_that_no_press_moves_so_says_so() -> None:
+    ones = np.ones(2)
+    good = Weighed(3e5, 1e4, 1.0, ones, 0.1 * ones, 0.5, np.array([0.4, 0.02]))
+    assert "NOT explain" not in str(good)
+    poor = Weighed(9e4, 1e4, 0.45, ones, 0.1 * ones, 0.5, np.array([0.4, 4e-4]))
+    assert "does NOT explain how the dots of press 1 move" in str(poor)
 
 
 def test_the_commands(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.sensing.view import View
 from palpate.skin import Skin
+from palpate.touch.outcome import POOR_FIT
 from palpate.units import UNKNOWN
 
 __all__ = ["Weighed", "weigh"]
@@ -68,6 +69,12 @@ class Weighed:
         ]
         for i, (ratio, std, fit) in enumerate(zip(self.ratios, self.ratio_std, self.fit)):
             lines.append(f"press {i}         {ratio:.3g} +- {std:.2g} times; fit {fit:.2g}")
+        poor = [str(i) for i, fit in enumerate(self.fit) if fit < POOR_FIT]
+        if poor:
+            lines.append(
+                f"fit             the pad does NOT explain how the dots of press {', '.join(poor)} move: do not use this modulus before depth, scale, axes and signs "
+                "of the dots, and that something presses, are sure"
+            )
         if math.isfinite(self.agreement):
             word = (
                 "they agree"
