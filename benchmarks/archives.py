@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -85,11 +86,22 @@ def memory_of(root: int) -> float:
     return total / 1e3
 
 
+def processor_of(pid: int) -> float:
+    """Seconds of processor time of one process, without those that it started."""
+    try:
+        spent = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    except OSError:
+        return 0.0
+    return sum(map(int, spent)) / os.sysconf("SC_CLK_TCK")
+
+
 @dataclass
 class Ran:
-    """One run: wall seconds, memory over time (MB), exit code."""
+    """One run: wall seconds, processor seconds of the command itself and of all that it started, memory over time (MB), exit code."""
 
     seconds: float = 0.0
+    own: float = 0.0
+    processor: float = 0.0
     memory: list[float] = field(default_factory=list)
     code: int = 0
 
@@ -102,15 +114,18 @@ class Ran:
 
 def run(*arguments: str, watch: Callable[[float], bool] | None = None) -> Ran:
     """``palpate`` with these arguments. ``watch`` is called now and then with the seconds since the start; where it says True, the run is killed."""
-    out, begun = Ran(), time.perf_counter()
+    out, begun, spent = Ran(), time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [sys.executable, "-m", "palpate", *arguments]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         while process.poll() is None:
             out.memory.append(memory_of(process.pid))
+            out.own = max(out.own, processor_of(process.pid))
             if watch is not None and watch(time.perf_counter() - begun):
                 process.send_signal(signal.SIGKILL)
             time.sleep(LOOK / 1e3)
         out.seconds, out.code = time.perf_counter() - begun, process.returncode
+        now = resource.getrusage(resource.RUSAGE_CHILDREN)
+        out.processor = now.ru_utime + now.ru_stime - spent.ru_utime - spent.ru_stime
         if out.code > 0:
             raise RuntimeError(f"{' '.join(arguments)}: {process.stderr.read() if process.stderr else ''}")
     return out
@@ -139,8 +154,8 @@ def same(a: Path, b: Path) -> bool:
 def local(folder: Path, given: argparse.Namespace) -> str:
     """Methods by numbers of workers on this machine."""
     rows = [
-        "| method | frames | workers | wall [s] | frames a second | memory [MB] at a quarter, a half, the end | same result |",
-        "|---|---|---|---|---|---|---|",
+        "| method | frames | workers | wall [s] | frames a second | processor [s]: the command, its workers | memory [MB] at a quarter, a half, the end | same result |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for method in given.methods:
         frames = given.frames if method in ("tikhonov", "dft", "linear", "truncated", "hilgers") else given.slow
@@ -154,7 +169,8 @@ def local(folder: Path, given: argparse.Namespace) -> str:
             alike = "-" if first is None else ("yes" if same(first, out) else "NO")
             memory = ", ".join(f"{done.memory_at(p):.0f}" for p in (0.25, 0.5, 1.0))
             rows.append(
-                f"| {method} | {frames} | {workers} | {done.seconds:.0f} | {frames / done.seconds:.1f} | {memory} | {alike} |"
+                f"| {method} | {frames} | {workers} | {done.seconds:.0f} | {frames / done.seconds:.1f} "
+                f"| {done.own:.0f}, {max(done.processor - done.own, 0.0):.0f} | {memory} | {alike} |"
             )
             print(rows[-1], flush=True)
             if first is None:
@@ -284,7 +300,7 @@ def main() -> None:
     if given.write:
         name = "archives_cluster.md" if given.cluster else "archives.md"
         asked = f"`python benchmarks/archives.py{' --cluster' if given.cluster else ''} --frames {given.frames} --size {given.size}`"
-        what = f"{given.size} x {given.size} taxels of three stresses, Zarr to Zarr, two cores"
+        what = f"{given.size} x {given.size} taxels of three stresses, Zarr to Zarr, two cores (load when it ended: {os.getloadavg()[1]:.1f})"
         (TABLES / name).write_text(f"Made by {asked}: {what}.\n\n{said}", encoding="utf-8")
 
 

@@ -255,6 +255,39 @@ def test_threads(folder: Path, skin: pp.Skin, plain: Any, tmp_path: Path) -> Non
     same(read_touch(tmp_path / "t.zarr"), plain)
 
 
+@pytest.mark.parametrize("disk", ["the same", "another"])
+def test_workers_write_what_they_make(
+    disk: str, folder: Path, skin: pp.Skin, whole: pp.Touch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All pieces but those that begin a store, or bring what it does not have; over the network where a worker does not see the disk."""
+    from palpate.archives import pools
+    from palpate.recordings.touchstream import Written
+    from palpate.recordings.zarrstream import ZarrStream
+
+    seen: list[bool] = []
+    add = ZarrStream.add
+
+    def counted(self: ZarrStream, start: int, piece: Any) -> None:
+        seen.append(isinstance(piece, Written))
+        add(self, start, piece)
+        if disk == "another":
+            (self.path.parent / "here").write_text("of another run")
+
+    monkeypatch.setattr(ZarrStream, "add", counted)
+    monkeypatch.setattr(pools._Threads, "elsewhere", True)
+    options: dict[str, Any] = {"chunk": 2, "workers": 1, "scheduler": "threads"}
+    pp.reconstruct_recording(skin, folder / "r.zarr", tmp_path / "t.zarr", method=Mixed(), **options)
+    found = touch_of(
+        read_touch(tmp_path / "t.zarr")
+    )  # its checksum, put together from those of the pieces, is confirmed
+    assert any(seen) == (disk == "the same")
+    assert found.methods.tolist() == whole.methods.tolist()
+    assert found.notes == whole.notes
+    np.testing.assert_array_equal(found.sliding, whole.sliding)
+    np.testing.assert_allclose(found.values, whole.values, rtol=1e-9, atol=1e-9 * np.abs(whole.values).max())
+    assert os.listdir(tmp_path) == ["t.zarr"]
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_command_that_is_stopped_goes_on(number: int, folder: Path, plain: Any, tmp_path: Path) -> None:

@@ -13,9 +13,8 @@ from contextlib import AbstractContextManager, ExitStack
 from typing import TYPE_CHECKING, Any
 
 from palpate._extras import missing
-from palpate.archives.work import Task, packed, solve, solve_packed
+from palpate.archives.work import Solved, Task, packed, solve, solve_packed
 from palpate.errors import InvalidInput, Unsupported
-from palpate.recordings.touchstream import Piece
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -36,9 +35,11 @@ class Pool(AbstractContextManager["Pool"]):
 
     #: Tasks that wait or are worked on at a time, so that memory does not grow with the recording.
     width: int = 1
+    #: Whether tasks are worked on in other processes, which write what they make by themselves where they can.
+    elsewhere: bool = False
 
     @abc.abstractmethod
-    def submit(self, task: Task) -> Callable[[], Piece]:
+    def submit(self, task: Task) -> Callable[[], Solved]:
         """Begin a task; what is returned waits for it."""
 
     def restart(self) -> None:
@@ -47,7 +48,7 @@ class Pool(AbstractContextManager["Pool"]):
     def __exit__(self, *_: object) -> None: ...
 
 
-def in_order(pool: Pool, tasks: Iterator[Task]) -> Iterator[tuple[Task, Piece]]:
+def in_order(pool: Pool, tasks: Iterator[Task]) -> Iterator[tuple[Task, Solved]]:
     """Each task with its piece, in the order of the tasks. A task whose worker is lost is given to another.
 
     Raises
@@ -55,7 +56,7 @@ def in_order(pool: Pool, tasks: Iterator[Task]) -> Iterator[tuple[Task, Piece]]:
     Unsupported
         The same task lost one worker after another.
     """
-    waiting: deque[tuple[Task, Callable[[], Piece]]] = deque()
+    waiting: deque[tuple[Task, Callable[[], Solved]]] = deque()
     losses = 0
     while True:
         try:
@@ -64,7 +65,7 @@ def in_order(pool: Pool, tasks: Iterator[Task]) -> Iterator[tuple[Task, Piece]]:
             if not waiting:
                 return
             task, wait = waiting[0]
-            piece = wait()
+            solved = wait()
         except BrokenExecutor as error:
             losses += 1
             first = waiting[0][0]
@@ -78,17 +79,17 @@ def in_order(pool: Pool, tasks: Iterator[Task]) -> Iterator[tuple[Task, Piece]]:
             continue
         losses = 0
         waiting.popleft()
-        yield task, piece
+        yield task, solved
 
 
-def _later(pool: Pool, task: Task) -> Callable[[], Piece]:
+def _later(pool: Pool, task: Task) -> Callable[[], Solved]:
     """A task that waits, also where the pool has just lost a worker."""
     try:
         return pool.submit(task)
     except BrokenExecutor as error:
         lost = error
 
-        def broken() -> Piece:
+        def broken() -> Solved:
             raise lost
 
         return broken
@@ -127,7 +128,7 @@ class _Here(Pool):
     def __init__(self, skin: Skin | AtRest, options: dict[str, Any]) -> None:
         self._skin, self._options = skin, options
 
-    def submit(self, task: Task) -> Callable[[], Piece]:
+    def submit(self, task: Task) -> Callable[[], Solved]:
         return lambda: solve(self._skin, self._options, task)
 
 
@@ -142,7 +143,7 @@ class _Threads(Pool):
             self._stack.callback(limits.restore_original_limits)
         self._executor = ThreadPoolExecutor(workers, thread_name_prefix="palpate-worker")
 
-    def submit(self, task: Task) -> Callable[[], Piece]:
+    def submit(self, task: Task) -> Callable[[], Solved]:
         return self._executor.submit(solve, self._skin, self._options, task).result
 
     def __exit__(self, *_: object) -> None:
@@ -152,6 +153,8 @@ class _Threads(Pool):
 
 class _Processes(Pool):
     """Processes that end with this one, however it ends: each watches a pipe whose other end is here."""
+
+    elsewhere = True
 
     def __init__(self, job: bytes, workers: int) -> None:
         self._job, self._workers, self.width = job, workers, 2 * workers
@@ -167,8 +170,8 @@ class _Processes(Pool):
             self._workers, mp_context=context, initializer=_begin_worker, initargs=(watched,)
         )
 
-    def submit(self, task: Task) -> Callable[[], Piece]:
-        future: Future[Piece] = self._executor.submit(solve_packed, self._job, task)
+    def submit(self, task: Task) -> Callable[[], Solved]:
+        future: Future[Solved] = self._executor.submit(solve_packed, self._job, task)
         return future.result
 
     def restart(self) -> None:
@@ -210,6 +213,8 @@ def _one_thread_each() -> Any:
 class _Dask(Pool):
     """A cluster: its scheduler gives the task of a lost worker to another, and looks after their threads."""
 
+    elsewhere = True
+
     def __init__(self, job: bytes, address: str) -> None:
         try:
             import distributed
@@ -231,11 +236,11 @@ class _Dask(Pool):
         self.width = 2 * threads
         self._waiting: set[Any] = set()
 
-    def submit(self, task: Task) -> Callable[[], Piece]:
+    def submit(self, task: Task) -> Callable[[], Solved]:
         future = self._client.submit(solve_packed, self._job, task, pure=False)
         self._waiting.add(future)
 
-        def wait() -> Piece:
+        def wait() -> Solved:
             try:
                 return future.result()
             except self._lost as error:

@@ -16,7 +16,7 @@ from palpate._memory import require
 from palpate._threads import SMALL, cores
 from palpate.archives.pools import in_order, pool_of
 from palpate.archives.rested import Rest
-from palpate.archives.work import Task, fingerprint
+from palpate.archives.work import Task, Told, fingerprint
 from palpate.elastic import Viscoelastic
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -33,11 +33,12 @@ from palpate.status import Status
 from palpate.touch import Touch
 from palpate.touch.counted import Counted
 from palpate.touch.outcome import Outcome
-from palpate.touch.table import columns, table_of
+from palpate.touch.table import table_of
 
 if TYPE_CHECKING:
     import pandas
 
+    from palpate.recordings.zarrpieces import Place
     from palpate.skin import Skin
 
 __all__ = ["Reconstructed", "piece_length", "reconstruct_recording", "worker_count"]
@@ -282,10 +283,11 @@ def reconstruct_recording(
             progress(finished, count)
         gathered = _Gathered()
         for start, frames in done.items():  # by an earlier run
-            gathered.add(start, stream.part(start, start + frames))
-        for task, piece in in_order(pool, _tasks(source, skin, length, done, zero, wanted)):
-            stream.add(task.start - wanted.start, piece)
-            gathered.add(task.start, piece.touch())
+            gathered.add(start, Told.of(stream.part(start, start + frames)))
+        place = stream.place if pool.elsewhere and wanted.start == 0 else lambda: None
+        for task, solved in in_order(pool, _tasks(source, skin, length, done, zero, wanted, place)):
+            stream.add(task.start - wanted.start, solved.piece)
+            gathered.add(task.start, solved.told)
             finished += task.stop - task.start
             if progress is not None:
                 progress(finished, len(wanted))
@@ -308,26 +310,23 @@ class _Gathered:
 
     def __init__(self) -> None:
         self._parts: dict[int, dict[str, Any]] = {}
-        self._largest: tuple[float, Touch, int] | None = None
+        self._largest: tuple[int, Told] | None = None
         self._said = Counted()
         self._outcome: Outcome | None = None
 
-    def add(self, start: int, touch: Touch) -> None:
-        self._parts[start] = columns(touch)
-        self._said.add(touch.assumptions, touch.batch[0])
-        became = Outcome.of(touch)
-        self._outcome = became if self._outcome is None else self._outcome + became
-        loads = np.nansum(np.abs(touch.values), axis=tuple(range(1, np.ndim(touch.values))))
-        at = int(np.argmax(loads))
-        found = (float(loads[at]), start + at)
-        if self._largest is None or found[0] > self._largest[0]:
-            self._largest = found[0], touch[at], found[1]
+    def add(self, start: int, told: Told) -> None:
+        self._parts[start] = told.numbers
+        self._said.add(told.assumptions, told.outcome.frames)
+        self._outcome = told.outcome if self._outcome is None else self._outcome + told.outcome
+        if self._largest is None or told.load > self._largest[1].load:
+            self._largest = start + told.at, told
 
     @property
     def largest(self) -> tuple[Touch, int]:
         if self._largest is None:
             raise InvalidInput("there are no frames.")
-        return self._largest[1:]
+        at, told = self._largest
+        return told.touch, at
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -348,7 +347,13 @@ def _opened(recording: str | Path | Recording | OpenRecording) -> Any:
 
 
 def _tasks(
-    source: OpenRecording, skin: Skin, length: int, done: Mapping[int, int], zero: Floats | None, wanted: range
+    source: OpenRecording,
+    skin: Skin,
+    length: int,
+    done: Mapping[int, int],
+    zero: Floats | None,
+    wanted: range,
+    place: Callable[[], Place | None],
 ) -> Iterator[Task]:
     """What is still to be done, with zero and creep taken out: creep remembers, so that it goes through all frames in turn."""
     creep = Creep(skin.planes, skin.pad.prony, "remove") if isinstance(skin.pad, Viscoelastic) else None
@@ -364,4 +369,5 @@ def _tasks(
             readings = joined_planes(creep(layout.checked(readings), part.time), skin.planes)
         first, last = max(start, wanted.start), min(stop, wanted.stop)
         if done.get(start) != stop - start and first < last:
-            yield Task(first, last, readings[first - start : last - start], part.time[first - start : last - start])
+            held = slice(first - start, last - start)
+            yield Task(first, last, readings[held], part.time[held], place())

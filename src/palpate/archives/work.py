@@ -13,14 +13,18 @@ import numpy as np
 
 import palpate
 from palpate.errors import Unsupported
-from palpate.recordings.touchstream import Piece, piece_of
+from palpate.recordings.touchstream import Piece, Written, piece_of
+from palpate.touch.outcome import Outcome
+from palpate.touch.table import columns
 
 if TYPE_CHECKING:
     from palpate.archives.rested import AtRest
     from palpate.elastic.pad import Floats
+    from palpate.recordings.zarrpieces import Place
     from palpate.skin import Skin
+    from palpate.touch import Touch
 
-__all__ = ["Task", "fingerprint", "packed", "solve", "solve_packed"]
+__all__ = ["Solved", "Task", "Told", "fingerprint", "packed", "solve", "solve_packed"]
 
 
 @dataclass(frozen=True)
@@ -31,11 +35,43 @@ class Task:
     stop: int
     readings: Any
     time: Floats
+    #: where a worker writes by itself, if it can
+    place: Place | None = None
 
 
-def solve(skin: Skin | AtRest, options: dict[str, Any], task: Task) -> Piece:
+@dataclass(frozen=True)
+class Told:
+    """Of some frames: the numbers of each, what was assumed and what became of them, and the frame with the largest traction (sum of its sizes, place, touch)."""
+
+    numbers: dict[str, Any]
+    assumptions: tuple[str, ...]
+    outcome: Outcome
+    load: float
+    at: int
+    touch: Touch
+
+    @classmethod
+    def of(cls, touch: Touch) -> Told:
+        """Told of a batch of frames."""
+        loads = np.nansum(np.abs(touch.values), axis=tuple(range(1, np.ndim(touch.values))))
+        at = int(np.argmax(loads))
+        return cls(columns(touch), tuple(touch.assumptions), Outcome.of(touch), float(loads[at]), at, touch[at])
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A piece, ready to be written or written already, and what is told of it."""
+
+    piece: Piece | Written
+    told: Told
+
+
+def solve(skin: Skin | AtRest, options: dict[str, Any], task: Task) -> Solved:
     """The touches of a task's frames, as they are written."""
-    return piece_of(skin.reconstruct(task.readings, time=task.time, **options))
+    piece = piece_of(skin.reconstruct(task.readings, time=task.time, **options))
+    told = Told.of(piece.touch())
+    written = None if task.place is None else task.place.write(task.start, piece)
+    return Solved(piece if written is None else written, told)
 
 
 def packed(skin: Skin | AtRest, options: dict[str, Any]) -> bytes:
@@ -54,7 +90,7 @@ def packed(skin: Skin | AtRest, options: dict[str, Any]) -> bytes:
         ) from error
 
 
-def solve_packed(job: bytes, task: Task) -> Piece:
+def solve_packed(job: bytes, task: Task) -> Solved:
     """The same in another process, where the skin is prepared once."""
     return solve(*_unpacked(job), task)
 

@@ -44,6 +44,9 @@ class Errors:
     def __post_init__(self) -> None:
         freeze(self)
 
+    def work_out(self) -> None:
+        """Make all fields that are made when they are first asked for; what they share is worked out once."""
+
     @classmethod
     def gathered(cls, parts: Sequence[Errors | None], gather: Callable[[list[Any]], Any]) -> Errors:
         """Each array made of those of the parts (None where a part is)."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.errors import InvalidInput
+from palpate.recordings.crc import combined
 from palpate.recordings.labelled import recording_dataset
 from palpate.recordings.recording import Recording
 
@@ -23,6 +24,7 @@ __all__ = [
     "SALVAGED",
     "affordable",
     "agree",
+    "block_crc",
     "checksum",
     "confirm",
     "confirm_recording",
@@ -41,12 +43,17 @@ BLOCK = 1 << 22
 DEFLATE, SMALL = 1032, 1 << 20
 
 
-def checksum(dataset: xarray.Dataset, *, long: Mapping[str, tuple[int, Iterable[Any]]] | None = None) -> int:
+def checksum(
+    dataset: xarray.Dataset,
+    *,
+    long: Mapping[str, tuple[int, Iterable[Any]]] | None = None,
+    known: Mapping[str, tuple[int, int]] | None = None,
+) -> int:
     """CRC-32 of names, dimensions, values and attributes, whatever the file format: numbers count in double precision.
 
     A CRC-32 tells every change of up to 32 neighbouring bits, and all but one of 4e9 other changes. Numbers are read in blocks, so that
     a data set that lies in a file is never in memory as a whole. ``long``: variables of which ``dataset`` holds an excerpt; the count of
-    their frames and, one after another, their blocks.
+    their frames and, one after another, their blocks. ``known``: variables whose `block_crc` and bytes are known.
     """
     crc = 0
     for name in sorted(map(str, dataset.variables)):
@@ -57,10 +64,19 @@ def checksum(dataset: xarray.Dataset, *, long: Mapping[str, tuple[int, Iterable[
             count, blocks = long[name]
             shape = (count, *shape[1:])
         crc = zlib.crc32(json.dumps([name, *map(str, variable.dims), *shape]).encode(), crc)
+        if known is not None and name in known:
+            crc = combined(crc, *known[name])
+            continue
         for block in blocks:
             crc = zlib.crc32(_canonical(block), crc)
     attributes = {str(k): _plain(v) for k, v in dataset.attrs.items() if k != CHECKSUM}
     return zlib.crc32(json.dumps(attributes, sort_keys=True).encode(), crc)
+
+
+def block_crc(values: Any) -> tuple[int, int]:
+    """CRC-32 of numbers as `checksum` counts them, and their bytes."""
+    block = _canonical(values)
+    return zlib.crc32(block), len(block)
 
 
 def _blocks(variable: xarray.Variable) -> Iterator[Any]:

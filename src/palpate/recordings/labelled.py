@@ -186,6 +186,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
     found: dict[str, Any] = {"traction": traction}
     found["force"] = ((*batch, "component"), to_numpy(touch.force), {"units": unit, "long_name": "net force"})
     if touch.errors is not None:
+        touch.errors.work_out()
         found["std"] = touch.std
         for name, side in zip(("force_low", "force_high"), touch.interval(0.95, "force")):
             attrs = {"units": unit, "long_name": "net force, 95 % interval"}

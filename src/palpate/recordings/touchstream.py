@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,7 @@ from palpate.touch.outcome import Outcome
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Arrays", "Collected", "Piece", "TouchStream", "Whole", "piece_of"]
+__all__ = ["Arrays", "Collected", "Piece", "TouchStream", "Whole", "Written", "along_time", "piece_of"]
 
 #: Attributes that all pieces of a run have alike.
 _COMMON = ("sought", "unobservable_force", "surface", "case", "nuisance_names", "friction")
@@ -40,9 +40,42 @@ class Piece:
         """How many there are."""
         return int(self.dataset.sizes["time"])
 
+    @property
+    def attrs(self) -> Mapping[str, Any]:
+        """What is said of them."""
+        return {str(k): v for k, v in self.dataset.attrs.items()}
+
     def touch(self) -> Touch:
         """As a result again."""
         return touch_of(self.dataset)
+
+
+@dataclass(frozen=True)
+class Written:
+    """A piece whose numbers another process has written where they belong: what is left to say of it.
+
+    ``crcs`` are `palpate.recordings.checked.block_crc` of each variable along time.
+    """
+
+    frames: int
+    attrs: Mapping[str, Any]
+    outcome: Outcome
+    calibration: str
+    crcs: Mapping[str, tuple[int, int]]
+    fixed: tuple[str, ...]
+
+
+def along_time(piece: Piece, methods: Sequence[str], *, coded: bool) -> dict[str, xarray.Variable]:
+    """The variables of a piece that grow with time. ``methods`` are those of the run so far; ``coded``: each frame's place among them is kept."""
+    found = {str(n): v for n, v in piece.dataset.variables.items() if "time" in v.dims and n != "found_by"}
+    names = json.loads(piece.attrs.get("methods", json.dumps([piece.attrs["method"]])))
+    places = np.array([methods.index(n) for n in names], dtype=np.int8)
+    held = piece.dataset.get("found_by")
+    codes = places[np.zeros(piece.frames, dtype=int) if held is None else held.values]
+    if coded or codes.any():
+        found["found_by"] = found["time"].to_base_variable().copy(data=codes)
+        found["found_by"].attrs = {"long_name": "place among the attribute methods"}
+    return found
 
 
 def piece_of(touch: Touch) -> Piece:
@@ -100,13 +133,6 @@ class Whole:
             dict.fromkeys((*self._assumptions.words(), *said, *([self._calibration] if self._calibration else [])))
         )
 
-    def codes(self, piece: Piece) -> Any:
-        """The method of each frame of a piece, as its place among the methods of all pieces so far."""
-        names = json.loads(piece.dataset.attrs.get("methods", json.dumps([piece.dataset.attrs["method"]])))
-        places = np.array([self.methods.index(n) for n in names], dtype=np.int8)
-        held = piece.dataset.get("found_by")
-        return places[np.zeros(piece.frames, dtype=int) if held is None else held.values]
-
 
 class TouchStream(abc.ABC):
     """A file that takes the touches of ``count`` frames in pieces; `finish` makes it a result. Nothing else may write to it.
@@ -123,10 +149,14 @@ class TouchStream(abc.ABC):
         self.done: dict[int, int] = {}
         self._apart = Apart()
 
-    def add(self, start: int, piece: Piece) -> None:
+    def add(self, start: int, piece: Piece | Written) -> None:
         """The frames from ``start`` on."""
-        self.whole.add(piece.dataset.attrs, piece.outcome, piece.calibration)
-        self._written(lambda: self._add(start, piece))
+        self.whole.add(piece.attrs, piece.outcome, piece.calibration)
+        self._written(lambda: self._add(start, piece) if isinstance(piece, Piece) else self._note(start, piece))
+
+    def place(self) -> Any:
+        """Where another process may write a piece by itself (`palpate.recordings.zarrpieces.Place`); None where there is none, or not yet."""
+        return None
 
     def finish(self) -> None:
         """All frames are there: the result is made whole."""
@@ -150,6 +180,9 @@ class TouchStream(abc.ABC):
 
     @abc.abstractmethod
     def _add(self, start: int, piece: Piece) -> None: ...
+
+    def _note(self, start: int, piece: Written) -> None:
+        raise InvalidInput(f"{self.path}: frames {start} to {start + piece.frames - 1} are nowhere.")
 
     @abc.abstractmethod
     def _finish(self) -> None: ...
@@ -183,15 +216,10 @@ class Arrays(TouchStream):
         self._long: dict[str, tuple[tuple[int, ...], Any]] = {}
 
     def _add(self, start: int, piece: Piece) -> None:
-        variables = {str(n): v for n, v in piece.dataset.variables.items()}
-        variables.pop("found_by", None)
         if not self._long:
-            self._begin({n: v for n, v in variables.items() if "time" not in v.dims}, piece.frames)
-        here = {n: v for n, v in variables.items() if "time" in v.dims}
-        codes = self.whole.codes(piece)
-        if "found_by" in self._long or codes.any():
-            here["found_by"] = here["time"].to_base_variable().copy(data=codes)
-            here["found_by"].attrs = {"long_name": "place among the attribute methods"}
+            fixed = {str(n): v for n, v in piece.dataset.variables.items() if "time" not in v.dims}
+            self._begin(fixed, piece.frames)
+        here = along_time(piece, self.whole.methods, coded="found_by" in self._long)
         for name, variable in here.items():
             shape = variable.shape[1:]
             if name not in self._long:

@@ -5,19 +5,23 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+import uuid
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palpate.errors import InvalidInput
-from palpate.recordings.checked import CHECKSUM, checksum
+from palpate.recordings.checked import CHECKSUM, block_crc, checksum
+from palpate.recordings.crc import combined
 from palpate.recordings.files import moved_into_place
 from palpate.recordings.labelled import touch_of
 from palpate.recordings.stores import zarr_library
-from palpate.recordings.touchstream import Arrays, Piece
+from palpate.recordings.touchstream import Arrays, Piece, Written
+from palpate.recordings.zarrpieces import HERE, Place
 from palpate.recordings.zarrstore import DAMAGE
 from palpate.touch import Touch
 from palpate.touch.outcome import Outcome
@@ -88,10 +92,18 @@ class ZarrStream(Arrays):
         super().__init__(path, count, record)
         self._list = path.parent / _PIECES
         self._arrays: dict[str, Any] = {}
+        self._crcs: dict[int, Mapping[str, tuple[int, int]]] = {}
+        self._by_others = False
         if resume and self._list.exists():
             self._written(lambda: self._go_on(run))
         else:
             self._written(lambda: self._fresh(run))
+        self._written(self._announce)
+
+    def _announce(self) -> None:
+        """Processes that find this word beside the store see the same disk, and belong to this run."""
+        self._word = uuid.uuid4().hex
+        (self.path.parent / HERE).write_text(self._word, encoding="utf-8")
 
     def _fresh(self, run: Mapping[str, Any]) -> None:
         folder = self.path.parent
@@ -137,12 +149,17 @@ class ZarrStream(Arrays):
             if self._whole(start, line):
                 self.whole.add(line["attrs"], Outcome.restored(line["outcome"]), line["calibration"])
                 self.done[start] = line["frames"]
+                self._crcs[start] = {n: (int(crc), int(size)) for n, (crc, size) in line["crcs"].items()}
+                for name in set(self._long) - set(line["crcs"]):  # that came up later
+                    self._put(name, start, self._nothing(name, line["frames"]))
+        self._by_others = True  # what was broken off may have left half a block under another name
 
     def _whole(self, start: int, line: Mapping[str, Any]) -> bool:
         """Whether a piece is in the store as it was written."""
+        here = slice(start, start + line["frames"])
         try:
-            return self._checksum(start, line["frames"], line["variables"]) == line["crc"]
-        except DAMAGE:
+            return all(list(block_crc(self._arrays[n][here])) == list(crc) for n, crc in line["crcs"].items())
+        except (*DAMAGE, KeyError):
             return False
 
     def _log(self, entry: dict[str, Any]) -> None:
@@ -151,27 +168,34 @@ class ZarrStream(Arrays):
             file.flush()
             os.fsync(file.fileno())
 
-    def _checksum(self, start: int, frames: int, names: Iterable[str]) -> int:
-        """That of some frames as the store holds them."""
-        import xarray
-
-        held = {n: self._arrays[n] for n in names if n in self._arrays}
-        return checksum(
-            xarray.Dataset(
-                {n: (a.metadata.dimension_names, a[start : start + frames]) for n, a in held.items()},
-            )
-        )
+    def place(self) -> Place | None:
+        long = {n: (shape, np.dtype(dtype).str) for n, (shape, dtype) in self._long.items()}
+        return Place(str(self.path), self._word, long, tuple(self.whole.methods)) if long else None
 
     def _add(self, start: int, piece: Piece) -> None:
+        self._fresh_crcs: dict[str, tuple[int, int]] = {}
         super()._add(start, piece)
-        names = sorted(self._long)
+        fixed = tuple(str(n) for n, v in piece.dataset.variables.items() if "time" not in v.dims)
+        self._told(start, Written(piece.frames, piece.attrs, piece.outcome, piece.calibration, self._fresh_crcs, fixed))
+
+    def _note(self, start: int, piece: Written) -> None:
+        self._by_others = True
+        self._fresh_crcs = dict(piece.crcs)
+        for name in set(self._long) - set(piece.crcs):  # that came up since the piece was given away
+            self._put(name, start, self._nothing(name, piece.frames))
+        self.done[start] = piece.frames
+        self._told(start, replace(piece, crcs=self._fresh_crcs))
+
+    def _told(self, start: int, piece: Written) -> None:
+        """Into the list, when everything else is done."""
+        self._crcs[start] = piece.crcs
         self._log(
             {
                 "start": start,
                 "frames": piece.frames,
-                "variables": [*names, *(str(n) for n, v in piece.dataset.variables.items() if "time" not in v.dims)],
-                "crc": self._checksum(start, piece.frames, names),
-                "attrs": piece.dataset.attrs,
+                "variables": [*sorted(self._long), *piece.fixed],
+                "crcs": piece.crcs,
+                "attrs": dict(piece.attrs),
                 "outcome": piece.outcome.plain(),
                 "calibration": piece.calibration,
             }
@@ -209,7 +233,12 @@ class ZarrStream(Arrays):
         )
 
     def _put(self, name: str, start: int, values: Any) -> None:
+        values = np.asarray(values, dtype=self._long[name][1] if name in self._long else None)
         self._arrays[name][start : start + len(values)] = values
+        if start in self.done:  # a variable that came up late: nothing of it is in the pieces before
+            self._crcs[start] = {**self._crcs[start], name: block_crc(values)}
+        else:
+            self._fresh_crcs[name] = block_crc(values)
 
     def _finish(self) -> None:
         for array in self._arrays.values():
@@ -217,9 +246,21 @@ class ZarrStream(Arrays):
                 array.attrs["notes"] = self.whole.notes
         text = {k: v for k, v in self._root.attrs.items() if k == "component"}
         self._root.attrs.put({**self.whole.attributes(self.record), **text})
+        if self._by_others:
+            for torn in self.path.rglob("*.partial"):
+                torn.unlink()
         with self._opened() as found:
             named = found.assign_coords(component=list(map(str, found.attrs.pop("component"))))
-            self._root.attrs[CHECKSUM] = checksum(named)
+            self._root.attrs[CHECKSUM] = checksum(named, known=self._known())
+
+    def _known(self) -> dict[str, tuple[int, int]]:
+        """CRC-32 and bytes of each variable over all frames, from those of the pieces: nothing is read again."""
+        out = dict.fromkeys(self._long, (0, 0))
+        for start in sorted(self._crcs):
+            for name, (crc, size) in out.items():
+                last, more = self._crcs[start][name]
+                out[name] = combined(crc, last, more), size + more
+        return out
 
     def _opened(self) -> xarray.Dataset:
         """As it lies there, nothing of it in memory."""

@@ -19,11 +19,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate._arrays import to_numpy
 from palpate._batches import Deferred
@@ -220,6 +222,11 @@ class LinearErrors(Deferred, Errors):
     def __reduce__(self) -> Any:
         return Errors, tuple(getattr(self, name) for name in _NAMES)  # a copy elsewhere needs no spectrum
 
+    def work_out(self) -> None:
+        with self._made_of.together():
+            for name in _NAMES:
+                getattr(self, name)
+
     @property
     def deferred(self) -> bool:
         """Whether something may still have to be worked out."""
@@ -313,26 +320,20 @@ class Source:
         out = np.full((self._count, grid.dimensions), math.nan)
         if not self._presses or not self.variances.mean_seen[-1]:
             return self._batched(out)
-        out = np.sqrt(self._own(self._center_rows()))
+        out = np.sqrt(self._of_pressure(self._center_rows))
         out[self._all[:, -1].reshape(self._count, -1).max(axis=1) <= 0] = math.nan
         return self._batched(out)
 
-    def _center_rows(self) -> Floats:
-        """Changes of the centre of pressure with the traction (frame, axis, component sought, *surface)."""
-        pressure = self._all[:, -1]
-        rows = np.zeros((self._count, len(self._places), len(self.variances.columns), *self.variances.grid.shape))
-        for i, p in enumerate(pressure):
-            rows[i, :, -1] = center_rows(self.variances.grid, p)
-        return rows
+    def _center_rows(self, part: slice) -> Floats:
+        """Of some frames: changes of the centre of pressure with the pressure (frame, axis, *surface)."""
+        grid = self.variances.grid
+        some = to_numpy(self.traction).reshape(-1, len(grid.components), *grid.shape)[part, -1].astype(np.float64)
+        return np.stack([center_rows(grid, p) for p in some])
 
     def peak(self) -> Floats:
         if not self._presses:
             return self._batched(np.full(self._count, math.nan))
-        shape = self.variances.grid.shape
-        rows = np.zeros((self._count, 1, len(self.variances.columns), math.prod(shape)))
-        top = self._all[:, -1].reshape(self._count, -1).argmax(axis=1)
-        rows[np.arange(self._count), 0, -1, top] = 1.0
-        return self._batched(np.sqrt(self._own(rows.reshape(*rows.shape[:3], *shape))[:, 0]))
+        return self._batched(np.sqrt(self._of_cells(self._all[:, -1].reshape(self._count, -1).argmax(axis=1))))
 
     def _summed(self, name: str, rows: Floats) -> Floats:
         """Variance (frame, row) of sums that are the same in all frames: ``rows`` w, kept by the variances under a name."""
@@ -347,20 +348,46 @@ class Source:
             parts.append(variance)
         return np.concatenate(parts)
 
-    def _own(self, rows: Floats) -> Floats:
-        """Variance (frame, row) of sums of their own, ``rows`` (frame, row, component sought, *surface)."""
+    def _of_pressure(self, rows: Callable[[slice], Floats]) -> Floats:
+        """Variance (frame, row) of sums of the pressure, each frame's own: ``rows`` (frame, row, *surface) of some frames."""
         parts = []
         for part, size, weights in self._weights(self.variances.spectrum.eigenvalues):
-            here = rows[part]
-            powers, rest = self.variances.spectrum.sums(here.reshape(-1, *here.shape[2:]))
+            here = rows(part)
+            powers, rest = self.variances.spectrum.sums(self._only_pressure(here.reshape(-1, *here.shape[2:])))
             variance = (weights[:, None, :] * powers.reshape(*here.shape[:2], -1)).sum(axis=-1)
             variance = variance + size * rest.reshape(here.shape[:2])
             if self._patterns is not None:
                 flat = here.reshape(*here.shape[:2], -1)
-                inner = flat @ np.swapaxes(self._patterns[part].reshape(len(here), -1, flat.shape[-1]), 1, 2)
+                patterns = self._patterns[part][:, :, -1]
+                inner = flat @ np.swapaxes(patterns.reshape(*patterns.shape[:2], -1), 1, 2)
                 variance = variance + (inner**2).sum(axis=-1)
             parts.append(variance)
         return np.concatenate(parts)
+
+    def _of_cells(self, cells: npt.NDArray[np.intp]) -> Floats:
+        """Variance (frame,) of the pressure in one cell (flat index) of each frame."""
+        parts = []
+        for part, size, weights in self._weights(self.variances.spectrum.eigenvalues):
+            # one frame after another presses at the same place
+            each, places = np.unique(cells[part], return_inverse=True)
+            rows = np.zeros((len(each), math.prod(self.variances.grid.shape)))
+            rows[np.arange(len(each)), each] = 1.0
+            powers, rest = self.variances.spectrum.sums(
+                self._only_pressure(rows.reshape(-1, *self.variances.grid.shape))
+            )
+            variance = (weights * powers[places]).sum(axis=-1) + size[:, 0] * rest[places]
+            if self._patterns is not None:
+                patterns = self._patterns[part][:, :, -1]
+                flat = patterns.reshape(*patterns.shape[:2], -1)
+                variance = variance + (flat[np.arange(len(flat)), :, cells[part]] ** 2).sum(axis=-1)
+            parts.append(variance)
+        return np.concatenate(parts)
+
+    def _only_pressure(self, rows: Floats) -> Floats:
+        """Sums (row, *surface) of the pressure as sums (row, component sought, *surface)."""
+        out = np.zeros((len(rows), len(self.variances.columns), *rows.shape[1:]))
+        out[:, -1] = rows
+        return out
 
     # -- what was found where nothing is measured: smooth continuation is no observation, and contact that ends is not smooth
 
@@ -382,8 +409,11 @@ class Source:
     def outside_center(self) -> Floats:
         out = np.zeros((self._count, len(self._places)))
         if self._presses:
-            weights = self._center_rows()[:, :, -1] * self.variances.outside  # (frame, axis, *surface)
-            out = np.abs((weights * self._all[:, None, -1]).reshape(*out.shape, -1).sum(axis=-1))
+            far = np.flatnonzero(self.variances.outside)
+            if len(far):
+                rows = self._center_rows(slice(None)).reshape(*out.shape, -1)[..., far]
+                pressure = self._all[:, -1].reshape(self._count, -1)[:, None, far]
+                out = np.abs((rows * pressure).sum(axis=-1))
         return self._batched(out)
 
     def outside_peak(self) -> Floats:
@@ -396,6 +426,22 @@ class Source:
 
     def _weights(self, values: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
         """Some frames, their prior amplitude (frame, 1), and e (frame, n) of the eigenvalues ``values``."""
+        if values is not self.variances.spectrum.eigenvalues or "_kept" not in self.__dict__:
+            return self._worked_weights(values)
+        if not self.__dict__["_kept"]:
+            self.__dict__["_kept"].extend(self._worked_weights(values))
+        return iter(self.__dict__["_kept"])
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """A context in which what several fields are made of is kept: as much memory as the traction."""
+        self.__dict__["_kept"] = []
+        try:
+            yield
+        finally:
+            del self.__dict__["_kept"]
+
+    def _worked_weights(self, values: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
         parameter = np.reshape(self.known.parameter, (-1, 1))
         size, noise = (each[:, None] for each in self._sizes)
         safe = np.where(values > 0, values, 1.0)
@@ -421,7 +467,7 @@ class Source:
     def _all(self) -> Any:
         """Traction (frame, component, *surface)."""
         grid = self.variances.grid
-        return to_numpy(self.traction).reshape(-1, len(grid.components), *grid.shape).astype(np.float64)
+        return to_numpy(self.traction).reshape(-1, len(grid.components), *grid.shape).astype(np.float64, copy=False)
 
     @property
     def _far(self) -> Any:

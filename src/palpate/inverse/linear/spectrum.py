@@ -377,14 +377,18 @@ class DataSpectrum:
 
     def sums(self, rows: Floats) -> tuple[Floats, Floats]:
         """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface)."""
-        weighted = np.stack([prior.covariance(rows[:, i]) for i, prior in enumerate(self.priors)], axis=1)
+        # most rows are sums of one component: pressure
+        loaded = [i for i in range(len(self.priors)) if rows[:, i].any()] or [0]
+        if len(loaded) < len(self.priors):
+            rows = rows[:, loaded]
+        weighted = np.stack([self.priors[i].covariance(rows[:, at]) for at, i in enumerate(loaded)], axis=1)
         whole = (rows * weighted).reshape(len(rows), -1).sum(axis=1)
         if self._modes is not None:
-            inner = rows.reshape(len(rows), -1) @ self._modes.T
+            modes = self._modes.reshape(len(self._modes), len(self.columns), -1)[:, loaded]
+            inner = rows.reshape(len(rows), -1) @ modes.reshape(len(modes), -1).T
         else:
-            full = np.zeros((len(rows), len(self.operator.surface.components), *self.operator.surface.shape))
-            full[:, self.columns] = weighted
-            inner = self.project(self.operator.forward(full)) * self._inverse_root()
+            readings = self.operator.forward(weighted, [self.columns[i] for i in loaded])
+            inner = self.project(readings) * self._inverse_root()
         powers = inner**2
         return powers, np.maximum(whole - powers.sum(axis=1), 0.0)
 

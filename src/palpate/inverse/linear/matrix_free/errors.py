@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.posterior import LONG, TIGHT, SampledVariances
@@ -66,11 +67,12 @@ class SampledSource(Source):
             variance = variance + ((PATTERN * flat @ rows.reshape(len(rows), -1).T) ** 2).sum(axis=1)
         return np.asarray(variance)
 
-    def _own(self, rows: Floats) -> Floats:
+    def _of_pressure(self, rows: Callable[[slice], Floats]) -> Floats:
         size, noise = self._sizes
         parameter = np.reshape(self.known.parameter, -1)
         parts = []
-        for i, here in enumerate(rows):
+        for i in range(self._count):
+            here = self._only_pressure(rows(slice(i, i + 1))[0])
             first, second = self.variances.own(here, np.full(len(here), parameter[i]))
             variance = size[i] * first + noise[i] * second
             if self._patterns is not None:
@@ -78,6 +80,16 @@ class SampledSource(Source):
                 variance = variance + ((here.reshape(len(here), -1) @ flat.T) ** 2).sum(axis=1)
             parts.append(variance)
         return np.stack(parts)
+
+    def _of_cells(self, cells: npt.NDArray[np.intp]) -> Floats:
+        shape = self.variances.grid.shape
+
+        def row(part: slice) -> Floats:
+            out = np.zeros((1, 1, math.prod(shape)))
+            out[0, 0, cells[part]] = 1.0
+            return out.reshape(1, 1, *shape)
+
+        return self._of_pressure(row)[:, 0]
 
     @cached_property
     def _sizes(self) -> tuple[Floats, Floats]:
