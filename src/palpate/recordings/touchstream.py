@@ -182,7 +182,7 @@ class TouchStream(abc.ABC):
     def _add(self, start: int, piece: Piece) -> None: ...
 
     def _note(self, start: int, piece: Written) -> None:
-        raise InvalidInput(f"{self.path}: frames {start} to {start + piece.frames - 1} are nowhere.")
+        raise NotImplementedError  # nobody else writes where `place` gives none
 
     @abc.abstractmethod
     def _finish(self) -> None: ...
