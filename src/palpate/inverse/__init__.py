@@ -8,7 +8,7 @@ from palpate.inverse.comparison.total_variation import TotalVariation
 from palpate.inverse.contact.cone import Cone, Solution, minimise
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.methods import Adaptive, Automatic, Constrained
-from palpate.inverse.estimate import Errors, Estimate
+from palpate.inverse.estimate import Errors, Estimate, Stated
 from palpate.inverse.linear.methods import Hilgers, Tikhonov, Truncated, Wiener
 from palpate.inverse.linear.parameter import RULES, choose_parameter
 from palpate.inverse.linear.priors import DifferencePrior, Prior, SpectralPrior, hilgers_prior
@@ -52,6 +52,7 @@ __all__ = [
     "Regularised",
     "Solution",
     "SpectralPrior",
+    "Stated",
     "Tikhonov",
     "TotalVariation",
     "Truncated",
