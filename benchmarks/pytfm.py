@@ -2,9 +2,9 @@
 
 pyTFM (GPL) is no part of this project and is not installed with it: it runs by a Python of its own, which gets pictures and fields as files.
 
-    python -m venv /tmp/pytfm && /tmp/pytfm/bin/pip install "numpy<2" "scipy<1.13" "matplotlib<3.9" natsort tqdm imageio "scikit-image<0.23" "setuptools<70"
-    /tmp/pytfm/bin/pip install --no-deps pyTFM==1.3.5 openpiv==0.23.6
-    python benchmarks/pytfm.py /tmp/pytfm/bin/python --cells 16 --pull 1500 300 --markdown docs/_generated/pytfm.md
+    python -m venv ../pytfm && ../pytfm/bin/pip install "numpy<2" "scipy<1.13" "matplotlib<3.9" natsort tqdm imageio "scikit-image<0.23" "setuptools<70"
+    ../pytfm/bin/pip install --no-deps pyTFM==1.3.5 openpiv==0.23.6
+    python benchmarks/pytfm.py ../pytfm/bin/python --cells 16 --pull 1500 300 --markdown docs/_generated/pytfm.md
 """
 
 from __future__ import annotations

@@ -363,7 +363,7 @@ class Picked(NamedTuple):
 def _ends(eigenvalues: Floats) -> tuple[float, float]:
     """The least eigenvalue in which a corner may lie, and the largest."""
     top = float(eigenvalues.max())
-    return float(eigenvalues[eigenvalues > CORNER * top].min()), top
+    return float(eigenvalues[eigenvalues > CORNER * top].min(initial=top)), top
 
 
 def pick(rule: str, curves: Curves, floor: Floats | None) -> Picked:
