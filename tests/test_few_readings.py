@@ -159,9 +159,11 @@ def test_rows_on_a_face() -> None:
 def test_few_readings_are_not_formed() -> None:
     """Neither are many where cells are fewer."""
     formed, unformed, penalty, *_ = problem(shape=(30, 30))
-    assert isinstance(formed_or_not(unformed.columns, lambda: formed.matrix, penalty), Unformed)
+    assert isinstance(
+        formed_or_not(lambda: unformed.columns, unformed.columns.shape[1], lambda: formed.matrix, penalty), Unformed
+    )
     wide = np.zeros((len(unformed.columns), 2 * len(unformed.columns)))
-    assert isinstance(formed_or_not(wide, lambda: formed.matrix, penalty), Formed)
+    assert isinstance(formed_or_not(lambda: wide, wide.shape[1], lambda: formed.matrix, penalty), Formed)
     np.testing.assert_allclose(unformed.dense(), formed.dense(), atol=1e-9)
 
 

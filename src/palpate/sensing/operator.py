@@ -216,32 +216,33 @@ class Convolution:
 
     def dense(self) -> Floats:
         """(channel, *taxels, component, *cells)."""
+        d = len(self.cells)
+        return np.array(np.moveaxis(self._windows, range(1 + d), range(1 + d, 2 + 2 * d)), order="C")
+
+    @property
+    def _windows(self) -> Floats:
+        """(component, *cells, channel, *taxels), of the kernel's own memory."""
         kernel = self.kernel
         # kernel index of (taxel i, cell j) is i r - j + (n - 1), axis by axis: a step of the taxel is r on, a step of the cell one back
         steps = kernel.strides[2:]
         first: tuple[Any, ...] = (..., *(slice(n - 1, None) for n in self.cells))
-        view = np.lib.stride_tricks.as_strided(
+        return np.lib.stride_tricks.as_strided(
             kernel[first],
-            (kernel.shape[0], *self.taxels, kernel.shape[1], *self.cells),
+            (kernel.shape[1], *self.cells, kernel.shape[0], *self.taxels),
             (
-                kernel.strides[0],
-                *(s * r for s, r in zip(steps, self.ratios)),
                 kernel.strides[1],
                 *(-s for s in steps),
+                kernel.strides[0],
+                *(s * r for s, r in zip(steps, self.ratios)),
             ),
             writeable=False,
         )
-        return np.array(view, order="C")
 
     def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats:
-        """(channel, taxel, cell): readings of unit traction in some ``cells`` (flat indices)."""
-        places = np.unravel_index(cells, self.cells)
-        flat: npt.NDArray[np.intp] = np.zeros((1, len(cells)), dtype=np.intp)
-        for m, r, n, place, size in zip(self.taxels, self.ratios, self.cells, places, self.kernel.shape[2:]):
-            index = np.arange(m)[:, None] * r - place[None, :] + (n - 1)
-            flat = (flat[:, None, :] * size + index[None, :, :]).reshape(len(flat) * m, len(cells))
-        kernel = self.kernel[:, component].reshape(self.rows, -1)
-        return np.asarray(np.take(kernel, flat, axis=1))
+        """(channel, taxel, cell): readings of unit traction in some ``cells`` (flat indices), cell by cell in memory."""
+        # windows are copied row by row: 40 times as fast as entries one by one
+        found = self._windows[(component, *np.unravel_index(cells, self.cells))]
+        return np.asarray(found.reshape(len(cells), self.rows, -1).transpose(1, 2, 0))
 
 
 def _upsampled(xp: Any, x: Any, axis: int, ratio: int) -> Any:
@@ -523,14 +524,21 @@ class Operator:
         return np.concatenate(blocks)
 
     def columns(self, components: Sequence[int], cells: npt.NDArray[np.intp]) -> Floats:
-        """Some columns of `dense`, (reading, component, cell): the components and flat cell indices asked for."""
-        blocks = []
-        for array, plane, floating in zip(self.planes_of, self.planes, self._floating):
-            block = np.stack([plane.columns(c, cells)[:, array.valid.ravel()] for c in components], axis=2)
+        """Some columns of `dense`, (reading, component, cell): the components and flat cell indices asked for. In memory they lie
+        column by column.
+        """
+        sizes = [len(a.channels) * int(np.count_nonzero(a.valid)) for a in self.planes_of]
+        out = np.empty((len(components), len(cells), sum(sizes)))
+        start = 0
+        for array, plane, floating, size in zip(self.planes_of, self.planes, self._floating, sizes):
+            here = out[:, :, start : start + size].reshape(*out.shape[:2], len(array.channels), -1)
+            for i, c in enumerate(components):
+                found = plane.columns(c, cells).transpose(2, 0, 1)
+                here[i] = found if array.mask is None else found[..., array.valid.ravel()]
             for channel in floating:
-                block[channel] -= block[channel].mean(axis=0)
-            blocks.append(block.reshape(-1, len(components), len(cells)))
-        return np.concatenate(blocks)
+                here[:, :, channel] -= here[:, :, channel].mean(axis=-1, keepdims=True)
+            start += size
+        return out.transpose(2, 0, 1)
 
     def observed(self, readings: Sequence[Any]) -> list[Any]:
         """What the operator can explain of readings: missing taxels silenced and floating means taken out."""

@@ -37,7 +37,6 @@ from palpate.inverse.contact.constrained import FAINT, LARGEST_UNKNOWNS, Constra
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.factors import cholesky
 from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated
-from palpate.inverse.contact.products import Applied
 from palpate.inverse.contact.sliding import expanded, in_blocks, ways_of_sliding
 from palpate.inverse.contact.variances import taken_by, variance_of
 from palpate.inverse.linear.evidence import LinearEvidence
@@ -163,7 +162,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             coarse = data if ratio == 1 else refined(1)[0]
             precisions = self.precisions(coarse.level, 1, parameter / scale**2)
             given = coarse, first, precisions
-            if isinstance(coarse.matrix, Applied):
+            if coarse.at_size:
                 given = in_blocks(*given)
             slides = ways_of_sliding(given[0], given[1], self.cone, given[2], self.thresholds)
         rest = max(1.0 - sum(chance for _, _, chance in slides), 0.0)
@@ -174,7 +173,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield m
         alone = copy.copy(self)
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
-        if slides and not isinstance(coarse.matrix, Applied):
+        if slides and not coarse.at_size:
             # pressure alone has fewer unknowns than the data tell: a finer grid pays sooner
             freedom = alone._freedom_along(coarse.along(slides[0][0]), parameter / scale**2)
             finer = self._ratio(count, freedom, count)
@@ -192,7 +191,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         self, data: Normal, start: Floats, first: Floats, y: Floats, observed: Flags, parameter: float
     ) -> Discs | None:
         """Discs that a contact of a few taxels may be (`palpate.inverse.contact.compact`); none where it is larger."""
-        if not self.parts.compact or isinstance(data.matrix, Applied):
+        if not self.parts.compact or data.at_size:
             return None
         white = self.readings.white(y[observed], observed)
         left = float(((white - data.matrix @ start.ravel()) ** 2).sum())
@@ -271,7 +270,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """
         pressure = member.solution.traction[-1]
         faint = pressure <= FAINT * pressure.max()
-        if isinstance(member.data.matrix, Applied) or not pressure[faint].sum() > MUCH * pressure.sum():
+        if member.data.at_size or not pressure[faint].sum() > MUCH * pressure.sum():
             return member
         position = np.flatnonzero(~faint)
         traction = member.solution.traction[:, position]
@@ -332,7 +331,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
 
         A model of fewer degrees of freedom leaves as many more squares of the noise, and by chance their deviation.
         """
-        if isinstance(first.data.matrix, Applied) or not self.parts.explains:
+        if first.data.at_size or not self.parts.explains:
             return True  # so many readings hold contact
         more = member.squares - first.squares
         if not more > LEFT_MORE:

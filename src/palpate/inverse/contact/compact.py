@@ -20,7 +20,6 @@ import scipy.sparse
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import Normal
-from palpate.inverse.contact.products import Applied
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
@@ -145,9 +144,9 @@ def discs(
     taxels_a_cell = estimator.taxels / max(float((~estimator.outside).sum()), 1.0)
     small = float((pressure > 0.5 * pressure.max()).sum()) * taxels_a_cell
     free, total = len(white) - c, float(white @ white)
-    if isinstance(data.matrix, Applied) or small > TAXELS[grid.dimensions] or free < c + 2 or n > LARGEST:
+    if data.at_size or small > TAXELS[grid.dimensions] or free < c + 2 or n > LARGEST:
         return None
-    matrix = np.asarray(data.matrix).reshape(len(white), c, n).transpose(2, 1, 0).reshape(n, -1)
+    matrix = np.asarray(data.matrix.T).reshape(c, n, len(white)).transpose(1, 0, 2).reshape(n, -1)
     detail = 0.0 if estimator.noise_known else (DETAIL * float(np.abs(white).max())) ** 2
     floor = detail * len(white)
 

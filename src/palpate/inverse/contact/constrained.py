@@ -34,7 +34,7 @@ from palpate.inverse.contact.model import ContactModel, Level, Normal, Rounds, d
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior, ambiguity_of
-from palpate.inverse.contact.products import AT_SIZE, FIRST_AT_SIZE, Applied, Products
+from palpate.inverse.contact.products import AT_SIZE, FIRST_AT_SIZE, Products
 from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven
 from palpate.inverse.contact.responses import Responses
@@ -381,7 +381,7 @@ class ConstrainedEstimator:
             known = max(h.noise, self.least_noise(data))
         for attempt in range(MOST_ATTEMPTS):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
-            gain, parameter, scale, linear = evidence[1][:4]
+            gain, parameter, scale = evidence[1].gain, evidence[1].parameter, evidence[1].scale
             loud = uneven(self, data, observed, known)
             floor = max(self.least_noise(data), rounding)
             noise = self.readings.std * np.maximum(scale if levels is None else levels[self.noise.index], floor)
@@ -391,7 +391,7 @@ class ConstrainedEstimator:
                     h, known = replace(h, noise=small.left), max(small.left, floor)
                     continue
                 return Run(h, [], data, noise, observed, parameter, scale, levels, True, math.inf, nothing)
-            first, explained = self.fit(linear, data / noise, noise, observed, parameter / scale**2)
+            first, explained = self.fit(evidence[1].traction, data / noise, noise, observed, parameter / scale**2)
             if high is not None and attempt < ROUNDS_OF_OUTLIERS:
                 # a reading at its ceiling counts where the contact would have it read less
                 short = limited & ~observed & np.where(high, explained < data, explained > data)
@@ -572,7 +572,7 @@ class ConstrainedEstimator:
             cells = np.flatnonzero(region)
             data = self.normal(level, cells, y, noise, observed, once=True)
             tolerance = TOLERANCE
-            if isinstance(data.matrix, Applied):
+            if data.at_size:
                 tolerance = FIRST_AT_SIZE
             else:
                 self.check_size(len(cells) * len(self.columns))
@@ -645,7 +645,7 @@ class ConstrainedEstimator:
     def _combined(
         self, members: Sequence[ContactModel], run: Run, noise: Floats, rng: np.random.Generator | None
     ) -> Frame:
-        large = any(isinstance(m.data.matrix, Applied) for m in members)
+        large = any(m.data.at_size for m in members)
         summary = Summary(members, self.posterior)
         weights = np.array([m.weight for m in members])
         y, observed = run.data / run.noise, run.observed

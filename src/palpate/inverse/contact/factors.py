@@ -22,7 +22,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.rows import Rows
 
-__all__ = ["Bordered", "Chain", "Dense", "Factor", "FewReadings", "Part", "cholesky"]
+__all__ = ["Beside", "Bordered", "Chain", "Dense", "Factor", "FewReadings", "Part", "cholesky"]
 
 Index = npt.NDArray[np.intp]
 
@@ -52,8 +52,9 @@ def cholesky(matrix: Floats) -> Floats:
     """Lower factor; where rounding makes the matrix indefinite, of the matrix plus as little of the identity as helps."""
     from scipy.linalg import lapack
 
-    # by LAPACK's own name: what SciPy does before and after takes as long as a factor of a hundred unknowns
-    factor, wrong = lapack.dpotrf(matrix, lower=1)
+    # by LAPACK's own name: what SciPy does before and after takes as long as a factor of a hundred unknowns; a symmetric matrix is its own
+    # transpose, which lies in memory as LAPACK wants it
+    factor, wrong = lapack.dpotrf(matrix.T if matrix.flags.c_contiguous else matrix, lower=1)
     if not wrong:
         return np.asarray(factor)
     diagonal = np.diagonal(matrix).copy()
@@ -80,11 +81,15 @@ def _triangle(factor: Floats, right: Floats, *, transposed: bool = False) -> Flo
     return np.asarray(found)
 
 
-@dataclass(frozen=True)
 class Dense:
     """The Cholesky factor of H, lower."""
 
-    lower: Floats
+    def __init__(self, lower: Floats) -> None:
+        self._lower = lower
+
+    @cached_property
+    def lower(self) -> Floats:
+        return self._lower
 
     def solve(self, right: Floats) -> Floats:
         from scipy.linalg import lapack
@@ -115,6 +120,33 @@ class Dense:
             return 0.0
         inverse = self._inverse  # zero above its diagonal, as the factor was
         return float(2.0 * np.einsum("ij,ij", inverse, matrix) - np.diagonal(inverse) @ np.diagonal(matrix))
+
+
+class Beside(Dense):
+    """The same of unknowns all of which are free and of some others, ``some`` of the columns of ``tied`` = L^-1 B: L is the factor of the former, and
+    ``left`` that of what is left to the latter. Solving needs no more; the whole factor is put together where it is asked for.
+    """
+
+    def __init__(self, first: Floats, tied: Floats, some: Index, left: Floats) -> None:
+        self.first, self.tied, self.some, self.left = first, tied, some, left
+
+    @cached_property
+    def lower(self) -> Floats:
+        n, k = self.tied.shape[0], len(self.some)
+        out = np.zeros((n + k, n + k), order="F")
+        out[:n, :n] = self.first
+        out[n:, :n] = self.tied.take(self.some, axis=1).T
+        out[n:, n:] = self.left
+        return out
+
+    def solve(self, right: Floats) -> Floats:
+        n = len(self.tied)
+        upper = _triangle(self.first, right[:n])
+        rest = right[n:] - (upper @ self.tied)[self.some]
+        rest = _triangle(self.left, _triangle(self.left, rest), transposed=True)
+        whole: Floats = np.zeros(self.tied.shape[1])
+        whole[self.some] = rest
+        return np.concatenate([_triangle(self.first, upper - self.tied @ whole, transposed=True), rest])
 
 
 class Chain:

@@ -9,7 +9,6 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.frame import Run
-from palpate.inverse.contact.products import Applied
 from palpate.inverse.contact.variances import posterior_factor, taken_by
 from palpate.inverse.fit import FEWEST, MODEL_DETAIL, misfit_probability
 from palpate.sensing.nuisance import nuisances
@@ -61,7 +60,7 @@ def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
     """
     import scipy.special
 
-    if not run.members or any(isinstance(m.data.matrix, Applied) for m in run.members):
+    if not run.members or any(m.data.at_size for m in run.members):
         return math.nan
     observed, known = run.observed, estimator.noise_known
     drifts = np.stack([t.rows for t in nuisances(estimator.operator.planes_of, ("offset", "ramp"))], axis=1)

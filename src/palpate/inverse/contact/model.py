@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -23,7 +23,7 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import refined
 from palpate.sensing.operator import Operator
 
-__all__ = ["Columns", "ContactModel", "Level", "Normal", "Rounds", "dilated", "level_operator", "scattered"]
+__all__ = ["Columns", "ContactModel", "Level", "Normal", "Picked", "Rounds", "dilated", "level_operator", "scattered"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -31,6 +31,10 @@ Index = npt.NDArray[np.intp]
 
 #: Unknowns of one frame whose normal matrix is kept for its other rounds, at most.
 LARGEST_KEPT = 4096
+#: So many readings are left out of what is kept, at most.
+FEW_LOST = 16
+#: Room for so many times the cells is made where some are added.
+ROOM = 1.25
 
 
 def level_operator(operator: Operator, ratio: int) -> Operator:
@@ -53,8 +57,15 @@ class Level:
 
     def matrix(self, cells: Index, noise: Floats, observed: Flags) -> Floats:
         """Whitened columns (reading, component * cell) of the readings that are observed."""
-        full = self.operator.columns(self.columns, cells)[observed]
-        return self.readings.white(full.reshape(len(full), -1) / noise[observed, None], observed)
+        return np.ascontiguousarray(self.rows(cells, noise, observed).T)
+
+    def rows(self, cells: Index, noise: Floats, observed: Flags) -> Floats:
+        """The same as rows (component * cell, reading), which is how they are gathered: one cell is one place in memory."""
+        full = self.operator.columns(self.columns, cells)
+        full = full.transpose(1, 2, 0).reshape(-1, len(full))
+        full = full if observed.all() else full[:, observed]
+        full /= noise[observed]
+        return np.ascontiguousarray(self.readings.white(full.T, observed).T)
 
     def normal(
         self,
@@ -75,19 +86,16 @@ class Level:
             linear = self.readings.white(y[observed], observed) @ applied
             return Normal(self, cells, applied, linear.reshape(-1, len(cells)))
         recent = None if kept is None else kept.get(self.ratio)
-        scale = None if recent is None else recent.scale_of(noise, observed)
+        lost = None if recent is None else recent.lost(observed)
+        scale = None if recent is None or lost is None else recent.scale_of(noise, observed)
         position = None if recent is None or scale is None else recent.places(cells)
-        if recent is None or scale is None or position is None:
+        if recent is None or lost is None or scale is None or position is None:
             recent, scale, position = Columns(self, cells, noise, observed), 1.0, np.arange(len(cells))
+            lost = np.zeros(0, dtype=np.intp)
             if kept is not None and len(self.columns) * len(cells) <= LARGEST_KEPT:
                 kept[self.ratio] = recent
-        mine, factor = recent, scale
-        matrix = mine.matrix.take(position, axis=2).reshape(len(mine.matrix), -1)
-        matrix = matrix if factor == 1.0 else matrix * factor
-        linear = matrix.T @ self.readings.white(y[observed], observed)
-        return Normal(
-            self, cells, matrix, linear.reshape(-1, len(cells)), source=lambda: mine.gram(position) * factor**2
-        )
+        picked = Picked(recent, position, scale, lost)
+        return Normal(self, cells, picked, picked.linear(self.readings.white(y[observed], observed)))
 
 
 class Rounds(threading.local):
@@ -128,7 +136,8 @@ class Rounds(threading.local):
 class Columns:
     """Whitened columns of cells, to which others are added, and their normal matrix where that is asked for.
 
-    The rounds of a frame solve nearly the same cells at other noise.
+    The rounds of a frame solve nearly the same cells at other noise. They are kept as rows (cell, component, reading), with room for more: what is
+    added copies nothing, and what is taken is copied row by row.
     """
 
     def __init__(self, level: Level, cells: Index, noise: Floats, observed: Flags) -> None:
@@ -136,18 +145,36 @@ class Columns:
         self.place = np.full(math.prod(level.grid.shape), -1, dtype=np.intp)
         self.place[cells] = np.arange(len(cells))
         self.count = len(cells)
-        self.matrix = self._columns(cells)
+        self._room = self._rows(cells)
         self._gram: Floats | None = None
 
-    def _columns(self, cells: Index) -> Floats:
-        """(reading, component, cell)."""
-        matrix = self.level.matrix(cells, self.noise, self.observed)
-        return matrix.reshape(len(matrix), -1, len(cells))
+    def _rows(self, cells: Index) -> Floats:
+        """(cell, component, reading)."""
+        rows = self.level.rows(cells, self.noise, self.observed)
+        return np.ascontiguousarray(rows.reshape(-1, len(cells), rows.shape[1]).transpose(1, 0, 2))
+
+    @property
+    def components(self) -> int:
+        return self._room.shape[1]
+
+    @property
+    def rows(self) -> Floats:
+        """(cell * component, reading)."""
+        return self._room[: self.count].reshape(self.count * self.components, -1)
+
+    def lost(self, observed: Flags) -> Index | None:
+        """Those among the readings that are no longer observed, where they are few: of independent readings they are left out one by one."""
+        if np.array_equal(observed, self.observed):
+            return np.zeros(0, dtype=np.intp)
+        gone = self.observed & ~observed
+        if (observed & ~self.observed).any() or gone.sum() > FEW_LOST or 4 * gone.sum() > self.observed.sum():
+            return None
+        if not self.level.readings.each_alone:
+            return None
+        return np.flatnonzero(gone[self.observed])
 
     def scale_of(self, noise: Floats, observed: Flags) -> float | None:
         """What the columns are to be multiplied by for another noise, where that is another for all readings alike."""
-        if not np.array_equal(observed, self.observed):
-            return None
         ratio = self.noise[observed] / noise[observed]
         first = float(ratio[0]) if len(ratio) else 1.0
         return first if bool((np.abs(ratio - first) <= 1e-13 * abs(first)).all()) else None
@@ -155,64 +182,133 @@ class Columns:
     def places(self, cells: Index) -> Index | None:
         """Places of cells among those that are kept, to which the missing are added; None where these would be too many."""
         new = cells[self.place[cells] < 0]
-        if len(new) and self.matrix.shape[1] * (self.count + len(new)) > LARGEST_KEPT:
+        if len(new) and self.components * (self.count + len(new)) > LARGEST_KEPT:
             return None
         if len(new):
-            more, (m, c, n), k = self._columns(new), self.matrix.shape, len(new)
-            self.matrix = np.concatenate([self.matrix, more], axis=2)
+            more, c, n, k = self._rows(new), self.components, self.count, len(new)
+            if n + k > len(self._room):
+                room = np.empty((int(ROOM * (n + k)), *self._room.shape[1:]))
+                room[:n] = self._room[:n]
+                self._room = room
+            self._room[n : n + k] = more
+            self.count = n + k
             if self._gram is not None:
-                cross = (self.matrix.reshape(m, -1).T @ more.reshape(m, -1)).reshape(c, n + k, c, k)
-                gram = np.empty((c, n + k, c, n + k))
-                gram[:, :n, :, :n] = self._gram
-                gram[:, :, :, n:] = cross
-                gram[:, n:, :, :n] = cross[:, :n].transpose(2, 3, 0, 1)
+                cross = self.rows @ more.reshape(c * k, -1).T
+                gram = np.empty((c * (n + k),) * 2)
+                gram[: c * n, : c * n] = self._gram
+                gram[:, c * n :] = cross
+                gram[c * n :, : c * n] = cross[: c * n].T
                 self._gram = gram
             self.place[new] = np.arange(n, n + k)
-            self.count = n + k
         return np.asarray(self.place[cells])
+
+    def picks(self, position: Index) -> Index:
+        """The rows (component, cell) of the cells in these places."""
+        return np.asarray((np.arange(self.components)[:, None] + position * self.components).ravel())
+
+    @property
+    def formed(self) -> bool:
+        """Whether there is a normal matrix."""
+        return self._gram is not None
 
     def gram(self, position: Index) -> Floats:
         """The normal matrix of the cells in these places."""
-        m, c, n = self.matrix.shape
         if self._gram is None:
-            flat = self.matrix.reshape(m, -1)
-            self._gram = (flat.T @ flat).reshape(c, n, c, n)
-        picks = (np.arange(c)[:, None] * n + position[None, :]).ravel()
-        return np.asarray(self._gram.reshape(c * n, c * n).take(picks, axis=0).take(picks, axis=1))
+            self._gram = self.rows @ self.rows.T
+        picks = self.picks(position)
+        return np.asarray(self._gram.take(picks, axis=0).take(picks, axis=1))
+
+
+@dataclass(frozen=True)
+class Picked:
+    """Some of the columns, ``scale`` times, not yet gathered: many problems ask for the normal matrix alone."""
+
+    columns: Columns
+    position: Index
+    scale: float
+    lost: Index
+
+    @property
+    def readings(self) -> int:
+        return self.columns.rows.shape[1] - len(self.lost)
+
+    def part(self, position: Index) -> Picked:
+        return Picked(self.columns, self.position[position], self.scale, self.lost)
+
+    def linear(self, white: Floats) -> Floats:
+        """The right-hand side (component, cell), for whitened readings."""
+        kept = self.columns
+        if len(self.lost):
+            white = np.insert(white, self.lost - np.arange(len(self.lost)), 0.0)
+        found = (kept.rows @ white).take(kept.picks(self.position))
+        return np.asarray(found.reshape(kept.components, -1) * self.scale)
+
+    def matrix(self) -> Floats:
+        """(reading, component * cell)."""
+        rows = self.columns.rows.take(self.columns.picks(self.position), axis=0)
+        if len(self.lost):
+            rows = np.delete(rows, self.lost, axis=1)
+        if self.scale != 1.0:
+            rows *= self.scale
+        return rows.T
+
+    def gram(self) -> Floats:
+        if len(self.position) < self.columns.count and not self.columns.formed:
+            found = self.matrix()
+            return np.asarray(found.T @ found)
+        found = self.columns.gram(self.position)
+        if len(self.lost):
+            gone = self.columns.rows[:, self.lost].take(self.columns.picks(self.position), axis=0)
+            found -= gone @ gone.T
+        found *= self.scale**2
+        return found
 
 
 @dataclass
 class Normal:
-    """Whitened columns of some cells of a level, and the right-hand side (component, cell) of their normal equations."""
+    """Whitened columns of some cells of a level, and the right-hand side (component, cell) of their normal equations.
+
+    ``given`` is a matrix as an array (reading, component * cell), `Applied`, or `Picked`, from which it is made when it is asked for; ``known`` the normal matrix
+    where that is known.
+    """
 
     level: Level
     cells: Index
-    matrix: Any  # an array, or `Applied`
+    given: Any
     linear: Floats
     known: Floats | None = None
-    source: Callable[[], Floats] | None = None
+
+    @property
+    def at_size(self) -> bool:
+        """Whether the contact is too large for a matrix."""
+        return isinstance(self.given, Applied)
+
+    @cached_property
+    def matrix(self) -> Any:
+        """(reading, component * cell): an array, or `Applied`."""
+        return self.given.matrix() if isinstance(self.given, Picked) else self.given
 
     @cached_property
     def gram(self) -> Floats:
-        """The normal matrix, worked out when it is first asked for, by ``source`` where that is given."""
+        """The normal matrix, worked out when it is first asked for."""
         if self.known is not None:
             return self.known
-        return self.matrix.T @ self.matrix if self.source is None else self.source()
+        return self.given.gram() if isinstance(self.given, Picked) else self.matrix.T @ self.matrix
 
     def part(self, position: Index) -> Normal:
         """The same for some of the cells."""
-        if isinstance(self.matrix, Applied):
-            return Normal(self.level, self.cells[position], self.matrix.part(position), self.linear[:, position])
+        if isinstance(self.given, Applied):
+            return Normal(self.level, self.cells[position], self.given.part(position), self.linear[:, position])
         c, n = self.linear.shape
         picks = (np.arange(c)[:, None] * n + position[None, :]).ravel()
         known = self.gram.take(picks, axis=0).take(picks, axis=1) if self._formed else None
-        matrix = self.matrix.take(picks, axis=1)
-        return Normal(self.level, self.cells[position], matrix, self.linear[:, position], known)
+        given = self.given.part(position) if isinstance(self.given, Picked) else self.matrix.take(picks, axis=1)
+        return Normal(self.level, self.cells[position], given, self.linear[:, position], known)
 
     def along(self, ray: Floats) -> Normal:
         """The same for traction that is ``ray`` (component,) times what is sought (1, cell)."""
-        if isinstance(self.matrix, Applied):
-            return Normal(self.level, self.cells, self.matrix.along(ray), (ray @ self.linear)[None])
+        if isinstance(self.given, Applied):
+            return Normal(self.level, self.cells, self.given.along(ray), (ray @ self.linear)[None])
         n = self.linear.shape[1]
         matrix = sum(a * self.matrix[:, i * n : (i + 1) * n] for i, a in enumerate(ray))
         known = None
@@ -223,9 +319,15 @@ class Normal:
 
     def quadratic(self, penalty: Penalty) -> Quadratic:
         """The normal matrix with a penalty."""
-        if isinstance(self.matrix, Applied):
-            return Products(self.matrix, penalty)
-        return formed_or_not(self.matrix.T, lambda: self.gram, penalty)
+        if isinstance(self.given, Applied):
+            return Products(self.given, penalty)
+        return formed_or_not(lambda: self.matrix.T, self._readings, lambda: self.gram, penalty)
+
+    @property
+    def _readings(self) -> int:
+        if isinstance(self.given, Picked):
+            return self.given.readings
+        return len(self.matrix)
 
     @property
     def _formed(self) -> bool:

@@ -16,7 +16,7 @@ import scipy.sparse
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.differences import Sparse
-from palpate.inverse.contact.factors import BLOCK, Chain, Dense, Factor, FewReadings, Part, cholesky
+from palpate.inverse.contact.factors import BLOCK, Beside, Chain, Dense, Factor, FewReadings, Part, cholesky
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.cone import Face
@@ -67,14 +67,10 @@ class Formed:
 
         if self._shear is None:
             factor = cholesky(self.matrix[:shear, :shear])
-            tied = blas.dtrsm(1.0, factor, self.matrix[:shear, shear:], lower=1)
+            tied = blas.dtrsm(1.0, factor, self.matrix[shear:, :shear].T, lower=1)
             self._shear = factor, tied, self.matrix[shear:, shear:] - tied.T @ tied
         factor, tied, left = self._shear
-        out = np.zeros((shear + len(pressing),) * 2, order="F")
-        out[:shear, :shear] = factor
-        out[shear:, :shear] = tied.take(pressing, axis=1).T
-        out[shear:, shear:] = cholesky(left.take(pressing, axis=0).take(pressing, axis=1))
-        return Dense(out)
+        return Beside(factor, tied, pressing, cholesky(left.take(pressing, axis=0).take(pressing, axis=1)))
 
     def product(self, x: Floats) -> Floats:
         return np.asarray(self.matrix @ x.ravel()).reshape(x.shape)
@@ -289,13 +285,15 @@ class Unformed:
         return self.penalty.added(self.columns @ self.columns.T)
 
 
-def formed_or_not(columns: Floats, gram: Callable[[], Floats], penalty: Penalty) -> Quadratic:
-    """H of G' (component * cell, reading) and a penalty; ``gram()`` gives G'G where it is better formed."""
-    size, readings = columns.shape
+def formed_or_not(
+    columns: Callable[[], Floats], readings: int, gram: Callable[[], Floats], penalty: Penalty
+) -> Quadratic:
+    """H of so many ``readings`` and a penalty: ``columns()`` gives G' (component * cell, reading), ``gram()`` G'G where it is better formed."""
     c = len(penalty.values)
+    size = c * len(penalty.cells)
     few = work_of_few(size, readings, c * penalty.reach)
     if size >= FEWEST and readings < size and few < WORTH * size**3 / 3.0:
-        return Unformed(np.ascontiguousarray(columns), penalty)
+        return Unformed(np.ascontiguousarray(columns()), penalty)
     return Formed(penalty.added(gram().copy()))
 
 

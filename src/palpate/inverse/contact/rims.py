@@ -20,7 +20,6 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import Cone
 from palpate.inverse.contact.frame import Frame, Run
 from palpate.inverse.contact.model import ContactModel, dilated
-from palpate.inverse.contact.products import Applied
 from palpate.inverse.contact.screening import Ceilings
 from palpate.inverse.contact.variances import taken_by
 from palpate.inverse.linear.evidence import LinearEvidence
@@ -66,7 +65,7 @@ def with_rims(
         or not (frame.fit < DOUBT or run.hypothesis.sign == 0)
     ):
         return None
-    if any(isinstance(m.data.matrix, Applied) for m in run.members):
+    if any(m.data.at_size for m in run.members):
         return None
     size = np.abs(frame.traction[-1])
     core = size > FAINT * size.max()

@@ -15,7 +15,6 @@ import scipy.sparse
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel
-from palpate.inverse.contact.products import Applied
 from palpate.inverse.contact.quadratic import prior_factor
 from palpate.inverse.contact.rows import Rows
 from palpate.inverse.contact.variances import face_of, variance_of, variance_of_sums
@@ -198,7 +197,7 @@ class Summary:
         total, variance = self._mixed("force")
         hidden = np.full(len(total), self.posterior.ambiguity[0])
         hidden[-1] = self.posterior.ambiguity[1]
-        large = any(isinstance(m.data.matrix, Applied) for m in self.members)
+        large = any(m.data.at_size for m in self.members)
         known = MODEL_FORCE_AT_SIZE if large else MODEL_FORCE
         least = np.maximum(known * np.abs(total), hidden * abs(total[-1]))
         return self._everywhere(np.sqrt(variance + least**2))

@@ -8,8 +8,8 @@ anything: a flat prior, so that they are marginalised as in restricted maximum l
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -25,21 +25,31 @@ LEAST_SEEN = 1e-10
 MANY = 16
 
 
-class LinearEvidence(NamedTuple):
+class LinearEvidence:
     """Log marginal likelihood over that of noise alone, parameter, noise scale, traction (component, *surface) sought.
 
     ``logdet`` is that of the readings' covariance over the noise's, patterns included; ``objective`` is misfit and penalty together in
-    units of the whitening; ``freedom`` the readings less the patterns; ``sizes`` (pattern,) of the patterns.
+    units of the whitening; ``freedom`` the readings less the patterns; ``sizes`` (pattern,) of the patterns. The traction may be given as what
+    makes it: of most evidence the numbers alone are asked for.
     """
 
-    gain: float
-    parameter: float
-    scale: float
-    traction: Floats
-    logdet: float
-    objective: float
-    freedom: float
-    sizes: Floats
+    def __init__(
+        self,
+        gain: float,
+        parameter: float,
+        scale: float,
+        traction: Floats | Callable[[], Floats],
+        logdet: float,
+        objective: float,
+        freedom: float,
+        sizes: Floats,
+    ) -> None:
+        self.gain, self.parameter, self.scale, self._traction = gain, parameter, scale, traction
+        self.logdet, self.objective, self.freedom, self.sizes = logdet, objective, freedom, sizes
+
+    @cached_property
+    def traction(self) -> Floats:
+        return self._traction() if callable(self._traction) else self._traction
 
 
 def linear_evidence(
@@ -90,9 +100,12 @@ def linear_evidence(
         gain = 0.5 * (everything - left - (logdet - base))
     else:
         gain = 0.5 * (count * math.log(everything / max(left, 1e-300)) - (logdet - base))
-    phi = tikhonov(values, np.array([best]))
-    filtered = free * np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
-    traction = np.asarray(spectrum.solve(filtered * unit))[list(linear.columns)]
+
+    def traction() -> Floats:
+        phi = tikhonov(values, np.array([best]))
+        filtered = free * np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
+        return np.asarray(spectrum.solve(filtered * unit))[list(linear.columns)]
+
     return LinearEvidence(gain, best, scale, traction, logdet, left * unit**2, count, sizes * unit)
 
 

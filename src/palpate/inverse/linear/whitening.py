@@ -87,6 +87,11 @@ class Readings:
             start += size
         return out
 
+    @property
+    def each_alone(self) -> bool:
+        """Whether whitening leaves every reading as it is."""
+        return self.independent and self.patterns is None
+
     def white(self, scaled: Floats, observed: Flags) -> Floats:
         """R^{-1/2} of the readings that are ``observed``, applied to rows (observed reading, ...) already divided by their noise, without
         what the patterns explain.
