@@ -142,7 +142,7 @@ class Beside(Dense):
     def solve(self, right: Floats) -> Floats:
         n = len(self.tied)
         upper = _triangle(self.first, right[:n])
-        rest = right[n:] - (upper @ self.tied)[self.some]
+        rest: Floats = right[n:] - (upper @ self.tied)[self.some]
         rest = _triangle(self.left, _triangle(self.left, rest), transposed=True)
         whole: Floats = np.zeros(self.tied.shape[1])
         whole[self.some] = rest
