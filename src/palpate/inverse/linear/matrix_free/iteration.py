@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg.blas import daxpy, saxpy
 
 from palpate.elastic.pad import Floats
 
@@ -32,6 +33,19 @@ class Solved(NamedTuple):
     def reached(self, tolerance: float) -> npt.NDArray[np.bool_]:
         """Whether each frame reached the tolerance."""
         return np.asarray(self.residual <= tolerance)
+
+
+@runtime_checkable
+class Deflated(Protocol):
+    """An inverse that knows it exactly on part of the space; see `palpate.inverse.linear.matrix_free.preconditioner.BalancedInverse`."""
+
+    def begin(self, rows: Any, which: Any) -> tuple[Any, Any]:
+        """The exact part of the solution for rows, and what is left of them."""
+        ...
+
+    def within(self, rows: Any, which: Any) -> Any:
+        """The inverse of rows in which that part is zero."""
+        ...
 
 
 def solve(
@@ -123,23 +137,31 @@ def _descend(
     energy: bool,
 ) -> tuple[Any, npt.NDArray[np.intp], Floats]:
     """Solve for right sides of length 1 until their residuals fall to ``goal``: solutions, steps made and residuals (frame,)."""
-    x = np.zeros_like(right)
     steps, left = np.zeros(len(right), dtype=int), np.ones(len(right))
     here = np.arange(len(right))
-    r, lam = right, parameter[:, None].astype(right.dtype)
+    lam = parameter[:, None].astype(right.dtype)
+    first: Any = 0.0
+    if isinstance(inverse, Deflated) and right.dtype == np.float32:
+        # the part that is known exactly comes first, and is not left again
+        x, r = inverse.begin(right, frames)
+        first, inverse = _products(right, x), inverse.within
+    else:
+        x, r = np.zeros_like(right), right.copy()
     z = inverse(r, frames)
-    direction, rz = z.copy(), _products(r, z)
-    first = np.maximum(rz, 1e-300)
+    direction, rz = z, _products(r, z)
+    first = np.maximum(first + rz, 1e-300)
     for _ in range(most):
         moved = product(direction)
-        moved += lam * direction
+        for m, part, d in zip(moved, lam, direction):
+            _add(m, part[0], d)
         steps[here] += 1
         curvature = _products(direction, moved)
         # a curvature that is not positive is rounding: nothing more is to be had
         positive = (curvature > 0) & (rz > 0)
-        step = np.where(positive, rz / np.where(positive, curvature, 1.0), 0.0)[:, None].astype(right.dtype)
-        x[here] += step * direction
-        r = r - step * moved
+        step = np.where(positive, rz / np.where(positive, curvature, 1.0), 0.0)
+        for i, frame in enumerate(here):
+            _add(x[frame], step[i], direction[i])
+            _add(r[i], -step[i], moved[i])
         if energy:
             z = inverse(r, frames[here])
             left[here] = np.sqrt(np.maximum(_products(r, z), 0.0) / first[here])
@@ -154,9 +176,15 @@ def _descend(
         if not energy:
             z = inverse(r, frames[here])
         new = _products(r, z)
-        direction = z + (new / rz)[:, None].astype(right.dtype) * direction
-        rz = new
+        for i, part in enumerate(new / rz):
+            _add(z[i], part, direction[i])
+        direction, rz = z, new
     return x, steps, left
+
+
+def _add(to: Any, factor: float, row: Any) -> None:
+    """to += factor row, by BLAS, in place."""
+    (saxpy if to.dtype == np.float32 else daxpy)(row, to, a=factor)
 
 
 def _products(a: Any, b: Any) -> Floats:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import abc
 import itertools
 import math
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -29,6 +30,11 @@ __all__ = ["Approximation", "Cosines", "Inverse", "Padded"]
 
 #: Least eigenvalue over the largest that is told from zero.
 LEAST = 1e-16
+#: Inverses are made for parameters so many to a decade, and a frame takes the nearest: what only shortens the iteration may be 15 % off, and serves
+#: the next frame too.
+PER_DECADE = 8
+#: Parameters whose inverses are kept, and up to how many together.
+KEPT, FEW = 4, 2
 #: Solves with some rows: (rows, which frames they are of).
 Inverse = Callable[[Floats, Any], Floats]
 Index = npt.NDArray[np.intp]
@@ -69,13 +75,15 @@ class _Common(abc.ABC):
         self.lattices = [self._lattice(members) for members in _members(normal, self._split)]
         self.eigenvalues = np.concatenate([g.values.ravel() for g in self.lattices])
         self.counts = np.concatenate([self._counts(g).ravel() for g in self.lattices])
+        self._kept: OrderedDict[tuple[tuple[float, ...], Any], tuple[list[Any], list[Gaps]]] = OrderedDict()
 
     _split = False
 
     @property
     def nbytes(self) -> int:
         """Memory that it holds."""
-        return int(sum(g.values.nbytes + g.vectors.nbytes for g in self.lattices) + 2 * self.eigenvalues.nbytes)
+        kept = sum(m.nbytes for matrices, _ in self._kept.values() for m in matrices)
+        return int(sum(g.values.nbytes + g.vectors.nbytes for g in self.lattices) + 2 * self.eigenvalues.nbytes + kept)
 
     def _symbol(self, members: list[tuple[int, int]], size: tuple[int, ...], *, real: bool) -> Any:
         """(*wave of a real FFT of size, channel, channel), Hermitian."""
@@ -108,13 +116,13 @@ class _Common(abc.ABC):
         return _Lattice(members, vectors, np.maximum(values, LEAST * values.max()), size)
 
     def at(self, parameter: Floats) -> Inverse:
-        """(M + lambda)^{-1}, in the precision of the rows."""
-        single, given = np.unique(parameter, return_inverse=True)
+        """(M + lambda)^{-1}, in the precision of the rows, of parameters near those given."""
+        places, given = np.unique(np.round(PER_DECADE * np.log10(parameter)), return_inverse=True)
         made: dict[Any, tuple[list[Any], list[Gaps]]] = {}
 
         def inverse(rows: Floats, which: Any) -> Floats:
             if rows.dtype not in made:
-                made[rows.dtype] = self._matrices(single, rows.dtype), self._gaps(single, rows.dtype)
+                made[rows.dtype] = self._made(tuple(places.tolist()), rows.dtype)
             matrices, gaps = made[rows.dtype]
             place = given[which]
             out = whole(rows, place, matrices)
@@ -135,12 +143,27 @@ class _Common(abc.ABC):
                     moved: Any = 0.0
                     for j in range(len(g.members)):
                         entry = matrix[:, i, j]
-                        moved = moved + (entry if len(single) == 1 else entry[place]) * waves[:, j]
+                        part = (entry if len(places) == 1 else entry[place]) * waves[:, j]
+                        moved = part if j == 0 else np.add(moved, part, out=moved)
                     out[p][:, c] = self._back(moved, g, shape)
             parts = [p.reshape(len(p), -1) for p in out]
             return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
         return inverse
+
+    def _made(self, places: tuple[float, ...], kind: Any) -> tuple[list[Any], list[Gaps]]:
+        """Matrices of the inverses and what is missing, of parameters by their places; the last ones of few are kept."""
+        found = self._kept.get((places, kind))
+        if found is None:
+            parameter = 10.0 ** (np.array(places) / PER_DECADE)
+            found = self._matrices(parameter, kind), self._gaps(parameter, kind)
+            if len(places) <= FEW:
+                self._kept[places, kind] = found
+                while sum(len(key[0]) for key in self._kept) > KEPT:
+                    self._kept.popitem(last=False)
+        else:
+            self._kept.move_to_end((places, kind))
+        return found
 
     def _gaps(self, parameter: Floats, kind: Any) -> list[Gaps]:
         """What is missing on each lattice, where anything is."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable
-from typing import Any
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
@@ -15,7 +16,7 @@ from palpate.inverse.linear.matrix_free.memory import LONGEST
 from palpate.inverse.linear.matrix_free.normal import Normal
 from palpate.inverse.linear.matrix_free.transforms import Cosine
 
-__all__ = ["Balanced", "approximation", "longest_cosines"]
+__all__ = ["Balanced", "LongestCosines", "LongestSines", "approximation"]
 
 #: Combinations of cosines that working taxels hardly tell apart are one.
 APART = 1e-8
@@ -27,17 +28,73 @@ def approximation(normal: Normal) -> Approximation:
     return Cosines(normal) if all(find_channel(c).kind.absolute for c in channels) else Padded(normal)
 
 
-def longest_cosines(normal: Normal) -> Floats:
-    """The longest cosines (wave, n) of each channel of regular arrays."""
-    units = []
-    for plane, shape in enumerate(normal.shapes):
-        few = LONGEST[len(shape) - 1]
-        tables = [Cosine(n).table[:few] for n in shape[1:]]
-        for channel, *waves in itertools.product(range(shape[0]), *tables):
-            rows = [np.zeros((1, *s)) for s in normal.shapes]
-            rows[plane][0, channel] = waves[0] if len(waves) == 1 else np.multiply.outer(*waves)
-            units.append(normal.joined(rows)[0])
-    return np.stack(units)
+class Longest(Protocol):
+    """The longest waves Z of a space, by sums over axes: as rows of a matrix they would be read from memory at every step."""
+
+    count: int
+
+    def of(self, rows: Any) -> Any:
+        """Z v (frame, wave) of rows v (frame, n)."""
+        ...
+
+    def rows(self, weights: Any) -> Any:
+        """Z^T c (frame, n) of weights c (frame, wave)."""
+        ...
+
+
+class LongestCosines:
+    """The longest cosines of each channel of regular arrays; missing taxels are zero in them."""
+
+    def __init__(self, normal: Normal) -> None:
+        self.normal = normal
+        self._tables = []
+        for _, *shape in normal.shapes:
+            waves = [Cosine.longest(n, LONGEST[len(shape)]) for n in shape]
+            self._tables.append({np.dtype(kind): [w.astype(kind) for w in waves] for kind in (np.float32, np.float64)})
+        self._counts = [
+            shape[0] * math.prod(len(w) for w in tables[np.dtype(np.float64)])
+            for shape, tables in zip(normal.shapes, self._tables)
+        ]
+        self.count = sum(self._counts)
+
+    def of(self, rows: Any) -> Any:
+        """Z v."""
+        parts = []
+        for plane, tables in zip(self.normal.planes(rows), self._tables):
+            first, *second = tables[rows.dtype]
+            if second:  # (y, x)
+                plane = first @ (plane @ second[0].T)
+            else:
+                plane = plane @ first.T
+            parts.append(plane.reshape(len(rows), -1))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+    def rows(self, weights: Any) -> Any:
+        """Z^T c."""
+        parts, start = [], 0
+        for shape, count, tables in zip(self.normal.shapes, self._counts, self._tables):
+            first, *second = tables[weights.dtype]
+            part = weights[:, start : start + count].reshape(len(weights), shape[0], len(first), -1)
+            parts.append((first.T @ part) @ second[0] if second else part[..., 0] @ first)
+            start += count
+        return self.normal.joined(parts)
+
+
+class LongestSines:
+    """Entries ``index`` of rows of ``size`` coefficients."""
+
+    def __init__(self, index: Sequence[int] | npt.NDArray[np.intp], size: int) -> None:
+        self._index, self._size, self.count = np.asarray(index), size, len(index)
+
+    def of(self, rows: Any) -> Any:
+        """Z v."""
+        return rows[:, self._index]
+
+    def rows(self, weights: Any) -> Any:
+        """Z^T c."""
+        out = np.zeros((len(weights), self._size), dtype=weights.dtype)
+        out[:, self._index] = weights
+        return out
 
 
 class Balanced:
@@ -45,42 +102,75 @@ class Balanced:
     Eng. 9, 1993, 233-241)."""
 
     def __init__(
-        self, product: Callable[[Floats], Floats], longest: Floats, smooth: Callable[[Floats], Inverse]
+        self, product: Callable[[Floats], Floats], longest: Longest, smooth: Callable[[Floats], Inverse]
     ) -> None:
-        self._smooth = smooth
+        self._smooth, self.longest = smooth, longest
         # single precision is enough for what only makes the iteration shorter
-        self._longest = longest.astype(np.float32)
-        self._moved = product(self._longest)
-        own, inner = (self._longest @ rows.T for rows in (self._longest, self._moved))
+        rows = longest.rows(np.eye(longest.count, dtype=np.float32))
+        self.moved = product(rows)
+        own, inner = longest.of(rows), longest.of(self.moved)
         size, vectors = np.linalg.eigh(own.astype(np.float64))
         kept = size > APART * size.max()
         basis = vectors[:, kept] / np.sqrt(size[kept])
         values, modes = np.linalg.eigh(basis.T @ (0.5 * (inner + inner.T)).astype(np.float64) @ basis)
-        self._values, self._vectors = np.maximum(values, 0.0), basis @ modes
+        self.values, self.vectors = np.maximum(values, 0.0), basis @ modes
         #: About the largest eigenvalue of M, from below.
-        self.largest = float(self._values[-1])
+        self.largest = float(self.values[-1])
 
     @property
     def nbytes(self) -> int:
         """Memory that it holds."""
-        return self._longest.nbytes + self._moved.nbytes
+        return int(self.moved.nbytes)
 
-    def at(self, parameter: Floats) -> Inverse:
-        """(M + lambda)^{-1} about, for the parameter of each frame: a function of rows and of which frames they belong to."""
-        z, moved, vectors = self._longest, self._moved, self._vectors
-        smooth = self._smooth(parameter)
+    def at(self, parameter: Floats) -> BalancedInverse:
+        """(M + lambda)^{-1} about, for the parameter of each frame."""
+        return BalancedInverse(self, parameter, self._smooth(parameter))
 
-        def inverse(rows: Floats, which: Any) -> Floats:
-            lam, kind = parameter[which], rows.dtype
-            weights = 1.0 / (self._values[:, None] + lam)  # (mode, frame)
-            first = (vectors @ (weights * (vectors.T @ (z @ rows.T)))).T
-            out = smooth(
-                rows - first.astype(kind) @ moved - (lam[:, None] * first).astype(kind) @ z,
-                which,
-            )
-            against = moved @ out.T + lam * (z @ out.T)
-            second = (vectors @ (weights * (vectors.T @ against))).T
-            out += (first - second).astype(kind) @ z
-            return out
 
-        return inverse
+class BalancedInverse:
+    """`Balanced` at some parameters: a function of rows and of which frames they belong to.
+
+    With A = M + lambda, S the smooth one and Q = Z (Z^T A Z)^{-1} Z^T it is Q + (1 - Q A) S (1 - A Q), symmetric for any row. Rows that Z^T makes zero
+    stay so, and for them it is (1 - Q A) S + Q, a third of the work (J. Tang, R. Nabben, C. Vuik, Y. Erlangga, J. Sci. Comput. 39, 2009,
+    340-370: "A-DEF2").
+    """
+
+    def __init__(self, of: Balanced, parameter: Floats, smooth: Inverse) -> None:
+        self._of, self._parameter, self._smooth = of, parameter, smooth
+
+    def __call__(self, rows: Any, which: Any) -> Any:
+        """Of any rows."""
+        solution, left = self.begin(rows, which)
+        out = self._smooth(left, which)
+        out -= self._long(self._inner(out, which), which, rows.dtype)
+        out += solution
+        return out
+
+    def begin(self, rows: Any, which: Any) -> tuple[Any, Any]:
+        """Q v, and v - A Q v, which Z^T makes zero."""
+        lam, kind = self._parameter[which], rows.dtype
+        weights = self._weights(self._of.longest.of(rows), which)
+        solution = self._of.longest.rows(weights.astype(kind))
+        left = rows - weights.astype(kind) @ self._of.moved
+        left -= lam[:, None].astype(kind) * solution
+        return solution, left
+
+    def within(self, rows: Any, which: Any) -> Any:
+        """Of rows that Z^T makes zero, but for rounding."""
+        out = self._smooth(rows, which)
+        out -= self._long(self._inner(out, which) - self._of.longest.of(rows), which, rows.dtype)
+        return out
+
+    def _inner(self, rows: Any, which: Any) -> Any:
+        """Z^T A v."""
+        return (self._of.moved @ rows.T).T + self._parameter[which, None] * self._of.longest.of(rows)
+
+    def _long(self, inner: Any, which: Any, kind: Any) -> Any:
+        """Z (Z^T A Z)^{-1} c."""
+        return self._of.longest.rows(self._weights(inner, which).astype(kind))
+
+    def _weights(self, inner: Any, which: Any) -> Any:
+        """(Z^T A Z)^{-1} c, in double precision."""
+        vectors = self._of.vectors
+        gain = 1.0 / (self._of.values + self._parameter[which, None])  # (frame, mode)
+        return ((inner @ vectors) * gain) @ vectors.T

@@ -19,7 +19,7 @@ from palpate.inverse.linear.lumps import lumps
 from palpate.inverse.linear.matrix_free.iteration import Solved, solve
 from palpate.inverse.linear.matrix_free.lattice import Inverse
 from palpate.inverse.linear.matrix_free.normal import Normal
-from palpate.inverse.linear.matrix_free.preconditioner import Balanced, approximation, longest_cosines
+from palpate.inverse.linear.matrix_free.preconditioner import Balanced, LongestCosines, LongestSines, approximation
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.sensing.operator import Convolution
 
@@ -81,7 +81,7 @@ class OnArray:
     def __init__(self, normal: Normal) -> None:
         self.normal = normal
         self.approximate = approximation(normal)
-        self._balanced = Balanced(normal.apply, longest_cosines(normal), self.approximate.at)
+        self._balanced = Balanced(normal.apply, LongestCosines(normal), self.approximate.at)
         self.eigenvalues, self.counts = self.approximate.eigenvalues, self.approximate.counts
         self.largest, self.powers = self._balanced.largest, self.approximate.powers
         # gaps look like edges to the approximation, and it takes them for signal
@@ -154,9 +154,7 @@ class OnSurface:
         few = LONG_SINES[len(self._shape) - 1]
         places = [range(self._shape[0]), *(range(min(few, n)) for n in self._shape[1:])]
         index = [np.ravel_multi_index(place, self._shape) for place in itertools.product(*places)]
-        longest = np.zeros((len(index), self.eigenvalues.size), dtype=np.float32)
-        longest[np.arange(len(index)), index] = 1.0
-        self._balanced = Balanced(self._product, longest, self._smooth)
+        self._balanced = Balanced(self._product, LongestSines(index, self.eigenvalues.size), self._smooth)
         self.largest = self._balanced.largest
         self.whole = False
         self.first: float | None = _safe(self.eigenvalues, self.counts, self.largest, normal.count)

@@ -25,9 +25,14 @@ class Cosine:
     @property
     def table(self) -> Floats:
         """The matrix (wave, entry)."""
-        j = np.arange(self.n)[:, None]
-        size = np.sqrt(np.where(j == 0, 1.0, 2.0) / self.n)
-        return np.asarray(size * np.cos(np.pi * j * (np.arange(self.n) + 0.5) / self.n))
+        return self.longest(self.n, self.n)
+
+    @staticmethod
+    def longest(n: int, count: int) -> Floats:
+        """The first ``count`` rows of the matrix, or all of them."""
+        j = np.arange(min(count, n))[:, None]
+        size = np.sqrt(np.where(j == 0, 1.0, 2.0) / n)
+        return np.asarray(size * np.cos(np.pi * j * (np.arange(n) + 0.5) / n))
 
     def apply(self, x: Floats, axis: int, *, inverse: bool) -> Floats:
         """Along ``axis``, -1 or -2."""
