@@ -128,7 +128,7 @@ def solve(
 
 def _descend(
     product: Callable[[Any], Any],
-    inverse: Callable[[Any, Any], Any],
+    inverse: Any,
     right: Any,
     parameter: Floats,
     frames: npt.NDArray[np.intp],

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
@@ -47,7 +46,7 @@ class LongestCosines:
 
     def __init__(self, normal: Normal) -> None:
         self.normal = normal
-        self._tables = []
+        self._tables: list[dict[Any, list[Any]]] = []
         for _, *shape in normal.shapes:
             waves = [Cosine.longest(n, LONGEST[len(shape)]) for n in shape]
             self._tables.append({np.dtype(kind): [w.astype(kind) for w in waves] for kind in (np.float32, np.float64)})
@@ -60,13 +59,11 @@ class LongestCosines:
     def of(self, rows: Any) -> Any:
         """Z v."""
         parts = []
-        for plane, tables in zip(self.normal.planes(rows), self._tables):
+        planes: list[Any] = self.normal.planes(rows)
+        for plane, tables in zip(planes, self._tables):
             first, *second = tables[rows.dtype]
-            if second:  # (y, x)
-                plane = first @ (plane @ second[0].T)
-            else:
-                plane = plane @ first.T
-            parts.append(plane.reshape(len(rows), -1))
+            part = first @ (plane @ second[0].T) if second else plane @ first.T
+            parts.append(part.reshape(len(rows), -1))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def rows(self, weights: Any) -> Any:
@@ -83,8 +80,8 @@ class LongestCosines:
 class LongestSines:
     """Entries ``index`` of rows of ``size`` coefficients."""
 
-    def __init__(self, index: Sequence[int] | npt.NDArray[np.intp], size: int) -> None:
-        self._index, self._size, self.count = np.asarray(index), size, len(index)
+    def __init__(self, index: Sequence[Any], size: int) -> None:
+        self._index, self._size, self.count = np.array(index, dtype=np.intp), size, len(index)
 
     def of(self, rows: Any) -> Any:
         """Z v."""
