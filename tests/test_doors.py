@@ -31,7 +31,7 @@ class Still:
     def __init__(self, skin: pp.Skin) -> None:
         self.inner = skin.track(baseline=0)
         self.names, self.notes, self.seconds = self.inner.names, self.inner.notes, 0.0
-        self.health = self.inner.health
+        self.health, self.unknowns = self.inner.health, self.inner.unknowns
         self.touch = self.inner.step(np.zeros((1, 4, 4)), 0.0)
         self.times: list[float] = []
 
@@ -174,6 +174,7 @@ def test_nested_json_is_counted_and_left(skin: pp.Skin, feed: Feed) -> None:
             page.send_text(text)
         until(lambda: live.refused.get("message") == 7)
         feed.put(0.0)
+        until(lambda: live.session.count > 0)
         while not page.receive().get("bytes"):
             pass
     with pytest.raises(pp.InvalidInput, match="JSON"):

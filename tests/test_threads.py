@@ -12,6 +12,7 @@ import threadpoolctl
 
 import palpate as pp
 from palpate._threads import SMALL, few_threads, spare
+from palpate.live import Session
 
 
 def counts() -> list[int]:
@@ -91,5 +92,45 @@ def test_a_frame_leaves_the_threads_as_they_were(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(prepared, "frame", frame)
     before = counts()
     prepared.solve([np.ones((1, 9))])
+    assert seen == [{1}]
+    assert counts() == before
+
+
+def test_a_live_session_and_what_is_learned_beside_it_take_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"], noise=5.0))
+    press = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+    before = counts()
+    seen: dict[str, set[int]] = {}
+    with skin.track(budget=60.0) as tracker:
+        background = tracker._background
+
+        def played() -> None:
+            tracker.step(press, time=0.0)
+            while "beside" not in seen:
+                found = background.result("counts", lambda: set(counts()))
+                seen.update({"beside": found} if found else {})
+
+        session = Session(skin, lambda: iter(()), tracker, pp.GraspMonitor(friction=0.5), pace=False)
+        monkeypatch.setattr(session, "_play", played)
+        worker = threading.Thread(target=session.run)
+        worker.start()
+        worker.join(60)
+    assert not worker.is_alive()
+    assert seen == {"beside": {1}}
+    assert counts() == before
+
+
+def test_a_step_of_a_tracker_takes_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    tracker = pp.Skin(pad, pp.LineArray(count=9, pitch=1e-3, depth=1e-3, channels=["stress_zz"])).track()
+    real, seen, before = tracker._step, [], counts()
+
+    def step(*given: object) -> object:
+        seen.append(set(counts()))
+        return real(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(tracker, "_step", step)
+    tracker.step(np.zeros((1, 9)))
     assert seen == [{1}]
     assert counts() == before

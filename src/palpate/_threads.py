@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-__all__ = ["SMALL", "cores", "few_threads", "spare"]
+__all__ = ["SMALL", "WIDEST", "cores", "few_threads", "spare"]
 
 #: Unknowns up to which one thread is enough: a factorisation takes less than a second then.
 SMALL = 4096
@@ -28,7 +28,8 @@ def few_threads(unknowns: int, readings: int | None = None) -> Iterator[None]:
     more than other programs leave.
 
     The number belongs to the whole process: of several threads of the caller, one changes it and gives the others back when it leaves,
-    which costs the rest time and nothing else. (Were each to put back what it found, one of them would put back the change.)
+    which costs the rest time and nothing else. (Were each to put back what it found, one of them would put back the change; and only one thread
+    of a process may change it.)
     """
     libraries, mine = _libraries()
     if readings is not None:

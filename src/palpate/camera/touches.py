@@ -302,7 +302,7 @@ def follow(
     distance : float, optional
         From the camera's centre to the dots [m] (default: that of [camera]). Without one, dots are taken to move across the view only: right for a camera far away.
     track : bool, optional
-        True: follow frame by frame with `Skin.track`, at the rate of a camera; its normal force is off by a third or so where the dots only move sideways, and
+        True: follow frame by frame with `Skin.track`, at the rate of a camera; its normal force is off by up to a third where the dots only move sideways, and
         its touches say so. False: `Skin.reconstruct` for each frame by itself, seconds each. Default: False where pressure is not told from shear by the channels alone.
     every : int
         Of frames that are solved by themselves only every so manyeth.

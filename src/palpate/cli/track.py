@@ -64,7 +64,7 @@ def track(
         bool,
         typer.Option(
             "--fast",
-            help="Of pictures: follow all with a tracker, at the rate of a camera. Shear is as good; the normal force is off by a third or so.",
+            help="Of pictures: follow all with a tracker, at the rate of a camera. Shear is as good; the normal force is off by up to a third.",
         ),
     ] = False,
     rate: Annotated[

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import to_numpy
+from palpate._threads import few_threads
 from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import Event, GraspMonitor
 from palpate.network.waiting import FrameSource
@@ -290,10 +291,12 @@ class Session:
     def run(self) -> None:
         """The stream to its end, in this thread."""
         try:
-            while not self._stop.is_set():
-                self._play()
-                if not self.loop:
-                    return
+            # threads of linear algebra that wait for a core spin, and took twice the time of the work on a single core
+            with few_threads(self.tracker.unknowns):
+                while not self._stop.is_set():
+                    self._play()
+                    if not self.loop:
+                        return
         except Exception as error:
             # the page must say that the stream has ended, whatever ended it
             self.failure = str(error) or type(error).__name__

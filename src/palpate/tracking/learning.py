@@ -123,12 +123,14 @@ class Learning:
             if evidence.scale < floor:
                 # less noise than a pad is known to: the detail that it would show is not there
                 evidence = estimator.evidence(linear, rows, floor)
-            left = self._left(y)
+            # no more than this is no sign of noise that the linear model follows, nor of cells that are too wide
+            little = evidence.scale / FOLLOWED if known is None else known / TOLD
+            # (where channels do not tell pressure from shear, it is no measure)
+            left = 0.0 if known is not None and estimator.ambiguous else self._left(y, little)
             size = float(np.sqrt(np.mean(y**2)))
             # what contact leaves beyond the noise that was told is the cells', or too much for them: broken readings
-            # (where channels do not tell pressure from shear, it is no measure)
-            wide = known is not None and not estimator.ambiguous and known < TOLD * left <= TOLD * COARSEST * size
-            follows = wide if known is not None else evidence.scale < FOLLOWED * left
+            wide = known is not None and little < left <= COARSEST * size
+            follows = wide if known is not None else left > little
             if follows:
                 # a linear model of shallow channels follows noise too, and what wide cells cannot follow: a penalty for it lets pressure and
                 # shear grow against each other
@@ -146,13 +148,17 @@ class Learning:
             self.noise = scale if self.noise is None else min(scale, LOUDER * self.noise)
         return True
 
-    def _left(self, y: Floats) -> float:
-        """What contact of one sign leaves of readings: the noise that a linear model is compared with."""
+    def _left(self, y: Floats, little: float) -> float:
+        """What contact of one sign leaves of readings: the noise that a linear model is compared with. One that leaves ``little`` is enough."""
         estimator = self._estimator
         data, observed = y * estimator.readings.std, np.ones(len(y), dtype=bool)
         total = float(np.sqrt(np.mean(estimator.readings.white(y, observed) ** 2)))
         if not total > 0.0:
             return 0.0
-        left = min(rough(estimator, sign * data, observed, total).left for sign in (1, -1))
+        left = math.inf
+        for sign in (1, -1):
+            left = min(left, rough(estimator, sign * data, observed, total).left)
+            if left <= little:
+                return left
         small = sharp_contact(estimator, data, observed)
         return left if small is None else min(left, small.left)

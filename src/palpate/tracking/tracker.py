@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import from_numpy
+from palpate._threads import WIDEST, few_threads
 from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput, Unsupported
@@ -80,7 +81,7 @@ def check_sought(components: Sequence[str], boundary: str) -> None:
 #: What is said where the channels alone do not tell pressure from shear. Balls that press, slide and twist were read 1 to 35 % too small from markers 0.5 mm
 #: deep in a gel of 3.5 to 4 mm, 4 to 20 % too large 1 mm deep, and 60 % too small on its surface; shear forces were within their intervals.
 MISREAD = (
-    "a tracker misreads the normal force from markers that only move sideways, by a third or so where they lie in the gel and more on its surface, and its intervals need not know; "
+    "a tracker misreads the normal force from markers that only move sideways, by up to a third where they lie in the gel and more on its surface, and its intervals need not know; "
     "shear is as good as that of frames by themselves (Skin.reconstruct, palpate reconstruct, and of pictures palpate track without --fast)"
 )
 
@@ -148,6 +149,8 @@ class Tracker:
         self._zero_frames, self._given_zero = self._check_baseline(baseline)
         self._offsets = Offsets(estimator.readings)
         self._equations = NormalEquations(estimator, self._offsets.columns)
+        # of its linear algebra: few are no work for several threads
+        self.unknowns = min(estimator.inside.size * len(estimator.columns), WIDEST * len(self._std))
         self._background = Background(threaded=budget is not None)
         self._misfit = Misfit(estimator)
         make_ready(estimator, self._equations)
@@ -353,7 +356,8 @@ class Tracker:
         self._said = []
         note = self._note(frame)
         try:
-            status, converged = self._step(flat, frame.elapsed, started, known)
+            with few_threads(self.unknowns):
+                status, converged = self._step(flat, frame.elapsed, started, known)
         except np.linalg.LinAlgError:
             # the next frame begins from nothing, so that what broke this one is not carried on
             self._release()
