@@ -31,7 +31,16 @@ from palpate.sensing.grids import Grid
 from palpate.sensing.kernels import aperture_rule, influence
 from palpate.sensing.scattered import Lattice
 
-__all__ = ["Boundary", "Convolution", "Operator", "Periodic", "commensurate", "periodic_transfer", "sampled_kernel"]
+__all__ = [
+    "Boundary",
+    "Convolution",
+    "Operator",
+    "Periodic",
+    "commensurate",
+    "multiply",
+    "periodic_transfer",
+    "sampled_kernel",
+]
 
 Boundary = Literal["free", "periodic"]
 
@@ -70,10 +79,10 @@ class _Cached:
         return self._copies[key]
 
 
-def _multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
+def multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
     """Apply ``columns`` of (rows, all columns, *k) to (..., columns, *k), or their conjugate transpose to (..., rows, *k).
 
-    ``spectrum`` is used up.
+    ``spectrum`` is used up by the latter.
     """
     if is_numpy(spectrum):
         return _multiplied(matrix, spectrum, rows, columns, d, adjoint=adjoint)
@@ -197,7 +206,7 @@ class Convolution:
     def forward(self, traction: Any, among: Among = None) -> Any:
         xp, d = namespace(traction), len(self.size)
         columns = range(self.count) if among is None else among
-        product = _multiply(
+        product = multiply(
             xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, columns, d, adjoint=False
         )
         keep = [slice(0, (m - 1) * r + 1, r) for m, r in zip(self.taxels, self.ratios)]
@@ -209,7 +218,7 @@ class Convolution:
         upsampled = readings
         for axis, ratio in enumerate(self.ratios):
             upsampled = _upsampled(xp, upsampled, axis - d, ratio)
-        product = _multiply(
+        product = multiply(
             xp, self.spectrum.like(readings), rfftn(upsampled, self.size), self.rows, columns, d, adjoint=True
         )
         return irfftn(product, self.size, [slice(0, n) for n in self.cells], overwrite=True)
@@ -377,7 +386,7 @@ class Periodic:
     def forward(self, traction: Any, among: Among = None) -> Any:
         xp, d = namespace(traction), len(self.size)
         columns = range(self.count) if among is None else among
-        product = _multiply(
+        product = multiply(
             xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, columns, d, adjoint=False
         )
         return irfftn(product, self.size, overwrite=True)
@@ -385,7 +394,7 @@ class Periodic:
     def adjoint(self, readings: Any, among: Among = None) -> Any:
         xp, d = namespace(readings), len(self.size)
         columns = range(self.count) if among is None else among
-        product = _multiply(
+        product = multiply(
             xp, self.spectrum.like(readings), rfftn(readings, self.size), self.rows, columns, d, adjoint=True
         )
         return irfftn(product, self.size, overwrite=True)

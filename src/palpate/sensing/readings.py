@@ -18,7 +18,7 @@ from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats, Pad, isotropic_constants
 from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput
-from palpate.sensing.arrays import Array
+from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.labels import is_labelled, labelled_readings, labelled_time, labelled_traction
 
@@ -48,7 +48,8 @@ def creeping(array: Array) -> npt.NDArray[np.bool_]:
 def plausible(pad: Pad, array: Array) -> list[tuple[float, str]]:
     """What no reading of each channel can exceed in an elastic pad, with the reason."""
     modulus, _ = isotropic_constants(pad, array.depth)
-    extent = float(np.ptp(array.points, axis=0).max())
+    axes = array.points.T if isinstance(array, ScatteredArray) else array.grid.axes
+    extent = max(float(np.ptp(x)) for x in axes)
     return [find_channel(c).kind.limit(modulus, extent) for c in array.channels]
 
 

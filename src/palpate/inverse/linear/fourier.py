@@ -14,7 +14,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.linear.parameter import Tried, tried_on
 from palpate.inverse.linear.priors import Prior, wavenumbers
-from palpate.sensing.operator import Operator, periodic_transfer
+from palpate.sensing.operator import Operator, multiply, periodic_transfer
 
 __all__ = ["FourierSpectrum"]
 
@@ -44,30 +44,34 @@ class FourierSpectrum:
         k = wavenumbers(grid.shape, grid.spacings)
         root = np.sqrt(np.stack([prior.spectrum(k) for prior in priors], axis=-1))  # (*k, component)
         u, s, vh = np.linalg.svd(stacked * root[..., None, :], full_matrices=True)
-        rank = s.shape[-1]
-        values = np.zeros(u.shape[:-1])
-        values[..., :rank] = s**2
-        half = np.full(values.shape, 2.0)
-        half[..., 0, :] = 1.0
+        # modes come first, wavevectors last: sums over modes and channels are then a few products of whole arrays
+        rank, modes, waves = s.shape[-1], u.shape[-1], u.shape[:-2]
+        values = np.zeros((modes, *waves))
+        values[:rank] = np.moveaxis(s, -1, 0) ** 2
+        twice = np.full(waves, 2.0)
+        twice[..., 0] = 1.0
         if grid.shape[-1] % 2 == 0:
-            half[..., -1, :] = 1.0
+            twice[..., -1] = 1.0
+        half = np.repeat(twice[None], modes, axis=0)
         self._shape = values.shape
-        self._forward = np.conj(np.swapaxes(u, -1, -2))  # (*k, n, channel)
-        shape: tuple[int, ...] = values.shape
-        self._back = np.zeros((*shape[:-1], len(self.columns), shape[-1]), dtype=np.complex128)
-        self._back[..., :rank] = root[..., :, None] * np.conj(np.swapaxes(vh, -1, -2))[..., :rank]
+        self._norm = math.sqrt(math.prod(grid.shape))
+        each = np.concatenate(scales).reshape(-1, *(1,) * grid.dimensions) * self._norm
+        # of readings as they are: (n, channel, *k)
+        self._forward = np.ascontiguousarray(np.conj(np.moveaxis(u, (-1, -2), (0, 1)))) / each
+        self._back = np.zeros((len(self.columns), modes, *waves), dtype=np.complex128)  # (component, n, *k)
+        spread = root[..., None, :] * np.conj(vh[..., :rank, :])  # (*k, n, component)
+        self._back[:, :rank] = np.moveaxis(spread, (-1, -2), (0, 1))
         # at k = 0 a half-space's displacement sees nothing: the mean is unknown, not uncertain, and an offset is neither traction nor noise
-        self._twice = half[..., 0].copy()
+        self._twice = twice
         self._zero = (0,) * grid.dimensions
-        blind = values[self._zero] == 0
-        half[self._zero][blind] = 0.0
-        seen = (np.abs(self._back[self._zero][:, ~blind]) ** 2).sum(axis=-1)
+        zero: Any = (slice(None), *self._zero)
+        blind = values[zero] == 0
+        half[zero] = np.where(blind, 0.0, half[zero])
+        seen = (np.abs(self._back[(slice(None), ~blind, *self._zero)]) ** 2).sum(axis=-1)
         #: Whether the mean of each component sought can be known.
         self.mean_seen = seen > 0.5 * root[self._zero] ** 2
-        self._root = root
+        self._root = np.ascontiguousarray(np.moveaxis(root, -1, 0))  # (component, *k)
         self.eigenvalues, self.multiplicity = values.ravel(), half.ravel()
-        self._scales = scales
-        self._norm = math.sqrt(math.prod(grid.shape))
         self._copies: dict[tuple[Any, ...], Any] = {}
 
     @cached_property
@@ -85,41 +89,43 @@ class FourierSpectrum:
         xp = namespace(like)
         key = (xp.__name__, str(like.dtype), str(getattr(like, "device", "")))
         if key not in self._copies:
-            scales = [from_numpy(s.reshape(-1, *(1,) * self.operator.surface.dimensions), like) for s in self._scales]
-            self._copies[key] = from_numpy(self._forward, like), from_numpy(self._back, like), scales
+            self._copies[key] = from_numpy(self._forward, like), from_numpy(self._back * self._norm, like)
         return self._copies[key]
 
     def project(self, readings: Sequence[Any]) -> Any:
+        """Coefficients (*batch, n) of one array (*batch, channel, *array) per plane: modes, then wavevectors."""
         xp, grid = namespace(readings[0]), self.operator.surface
-        forward, _, scales = self._prepared(readings[0])
+        forward, _ = self._prepared(readings[0])
         d = grid.dimensions
-        spectra = [rfftn(r / s, grid.shape) / self._norm for r, s in zip(readings, scales)]
-        data = xp.moveaxis(xp.concat(spectra, axis=-1 - d), -1 - d, -1)
-        out = xp.matmul(forward, data[..., None])[..., 0]
+        spectra = [rfftn(r, grid.shape) for r in readings]
+        data = spectra[0] if len(spectra) == 1 else xp.concat(spectra, axis=-1 - d)
+        out = multiply(xp, forward, data, forward.shape[0], range(forward.shape[1]), d, adjoint=False)
         return xp.reshape(out, (*out.shape[: -1 - d], -1))
 
     def solve(self, weights: Any) -> Any:
+        """Traction (*batch, component, *surface) of weights (*batch, n)."""
         xp, grid = namespace(weights), self.operator.surface
-        _, back, _ = self._prepared(xp.real(weights))
+        _, back = self._prepared(xp.real(weights))
         d = grid.dimensions
-        batch = weights.shape[:-1]
-        spectrum = xp.matmul(back, xp.reshape(weights, (*batch, *self._shape))[..., None])[..., 0]
-        images = irfftn(xp.moveaxis(spectrum, -1, -1 - d) * self._norm, grid.shape)
-        out = []
-        for column in range(len(grid.components)):
-            if column in self.columns:
-                out.append(images[(..., self.columns.index(column), *(slice(None),) * d)])
-            else:
-                out.append(xp.zeros_like(images[(..., 0, *(slice(None),) * d)]))
-        return xp.stack(out, axis=-1 - d)
+        modes = xp.reshape(weights, (*weights.shape[:-1], *self._shape))
+        spectrum = multiply(xp, back, modes, back.shape[0], range(back.shape[1]), d, adjoint=False)
+        images = irfftn(spectrum, grid.shape, overwrite=True)
+        if self.columns == list(range(len(grid.components))):
+            return images
+        zero = xp.zeros_like(images[(..., 0, *(slice(None),) * d)])
+        places = {column: place for place, column in enumerate(self.columns)}
+        each = [
+            images[(..., places[i], *(slice(None),) * d)] if i in places else zero for i in range(len(grid.components))
+        ]
+        return xp.stack(each, axis=-1 - d)
 
     def sums(self, rows: Floats) -> tuple[Floats, Floats]:
         """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface), without a mean that leaves no trace."""
-        spectrum = np.moveaxis(rfftn(rows, self.operator.surface.shape) / self._norm, 1, -1)  # (row, *k, component)
-        inner = (np.conj(self._back) * spectrum[..., :, None]).sum(axis=-2)  # (row, *k, n)
+        spectrum = rfftn(rows, self.operator.surface.shape) / self._norm  # (row, component, *k)
+        inner = (np.conj(self._back) * spectrum[:, :, None]).sum(axis=1)  # (row, n, *k)
         powers = self.multiplicity.reshape(self._shape) * np.abs(inner) ** 2
-        whole = self._twice * (np.abs(spectrum) ** 2 * self._root**2).sum(axis=-1)
-        rest = whole - powers.sum(axis=-1)
+        whole = self._twice * (np.abs(spectrum) ** 2 * self._root**2).sum(axis=1)
+        rest = whole - powers.sum(axis=1)
         rest[(slice(None), *self._zero)] = 0.0
         return powers.reshape(len(rows), -1), np.maximum(rest, 0.0).reshape(len(rows), -1).sum(axis=1)
 
@@ -128,9 +134,9 @@ class FourierSpectrum:
         count = math.prod(self.operator.surface.shape)
         ones = (1,) * len(self._zero)
         half = self.multiplicity.reshape(self._shape)
-        squares = half[..., None, :] * np.abs(self._back) ** 2 / count  # (*k, component, n)
-        rest = self._twice[..., None] * self._root**2 / count - squares.sum(axis=-1)
-        rest[self._zero] = 0.0
-        powers = np.swapaxes(squares, -1, -2).reshape(-1, len(self.columns))
-        total = np.maximum(rest, 0.0).reshape(-1, len(self.columns)).sum(axis=0)
+        squares = half * np.abs(self._back) ** 2 / count  # (component, n, *k)
+        rest = self._twice * self._root**2 / count - squares.sum(axis=1)
+        rest[(slice(None), *self._zero)] = 0.0
+        powers = squares.reshape(len(self.columns), -1).T
+        total = np.maximum(rest, 0.0).reshape(len(self.columns), -1).sum(axis=1)
         return self.eigenvalues, powers.reshape(-1, len(self.columns), *ones), total.reshape(-1, *ones)

@@ -119,8 +119,7 @@ class Regularised:
         if self.patterns is not None and removed is not None:
             said += self.patterns.words(removed, batch)
             coefficients = from_numpy(removed.coefficients.reshape(coefficients.shape), coefficients)
-        power = np.abs(to_numpy(coefficients).astype(np.complex128)) ** 2
-        power = np.real(power).reshape(-1, len(values))
+        power = _squares(to_numpy(coefficients)).reshape(-1, len(values))
         if isinstance(self.parameter, str):
             choice = choose(
                 self.parameter,
@@ -187,9 +186,23 @@ class Regularised:
         """Least noise variance of each frame (frame,), relative to the whitening."""
         largest: Any = np.zeros(frames)
         for array, scale, values in zip(self.operator.planes_of, self.scales, readings):
-            rows = np.abs(to_numpy(values).reshape(frames, len(scale), -1)[..., array.valid.ravel()])
-            largest = np.maximum(largest, (rows.max(axis=-1) / scale).max(axis=-1))
+            rows = to_numpy(values).reshape(frames, len(scale), -1)
+            if array.mask is not None:
+                rows = rows[..., array.valid.ravel()]
+            ends = np.maximum(rows.max(axis=-1), -rows.min(axis=-1))
+            largest = np.maximum(largest, (ends / scale).max(axis=-1))
         return np.asarray((MODEL_ERROR * largest) ** 2)
+
+
+def _squares(coefficients: npt.NDArray[Any]) -> Floats:
+    """|c|^2 in double precision."""
+    parts = [coefficients.real, coefficients.imag] if np.iscomplexobj(coefficients) else [coefficients]
+    total: Any = 0.0
+    for part in parts:
+        part = part.astype(np.float64)
+        part *= part
+        total = total + part
+    return np.asarray(total)
 
 
 def _some(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:

@@ -78,9 +78,9 @@ class _Solved:
             most=MOST,
             start=None if start is None else start[None],
             checked=False,
-        ).rows
+        )
         self.curves.add(np.array([0]), lam, self.row[None], u, None)
-        self.solutions.append((parameter, u[0]))
+        self.solutions.append((parameter, u.rows[0]))
 
     def nearest(self, parameter: float) -> tuple[float, Floats] | None:
         return min(self.solutions, key=lambda s: abs(math.log(s[0] / parameter)), default=None)

@@ -113,9 +113,10 @@ class Freedom:
         while len(found) < MOST_ROWS:
             rows, powers = self._probes(len(found), len(found) + step)
             parameter = np.full(len(rows), lam)
-            solved = self.space.solve(rows, parameter, tolerance=TOLERANCE, most=MOST, start=None, checked=False).rows
+            solved = self.space.solve(rows, parameter, tolerance=TOLERANCE, most=MOST, start=None, checked=False)
             # lambda tr (M + lambda)^-1 and lambda^2 tr (M + lambda)^-2
-            sums = np.stack([lam * (rows * solved).sum(axis=1), lam**2 * (solved**2).sum(axis=1)], axis=1)
+            form, square_form = self.space.forms(rows, parameter, solved)
+            sums = np.stack([lam * form, lam**2 * square_form], axis=1)
             guessed = np.stack([powers @ ratio, powers @ ratio**2], axis=1)
             found = np.concatenate([found, sums - guessed + expected if self.space.whole else sums])
             error = float(np.std(found[:, 0], ddof=1)) / math.sqrt(len(found))

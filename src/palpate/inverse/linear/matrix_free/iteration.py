@@ -22,13 +22,15 @@ GAIN = 10.0
 
 
 class Solved(NamedTuple):
-    """Solutions (frame, n), their residuals over the right sides (frame,), the products that were made, and coefficients of the traction that
-    the solutions were made of (`palpate.inverse.linear.matrix_free.spaces.OnSurface`)."""
+    """Solutions (frame, n), their residuals over the right sides (frame,), the products that were made, coefficients of the traction that the
+    solutions were made of (`palpate.inverse.linear.matrix_free.spaces.OnSurface`), and, unless they are checked, the residuals themselves
+    (frame, n)."""
 
     rows: Floats
     residual: Floats
     products: int
     source: Floats | None = None
+    rest: Floats | None = None
 
     def reached(self, tolerance: float) -> npt.NDArray[np.bool_]:
         """Whether each frame reached the tolerance."""
@@ -54,7 +56,7 @@ def solve(
     right: Floats,
     parameter: Floats,
     *,
-    tolerance: float,
+    tolerance: float | Floats,
     most: int,
     start: Floats | None = None,
     checked: bool = True,
@@ -81,7 +83,8 @@ def solve(
     double = np.zeros(len(right), dtype=bool)
     spent, products = np.zeros(len(right), dtype=int), 0
     open_ = np.flatnonzero(size > 0)
-    fresh = start is None
+    fresh, rest = start is None, None if checked else np.zeros_like(right)
+    tolerance = np.broadcast_to(tolerance, size.shape)
     for _ in range(CYCLES):
         if not open_.size:
             break
@@ -91,8 +94,10 @@ def solve(
             r = right[open_] - product(out[open_]) - parameter[open_, None] * out[open_]
             products += len(open_)
             residual[open_] = length(r, open_) / safe[open_]
+            if rest is not None:
+                rest[open_] = r
             # rounding has the last word where double precision gains no more
-            going = (residual[open_] > tolerance) & (spent[open_] < most)
+            going = (residual[open_] > tolerance[open_]) & (spent[open_] < most)
             going &= ~(double[open_] & (residual[open_] > 0.5 * before[open_]))
             double[open_] |= residual[open_] * GAIN > before[open_]
             before[open_] = residual[open_]
@@ -100,7 +105,7 @@ def solve(
             if not open_.size:
                 break
         fresh = False
-        goal = tolerance / residual[open_]
+        goal = tolerance[open_] / residual[open_]
         for precise in (False, True):
             here = np.flatnonzero(double[open_] == precise)
             if not here.size:
@@ -109,21 +114,22 @@ def solve(
             kind = np.float64 if precise else np.float32
             scale = np.sqrt(_products(r[here], r[here]))[:, None]
             least = goal[here] if precise else np.maximum(goal[here], SINGLE)
-            steps, made, left = _descend(
+            steps, made, left, kept = _descend(
                 product, inverse, (r[here] / scale).astype(kind), parameter[frames], frames, least, most, energy
             )
             out[frames] += scale * steps
             spent[frames] += made
             products += int(made.sum())
-            if not checked:
+            if rest is not None:
                 residual[frames] *= left
+                rest[frames] = scale * kept
         if not checked:
             break
     else:
         if open_.size:
             r = right[open_] - product(out[open_]) - parameter[open_, None] * out[open_]
             residual[open_] = length(r, open_) / safe[open_]
-    return Solved(out, residual, products)
+    return Solved(out, residual, products, rest=rest)
 
 
 def _descend(
@@ -135,8 +141,8 @@ def _descend(
     goal: Floats,
     most: int,
     energy: bool,
-) -> tuple[Any, npt.NDArray[np.intp], Floats]:
-    """Solve for right sides of length 1 until their residuals fall to ``goal``: solutions, steps made and residuals (frame,)."""
+) -> tuple[Any, npt.NDArray[np.intp], Floats, Any]:
+    """Solve for right sides of length 1 until their residuals fall to ``goal``: solutions, steps made, residuals (frame,), and as rows."""
     steps, left = np.zeros(len(right), dtype=int), np.ones(len(right))
     here = np.arange(len(right))
     lam = parameter[:, None].astype(right.dtype)
@@ -147,6 +153,7 @@ def _descend(
         first, inverse = _products(right, x), inverse.within
     else:
         x, r = np.zeros_like(right), right.copy()
+    rest = r.copy()
     z = inverse(r, frames)
     direction, rz = z, _products(r, z)
     first = np.maximum(first + rz, 1e-300)
@@ -169,6 +176,7 @@ def _descend(
             left[here] = np.sqrt(_products(r, r))
         going = (left[here] > goal[here]) & positive
         if not going.all():
+            rest[here[~going]] = r[~going]
             here, r, lam, direction, rz = here[going], r[going], lam[going], direction[going], rz[going]
             z = z[going] if energy else z
             if not here.size:
@@ -179,7 +187,9 @@ def _descend(
         for i, part in enumerate(new / rz):
             _add(z[i], part, direction[i])
         direction, rz = z, new
-    return x, steps, left
+    else:
+        rest[here] = r
+    return x, steps, left, rest
 
 
 def _add(to: Any, factor: float, row: Any) -> None:

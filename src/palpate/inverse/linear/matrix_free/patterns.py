@@ -59,16 +59,16 @@ class SolvedPatterns(Patterns):
     def _of_frame(self, row: Floats, floor: Floats | None) -> tuple[Removed, float, Floats]:
         search = Search(self.system, "evidence", floor)
         curves = Corrected.of(self.system, row)
-        place, near = 0, np.zeros_like(row)
+        place, near, there = 0, np.zeros_like(row), float(self.grid[0])
         if len(self.grid) > 1 and (row**2).sum() > 0:
             found = search.find(row)
-            curves, near = found.curves, found.solutions
+            curves, near, there = found.curves, found.solutions, float(found.parameter[0])
             place = int(np.argmin(np.abs(np.log(self.grid / found.parameter[0]))))
         for _ in range(MOVES):
             some = np.arange(max(place - BESIDE, 0), min(place + BESIDE + 1, len(self.grid)))
             self.system.freedom.of(self.grid[some])
             if curves.nearest(self.grid[[place]])[0] > FAR and (row**2).sum() > 0:
-                near = search.solve(curves, row, self.grid[[place]], start=near)
+                near, there = search.solve(curves, row, self.grid[[place]], start=near), float(self.grid[place])
             tables = self._tables(row, curves, some)
             best = int(some[self._best(tables, floor)])
             if best == place:
@@ -76,10 +76,9 @@ class SolvedPatterns(Patterns):
             place = best
         weighed, explained, logdet, inner = tables
         removed = self.weighed(row, curves.count, floor, weighed, explained, logdet, inner)
-        # the solution is linear in the readings
-        lam = float(self.grid[place])
+        # the solution is linear in the readings, and what it makes of patterns hardly depends on the parameter but for its size
         sizes = removed.sizes[0] / np.where(self.units > 0, self.units, 1.0)
-        return removed, lam, near - (sizes @ self._at(place) / lam)[None]
+        return removed, there, near - (sizes @ self._at(place) / there)[None]
 
     def _tables(
         self, row: Floats, curves: Corrected, some: np.ndarray[tuple[int], np.dtype[np.intp]]

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.interpolation import between
+from palpate.inverse.linear.matrix_free.iteration import Solved
 from palpate.inverse.linear.matrix_free.system import System
 from palpate.inverse.linear.parameter import TINY, Tried, candidates, pick, tikhonov
 from palpate.inverse.linear.parameter import SpectrumCurves as Guess
@@ -26,6 +27,9 @@ __all__ = ["Corrected", "Search"]
 NEAR = 0.1
 #: Solutions on the way: e is known to the square of this residual, the residual's size to this.
 TOLERANCE, MOST = 1e-4, 400
+#: For evidence residuals are these parts of what the estimate leaves of the readings, by the curves so far, and of no less or more of those parts of
+#: the readings. What steps from nothing leave is orthogonal to the solution; steps from elsewhere have to go further.
+PART, ANEW, LEAST, LOOSEST = 0.02, 1.2e-3, 1e-5, 3e-3
 #: Most solutions on the way to a parameter.
 ROUNDS = 8
 #: From a solution the rule moves on by no more than this (in log lambda, a decade), and nearer than CLOSE the degrees of freedom are worked out.
@@ -56,14 +60,14 @@ class Corrected:
         return cls(guess, system, [[] for _ in rows], [[] for _ in rows])
 
     def add(
-        self, frames: npt.NDArray[np.intp], parameter: Floats, rows: Floats, solutions: Floats, again: Floats | None
+        self, frames: npt.NDArray[np.intp], parameter: Floats, rows: Floats, solved: Solved, again: Floats | None
     ) -> None:
-        """What ``solutions`` u (frame, n) of ``rows`` say at the ``parameter`` of each, and ``again`` (M + lambda)^{-1} u, where it is known."""
+        """What solutions u (frame, n) of ``rows`` say at the ``parameter`` of each, and ``again`` (M + lambda)^{-1} u, where it is known."""
         from scipy.interpolate import CubicSpline
 
-        e = parameter * (rows * solutions).sum(axis=1)
-        left = parameter**2 * (solutions**2).sum(axis=1)
-        cube = None if again is None else parameter**3 * (solutions * again).sum(axis=1)
+        form, square = self.system.space.forms(rows, parameter, solved)
+        e, left = parameter * form, parameter**2 * square
+        cube = None if again is None else parameter**3 * (solved.rows * again).sum(axis=1)
         log = np.log(self.grid)[::-1]
         guess = [np.log(np.maximum(c, TINY))[:, ::-1] for c in (self.guess.explained, self.guess.residual)]
         for i, frame in enumerate(frames):
@@ -199,9 +203,17 @@ class Search:
         """Solve ``some`` frames (by default all) at ``parameter`` (frame,), and move the curves there."""
         frames = np.arange(len(rows)) if some is None else some
         there = parameter[frames]
-        solved = self.system.solve(rows[frames], there, tolerance=TOLERANCE, most=MOST, start=start, checked=False).rows
+        goal: float | Floats = TOLERANCE
+        if self.rule == "evidence":
+            log = np.log(curves.grid)[::-1]
+            kept = curves.residual[frames][:, ::-1]
+            noise = [np.sqrt(np.interp(np.log(lam), log, each)) for lam, each in zip(there, kept)]
+            size = np.linalg.norm(rows[frames], axis=1)
+            part = PART if start is None or not start.any() else ANEW
+            goal = np.clip(part * np.array(noise) / np.where(size > 0, size, 1.0), LEAST, LOOSEST)
+        solved = self.system.solve(rows[frames], there, tolerance=goal, most=MOST, start=start, checked=False)
         again = None
         if self.rule in SECOND:
-            again = self.system.solve(solved, there, tolerance=TOLERANCE, most=MOST, checked=False).rows
+            again = self.system.solve(solved.rows, there, tolerance=TOLERANCE, most=MOST, checked=False).rows
         curves.add(frames, there, rows[frames], solved, again)
-        return solved
+        return solved.rows

@@ -25,6 +25,9 @@ __all__ = ["MatrixFree"]
 
 #: The iteration goes on to this residual, as a part of the readings, in double and in single precision.
 TOLERANCE = {8: 1e-8, 4: 1e-5}
+#: Where the parameter is learned, known to a percent or two, the residual is that part of what the estimate leaves of the readings, which are then
+#: off by so much of their noise, and no more than this part of them.
+LEARNED, LARGEST = 3e-5, 1e-5
 #: A frame counts as solved below this residual; above it, its status says that it did not converge.
 ENOUGH = 1e-4
 #: Most steps of the iteration.
@@ -112,7 +115,12 @@ class MatrixFree:
                 unsettled[without] = other.unsettled
         else:
             parameter = np.full(len(rows), float(self.parameter))
-        solved = system.solve(rows, parameter, tolerance=tolerance, most=MOST, start=start)
+        goal: float | Floats = tolerance
+        if isinstance(self.parameter, str) and start is not None:
+            size = np.linalg.norm(rows, axis=1)
+            noise = parameter * np.linalg.norm(start, axis=1) / np.where(size > 0, size, 1.0)
+            goal = np.clip(LEARNED * noise, tolerance, max(tolerance, LARGEST))
+        solved, sought = system.estimate(rows, parameter, tolerance=goal, most=MOST, start=start)
         left = parameter**2 * (solved.rows**2).sum(axis=1)
         explained = parameter * (rows * solved.rows).sum(axis=1)
         variance = np.ones(len(rows))
@@ -125,7 +133,6 @@ class MatrixFree:
         blind = np.zeros(len(rows), dtype=bool)
         if floor is not None:
             blind = free / system.normal.count < UNEXPLAINED
-        sought = system.traction(solved)
         traction = np.zeros((len(rows), len(self.grid.components), *self.grid.shape))
         traction[:, list(system.columns)] = sought
         return {

@@ -52,13 +52,30 @@ class Space(Protocol):
         ...
 
     def solve(
-        self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, start: Floats | None, checked: bool
+        self,
+        rows: Floats,
+        parameter: Floats,
+        *,
+        tolerance: float | Floats,
+        most: int,
+        start: Floats | None,
+        checked: bool,
     ) -> Solved:
         """(M + lambda)^{-1} rows, see `palpate.inverse.linear.matrix_free.iteration.solve`."""
         ...
 
     def traction(self, solved: Solved) -> Floats:
         """W H^T u of what was solved: (frame, component sought, *surface)."""
+        ...
+
+    def estimate(
+        self, rows: Floats, parameter: Floats, *, tolerance: float | Floats, most: int, start: Floats | None
+    ) -> tuple[Solved, Floats]:
+        """Solutions, checked, and their traction."""
+        ...
+
+    def forms(self, rows: Floats, parameter: Floats, solved: Solved) -> tuple[Floats, Floats]:
+        """y^T u and u^T u (frame,) of what was solved for ``rows`` y, as near as can be had from it."""
         ...
 
     def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
@@ -73,6 +90,12 @@ def space(normal: Normal) -> Space:
     """The one that serves the layout."""
     regular = all(isinstance(p, Convolution) for p in normal.operator.planes)
     return OnArray(normal) if regular else OnSurface(normal)
+
+
+#: A solution whose residual is within this factor of the tolerance will do, where steps said that it was reached: rounding is the rest.
+REACHED = 2.0
+#: Smaller residuals are told in double precision.
+SINGLE = 1e-6
 
 
 class OnArray:
@@ -91,7 +114,14 @@ class OnArray:
         self.whole = True
 
     def solve(
-        self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, start: Floats | None, checked: bool
+        self,
+        rows: Floats,
+        parameter: Floats,
+        *,
+        tolerance: float | Floats,
+        most: int,
+        start: Floats | None,
+        checked: bool,
     ) -> Solved:
         """(M + lambda)^{-1} rows."""
         return solve(
@@ -108,6 +138,50 @@ class OnArray:
     def traction(self, solved: Solved) -> Floats:
         """W H^T u."""
         return self.normal.traction(solved.rows)
+
+    def estimate(
+        self, rows: Floats, parameter: Floats, *, tolerance: float | Floats, most: int, start: Floats | None
+    ) -> tuple[Solved, Floats]:
+        """Solutions and their traction, whose readings are what checks them."""
+        size = np.linalg.norm(rows, axis=1)
+        goal = np.broadcast_to(tolerance, size.shape)
+        if start is None or float(goal.min()) < SINGLE:
+            solved = self.solve(rows, parameter, tolerance=tolerance, most=most, start=start, checked=True)
+            return solved, self.traction(solved)
+        # a start is off by what was not known of the parameter, and steps in single precision go the rest of the way
+        left = rows - self.normal.apply(start) - parameter[:, None] * start
+        near, there = np.linalg.norm(left, axis=1), size > 0
+        part = np.where(near > 0, goal * size / np.where(near > 0, near, 1.0), 1.0)
+        solved = self.solve(left, parameter, tolerance=np.minimum(part, 1.0), most=most, start=None, checked=False)
+        out, residual, products = start + solved.rows, np.zeros(len(rows)), solved.products + len(rows)
+        traction = self.normal.traction(out)
+        # of a traction, which is smooth, single precision tells enough
+        left = rows - self.normal.readings(traction.astype(np.float32)) - parameter[:, None] * out
+        residual[there] = np.linalg.norm(left, axis=1)[there] / size[there]
+        more = np.flatnonzero(residual > REACHED * goal)
+        if more.size:
+            goal = goal[more]
+            again = self.solve(rows[more], parameter[more], tolerance=goal, most=most, start=out[more], checked=True)
+            out[more], residual[more] = again.rows, again.residual
+            traction[more], products = self.traction(again), products + again.products
+        return Solved(out, residual, products), traction
+
+    def forms(self, rows: Floats, parameter: Floats, solved: Solved) -> tuple[Floats, Floats]:
+        """To second order in the residuals r: y^T A^{-1} y = y^T u + u^T r + r^T A^{-1} r, and alike of the square."""
+        u, r = solved.rows, solved.rest
+        first, second = (rows * u).sum(axis=1), (u**2).sum(axis=1)
+        if r is None:
+            return first, second
+        inverse, frames = self._balanced.at(parameter), np.arange(len(rows))
+
+        def solved_about(of: Floats) -> Floats:
+            size = np.maximum(np.linalg.norm(of, axis=1, keepdims=True), 1e-300)
+            return np.asarray(size * inverse((of / size).astype(np.float32), frames))
+
+        near, moved = solved_about(r), solved_about(u)
+        first += (u * r).sum(axis=1) + (near * r).sum(axis=1)
+        second += 2.0 * (moved * r).sum(axis=1) + (near**2).sum(axis=1)
+        return first, second
 
     def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
         """Of sums of the traction."""
@@ -171,12 +245,30 @@ class OnSurface:
         return np.asarray(seen * np.minimum(1.0, whole / np.where(total > 0, total, 1.0))[:, None])
 
     def solve(
-        self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, start: Floats | None, checked: bool
+        self,
+        rows: Floats,
+        parameter: Floats,
+        *,
+        tolerance: float | Floats,
+        most: int,
+        start: Floats | None,
+        checked: bool,
     ) -> Solved:
         """(M + lambda)^{-1} rows; a ``start`` would have to be known far better than it is."""
         found = self._inverse(self._back(rows), parameter, tolerance, most, checked=checked)
         u = (rows - self._forth(found.rows)) / parameter[:, None]
         return Solved(u, found.residual, found.products, found.rows)
+
+    def estimate(
+        self, rows: Floats, parameter: Floats, *, tolerance: float | Floats, most: int, start: Floats | None
+    ) -> tuple[Solved, Floats]:
+        """Solutions and their traction."""
+        solved = self.solve(rows, parameter, tolerance=tolerance, most=most, start=start, checked=True)
+        return solved, self.traction(solved)
+
+    def forms(self, rows: Floats, parameter: Floats, solved: Solved) -> tuple[Floats, Floats]:
+        """As they are."""
+        return (rows * solved.rows).sum(axis=1), (solved.rows**2).sum(axis=1)
 
     def traction(self, solved: Solved) -> Floats:
         """C v."""
@@ -195,7 +287,9 @@ class OnSurface:
             cross = (u * self._forth(again)).sum(axis=1)
         return Sums(parameter * (x * right).sum(axis=1), (u**2).sum(axis=1), cross)
 
-    def _inverse(self, right: Floats, parameter: Floats, tolerance: float, most: int, *, checked: bool) -> Solved:
+    def _inverse(
+        self, right: Floats, parameter: Floats, tolerance: float | Floats, most: int, *, checked: bool
+    ) -> Solved:
         """(H^T H + lambda)^{-1} right."""
         return solve(
             self._product,

@@ -56,13 +56,19 @@ class System:
         rows: Floats,
         parameter: Floats,
         *,
-        tolerance: float,
+        tolerance: float | Floats,
         most: int,
         start: Floats | None = None,
         checked: bool = True,
     ) -> Solved:
         """(M + lambda)^{-1} rows (frame, n), see `palpate.inverse.linear.matrix_free.iteration.solve`."""
         return self.space.solve(rows, parameter, tolerance=tolerance, most=most, start=start, checked=checked)
+
+    def estimate(
+        self, rows: Floats, parameter: Floats, *, tolerance: float | Floats, most: int, start: Floats | None
+    ) -> tuple[Solved, Floats]:
+        """(M + lambda)^{-1} rows, checked, and their traction (frame, component sought, *surface)."""
+        return self.space.estimate(rows, parameter, tolerance=tolerance, most=most, start=start)
 
     def traction(self, solved: Solved) -> Floats:
         """W H^T u of what was solved: (frame, component sought, *surface)."""
