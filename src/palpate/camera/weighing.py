@@ -20,10 +20,10 @@ from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.layers import BondedLayers
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.fit import POOR_FIT
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.sensing.view import View
 from palpate.skin import Skin
-from palpate.touch.outcome import POOR_FIT
 from palpate.units import UNKNOWN
 
 __all__ = ["Weighed", "weigh"]

@@ -10,19 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import to_numpy
+from palpate.inverse.fit import POOR_FIT
 from palpate.status import Status
 
 if TYPE_CHECKING:
     from palpate.touch.result import Touch
 
-__all__ = ["POOR_FIT", "ROUGH", "Nuisance", "Outcome", "pulling"]
+__all__ = ["ROUGH", "Nuisance", "Outcome", "pulling"]
 
 #: Half of the 95 % interval of the net force, in parts of the load, above which the force is said to be known roughly only: it may then be off by
 #: as much as is called wrong (`palpate.bench.trust.judge.WRONG`).
 ROUGH = 0.3
-
-#: Below this misfit probability a frame says that the model does not explain it: one good frame in a hundred does.
-POOR_FIT = 0.01
 
 
 @dataclass(frozen=True)

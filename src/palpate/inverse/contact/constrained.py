@@ -29,7 +29,7 @@ from palpate.inverse.contact.edges import outside_taxels, ring_of
 from palpate.inverse.contact.frame import Frame, Run, how_small, said_of
 from palpate.inverse.contact.hypotheses import Hypothesis, exceeded, hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.later import ContactErrors
-from palpate.inverse.contact.misfit import drift_probability, misfit_of
+from palpate.inverse.contact.misfit import drift_probability, fit_of, misfit_of
 from palpate.inverse.contact.model import ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
@@ -43,11 +43,11 @@ from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outerm
 from palpate.inverse.contact.sharp import sharp_contact
 from palpate.inverse.contact.start import LinearStart, linear_models
 from palpate.inverse.contact.summary import Summary
-from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share
+from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share, share_refuted
 from palpate.inverse.contact.variances import taken_by
 from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
-from palpate.inverse.fit import neighbours
+from palpate.inverse.fit import POOR_FIT, neighbours
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.inverse.linear.matrix_free.path import LinearModel, contact_at_size
 from palpate.inverse.linear.parameter import MODEL_ERROR
@@ -486,13 +486,20 @@ class ConstrainedEstimator:
             alone = np.where(shallow(self.operator.planes_of), data, 0.0)
             nothing = self._nothing(run.parameter, run.scale, run.data, left_out, alone)
             fit = misfit_of(self, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
+            if fit < POOR_FIT:
+                # what no noise explains may be contact that something hides, as large as the largest reading says
+                hidden = self.undetected(float(np.abs(run.data / self.readings.std).max(initial=0.0)), run.data)
+                nothing = replace(nothing, errors=hidden)
             result = replace(nothing, pushed=run.pushed and h.sign == 1, fit=fit)
         else:
             run.doubtful = doubtful(self, run)
             run.drift = drift_probability(self, run)
             for m in run.members:
                 share(self, m, run, deviation, at_limit)
-            result = self._combined(run.members, run, each, rng)
+            fit, left = fit_of(self, run)
+            if fit < POOR_FIT:
+                share_refuted(self, run)
+            result = self._combined(run, each, fit, left, rng)
             # the models may explain on a finer grid what cells of the surface cannot
             pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
             turned = result.draws if result.draws is None or h.sign >= 0 else -result.draws
@@ -642,20 +649,11 @@ class ConstrainedEstimator:
         kept = self._rounds.kept
         return level.normal(cells, y, noise, observed, kept, products=not self.ambiguous, once=once)
 
-    def _combined(
-        self, members: Sequence[ContactModel], run: Run, noise: Floats, rng: np.random.Generator | None
-    ) -> Frame:
+    def _combined(self, run: Run, noise: Floats, fit: float, left: float, rng: np.random.Generator | None) -> Frame:
+        members = run.members
         large = any(m.data.at_size for m in members)
         summary = Summary(members, self.posterior)
         weights = np.array([m.weight for m in members])
-        y, observed = run.data / run.noise, run.observed
-        mine = run.members
-        share = sum(m.weight for m in mine)
-        found = sum(m.weight / share * (m.data.matrix @ m.solution.traction.ravel()) for m in mine)
-        misfit = self.readings.white(y[observed], observed) - found
-        taken = sum(m.weight / share * taken_by(m) for m in mine)
-        residual = np.zeros(len(y))
-        residual[observed] = misfit
         sampled = None
         if self.draws:
             sampled = self.posterior.draws(members, weights, self.draws, rng or np.random.default_rng(0))
@@ -664,13 +662,13 @@ class ConstrainedEstimator:
             summary if large else summary.errors(),
             run.parameter,
             noise,
-            float(np.sqrt(np.mean(misfit**2))),
+            left,
             all(m.solution.converged for m in members),
             True,
-            ~observed,
+            ~run.observed,
             sampled,
             sliding=sum(m.weight for m in members if m.ray is not None),
-            fit=misfit_of(self, run, residual, taken, float(np.abs(y[observed]).max(initial=0.0))),
+            fit=fit,
             sampled=large,
             small=how_small(members, self.operator.planes_of, run),
         )

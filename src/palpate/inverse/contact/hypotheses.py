@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.contact.screening import FIRST_NOISE, ROUNDS, SETTLED, TOO_MUCH
@@ -29,7 +30,16 @@ from palpate.sensing.nuisance import Nuisance
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["Hypothesis", "Rough", "exceeded", "hypothesis_of", "rough", "rough_fit", "without_outliers"]
+__all__ = [
+    "Hypothesis",
+    "Rough",
+    "exceeded",
+    "hypothesis_of",
+    "reach_of_kind",
+    "rough",
+    "rough_fit",
+    "without_outliers",
+]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -257,7 +267,8 @@ def hypothesis_of(
                 found, sizes, _ = with_nuisance(estimator, data, observed, total, terms, sign, levels, noise)
                 # one as large as the readings themselves is no offset, and a very small one is what the model cannot follow
                 part = np.abs(sizes) / np.maximum(_reach(columns, data), 1e-300)
-                if (part > t.smallest_nuisance).any() and (part <= t.largest_nuisance).all():
+                reach = reach_of_kind(estimator, columns, data - columns @ sizes)
+                if (part > t.smallest_nuisance).any() and (np.abs(sizes) <= t.largest_nuisance * reach).all():
                     tried.append(Hypothesis(sign, found, sizes, sizes != 0))
     if 0 in signs:
         free = _both(estimator, data, observed, total, none)
@@ -337,6 +348,23 @@ def _reach(columns: Floats, data: Floats) -> Floats:
     """The size at which each nuisance makes readings as large as the largest that it touches."""
     return np.array(
         [np.abs(data[c != 0]).max(initial=0.0) / max(float(np.abs(c).max(initial=0.0)), 1e-300) for c in columns.T]
+    )
+
+
+def reach_of_kind(estimator: ConstrainedEstimator, columns: Floats, data: Floats) -> Floats:
+    """The size at which each nuisance makes readings as large as the largest of any channel of its kind: how well a sensor keeps its zero is a
+    matter of its range, and not of how much a contact happens to say to one of its channels.
+    """
+    arrays = estimator.operator.planes_of
+    kinds = [find_channel(c).kind.unit for a in arrays for c in a.channels]
+    kind = np.repeat(kinds, [int(a.valid.sum()) for a in arrays for _ in a.channels])
+    size = np.abs(data)
+    return np.array(
+        [
+            size[np.isin(kind, np.unique(kind[c != 0]))].max(initial=0.0)
+            / max(float(np.abs(c).max(initial=0.0)), 1e-300)
+            for c in columns.T
+        ]
     )
 
 

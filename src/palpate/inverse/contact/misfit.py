@@ -16,10 +16,22 @@ from palpate.sensing.nuisance import nuisances
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["drift_probability", "misfit_of"]
+__all__ = ["drift_probability", "fit_of", "misfit_of"]
 
 #: Directions that contact takes up but for this part of their square tell nothing of drift.
 TOLD = 1e-6
+
+
+def fit_of(estimator: ConstrainedEstimator, run: Run) -> tuple[float, float]:
+    """Misfit probability (`misfit_of`) of the weighed models of a frame, and the root mean square of what they leave, in units of the noise."""
+    y, observed, total = run.data / run.noise, run.observed, sum(m.weight for m in run.members)
+    found = sum(m.weight / total * (m.data.matrix @ m.solution.traction.ravel()) for m in run.members)
+    misfit = estimator.readings.white(y[observed], observed) - found
+    taken = sum(m.weight / total * taken_by(m) for m in run.members)
+    residual = np.zeros(len(y))
+    residual[observed] = misfit
+    fit = misfit_of(estimator, run, residual, taken, float(np.abs(y[observed]).max(initial=0.0)))
+    return fit, float(np.sqrt(np.mean(misfit**2)))
 
 
 def misfit_of(estimator: ConstrainedEstimator, run: Run, residual: Floats, taken: float, largest: float) -> float:

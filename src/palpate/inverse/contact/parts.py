@@ -144,7 +144,7 @@ class Thresholds:
     #: Gain that a nuisance, and that another sign than pushing, must bring to be believed.
     per_nuisance: float = 3.0
     other_sign: float = 3.0
-    #: A nuisance is never larger than this part of the largest reading that it touches (a convention: sensors are zeroed).
+    #: A nuisance is never larger than this part of the largest reading without it, of any channel of its kind (a convention: sensors are zeroed).
     largest_nuisance: float = 0.4
     #: One smaller than this part of it is not told from what the model cannot follow (five times `fit.MODEL_DETAIL`).
     smallest_nuisance: float = 0.01
@@ -159,6 +159,9 @@ class Thresholds:
     #: Offsets and ramps of displacements, which wide pressure may hide, are of this part of the largest reading (standard deviation, divided by
     #: `STATED`; a convention: half of `largest_nuisance` is two deviations).
     hidden_drift: float = 0.1
+    #: In readings that the model does not explain any channel may drift: by this part of the largest reading of its kind (standard deviation of offsets and
+    #: of ramps at either end, divided by `STATED`; a convention: two of them are what `palpate bench trust` calls large).
+    refuted_drift: float = 0.1
     #: Hypotheses whose gains differ by less than this are both followed.
     undecided: float = 10.0
 

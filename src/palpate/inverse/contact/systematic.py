@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.frame import Run
-from palpate.inverse.contact.hypotheses import Hypothesis
+from palpate.inverse.contact.hypotheses import Hypothesis, reach_of_kind
 from palpate.inverse.contact.model import ContactModel, scattered
 from palpate.inverse.contact.parts import STATED
 from palpate.inverse.contact.products import Applied
@@ -23,7 +23,7 @@ from palpate.sensing.nuisance import nuisances
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share"]
+__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "share_refuted"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -133,6 +133,25 @@ def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Run, 
             force = float((total * one.solution.traction).sum())
             run.adrift += model.weight * (drift > max(rest, (MUCH * force) ** 2))
         one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
+
+
+def share_refuted(estimator: ConstrainedEstimator, run: Run) -> None:
+    """What the errors of a frame's models owe to drift of any channel, where what contact and the nuisances leave is no noise (`Touch.fit` says so).
+
+    Something is in such readings that is not in the model; offsets and ramps stand for it, with a prior of `Thresholds.refuted_drift` of the largest
+    reading of their kind. What the readings tell of them, they tell by the model that they refute: the prior is taken as it is.
+    Where ``nuisance`` is named, nothing else drifts.
+    """
+    part = estimator.thresholds.refuted_drift
+    if estimator.problem.nuisance is not None or not part > 0.0:
+        return
+    rows = np.stack([t.rows for t in nuisances(estimator.operator.planes_of, ("offset", "ramp"))], axis=1)
+    scaled = (rows * (part * reach_of_kind(estimator, rows, run.data)) / run.noise[:, None])[run.observed]
+    columns = estimator.readings.white(scaled, run.observed)
+    for one in (each for m in run.members for each in (m, m.contact)):
+        if one is not None:
+            more = shared_errors(one, columns, np.full(columns.shape[1], 1.0 / STATED))
+            one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
 
 
 def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float], *, pulls: bool) -> Floats:

@@ -1,0 +1,67 @@
+"""Drift that contact hides: offsets of channels that contact says little to, and readings that refute every model."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+import palpate as pp
+
+PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+
+
+def test_an_offset_larger_than_what_contact_says_to_its_channel_is_found() -> None:
+    channels = ["stress_xz", "stress_yz", "stress_zz"]
+    skin = pp.Skin(PAD, pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=channels, noise=20.0))
+    readings = skin.sense(pp.solutions.hertz_point(radius=4e-3, force=0.5))
+    peak = float(np.abs(readings).max())
+    noise = 20.0 * np.random.default_rng(2).standard_normal(readings.shape)
+    offset = -0.27 * peak  # most of what the channels of shear read
+    touch = skin.reconstruct(readings + noise + offset)
+    low, high = touch.interval(0.95, "force")
+    assert low[2] < 0.5 < high[2]
+    assert high[2] - low[2] < 0.05
+    assert np.abs(touch.nuisance[:3] / offset - 1.0).max() < 0.05
+    assert touch.fit > 0.01
+
+
+def _unsteady() -> tuple[npt.NDArray[np.float64], float]:
+    """Readings of a line (`_line`) under a block, with a drift that neither offsets nor contact follow, and the force."""
+    skin = _line()
+    x = np.asarray(skin.surface.axes[0])
+    traction = np.zeros((2, len(x)))
+    traction[1] = 1e4 * (np.abs(x - 2e-3) < 3e-3)
+    readings = skin.sense(traction)
+    drift = -0.15 * float(np.abs(readings).max()) * np.cos(np.linspace(0.0, 6.0, readings.shape[-1]))
+    noise = 20.0 * np.random.default_rng(3).standard_normal(readings.shape)
+    return readings + drift + noise, float(skin.surface.cell * traction[1].sum())
+
+
+def _line(nuisance: list[str] | None = None) -> pp.Skin:
+    channels = ["stress_xz", "stress_zz"]
+    array = pp.LineArray(count=25, pitch=1e-3, depth=1.5e-3, channels=channels, noise=20.0)
+    return pp.Skin(PAD, array, nuisance=nuisance)
+
+
+def test_readings_that_refute_every_contact_have_room_for_drift_in_their_error_bars() -> None:
+    readings, force = _unsteady()
+    touch = _line().reconstruct(readings, friction=0.6)
+    low, high = touch.interval(0.95, "force")
+    assert touch.fit < 0.01
+    assert low[1] < force < high[1]
+    # where the user says that nothing drifts, the readings are only refuted
+    still = _line([]).reconstruct(readings, friction=0.6)
+    low, high = low[1], high[1]
+    named = still.interval(0.95, "force")
+    assert still.fit < 0.01
+    assert named[1][1] - named[0][1] < 0.5 * (high - low)
+
+
+def test_a_handful_of_taxels_in_which_no_noise_hides_contact_does_not_rule_it_out() -> None:
+    skin = pp.Skin(PAD, pp.AreaArray(shape=(3, 3), pitch=4e-3, depth=3e-3, channels=["stress_zz"], noise=8.0))
+    readings = skin.sense(pp.solutions.flat_punch(radius=3e-3, force=0.15))
+    readings = readings - 0.27 * float(np.abs(readings).max())
+    readings = readings + 8.0 * np.random.default_rng(1).standard_normal(readings.shape)
+    touch = skin.reconstruct(readings)
+    low, high = touch.interval(0.95, "force")
+    assert low[2] < 0.15 < high[2]
