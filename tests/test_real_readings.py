@@ -64,7 +64,7 @@ def test_an_offset_of_the_readings_is_no_contact(part: float, given: bool) -> No
     touch = skin.reconstruct(readings + part * top)
     assert holds(touch, 10.0)
     assert any("offset of stress_zz" in n and " Pa" in n for n in touch.notes)
-    assert touch.nuisance == pytest.approx([part * top], abs=0.02 * top)
+    assert touch.nuisance == pytest.approx([part * top, 0.0], abs=0.02 * top)  # and no ramp
 
 
 def test_an_offset_under_a_ball() -> None:
@@ -80,7 +80,7 @@ def test_offsets_of_channels_are_told_apart() -> None:
     touch = skin.reconstruct(readings + np.array([[0.1], [-0.2]]) * top)
     assert holds(touch, 10.0)
     assert touch.force[0] == pytest.approx(3.0, abs=0.4)
-    assert touch.nuisance == pytest.approx([0.1 * top, -0.2 * top], abs=0.02 * top)
+    assert touch.nuisance == pytest.approx([0.1 * top, -0.2 * top, 0.0, 0.0], abs=0.02 * top)  # and no ramps
 
 
 def test_an_offset_that_was_not_allowed_is_not_sought() -> None:

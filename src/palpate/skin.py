@@ -66,8 +66,8 @@ class Skin:
         touches its copy, and from displacements of a half-space the net force cannot be known.
     nuisance : "auto" or sequence of str
         What readings may hold besides contact and noise: "offset" (of each channel; of displacement, a shift of the image), "ramp" (a
-        linear change across the array), "rotation" (of an image). "auto" (default): offsets and rotation, where a frame speaks for them,
-        and in the intervals the shifts and tilts of displacements that contact may hide; () for none.
+        linear change across the array), "rotation" (of an image). "auto" (default): offsets and rotation, where a frame speaks for them, ramps
+        where those leave doubt, and in the intervals the shifts and tilts of displacements that contact may hide; () for none.
 
     Raises
     ------

@@ -81,8 +81,8 @@ SETTLED = 0.1
 TURNS, TURNS_OF_ALL = 4, 2
 #: Rounds of leaving readings out: each finds what larger ones hid; two more where a channel is broken. Of adding cells; so few are not added.
 ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN, ROUNDS_OF_CELLS, FEWEST_CELLS = 4, 2, 12, 0.02
-#: Offsets are found again with the contact, so often.
-ROUNDS_OF_OFFSETS = 2
+#: Offsets are found again with the contact, so often; and so often where they are far off yet.
+ROUNDS_OF_OFFSETS, MOST_OF_OFFSETS = 2, 6
 #: All of these together; each comes to rest by itself.
 MOST_ATTEMPTS = 10
 #: What readings may hold besides contact where the user does not say.
@@ -158,6 +158,10 @@ class ConstrainedEstimator:
         self.ambiguous = problem.ambiguous
         kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else DEFAULT_NUISANCES
         self.terms = nuisances(operator.planes_of, kinds) if self.parts.nuisances else []
+        #: Those that noise alone may stand about; a ramp that nobody named is sought with contact alone, where offsets leave doubt.
+        self.usual = len(self.terms)
+        if self.terms and problem.nuisance is None:
+            self.terms += nuisances(operator.planes_of, ("ramp",))
         windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
         self.start = LinearStart(self.orders, self.readings, parameter, self._rounds, windows)
         self.ring = ring_of(self.outside)
@@ -318,7 +322,7 @@ class ConstrainedEstimator:
         filled = data
         if self.parts.screening:
             limits = ends.upper | ends.lower if ends is not None else np.zeros(len(data), dtype=bool)
-            found = self.start.screened(data, alive & ~limits, self.shifts, self.thresholds)
+            found = self.start.screened(data, alive & ~limits, self.shifts[:, : self.usual], self.thresholds)
             usable &= ~found.broken
             filled = np.where(usable, data, found.explained)
         screened = filled, usable
@@ -415,11 +419,12 @@ class ConstrainedEstimator:
             # noise and offsets are learned from the first model alone; the others are made when they have come to rest
             models = self.models(first, data / noise, noise, observed, evidence)
             leading = next(models)
-            if h.present.any() and refined < ROUNDS_OF_OFFSETS:
-                change = change_of_nuisances(self, h, leading, data, noise, observed)
+            if h.present.any() and refined < MOST_OF_OFFSETS:
+                sure = refined >= ROUNDS_OF_OFFSETS
+                change, unsure = change_of_nuisances(self, h, leading, data, noise, observed, sure=sure)
                 refined += 1
                 if change.any():
-                    h = replace(h, sizes=h.sizes + (h.sign or 1) * change)
+                    h = replace(h, sizes=h.sizes + (h.sign or 1) * change, present=h.present & ~unsure)
                     data = data - self.shifts @ change
                     rows = self.readings.planes(np.where(observed, data, explained))
                     continue

@@ -51,6 +51,8 @@ SURE = 2.0
 #: Steps of nuisances that shrink by less than this are summed as a geometric series: this part of it, so as not to go too far (wide pressure then
 #: takes the place of the offset), and no more than so many times the last.
 SLOW, PART, FARTHEST = 0.5, 0.7, 20.0
+#: Rounds of weighed least squares that make least absolute deviations.
+REWEIGHED = 20
 #: A compact contact leaves at least this part of the readings' degrees of freedom.
 NARROW = 0.8
 #: The mean of so many outermost taxels at least, up to so many of its standard errors, is no offset: one that passes is smaller than what counts as
@@ -171,6 +173,38 @@ def quiet_levels(estimator: ConstrainedEstimator, data: Floats, observed: Flags,
     return sizes
 
 
+def edge_drift(estimator: ConstrainedEstimator, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
+    """First sizes of offsets and ramps together, from the outermost taxels by least absolute deviations, which a contact across a part of the edge hardly
+    moves (weighed least squares in turn; E. J. Schlossmacher, J. American Statistical Association 68, 1973, 857-859); 0 for other nuisances.
+    """
+    sizes = np.zeros(len(terms))
+    for offset in terms:
+        if offset.kind != "offset":
+            continue
+        array, place = _touched(estimator, offset)
+        points = array.points[array.valid.ravel()]
+        if points.shape[1] == 1:
+            k = max(1, min(2, len(points) // 6))
+            order = np.argsort(points[:, 0])
+            edge = np.isin(np.arange(len(points)), [*order[:k], *order[-k:]])
+        else:
+            edge = _outermost(points, isinstance(array, ScatteredArray))
+        edge &= observed[place]
+        of = [j for j, t in enumerate(terms) if t.kind in ("offset", "ramp") and t.rows[place].any()]
+        if edge.sum() < len(of):
+            continue
+        rows = np.stack([terms[j].rows[place][edge] for j in of], axis=1)
+        scale = np.abs(rows).max(axis=0)
+        y = data[place][edge]
+        weight = np.ones(len(y))
+        for _ in range(REWEIGHED):
+            found = np.linalg.lstsq(rows / scale * weight[:, None], y * weight, rcond=1e-9)[0]
+            left = np.abs(y - rows / scale @ found)
+            weight = 1.0 / np.sqrt(np.maximum(left, 1e-3 * max(float(np.abs(y).max()), 1e-300)))
+        sizes[of] = found / scale
+    return sizes
+
+
 def with_nuisance(
     estimator: ConstrainedEstimator,
     data: Floats,
@@ -246,15 +280,18 @@ def hypothesis_of(
     if -1 in signs and (estimator.far or _worth(estimator, plain, data, total)):
         tried.append(Hypothesis(-1, rough(estimator, -data, observed, total, 0, noise), none, none > 0))
     if terms:
+        # offsets come first, and ramps where they leave doubt
+        usual = np.arange(len(terms)) < estimator.usual
         levels = quiet_levels(estimator, data, observed, terms)
         columns = np.stack([term.rows for term in terms], axis=1)
         best = max(tried, key=lambda h: h.rough.gain)
         left = (data - best.sign * best.rough.explained) / readings.std
-        rest = readings.allowing(columns).sizes_of(left, observed)
+        rest = np.zeros(len(terms))
+        rest[usual] = readings.allowing(columns[:, usual]).sizes_of(left, observed)
         unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
         level = max(best.rough.left, estimator.least_noise(data))
         # something is left over, or the edge of the array is loaded all round
-        seen = np.abs(rest) * unit > t.nuisance * level
+        seen = (np.abs(rest) * unit > t.nuisance * level) & usual
         if estimator.at_size:
             # so many readings tell an offset that is far too small to be looked for
             seen &= np.abs(rest) > HALF * t.smallest_nuisance * _reach(columns, data)
@@ -264,12 +301,11 @@ def hypothesis_of(
         wide = estimator.far and estimator.problem.pad.thickness is None and best.rough.free < NARROW * observed.sum()
         if doubt or wide:
             for sign in {h.sign for h in tried} if doubt else (best.sign,):
-                found, sizes, _ = with_nuisance(estimator, data, observed, total, terms, sign, levels, noise)
-                # one as large as the readings themselves is no offset, and a very small one is what the model cannot follow
-                part = np.abs(sizes) / np.maximum(_reach(columns, data), 1e-300)
-                reach = reach_of_kind(estimator, columns, data - columns @ sizes)
-                if (part > t.smallest_nuisance).any() and (np.abs(sizes) <= t.largest_nuisance * reach).all():
-                    tried.append(Hypothesis(sign, found, sizes, sizes != 0))
+                tried.extend(_with_drift(estimator, data, observed, total, sign, levels, usual, noise))
+        tilted = edge_drift(estimator, data, observed, terms) if doubt and not usual.all() else levels
+        if (np.abs(tilted) * unit > t.nuisance * level)[~usual].any():
+            for sign in {h.sign for h in tried}:
+                tried.extend(_with_drift(estimator, data, observed, total, sign, tilted, np.ones_like(usual), noise))
     if 0 in signs:
         free = _both(estimator, data, observed, total, none)
         if free is not None:
@@ -280,6 +316,30 @@ def hypothesis_of(
     chance = 1.0 if 0 not in signs or best.sign == 0 or free is None else rough_fit(estimator, best, data, observed)
     best = free if chance < t.structured_chance and free is not None else best
     return best if noise is None else replace(best, noise=noise)
+
+
+def _with_drift(
+    estimator: ConstrainedEstimator,
+    data: Floats,
+    observed: Flags,
+    total: float,
+    sign: int,
+    start: Floats,
+    sought: Flags,
+    noise: float | None,
+) -> list[Hypothesis]:
+    """The hypothesis with those of the nuisances ``sought`` that are there, if it is one."""
+    t, terms = estimator.thresholds, [term for term, here in zip(estimator.terms, sought) if here]
+    found, sizes, _ = with_nuisance(estimator, data, observed, total, terms, sign, start[sought], noise)
+    # one as large as the readings themselves is no offset, and a very small one is what the model cannot follow
+    columns = np.stack([term.rows for term in terms], axis=1)
+    part = np.abs(sizes) / np.maximum(_reach(columns, data), 1e-300)
+    reach = reach_of_kind(estimator, columns, data - columns @ sizes)
+    if not ((part > t.smallest_nuisance).any() and (np.abs(sizes) <= t.largest_nuisance * reach).all()):
+        return []
+    every = np.zeros(len(sought))
+    every[sought] = sizes
+    return [Hypothesis(sign, found, every, every != 0)]
 
 
 def rough_fit(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, observed: Flags) -> float:

@@ -34,12 +34,13 @@ def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: 
         return Hypothesis(1, rough, none, none > 0)
     if not estimator.terms:
         return None
-    patterns = np.stack([estimator.start.projected(estimator.readings.planes(c)) for c in estimator.shifts.T])
+    shifts = estimator.shifts[:, : estimator.usual]
+    patterns = np.stack([estimator.start.projected(estimator.readings.planes(c)) for c in shifts.T])
     found = estimator.start.evidence(linear, rows, None, patterns)
     if found.gain > limit + loud:
         return None
     noise = 1.0 if estimator.noise_known else None
-    reach = [np.abs(data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in estimator.shifts.T]
+    reach = [np.abs(data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in shifts.T]
     prior = float(np.log(np.maximum(np.array(reach) * estimator.thresholds.largest_nuisance, 1e-300)).sum())
     alone = log_evidence(found.objective, found.logdet, found.freedom, noise) - found.gain - prior
     if alone < log_evidence(plain.objective, plain.logdet, plain.freedom, noise):
@@ -47,8 +48,10 @@ def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: 
     # noise alone, about an offset
     unit = np.sqrt((patterns**2).sum(axis=1))
     sizes = np.linalg.lstsq(patterns.T, estimator.start.projected(rows), rcond=None)[0]
-    present = np.abs(sizes) * unit > estimator.thresholds.nuisance * found.scale
-    return Hypothesis(1, rough, np.where(present, sizes, 0.0), present)
+    present = none > 0
+    present[: estimator.usual] = np.abs(sizes) * unit > estimator.thresholds.nuisance * found.scale
+    none[: estimator.usual] = sizes
+    return Hypothesis(1, rough, np.where(present, none, 0.0), present)
 
 
 def uneven(estimator: ConstrainedEstimator, data: Floats, observed: Flags, known: float | None) -> float:

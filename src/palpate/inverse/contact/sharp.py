@@ -60,7 +60,7 @@ def sharp_contact(estimator: ConstrainedEstimator, data: Floats, observed: Flags
     if not estimator.parts.sharp or not _stands_out(data[observed], channel):
         return None
     white = readings.white((data / readings.std)[observed], observed)
-    rows = (estimator.shifts / readings.std[:, None])[observed]
+    rows = (estimator.shifts[:, : estimator.usual] / readings.std[:, None])[observed]
     base, _ = np.linalg.qr(readings.white(rows, observed)) if rows.shape[1] else (np.zeros((len(white), 0)), None)
     left = white - base @ (base.T @ white)
     free = len(white) - base.shape[1]

@@ -29,6 +29,8 @@ Flags = npt.NDArray[np.bool_]
 
 #: Standard deviation of the normal force, in parts of it, from which on it is said that drift may have a part in it (a convention).
 MUCH = 0.1
+#: A ramp that was found roughly, and is no more than so many of its standard deviations once contact is solved with it, is not there.
+UNSURE = 2.0
 
 
 def nuisance_errors(estimator: ConstrainedEstimator, run: Run) -> Floats:
@@ -39,6 +41,9 @@ def nuisance_errors(estimator: ConstrainedEstimator, run: Run) -> Floats:
     columns = estimator.shifts / run.noise[:, None]
     unit = np.sqrt((estimator.readings.white(columns[run.observed], run.observed) ** 2).sum(axis=0))
     deviation = np.where(h.present, 1.0 / np.maximum(unit, 1e-300), 0.0)
+    if run.members and h.present.any():
+        rows = estimator.readings.white(columns[np.ix_(run.observed, h.present)], run.observed)
+        deviation[h.present] = _deviations(_told(run.members[0], rows))
     if run.members and h.rough.ring > estimator.thresholds.ring:
         reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in estimator.shifts.T])
         offsets = np.array([t.kind == "offset" for t in estimator.terms])
@@ -47,19 +52,46 @@ def nuisance_errors(estimator: ConstrainedEstimator, run: Run) -> Floats:
 
 
 def change_of_nuisances(
-    estimator: ConstrainedEstimator, h: Hypothesis, model: ContactModel, data: Floats, noise: Floats, observed: Flags
-) -> Floats:
-    """How the sizes of the nuisances that are there change when contact and they are solved together, on the face of the contact."""
+    estimator: ConstrainedEstimator,
+    h: Hypothesis,
+    model: ContactModel,
+    data: Floats,
+    noise: Floats,
+    observed: Flags,
+    *,
+    sure: bool = False,
+) -> tuple[Floats, Flags]:
+    """How the sizes of the nuisances that are there change when contact and they are solved together, on the face of the contact; and which of those
+    that are only sought where offsets leave doubt are then no more than `UNSURE` of their standard deviations. ``sure``: only where they are far off
+    (`Thresholds.nuisance`): the contact's cells change with them, so that smaller steps need not end.
+    """
     out = np.zeros(len(estimator.terms))
     columns = (estimator.shifts[:, h.present] / noise[:, None])[observed]
     rows = estimator.readings.white(columns, observed)
     misfit = estimator.readings.white((data / noise)[observed], observed)
     misfit = misfit - model.data.matrix @ model.solution.traction.ravel()
-    z = posterior_factor(model.solution, rows.T @ model.data.matrix)
-    step = np.linalg.lstsq(rows.T @ rows - z.T @ z, rows.T @ misfit, rcond=1e-6)[0]
+    precision = _told(model, rows)
+    step = np.linalg.lstsq(precision, rows.T @ misfit, rcond=1e-6)[0]
     deviation = 1.0 / np.sqrt(np.maximum((rows**2).sum(axis=0), 1e-300))
-    out[h.present] = np.where(np.abs(step) > 0.5 * deviation, step, 0.0)
-    return out
+    joint = _deviations(precision)
+    least = estimator.thresholds.nuisance * joint if sure else 0.5 * deviation
+    out[h.present] = np.where(np.abs(step) > least, step, 0.0)
+    unsure = h.present & (np.arange(len(out)) >= estimator.usual)
+    unsure[h.present] &= np.abs(h.sizes[h.present] + (h.sign or 1) * step) < UNSURE * joint
+    return np.where(unsure, -(h.sign or 1) * h.sizes, out), unsure
+
+
+def _told(model: ContactModel, rows: Floats) -> Floats:
+    """S = B'B - Z'Z, what readings tell of unknowns that do ``rows`` B (reading, unknown), whitened, to them, besides contact on its face."""
+    z = posterior_factor(model.solution, rows.T @ model.data.matrix)
+    return np.asarray(rows.T @ rows - z.T @ z)
+
+
+def _deviations(precision: Floats) -> Floats:
+    """Square roots of the diagonal of S^-1; directions that the readings do not tell are as wide as a millionth of what they tell."""
+    values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
+    values = np.maximum(values, 1e-6 * max(float(values.max(initial=0.0)), 1e-300))
+    return np.asarray(np.sqrt((vectors**2 / values).sum(axis=1)))
 
 
 def doubtful(estimator: ConstrainedEstimator, run: Run) -> tuple[Floats, Floats]:
@@ -112,7 +144,7 @@ def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Run, 
     ``run.adrift`` grows by the model's weight where most of what is not known of its normal force is drift, and much of the force.
     """
     part = estimator.thresholds.hidden_drift
-    if not estimator.terms or estimator.problem.nuisance is not None or not estimator.far or not part > 0.0:
+    if not estimator.parts.nuisances or estimator.problem.nuisance is not None or not estimator.far or not part > 0.0:
         return
     accounted = {t.label for t, d in zip(estimator.terms, deviation) if d > 0}
     terms = [t for t in nuisances(estimator.operator.planes_of, ("offset", "ramp")) if t.label not in accounted]
