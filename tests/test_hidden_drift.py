@@ -92,3 +92,12 @@ def test_offsets_are_solved_with_the_contact_until_they_rest() -> None:
     assert (low < frame.load.force).all()
     assert (frame.load.force < high).all()
     assert ((high - low) < 0.05 * frame.load.force).all()
+
+
+def test_drift_of_every_displacement_that_was_found_leaves_none_to_hide() -> None:
+    frame = make_frame("ramp", 1, seed=857)  # two displacements on a line, each with a ramp of a fifth of the largest
+    touch = frame.skin.reconstruct(frame.readings, friction=frame.friction)
+    low, high = touch.interval(0.95, "force")
+    assert np.count_nonzero(touch.nuisance[2:]) == 2
+    assert low[1] < frame.load.force[1] < high[1]
+    assert high[1] - low[1] < 0.5 * frame.load.force[1]

@@ -148,6 +148,8 @@ def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Run, 
         return
     accounted = {t.label for t, d in zip(estimator.terms, deviation) if d > 0}
     terms = [t for t in nuisances(estimator.operator.planes_of, ("offset", "ramp")) if t.label not in accounted]
+    if not terms:
+        return
     rows = np.stack([t.rows for t in terms], axis=1)
     reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in rows.T])
     scaled = (rows * (part * reach) / run.noise[:, None])[run.observed]
