@@ -13,7 +13,7 @@ few steps, exactly. Where it cycles, steps of the alternating direction method o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -85,7 +85,7 @@ class Cone:
     def directions(self, v: Floats) -> tuple[Floats, Floats]:
         """Eigenvectors (cell, component, direction) and eigenvalues (direction, cell) of the projection's derivative."""
         c, n = v.shape
-        basis = np.broadcast_to(np.eye(c), (n, c, c))
+        basis = _straight(n, c)
         values = np.ones((c, n))
         if self.free:
             return basis, values
@@ -108,6 +108,12 @@ class Cone:
             basis[edge, 0, 2], basis[edge, 1, 2] = -unit[1], unit[0]
             values[2, edge] = 0.5 * (1.0 + p[edge] / size[edge])
         return basis, values
+
+
+@lru_cache(maxsize=16)
+def _straight(n: int, c: int) -> Floats:
+    """Directions (cell, component, direction) that are the components."""
+    return np.broadcast_to(np.eye(c), (n, c, c))
 
 
 @dataclass(frozen=True)
@@ -297,6 +303,8 @@ class Face:
     def rows(self, rows: Rows) -> Rows:
         """rows W, of sparse rows over (component, cell)."""
         c, n = self.free.shape
+        if len(self.index) == c * n and not self.mixed and (self.scales == 1.0).all():
+            return rows
         place = np.full((c, n), -1, dtype=np.intp)
         place.ravel()[self.index] = np.arange(len(self.index))
         if not self.oblique.any():

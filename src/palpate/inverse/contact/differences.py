@@ -21,11 +21,16 @@ __all__ = ["Differences", "Sparse"]
 Sparse: TypeAlias = Any  # scipy.sparse.csr_array, which has no types
 
 
+#: Sets of cells whose edges are kept.
+KEPT = 4
+
+
 class Differences:
     """Differences along each axis of a grid, traction being zero beyond its edge."""
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid
+        self._touched: dict[bytes, tuple[list[npt.NDArray[np.intp]], Rows]] = {}
         self.along: list[Sparse] = []
         for axis, dx in enumerate(grid.spacings):
             product = None
@@ -88,7 +93,18 @@ class Differences:
         return [_with_entries(self.laplacian, d) for d in data]
 
     def touching(self, cells: npt.NDArray[np.intp]) -> tuple[list[npt.NDArray[np.intp]], Rows]:
-        """The edges (flat, of each axis) that cells touch, and the differences across them, of those cells alone."""
+        """The edges (flat, of each axis) that cells touch, and the differences across them, of those cells alone. The last ones are kept: rounds
+        ask for the same cells.
+        """
+        key = cells.tobytes()
+        known = self._touched.get(key)
+        if known is None:
+            while len(self._touched) >= KEPT:
+                self._touched.pop(next(iter(self._touched)), None)
+            known = self._touched[key] = self._touching(cells)
+        return known
+
+    def _touching(self, cells: npt.NDArray[np.intp]) -> tuple[list[npt.NDArray[np.intp]], Rows]:
         places = np.unravel_index(cells, self.grid.shape)
         n = len(cells)
         touched, row, value, count = [], [], [], 0

@@ -11,6 +11,7 @@ Conf. 1973, 63-69).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,12 +23,14 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.rows import Rows
 
-__all__ = ["Beside", "Bordered", "Chain", "Dense", "Factor", "FewReadings", "Part", "cholesky"]
+__all__ = ["Beside", "Bordered", "Chain", "Dense", "Factor", "FewReadings", "Part", "cholesky", "each_of"]
 
 Index = npt.NDArray[np.intp]
 
 #: Blocks of a chain have this many rows at least: calls of smaller ones cost more than their work.
 BLOCK = 48
+#: Those that are made, whose corners alone are tied, have this many: half as many calls, and less work.
+WIDTH = 64
 #: What is added to the diagonal, relative to it, where rounding makes a matrix indefinite.
 JITTERS = (0.0, 1e-14, 1e-12, 1e-10)
 
@@ -157,7 +160,9 @@ class Chain:
 
     def __init__(self, size: int, row: Index, col: Index, value: Floats) -> None:
         self.size = size
-        width = max(int((row - col).max(initial=0)), BLOCK)
+        #: Neighbouring blocks are tied in a corner alone: the first rows of one to the last columns of the one before.
+        self.reach = max(int((row - col).max(initial=0)), 1)
+        width = max(self.reach, WIDTH)
         self.width = max(size if size <= 2 * width else width, 1)
         self.slices = [slice(k, min(k + self.width, size)) for k in range(0, size, self.width)]
         if not size:
@@ -175,15 +180,15 @@ class Chain:
     def _factorise(self, row: Index, col: Index, value: Floats) -> None:
         from scipy.linalg import blas, lapack
 
-        width, count = self.width, len(self.slices)
-        on, below = np.zeros((count, width, width)), np.zeros((count - 1, width, width))
+        width, count, reach = self.width, len(self.slices), self.reach
+        on, below = np.zeros((count, width, width)), np.zeros((count - 1, reach, reach))
         block, r = np.divmod(row, width)
         other, c = np.divmod(col, width)
         same = block == other
         on[block[same], r[same], c[same]] = value[same]
         beside = ~same
-        below[other[beside], r[beside], c[beside]] = value[beside]
-        #: Upper factors U_k (L_k = U_k'), and the blocks below them.
+        below[other[beside], r[beside], c[beside] - (width - reach)] = value[beside]
+        #: Upper factors U_k (L_k = U_k'), and the corners below them.
         self.upper: list[Floats] = []
         self.below: list[Floats] = []
         for k, place in enumerate(self.slices):
@@ -191,37 +196,44 @@ class Chain:
             here = on[k, :n, :n]
             if k:
                 tied = below[k - 1, :n]
-                # A L_k'^-1, in the memory of A
-                tied = blas.dtrsm(1.0, self.upper[-1], tied.T, trans_a=1, overwrite_b=1).T
+                # A L_k'^-1, in the memory of A: before the corner it is zero
+                corner = self.upper[-1][width - reach :, width - reach :]
+                tied = blas.dtrsm(1.0, corner, tied.T, trans_a=1, overwrite_b=1).T
                 self.below.append(tied)
-                here = here - tied @ tied.T
+                here[: len(tied), : len(tied)] -= tied @ tied.T
             factor, wrong = lapack.dpotrf(here.T, lower=0, overwrite_a=1)
             if wrong:
                 raise np.linalg.LinAlgError("a penalty is not positive definite")
             self.upper.append(factor)
 
     def forward(self, right: Floats) -> Floats:
-        """right L'^-1, of rows (k, size) that lie together by column (order F)."""
+        """right L'^-1, of rows (k, size) that lie together by column (order F), in their place."""
         from scipy.linalg import blas
 
-        out = np.array(right, order="F")
+        out = right
         for k, place in enumerate(self.slices):
             here = out[:, place]
             if k:
-                here -= out[:, self.slices[k - 1]] @ self.below[k - 1].T
-            here[...] = blas.dtrsm(1.0, self.upper[k], here, side=1, overwrite_b=1)
+                tied = self.below[k - 1]
+                here[:, : len(tied)] -= out[:, place.start - self.reach : place.start] @ tied.T
+            found = blas.dtrsm(1.0, self.upper[k], here, side=1, overwrite_b=1)
+            if found is not here:
+                here[...] = found
         return out
 
     def backward(self, right: Floats) -> Floats:
-        """right L^-1, of rows (k, size) that lie together by column (order F)."""
+        """right L^-1, of rows (k, size) that lie together by column (order F), in their place."""
         from scipy.linalg import blas
 
-        out = np.array(right, order="F")
+        out = right
         for k in range(len(self.slices) - 1, -1, -1):
             here = out[:, self.slices[k]]
             if k + 1 < len(self.slices):
-                here -= out[:, self.slices[k + 1]] @ self.below[k]
-            here[...] = blas.dtrsm(1.0, self.upper[k], here, side=1, trans_a=1, overwrite_b=1)
+                tied, start = self.below[k], self.slices[k + 1].start
+                here[:, self.width - self.reach :] -= out[:, start : start + len(tied)] @ tied
+            found = blas.dtrsm(1.0, self.upper[k], here, side=1, trans_a=1, overwrite_b=1)
+            if found is not here:
+                here[...] = found
         return out
 
     def coloured(self, white: Floats) -> Floats:
@@ -230,7 +242,9 @@ class Chain:
         for k, place in enumerate(self.slices):
             out[:, place] = white[:, place] @ np.triu(self.upper[k])
             if k:
-                out[:, place] += white[:, self.slices[k - 1]] @ self.below[k - 1].T
+                tied = self.below[k - 1]
+                before = white[:, place.start - self.reach : place.start]
+                out[:, place.start : place.start + len(tied)] += before @ tied.T
         return out
 
     @cached_property
@@ -238,7 +252,7 @@ class Chain:
         """Blocks of the inverse: on the diagonal, and below it."""
         from scipy.linalg import blas
 
-        count, width = len(self.slices), self.width
+        count, width, reach = len(self.slices), self.width, self.reach
         on, below = np.zeros((count, width, width)), np.zeros((max(count - 1, 0), width, width))
         after = np.zeros((0, 0))
         for k in range(count - 1, -1, -1):
@@ -246,9 +260,9 @@ class Chain:
             inverse = blas.dtrsm(1.0, self.upper[k], np.eye(len(self.upper[k]), order="F"), overwrite_b=1)
             here = inverse @ inverse.T
             if k + 1 < count:
-                tied = self.below[k] @ inverse.T
-                down = after @ tied
-                here = here + tied.T @ down
+                tied = self.below[k] @ inverse[:, width - reach :].T
+                down = after[:, : len(tied)] @ tied
+                here += tied.T @ down[: len(tied)]
                 below[k, : len(down)] = -down
             n = len(here)
             on[k, :n, :n] = after = here
@@ -278,61 +292,87 @@ class Part:
     def place(self) -> slice:
         return slice(self.start, self.start + self.chain.size)
 
+    def same(self, other: Part) -> bool:
+        """Whether this is the same penalty on the same directions: a chain is made once for each set of free cells."""
+        return self.chain is other.chain and self.scale == other.scale and self.start == other.start
+
+
+def each_of(parts: Sequence[Part], rows: Sequence[Floats], *, back: bool = False) -> list[Floats]:
+    """rows L'^-1 (or L^-1) of P = L L', of the rows (k, size) of each part; parts of one chain are solved together."""
+    out: list[Floats] = list(rows)
+    for chain in {id(p.chain): p.chain for p in parts}.values():
+        mine = [i for i, p in enumerate(parts) if p.chain is chain]
+        ends = np.cumsum([0] + [len(rows[i]) for i in mine])
+        together = np.empty((int(ends[-1]), chain.size), order="F")
+        for i, a, b in zip(mine, ends, ends[1:]):
+            together[a:b] = rows[i]
+        found = chain.backward(together) if back else chain.forward(together)
+        for i, a, b in zip(mine, ends, ends[1:]):
+            out[i] = found[a:b] if parts[i].scale == 1.0 else found[a:b] / math.sqrt(parts[i].scale)
+    return out
+
 
 class FewReadings:
     """H = G'G + P by the identity of Woodbury.
 
-    ``parts`` make up P on the free directions in the order ``order``; ``columns`` (direction, reading) is G' in that order.
+    ``parts`` make up P on the free directions in the order ``order``; ``columns`` (direction, reading) is G' in that order. ``blocks`` are
+    G L'^-1 of the parts, P = L L', where they are known, and ``products`` what they are times themselves.
     """
 
-    def __init__(self, parts: Sequence[Part], order: Index, columns: Floats) -> None:
+    def __init__(
+        self,
+        parts: Sequence[Part],
+        order: Index,
+        columns: Floats | None,
+        blocks: Sequence[Floats] | None = None,
+        products: Sequence[Floats] | None = None,
+    ) -> None:
         self.parts, self.order = list(parts), order
-        self.b = self._forward(columns.T)
-        self.lower = cholesky(np.eye(len(self.b)) + self.b @ self.b.T)
+        if blocks is None:
+            blocks = each_of(self.parts, [columns[p.place].T for p in self.parts] if columns is not None else [])
+        self.blocks = list(blocks)
+        found = self.b @ self.b.T if products is None else sum(products[1:], products[0].copy())
+        found.ravel()[:: len(found) + 1] += 1.0
+        self.lower = cholesky(found)
 
-    def _each(self, right: Floats, *, back: bool) -> Floats:
-        """right L'^-1 (or L^-1) of P = L L', of rows (k, n); parts of one chain are solved together."""
-        out = np.empty(right.shape, order="F")
-        k = len(right)
-        chains = {id(p.chain): p.chain for p in self.parts}
-        for key, chain in chains.items():
-            mine = [p for p in self.parts if id(p.chain) == key]
-            rows = right[:, mine[0].place]
-            if len(mine) > 1:
-                rows = np.empty((k * len(mine), chain.size), order="F")
-                for i, p in enumerate(mine):
-                    rows[i * k : (i + 1) * k] = right[:, p.place]
-            found = chain.backward(rows) if back else chain.forward(rows)
-            for i, p in enumerate(mine):
-                out[:, p.place] = found[i * k : (i + 1) * k] / np.sqrt(p.scale)
-        return out
+    @cached_property
+    def b(self) -> Floats:
+        """G L'^-1 (reading, direction)."""
+        return self.blocks[0] if len(self.blocks) == 1 else np.concatenate([b.T for b in self.blocks]).T
 
-    def _forward(self, right: Floats) -> Floats:
-        return self._each(right, back=False)
-
-    def _backward(self, right: Floats) -> Floats:
-        return self._each(right, back=True)
+    def _split(self, rows: Floats) -> list[Floats]:
+        return [rows[:, p.place] for p in self.parts]
 
     def solve(self, right: Floats) -> Floats:
-        half = self._forward(right[self.order][None, :])
-        seen = _triangle(self.lower, self.b @ half[0])
-        half = half - (_triangle(self.lower, seen, transposed=True) @ self.b)[None, :]
+        ordered = right[self.order]
+        half = each_of(self.parts, [ordered[None, p.place] for p in self.parts])
+        seen = _triangle(self.lower, sum(b @ h[0] for b, h in zip(self.blocks, half)))
+        seen = _triangle(self.lower, seen, transposed=True)
+        rest = each_of(self.parts, [h - (seen @ b)[None] for b, h in zip(self.blocks, half)], back=True)
         out = np.empty(len(right))
-        out[self.order] = self._backward(half)[0]
+        out[self.order] = np.concatenate([r[0] for r in rest])
+        return out
+
+    @cached_property
+    def _raised(self) -> Floats:
+        """L + 1."""
+        out = self.lower.copy(order="F")
+        out.ravel(order="K")[:: len(out) + 1] += 1.0
         return out
 
     def half(self, right: Floats) -> Floats:
         """By A. Andrews' square root (AIAA J. 6, 1968, 1165-1166): with 1 + B'B = L L', (1 - B L'^-1 (L + 1)^-1 B')' P^(-1/2)."""
-        rows = self._forward(right[self.order].T)
+        rows = np.concatenate([r.T for r in each_of(self.parts, self._split(right[self.order].T))]).T
         seen = _triangle(self.lower, self.b @ rows.T)
-        seen = _triangle(self.lower + np.eye(len(self.lower)), seen, transposed=True)
+        seen = _triangle(self._raised, seen, transposed=True)
         return np.asarray((rows - seen.T @ self.b).T)
 
     def back(self, half: Floats) -> Floats:
-        seen = _triangle(self.lower + np.eye(len(self.lower)), self.b @ half)
+        seen = _triangle(self._raised, self.b @ half)
         seen = _triangle(self.lower, seen, transposed=True)
         out = np.empty_like(half)
-        out[self.order] = self._backward(half.T - seen.T @ self.b).T
+        rest = each_of(self.parts, self._split(half.T - seen.T @ self.b), back=True)
+        out[self.order] = np.concatenate([r.T for r in rest])
         return out
 
     def taken(self) -> Floats:
@@ -342,9 +382,42 @@ class FewReadings:
     @cached_property
     def _seen(self) -> Floats:
         """Q (direction, reading), of which P^-1 - Q Q' = H^-1, in the order of the parts."""
-        return self._backward(_triangle(self.lower, self.b)).T
+        found = each_of(self.parts, [_triangle(self.lower, b) for b in self.blocks], back=True)
+        return np.concatenate([f.T for f in found])
+
+    def _of_each(self, rows: Rows) -> Floats | None:
+        """Variances of the same rows in one component after another, where each component is a part and as free."""
+        one, n = rows.one, self.parts[0].chain.size
+        if one is None or rows.others is not None or rows.count != one.count * len(self.parts):
+            return None
+        if any(
+            p.chain.size != n or not np.array_equal(self.order[p.place] - p.start, self.order[:n]) for p in self.parts
+        ):
+            return None
+        if not len(one.col) or self.order[:n].max() != n - 1:
+            return None
+        rank = np.empty(n, dtype=np.intp)
+        rank[self.order[:n]] = np.arange(n)
+        col = rank[one.col]
+        known: dict[int, Floats] = {}
+        out = []
+        for p in self.parts:
+            if id(p.chain) not in known:
+                known[id(p.chain)] = one.variances_of(col, p.chain.entries)
+            out.append(known[id(p.chain)] / p.scale)
+        prior = np.concatenate(out)
+        if np.isnan(prior).any():
+            return None
+        ordered = Rows(one.row, col, one.value, one.count)
+        # the readings of all parts beside each other: one sparse product
+        seen = ordered.times(np.concatenate([self._seen[p.place] for p in self.parts], axis=1))
+        told = (seen**2).reshape(one.count, len(self.parts), -1).sum(axis=2)
+        return np.maximum(prior - told.T.ravel(), 0.0)
 
     def variances(self, rows: Rows) -> Floats:
+        of_each = self._of_each(rows)
+        if of_each is not None:
+            return of_each
         rank = np.empty(len(self.order), dtype=np.intp)
         rank[self.order] = np.arange(len(self.order))
         ordered = Rows(rows.row, rank[rows.col], rows.value, rows.count)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import Solution
 from palpate.inverse.contact.differences import Differences
+from palpate.inverse.contact.factors import Factor
 from palpate.inverse.contact.products import Applied, Boxes, Products, by_products
 from palpate.inverse.contact.quadratic import Penalty, Quadratic, formed_or_not
 from palpate.inverse.linear.matrix_free.evidence import FrameAtSize, LinearAtSize
@@ -193,11 +194,12 @@ class Columns:
             self._room[n : n + k] = more
             self.count = n + k
             if self._gram is not None:
-                cross = self.rows @ more.reshape(c * k, -1).T
+                before, added = self.rows[: c * n], more.reshape(c * k, -1)
                 gram = np.empty((c * (n + k),) * 2)
                 gram[: c * n, : c * n] = self._gram
-                gram[:, c * n :] = cross
-                gram[c * n :, : c * n] = cross[: c * n].T
+                gram[c * n :, : c * n] = cross = added @ before.T
+                gram[: c * n, c * n :] = cross.T
+                gram[c * n :, c * n :] = added @ added.T
                 self._gram = gram
             self.place[new] = np.arange(n, n + k)
         return np.asarray(self.place[cells])
@@ -301,7 +303,7 @@ class Normal:
             return Normal(self.level, self.cells[position], self.given.part(position), self.linear[:, position])
         c, n = self.linear.shape
         picks = (np.arange(c)[:, None] * n + position[None, :]).ravel()
-        known = self.gram.take(picks, axis=0).take(picks, axis=1) if self._formed else None
+        known = self.gram.take(picks, axis=0).take(picks, axis=1) if self.formed else None
         given = self.given.part(position) if isinstance(self.given, Picked) else self.matrix.take(picks, axis=1)
         return Normal(self.level, self.cells[position], given, self.linear[:, position], known)
 
@@ -312,7 +314,7 @@ class Normal:
         n = self.linear.shape[1]
         matrix = sum(a * self.matrix[:, i * n : (i + 1) * n] for i, a in enumerate(ray))
         known = None
-        if self._formed:
+        if self.formed:
             blocks = self.gram.reshape(len(ray), n, len(ray), n)
             known = np.einsum("c,cidj,d->ij", ray, blocks, ray, optimize=True)
         return Normal(self.level, self.cells, np.asarray(matrix), (ray @ self.linear)[None], known)
@@ -330,7 +332,8 @@ class Normal:
         return len(self.matrix)
 
     @property
-    def _formed(self) -> bool:
+    def formed(self) -> bool:
+        """Whether there is a normal matrix."""
         return self.known is not None or "gram" in self.__dict__
 
 
@@ -355,6 +358,8 @@ class ContactModel:
     changes: Floats | None = None
     shared: Floats | None = None
     compact: bool = False
+    #: The factor that `variances.taken_by` was asked for, and its answer.
+    taken: tuple[Factor, float] | None = None
 
     @property
     def level(self) -> Level:
@@ -368,8 +373,12 @@ class ContactModel:
     def squares(self) -> float:
         """Squares of what is left of the readings, less those of the readings themselves, in units of the noise."""
         t = self.solution.traction
-        explained = self.data.matrix @ t.ravel()
-        return float(explained @ explained) - 2.0 * float((t * self.data.linear).sum())
+        if self.data.formed:
+            explained = float(t.ravel() @ (self.data.gram @ t.ravel()))
+        else:
+            seen = self.data.matrix @ t.ravel()
+            explained = float(seen @ seen)
+        return explained - 2.0 * float((t * self.data.linear).sum())
 
     @property
     def pressure(self) -> Floats:

@@ -16,7 +16,7 @@ import scipy.sparse
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.differences import Sparse
-from palpate.inverse.contact.factors import BLOCK, Beside, Chain, Dense, Factor, FewReadings, Part, cholesky
+from palpate.inverse.contact.factors import BLOCK, Beside, Chain, Dense, Factor, FewReadings, Part, cholesky, each_of
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.cone import Face
@@ -85,8 +85,10 @@ class Formed:
     def factor(self, face: Face, more: Floats) -> Factor:
         c, n = face.free.shape
         if c > 1 and not face.mixed and face.free[:-1].all() and not more.any():
-            if self._asked:
-                return self._beside(np.flatnonzero(face.free[-1]), (c - 1) * n)
+            pressing = np.flatnonzero(face.free[-1])
+            # where some are held, others will be next: what is left of shear serves all steps
+            if self._asked or n // 2 < len(pressing) < n:
+                return self._beside(pressing, (c - 1) * n)
             self._asked = True
         reduced = face.restrict(self.matrix)
         if more.any():
@@ -266,6 +268,8 @@ class Unformed:
     def __init__(self, columns: Floats, penalty: Penalty) -> None:
         #: ``columns`` (component * cell, reading) is G'.
         self.columns, self.penalty = columns, penalty
+        #: G L'^-1 of parts that the last factor had, and what it is times itself: shear that nothing holds is the same in every step.
+        self._known: dict[int, tuple[Part, Floats, Floats]] = {}
 
     def product(self, x: Floats) -> Floats:
         return (self.columns @ (x.ravel() @ self.columns)).reshape(x.shape) + self.penalty.product(x)
@@ -279,7 +283,14 @@ class Unformed:
 
     def factor(self, face: Face, more: Floats) -> Factor:
         parts, order = self.penalty.parts(face, more)
-        return FewReadings(parts, order, face.gathered(self.columns, order))
+        if face.mixed or more.any():
+            return FewReadings(parts, order, face.gathered(self.columns, order))
+        new = [i for i, p in enumerate(parts) if i not in self._known or not self._known[i][0].same(p)]
+        places = face.index[order]
+        found = each_of([parts[i] for i in new], [self.columns[places[parts[i].place]].T for i in new])
+        self._known |= {i: (parts[i], b, b @ b.T) for i, b in zip(new, found)}
+        known = [self._known[i] for i in range(len(parts))]
+        return FewReadings(parts, order, None, [b for _, b, _ in known], [p for *_, p in known])
 
     def dense(self) -> Floats:
         return self.penalty.added(self.columns @ self.columns.T)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ class Rows:
     value: Floats
     count: int
     others: Floats | None = None
+    #: The rows over cells that these are for one component after another.
+    one: Rows | None = None
 
     @classmethod
     def of(cls, matrix: Any) -> Rows:
@@ -41,6 +44,7 @@ class Rows:
             (self.col + i * cells).ravel(),
             np.tile(self.value, components),
             self.count * components,
+            one=self,
         )
 
     def times(self, dense: Floats) -> Floats:
@@ -53,13 +57,22 @@ class Rows:
 
     def variances(self, entries: Callable[[Index, Index], Floats]) -> Floats:
         """Diagonal of rows C rows', where ``entries(i, j)`` are those of C, i >= j."""
+        return self.variances_of(self.col, entries)
+
+    def variances_of(self, col: Index, entries: Callable[[Index, Index], Floats]) -> Floats:
+        """The same with other numbers of the columns."""
+        row, first, other, weight = self._pairs
+        i, j = col[first], col[other]
+        each = weight * entries(np.maximum(i, j), np.minimum(i, j))
+        return np.asarray(np.bincount(row, each, minlength=self.count), dtype=np.float64)
+
+    @cached_property
+    def _pairs(self) -> tuple[Index, Index, Index, Floats]:
+        """Of every entry with itself and those of its row before it: the row, both places, and the weight."""
         counts = np.bincount(self.row, minlength=self.count)
         starts = np.cumsum(counts) - counts
-        # every entry with itself and those of its row before it
         before = np.arange(len(self.row)) - starts[self.row] + 1
         first = np.repeat(np.arange(len(self.row)), before)
         other = np.arange(len(first)) - np.repeat(np.cumsum(before) - before, before) + starts[self.row[first]]
-        i, j = self.col[first], self.col[other]
         weight = self.value[first] * self.value[other] * np.where(first == other, 1.0, 2.0)
-        each = weight * entries(np.maximum(i, j), np.minimum(i, j))
-        return np.asarray(np.bincount(self.row[first], each, minlength=self.count), dtype=np.float64)
+        return self.row[first], first, other, weight

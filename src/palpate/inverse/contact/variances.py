@@ -42,11 +42,15 @@ def face_of(solution: Solution) -> tuple[Face, Factor]:
 
 
 def taken_by(model: ContactModel) -> float:
-    """How many degrees of freedom of the readings a model takes up."""
+    """How many degrees of freedom of the readings a model takes up: worked out once for each factor, as rounds compare with the first."""
     face, factor = face_of(model.solution)
-    if isinstance(factor, Dense) and len(model.data.matrix) > len(factor.lower):
-        return factor.trace(face.restrict(Formed(model.data.gram).scaled(face.scales).matrix))
-    return float(taken_of_each(model).sum())
+    if model.taken is None or model.taken[0] is not factor:
+        if isinstance(factor, Dense) and len(model.data.matrix) > len(factor.lower):
+            found = factor.trace(face.restrict(Formed(model.data.gram).scaled(face.scales).matrix))
+        else:
+            found = float(taken_of_each(model).sum())
+        model.taken = factor, found
+    return model.taken[1]
 
 
 def taken_of_each(model: ContactModel) -> Floats:
