@@ -194,9 +194,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         if not self.parts.compact or data.at_size:
             return None
         white = self.readings.white(y[observed], observed)
-        left = float(((white - data.matrix @ start.ravel()) ** 2).sum())
         share = min(float(np.count_nonzero(first[-1])) / self.taxels, 1.0)
-        return discs(self, data, first, white, left, share * self.effective_freedom(parameter))
+        return discs(self, data, first, start, white, share * self.effective_freedom(parameter))
 
     def _compact_models(self, data: Normal, found: Discs | None) -> Iterator[ContactModel]:
         """The models that are discs, with their weights."""

@@ -133,11 +133,11 @@ def _steps(dimensions: int) -> tuple[Index, Floats, Index, Floats]:
 
 
 def discs(
-    estimator: ConstrainedEstimator, data: Normal, first: Floats, white: Floats, left: float, taken: float
+    estimator: ConstrainedEstimator, data: Normal, first: Floats, start: Floats, white: Floats, taken: float
 ) -> Discs | None:
     """The discs that explain the whitened readings ``white``; None where contact is no small one, or fields explain them better.
 
-    ``first`` is the first solution (component, *surface), which leaves the sum of squares ``left`` and takes so many degrees of freedom.
+    ``first`` is the first solution (component, *surface), ``start`` the same on the cells of ``data``, and ``taken`` the degrees of freedom that it takes.
     """
     grid, c, n = data.level.grid, len(data.linear), len(data.cells)
     pressure = first[-1]
@@ -147,6 +147,7 @@ def discs(
     if data.at_size or small > TAXELS[grid.dimensions] or free < c + 2 or n > LARGEST:
         return None
     matrix = np.asarray(data.matrix.T).reshape(c, n, len(white)).transpose(1, 0, 2).reshape(n, -1)
+    left = float(((white - data.matrix @ start.ravel()) ** 2).sum())
     detail = 0.0 if estimator.noise_known else (DETAIL * float(np.abs(white).max())) ** 2
     floor = detail * len(white)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -243,9 +243,12 @@ def screened(
     observed: Flags,
     shifts: Floats,
     thresholds: Thresholds,
+    patterns: Sequence[Floats] | None = None,
 ) -> Screened:
-    """Broken readings of a frame; ``shifts`` (reading, pattern) are offsets that it may have besides, so that they break nothing."""
-    return _Screening(linear, readings, data, shifts).run(observed, thresholds)
+    """Broken readings of a frame; ``shifts`` (reading, pattern) are offsets that it may have besides, so that they break nothing; ``patterns`` are the same
+    in the basis of the spectrum, where they are known.
+    """
+    return _Screening(linear, readings, data, shifts).run(observed, thresholds, patterns)
 
 
 def outermost(linear: LinearModel) -> Flags:
@@ -293,11 +296,12 @@ class _Screening:
         """A pattern over the readings, in the basis of the spectrum."""
         return np.asarray(self.linear.spectrum.project(self.readings.planes(values)))
 
-    def single(self, place: int) -> Floats:
-        """The pattern of one reading alone."""
-        values = np.zeros(len(self.scaled))
-        values[place] = self.readings.std[place]
-        return self.pattern(values)
+    def singles(self, places: Sequence[int]) -> Floats:
+        """The patterns of some readings, each alone: together, as one product takes as long as another of many."""
+        each = np.zeros((len(places), len(self.scaled)))
+        each[np.arange(len(places)), list(places)] = self.readings.std[list(places)]
+        planes = zip(*(self.readings.planes(values) for values in each))
+        return np.asarray(self.linear.spectrum.project([np.stack(p) for p in planes]))
 
     def model(self, held: Sequence[Floats], total: float) -> tuple[LinearEvidence, float, float]:
         """The linear model with the patterns that are held, the noise that it leaves, and the freedom left."""
@@ -311,15 +315,15 @@ class _Screening:
         found = linear_evidence(self.linear, self.rows, None, 1.0, patterns, projected=self.coefficients)
         return log_evidence(found.objective, found.logdet, found.freedom, 1.0)
 
-    def run(self, observed: Flags, thresholds: Thresholds) -> Screened:
+    def run(self, observed: Flags, thresholds: Thresholds, patterns: Sequence[Floats] | None) -> Screened:
         n, scaled = len(self.scaled), self.scaled
         broken = np.zeros(n, dtype=bool)
-        held = [self.pattern(column) for column in self.shifts.T]
-        held += [self.single(int(i)) for i in np.flatnonzero(~observed)]
         counted = int(observed.sum())
         total = math.sqrt(float(np.mean(scaled[observed] ** 2))) if counted else 0.0
-        if not total > 0.0 or len(held) > n // 2 or counted < FEWEST_READINGS:
+        if not total > 0.0 or len(self.shifts.T) + n - counted > n // 2 or counted < FEWEST_READINGS:
             return Screened(broken, np.zeros(n))
+        held = [self.pattern(column) for column in self.shifts.T] if patterns is None else list(patterns)
+        held += list(self.singles([int(i) for i in np.flatnonzero(~observed)])) if counted < n else []
         found, left, _ = self.model(held, total)
         explained = _explained(self.linear, self.readings, found, self.shifts)
         for _ in range(max(int(thresholds.most_outliers * n), 1)):
@@ -330,10 +334,11 @@ class _Screening:
             residual = np.where(there, np.abs(scaled - explained / self.readings.std), 0.0)
             places = list(np.argsort(residual)[::-1][:CANDIDATES])
             places.append(int(np.argmax(np.where(there, np.abs(scaled), 0.0))))
-            chosen, size = self._worst(places, held, found.parameter)
+            singles = dict(zip((int(i) for i in places), self.singles(places)))
+            chosen, size = self._worst(singles, held, found.parameter)
             if chosen < 0:
                 break
-            column = self.single(chosen)
+            column = singles[chosen]
             after, rest, free = self.model([*held, column], total)
             gain = free * math.log(left / rest)
             counts = observed & ~broken
@@ -356,8 +361,8 @@ class _Screening:
             explained = _explained(self.linear, self.readings, found, self.shifts)
         return Screened(broken, explained)
 
-    def _worst(self, places: Sequence[int], held: Sequence[Floats], parameter: float) -> tuple[int, float]:
-        """The reading among ``places`` that the others tell least, and how far it is from what they tell in units of the whitening."""
+    def _worst(self, singles: Mapping[int, Floats], held: Sequence[Floats], parameter: float) -> tuple[int, float]:
+        """The reading among ``singles`` that the others tell least, and how far it is from what they tell in units of the whitening."""
         weight = parameter / (parameter + self.linear.spectrum.eigenvalues)
         c = self.coefficients
         if held:
@@ -367,8 +372,7 @@ class _Screening:
         else:
             wc = weight * c
         chosen, best, far = -1, 0.0, 0.0
-        for i in places:
-            e = self.single(int(i))
+        for i, e in singles.items():
             we = weight * e
             size = float(e @ we)
             if held:
@@ -377,7 +381,7 @@ class _Screening:
             if size > 1e-9:
                 reduction = float(e @ wc) ** 2 / size
                 if reduction > best:
-                    chosen, best, far = int(i), reduction, math.sqrt(reduction / size)
+                    chosen, best, far = i, reduction, math.sqrt(reduction / size)
         return chosen, far
 
     def _local(self, place: int, held: Sequence[Floats], total: float, left: float, rest: float) -> bool:

@@ -42,6 +42,8 @@ class LinearStart:
     ) -> None:
         self.orders, self.readings, self.parameter = orders, readings, parameter
         self._rounds, self._windows = rounds, windows
+        #: The offsets that a frame may have, and the same in the basis of the linear model.
+        self._shifts: tuple[Floats, list[Floats]] | None = None
 
     def freedom(self, parameter: float) -> float:
         """How many degrees of freedom of the traction the data tell, rather than the penalty."""
@@ -85,4 +87,6 @@ class LinearStart:
         linear = self.orders[1]
         if isinstance(linear, LinearAtSize):
             return self._windows.screened(self.readings, data, observed, thresholds)
-        return screened(linear, self.readings, data, observed, shifts, thresholds)
+        if self._shifts is None or self._shifts[0] is not shifts:
+            self._shifts = shifts, [self.projected(self.readings.planes(column)) for column in shifts.T]
+        return screened(linear, self.readings, data, observed, shifts, thresholds, self._shifts[1])

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.linear.parameter import candidates, choose_parameter, refined, tikhonov
+from palpate.inverse.linear.parameter import Tried, candidates, choose_parameter, refined, tikhonov
 from palpate.inverse.linear.regularised import Decomposition
 
 __all__ = ["LinearEvidence", "linear_evidence", "log_evidence"]
@@ -73,7 +73,9 @@ def linear_evidence(
     coefficients = np.asarray(spectrum.project(rows) if projected is None else projected) / unit
     certain = linear.noise_known or known is not None
     if patterns is not None and len(patterns):
-        best, variance, total, logdet, base, count = _with_patterns(values, coefficients, patterns, parameter, certain)
+        best, variance, total, logdet, base, count = _with_patterns(
+            values, coefficients, patterns, parameter, certain, spectrum.tried
+        )
         free, sizes = _without(values, coefficients, patterns, best)
         left = total[1]
         everything = total[0]
@@ -120,18 +122,18 @@ def log_evidence(objective: float, logdet: float, count: float, noise: float | N
 
 
 def _with_patterns(
-    values: Floats, c: Floats, patterns: Floats, parameter: float | None, certain: bool
+    values: Floats, c: Floats, patterns: Floats, parameter: float | None, certain: bool, tried: Tried | None = None
 ) -> tuple[float, float, tuple[float, float], float, float, float]:
     """Parameter, noise variance, (objective of noise alone, objective), log determinant, that of noise alone, and count."""
     count, own = float(len(c) - len(patterns)), 0.0
     if len(patterns) > MANY:
         patterns, own = _independent(patterns)
-    if parameter is None:
-        grid = candidates(values)
+    if parameter is None and tried is not None:
+        grid, (weights, logs) = tried.grid, tried.weights(values)
     else:
-        grid = np.array([parameter])
-    weights = grid[:, None] / (grid[:, None] + values[None, :])
-    objective, logdet = _restricted(weights, c, patterns)
+        grid, logs = candidates(values) if parameter is None else np.array([parameter]), None
+        weights = grid[:, None] / (grid[:, None] + values[None, :])
+    objective, logdet = _restricted(weights, c, patterns, logs)
     (everything,), (base,) = _restricted(np.ones((1, len(c))), c, patterns)
     if certain:
         score = objective + logdet
@@ -152,8 +154,10 @@ def _independent(patterns: Floats) -> tuple[Floats, float]:
     return rows[seen], 2.0 * float(np.log(sizes[seen]).sum())
 
 
-def _restricted(weights: Floats, c: Floats, patterns: Floats) -> tuple[Floats, Floats]:
-    """(objective, log determinant) for rows of ``weights`` = 1/C, with the patterns marginalised."""
+def _restricted(weights: Floats, c: Floats, patterns: Floats, logs: Floats | None = None) -> tuple[Floats, Floats]:
+    """(objective, log determinant) for rows of ``weights`` = 1/C, with the patterns marginalised; ``logs`` are the sums of their logarithms,
+    where these are known.
+    """
     if len(patterns) > MANY:
         taken, more = np.array([_by_factor(patterns * np.sqrt(w), np.sqrt(w) * c) for w in weights]).T
     else:
@@ -163,9 +167,10 @@ def _restricted(weights: Floats, c: Floats, patterns: Floats) -> tuple[Floats, F
             gram[:, i, i:] = weights @ (patterns[i] * patterns[i:]).T
             gram[:, i:, i] = gram[:, i, i:]
         taken, more = _by_eigenvalues(gram, weights @ (patterns * c).T)
-    with np.errstate(divide="ignore"):
-        logdet = -np.log(weights).sum(axis=1) + more
-    return weights @ c**2 - taken, logdet
+    if logs is None:
+        with np.errstate(divide="ignore"):
+            logs = np.log(weights).sum(axis=1)
+    return weights @ c**2 - taken, more - logs
 
 
 def _by_eigenvalues(gram: Floats, right: Floats) -> tuple[Floats, Floats]:

@@ -242,6 +242,8 @@ class Curves(Protocol):
 class Tried:
     """What the rules ask of a spectrum at the parameters ``grid`` whatever the frames; each is made when it is asked for."""
 
+    _weights: tuple[Floats, Floats] | None = None
+
     def __init__(self, filter_factors: Filter, grid: Floats, eigenvalues: Floats, multiplicity: Floats) -> None:
         self.grid, self.count = grid, float(multiplicity.sum())
         self.values, self.multiplicity, self._filter = eigenvalues, multiplicity, filter_factors
@@ -269,6 +271,14 @@ class Tried:
     @cached_property
     def logdet(self) -> Floats:
         return np.asarray(-np.log(np.maximum(self.left, TINY)) @ self.multiplicity)
+
+    def weights(self, eigenvalues: Floats) -> tuple[Floats, Floats]:
+        """1/C = parameter / (parameter + value) of every value (candidate, n), and the sums of their logarithms (candidate,)."""
+        if self._weights is None:
+            found = self.grid[:, None] / (self.grid[:, None] + eigenvalues[None, :])
+            with np.errstate(divide="ignore"):
+                self._weights = found, np.log(found).sum(axis=1)
+        return self._weights
 
 
 def tried_on(eigenvalues: Floats, multiplicity: Floats) -> Tried:
