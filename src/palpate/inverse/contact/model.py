@@ -55,6 +55,8 @@ class Level:
         self.grid = operator.surface
         self.differences = Differences(self.grid)
         self.boxes = Boxes(operator, columns)
+        #: What `sharp` asked for last: of which readings, and columns of all cells, as they are and orthogonal to each other.
+        self.orthogonal: tuple[bytes, tuple[Floats, Floats]] | None = None
 
     def matrix(self, cells: Index, noise: Floats, observed: Flags) -> Floats:
         """Whitened columns (reading, component * cell) of the readings that are observed."""

@@ -127,7 +127,14 @@ class _Search:
         self.level = estimator.level(2 if fine <= FINEST else 1)
         self.cells = math.prod(self.level.grid.shape)
         self.some = max(ENTRIES // max(int(observed.sum()) * len(estimator.columns), 1), NEAREST)
-        self.every = self._of(np.arange(self.cells)) if self.some >= self.cells else None
+        self.every = self._of_all() if self.some >= self.cells else None
+
+    def _of_all(self) -> tuple[Floats, Floats]:
+        """`_of` of all cells, which frames share while the same readings count."""
+        kept, key = self.level.orthogonal, self.observed.tobytes()
+        if kept is None or kept[0] != key:
+            kept = self.level.orthogonal = key, self._of(np.arange(self.cells))
+        return kept[1]
 
     def _of(self, cells: Index) -> tuple[Floats, Floats]:
         """Whitened columns (cell, reading, component), and the same orthogonal to each other."""
