@@ -262,6 +262,52 @@ def test_approximations_are_positive_definite_and_count_the_readings(layout, kin
     assert rows[0] @ normal.apply(rows)[1] == pytest.approx(rows[1] @ normal.apply(rows)[0])
 
 
+def prepared_space(layout):
+    pad, array, _ = LAYOUTS[layout]
+    operator = pp.Skin(pad, array).operator
+    columns = range(len(operator.surface.components))
+    scales = [np.full(len(a.channels), 2.0) for a in ([array] if not isinstance(array, list) else array)]
+    normal = Normal(operator, [DifferencePrior(operator.surface, 1)] * len(columns), columns, scales)
+    return normal, OnArray(normal)
+
+
+@pytest.mark.parametrize("layout", ["three stresses", "missing taxels", "a line"])
+def test_longest_waves_are_solved_once_and_stay_solved(layout):
+    normal, space = prepared_space(layout)
+    parameter = np.array([1e-3, 1e-2]) * space.largest
+    inverse, frames = space._balanced.at(parameter), np.arange(2)
+    rows = np.random.default_rng(0).standard_normal((2, normal.total))
+    rows = rows if normal.valid is None else rows * normal.valid
+    whole = inverse(rows, frames)
+    assert rows[0] @ inverse(rows[::-1], frames)[0] == pytest.approx(rows[1] @ inverse(rows, frames)[0], rel=1e-6)
+    solution, left = inverse.begin(rows, frames)
+    longest = space._balanced.longest
+    size = np.linalg.norm(rows)
+    assert np.abs(longest.of(left)).max() < 1e-5 * size
+    exact = rows - normal.apply(solution) - parameter[:, None] * solution
+    np.testing.assert_allclose(left, exact, atol=1e-5 * size)
+    np.testing.assert_allclose(solution + inverse.within(left, frames), whole, atol=1e-4 * np.abs(whole).max())
+
+
+@pytest.mark.parametrize("layout", ["three stresses", "displacements, first derivative"])
+def test_what_a_solution_is_off_by_is_taken_out_of_its_forms(layout):
+    normal, space = prepared_space(layout)
+    parameter = np.array([1e-3 * space.largest])
+    rng = np.random.default_rng(0)
+    rows = normal.apply(rng.standard_normal((1, normal.total))) + 1e-2 * rng.standard_normal((1, normal.total))
+    exact = space.solve(rows, parameter, tolerance=1e-12, most=500, start=None, checked=True)
+    off = 1.0 + 1e-2 * rng.standard_normal(exact.rows.shape) + 0.02
+    near = exact.rows * off
+    rest = rows - normal.apply(near) - parameter[:, None] * near
+    plain, found, true = (
+        np.concatenate(space.forms(rows, parameter, exact._replace(rows=u, rest=r)))
+        for u, r in ((near, None), (near, rest), (exact.rows, None))
+    )
+    # first order: 2 % of the first form, 4 % of the second
+    assert (np.abs(plain / true - 1) > 0.015).all()
+    assert (np.abs(found / true - 1) < 0.15 * np.abs(plain / true - 1)).all()
+
+
 def test_degrees_of_freedom_are_those_of_the_spectrum():
     skin = pp.Skin(HALF_SPACE, area(shape=(16, 16)))
     operator, columns = skin.operator, (0, 1, 2)

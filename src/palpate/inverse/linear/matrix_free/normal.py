@@ -46,6 +46,7 @@ class Normal:
         self.sizes = [math.prod(s) for s in self.shapes]
         self.total = sum(self.sizes)
         self._scales = [s.reshape(-1, *(1,) * (len(shape) - 1)) for s, shape in zip(scales, self.shapes)]
+        self._gains = [1.0 / s for s in self._scales]
         self._roots = [axis_roots(a) for a in operator.planes_of]
         masked = any(a.mask is not None for a in operator.planes_of)
         self.valid = (
@@ -114,6 +115,8 @@ class Normal:
 
     def covariance(self, traction: Floats) -> Floats:
         """W t."""
+        if all(prior.key == self.priors[0].key for prior in self.priors):
+            return np.asarray(self.priors[0].covariance(traction))
         return np.stack([prior.covariance(traction[:, i]) for i, prior in enumerate(self.priors)], axis=1)
 
     def chunked(self, function: Callable[[Floats], Floats], rows: Floats) -> Floats:
@@ -135,8 +138,8 @@ class Normal:
     def _whitened(self, parts: Sequence[Floats]) -> list[Floats]:
         """N^{-1/2}, which is symmetric."""
         out: list[Floats] = []
-        for part, scale, roots in zip(parts, self._scales, self._roots):
-            part = part / scale.astype(part.dtype)
+        for part, scale, roots in zip(parts, self._gains, self._roots):
+            part = part * scale.astype(part.dtype)
             if roots is not None:
                 part = part @ roots[-1].astype(part.dtype)
                 if len(roots) == 2:

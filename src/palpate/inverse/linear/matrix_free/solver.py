@@ -25,9 +25,9 @@ __all__ = ["MatrixFree"]
 
 #: The iteration goes on to this residual, as a part of the readings, in double and in single precision.
 TOLERANCE = {8: 1e-8, 4: 1e-5}
-#: Where the parameter is learned, known to a percent or two, the residual is that part of what the estimate leaves of the readings, which are then
-#: off by so much of their noise, and no more than this part of them.
-LEARNED, LARGEST = 3e-5, 1e-5
+#: Where the parameter is learned, known to a percent or two, the residual is that part of what the estimate leaves of the readings, and no more than
+#: this part of them: as if their noise were larger by so much, which moves the traction by 1e-6 to 3e-5 of its norm.
+LEARNED, LARGEST = 1e-4, 3e-5
 #: A frame counts as solved below this residual; above it, its status says that it did not converge.
 ENOUGH = 1e-4
 #: Most steps of the iteration.
