@@ -25,8 +25,8 @@ __all__ = ["Corrected", "Search"]
 #: A parameter is found when the rule points this near to a solution (in log lambda): the curves are exact there to second order, so that what
 #: is left is a percent or two.
 NEAR = 0.1
-#: Solutions on the way: e is known to the square of this residual, the residual's size to this.
-TOLERANCE, MOST = 1e-4, 400
+#: Solutions on the way, and what is solved of them again: forms are known to the square of this residual.
+TOLERANCE, AGAIN, MOST = 1e-4, 1e-3, 400
 #: For evidence residuals are these parts of what the estimate leaves of the readings, by the curves so far, and of no less or more of those parts of
 #: the readings. What steps from nothing leave is orthogonal to the solution; steps from elsewhere have to go further.
 PART, ANEW, LEAST, LOOSEST = 0.02, 1.2e-3, 1e-5, 3e-3
@@ -60,14 +60,14 @@ class Corrected:
         return cls(guess, system, [[] for _ in rows], [[] for _ in rows])
 
     def add(
-        self, frames: npt.NDArray[np.intp], parameter: Floats, rows: Floats, solved: Solved, again: Floats | None
+        self, frames: npt.NDArray[np.intp], parameter: Floats, rows: Floats, solved: Solved, again: Solved | None
     ) -> None:
         """What solutions u (frame, n) of ``rows`` say at the ``parameter`` of each, and ``again`` (M + lambda)^{-1} u, where it is known."""
         from scipy.interpolate import CubicSpline
 
         form, square = self.system.space.forms(rows, parameter, solved)
         e, left = parameter * form, parameter**2 * square
-        cube = None if again is None else parameter**3 * (solved.rows * again).sum(axis=1)
+        cube = None if again is None else parameter**3 * self.system.space.forms(solved.rows, parameter, again)[0]
         log = np.log(self.grid)[::-1]
         guess = [np.log(np.maximum(c, TINY))[:, ::-1] for c in (self.guess.explained, self.guess.residual)]
         for i, frame in enumerate(frames):
@@ -216,6 +216,6 @@ class Search:
         solved = self.system.solve(rows[frames], there, tolerance=goal, most=MOST, start=start, checked=False)
         again = None
         if self.rule in SECOND:
-            again = self.system.solve(solved.rows, there, tolerance=TOLERANCE, most=MOST, checked=False).rows
+            again = self.system.solve(solved.rows, there, tolerance=AGAIN, most=MOST, checked=False)
         curves.add(frames, there, rows[frames], solved, again)
         return solved.rows
