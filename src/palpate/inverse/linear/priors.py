@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -66,10 +67,9 @@ class DifferencePrior:
             raise InvalidInput(f"order must be 0, 1 or 2; got {order!r}.")
         self.grid, self.order = grid, order
         self.key: Hashable = ("difference", order, scale)
-        self._sines, total = [], np.zeros(grid.shape)
+        total = np.zeros(grid.shape)
         for axis, (n, dx) in enumerate(zip(grid.shape, grid.spacings)):
             j = np.arange(1, n + 1)
-            self._sines.append(math.sqrt(2 / (n + 1)) * np.sin(np.pi * np.outer(j, j) / (n + 1)))
             shape = [1] * grid.dimensions
             shape[axis] = n
             total = total + ((2 / dx * np.sin(np.pi * j / (2 * (n + 1)))) ** 2).reshape(shape)
@@ -77,18 +77,34 @@ class DifferencePrior:
         self.scale = scale
         self._copies: dict[tuple[Any, ...], tuple[list[Any], Any]] = {}
 
+    @cached_property
+    def _sines(self) -> list[Floats]:
+        """The DST-I of each axis; of long ones they take much memory, and are made only where no FFT serves."""
+        tables: list[Floats] = []
+        for n in self.grid.shape:
+            j = np.arange(1, n + 1)
+            tables.append(math.sqrt(2 / (n + 1)) * np.sin(np.pi * np.outer(j, j) / (n + 1)))
+        return tables
+
+    def _prepared(self, x: Any) -> tuple[list[Any], Any]:
+        """What a transform of ``x`` multiplies by, and W in sines, in its kind."""
+        key = (namespace(x).__name__, str(x.dtype), str(getattr(x, "device", "")))
+        if key not in self._copies:
+            tables = [] if self.order == 0 or self._by_fft(x) else [from_numpy(s, x) for s in self._sines]
+            self._copies[key] = tables, from_numpy(self._variance, x)
+        return self._copies[key]
+
+    def _by_fft(self, x: Any) -> bool:
+        return is_numpy(x) and max(self.grid.shape) > MATRIX
+
     def covariance(self, x: Any) -> Any:
         """W x over the last axes, in the array kind of ``x``."""
-        xp = namespace(x)
-        key = (xp.__name__, str(x.dtype), str(getattr(x, "device", "")))
-        if key not in self._copies:
-            self._copies[key] = [from_numpy(s, x) for s in self._sines], from_numpy(self._variance, x)
-        sines, variance = self._copies[key]
+        xp, (sines, variance) = namespace(x), self._prepared(x)
         return self._transform(xp, sines, variance * self._transform(xp, sines, x))
 
     def root(self, x: Floats) -> Floats:
         """x C, with C = DST diag(sqrt W)."""
-        return np.asarray(np.sqrt(self._variance) * self._transform(np, self._sines, x))
+        return np.asarray(np.sqrt(self._variance) * self._transform(np, self._prepared(x)[0], x))
 
     def variance(self) -> Floats:
         """The diagonal of W (*surface)."""
@@ -105,13 +121,13 @@ class DifferencePrior:
 
     def coloured(self, x: Any) -> Any:
         """C x, with C = DST diag(sqrt W)."""
-        sines = [s.astype(x.dtype) for s in self._sines]
-        return self._transform(np, sines, np.sqrt(self._variance).astype(x.dtype) * x)
+        sines, variance = self._prepared(x)
+        return self._transform(np, sines, np.sqrt(variance) * x)
 
     def whitened(self, x: Any) -> Any:
         """C^T x."""
-        sines = [s.astype(x.dtype) for s in self._sines]
-        return np.sqrt(self._variance).astype(x.dtype) * self._transform(np, sines, x)
+        sines, variance = self._prepared(x)
+        return np.sqrt(variance) * self._transform(np, sines, x)
 
     def white(self) -> Floats:
         """W in sines (*surface)."""
@@ -131,7 +147,7 @@ class DifferencePrior:
     def _transform(self, xp: Any, sines: list[Any], x: Any) -> Any:
         if self.order == 0:
             return x  # W is a multiple of the identity in any basis
-        if is_numpy(x) and max(self.grid.shape) > MATRIX:
+        if self._by_fft(x):
             import scipy.fft
 
             axes = tuple(range(-self.grid.dimensions, 0))

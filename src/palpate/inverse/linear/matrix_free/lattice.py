@@ -285,8 +285,10 @@ class Cosines(_Common):
     def _counts(self, lattice: _Lattice) -> Floats:
         out = []
         for p, _ in lattice.members:
-            valid = self.normal.operator.planes_of[p].valid.astype(np.float64)
-            for axis, wave in enumerate(self._axes[lattice.members[0]]):
+            array = self.normal.operator.planes_of[p]
+            valid = array.valid.astype(np.float64)
+            # every wave of a whole array stands for one reading
+            for axis, wave in enumerate(self._axes[lattice.members[0]] if array.mask is not None else []):
                 valid = np.moveaxis(np.tensordot(wave.table**2, valid, axes=(1, axis)), 0, axis)
             out.append(valid)
         return np.einsum("...ci,c...->...i", lattice.vectors**2, np.stack(out))
