@@ -206,7 +206,8 @@ class Search:
         frames = np.arange(len(rows)) if some is None else some
         there = parameter[frames]
         goal: float | Floats = TOLERANCE
-        if self.rule == "evidence":
+        corrected = self.system.space.corrected
+        if self.rule == "evidence" and corrected:
             log = np.log(curves.grid)[::-1]
             kept = curves.residual[frames][:, ::-1]
             noise = [np.sqrt(np.interp(np.log(lam), log, each)) for lam, each in zip(there, kept)]
@@ -216,6 +217,8 @@ class Search:
         solved = self.system.solve(rows[frames], there, tolerance=goal, most=MOST, start=start, checked=False)
         again = None
         if self.rule in SECOND:
-            again = self.system.solve(solved.rows, there, tolerance=AGAIN, most=MOST, checked=False)
+            again = self.system.solve(
+                solved.rows, there, tolerance=AGAIN if corrected else TOLERANCE, most=MOST, checked=False
+            )
         curves.add(frames, there, rows[frames], solved, again)
         return solved.rows

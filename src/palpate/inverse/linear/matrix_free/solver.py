@@ -116,7 +116,7 @@ class MatrixFree:
         else:
             parameter = np.full(len(rows), float(self.parameter))
         goal: float | Floats = tolerance
-        if isinstance(self.parameter, str) and start is not None:
+        if isinstance(self.parameter, str) and start is not None and system.space.corrected:
             size = np.linalg.norm(rows, axis=1)
             noise = parameter * np.linalg.norm(start, axis=1) / np.where(size > 0, size, 1.0)
             goal = np.clip(LEARNED * noise, tolerance, max(tolerance, LARGEST))

@@ -44,6 +44,8 @@ class Space(Protocol):
     largest: float
     #: Whether the squared coefficients of a row add up to its own square, so that its approximate sums can be set against their exact means.
     whole: bool
+    #: Whether `forms` err by the square of residuals, so that these may be loose.
+    corrected: bool
     #: The parameter to begin with, where the approximation is not near enough to tell.
     first: float | None
 
@@ -111,7 +113,7 @@ class OnArray:
         self.first = (
             _safe(self.eigenvalues, self.counts, self.largest, normal.count) if normal.valid is not None else None
         )
-        self.whole = True
+        self.whole = self.corrected = True
         #: Root mean square of the eigenvalues.
         self._mean = math.sqrt(float(self.counts @ self.eigenvalues**2) / float(self.counts.sum()))
 
@@ -237,7 +239,7 @@ class OnSurface:
         index = [np.ravel_multi_index(place, self._shape) for place in itertools.product(*places)]
         self._balanced = Balanced(self._product, LongestSines(index, self.eigenvalues.size), self._smooth)
         self.largest = self._balanced.largest
-        self.whole = False
+        self.whole = self.corrected = False
         self.first: float | None = _safe(self.eigenvalues, self.counts, self.largest, normal.count)
 
     @property
