@@ -23,8 +23,6 @@ MOVES = 12
 TOLERANCE, MOST = 1e-5, 300
 #: A frame is solved anew where the best candidate is further than this from a solution of it (in log lambda).
 FAR = 0.7
-#: The parameter is sought to within this of a solution (in log lambda) while patterns are in the readings.
-ROUGH = 0.3
 #: Size of a pattern, over the noise, with which candidates are compared: any size.
 LARGEST = 3000.0
 #: Candidates whose solutions are kept.
@@ -63,7 +61,7 @@ class SolvedPatterns(Patterns):
         curves = Corrected.of(self.system, row)
         place, near, there = 0, np.zeros_like(row), float(self.grid[0])
         if len(self.grid) > 1 and (row**2).sum() > 0:
-            found = search.find(row, near=ROUGH)
+            found = search.find(row)
             curves, near, there = found.curves, found.solutions, float(found.parameter[0])
             place = int(np.argmin(np.abs(np.log(self.grid / found.parameter[0]))))
         for _ in range(MOVES):

@@ -164,9 +164,7 @@ class Search:
     def __init__(self, system: System, rule: str, floor: Floats | None) -> None:
         self.system, self.rule, self.floor = system, rule, floor
 
-    def find(
-        self, rows: Floats, parameter: Floats | None = None, start: Floats | None = None, *, near: float = NEAR
-    ) -> Found:
+    def find(self, rows: Floats, parameter: Floats | None = None, start: Floats | None = None) -> Found:
         """The parameter of each row, from a ``parameter`` and solutions near it where they are known."""
         curves = Corrected.of(self.system, rows)
         solutions = np.zeros_like(rows) if start is None else np.array(start)
@@ -189,7 +187,7 @@ class Search:
                     break
                 # the degrees of freedom are worked out where they decide
                 self.system.freedom.of(parameter[open_][close])
-            open_ = open_[curves.nearest(parameter)[open_] > near]
+            open_ = open_[curves.nearest(parameter)[open_] > NEAR]
         unsettled = np.zeros(len(rows), dtype=bool)
         unsettled[open_] = True
         return Found(parameter, found.without, unsettled, curves, solutions)
