@@ -422,6 +422,9 @@ def test_a_converter_that_rails_at_ten_peaks_beside_a_pull_is_answered() -> None
     # its readings told less than nothing of common shear, by rounding: a matrix was not positive definite
     frame = make_frame("railed", 11, seed=733)
     touch = frame.skin.reconstruct(frame.readings, **({} if frame.friction is None else {"friction": frame.friction}))
-    assert np.isfinite(touch.force).all()
-    assert touch.fit < 0.01
+    # a pull all round gained more and was refuted; a push about a shift explains the frame
+    low, high = touch.interval(0.95, "force")
+    assert (low < frame.load.force).all()
+    assert (frame.load.force < high).all()
+    assert touch.fit > 0.01
     assert any("displacement_x at taxel (0,)" in note for note in touch.notes)

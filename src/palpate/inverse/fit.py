@@ -11,7 +11,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.sensing.arrays import Array, ScatteredArray
 
-__all__ = ["MODEL_DETAIL", "POOR_FIT", "misfit_probability", "neighbours"]
+__all__ = ["FEWEST", "MODEL_DETAIL", "POOR_FIT", "misfit_probability", "neighbours"]
 
 Pairs = tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
 

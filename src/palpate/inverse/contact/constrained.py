@@ -83,6 +83,8 @@ TURNS, TURNS_OF_ALL = 4, 2
 ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN, ROUNDS_OF_CELLS, FEWEST_CELLS = 4, 2, 12, 0.02
 #: Offsets are found again with the contact, so often; and so often where they are far off yet.
 ROUNDS_OF_OFFSETS, MOST_OF_OFFSETS = 2, 6
+#: So many hypotheses with nuisances take the place of one that is refuted, where they explain the frame as well as one in so many good ones is.
+RIVALS, ACCEPTED = 2, 0.05
 #: All of these together; each comes to rest by itself.
 MOST_ATTEMPTS = 10
 #: What readings may hold besides contact where the user does not say.
@@ -344,7 +346,13 @@ class ConstrainedEstimator:
                 return self._unexplained(data, ~usable, chance)
         run = self._run(h, filled, alive, usable, ends)
         frame = self._framed(run, data, ends, rng)
-        return with_rims(self, run, frame, *screened, ends, rng) or frame
+        frame = with_rims(self, run, frame, *screened, ends, rng) or frame
+        for rival in h.rivals[:RIVALS] if frame.fit < POOR_FIT else ():
+            # what is refuted gives way to what is not
+            other = self._framed(self._run(rival, data, alive, screened[1], ends), data, ends, rng)
+            if other.fit > ACCEPTED and other.contact:
+                return other
+        return frame
 
     @cached_property
     def shifts(self) -> Floats:

@@ -23,7 +23,7 @@ from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.contact.screening import FIRST_NOISE, ROUNDS, SETTLED, TOO_MUCH
-from palpate.inverse.fit import misfit_probability
+from palpate.inverse.fit import FEWEST, misfit_probability
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.nuisance import Nuisance
 
@@ -77,7 +77,7 @@ class Hypothesis:
     """What a frame is taken to be.
 
     ``sign`` is 1 where contact pushes, -1 where it pulls, 0 where it does both; ``sizes`` are those of the nuisances (0: absent), ``present``
-    says which are. ``noise`` is what contact in a few cells leaves, where the linear model takes the readings for noise (`palpate.inverse.contact.sharp`).
+    says which are. ``rivals`` are the others with nuisances, the best first. ``noise`` is what contact in a few cells leaves, where the linear model takes the readings for noise (`palpate.inverse.contact.sharp`).
     """
 
     sign: int
@@ -85,6 +85,7 @@ class Hypothesis:
     sizes: Floats
     present: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     noise: float | None = None
+    rivals: tuple[Hypothesis, ...] = ()
 
 
 def rough(
@@ -315,6 +316,12 @@ def hypothesis_of(
     best = _best(tried, t)
     chance = 1.0 if 0 not in signs or best.sign == 0 or free is None else rough_fit(estimator, best, data, observed)
     best = free if chance < t.structured_chance and free is not None else best
+    # one that bends to every reading explains any
+    rivals = sorted(
+        (h for h in tried if h.present.any() and h is not best and h.rough.free >= FEWEST),
+        key=lambda h: -_worth_of(h, t),
+    )
+    best = replace(best, rivals=tuple(rivals))
     return best if noise is None else replace(best, noise=noise)
 
 
@@ -476,15 +483,17 @@ def _both(
     return Hypothesis(0, Rough(gain, left, free, flat, np.zeros_like(data), 1.0), none, none > 0)
 
 
+def _worth_of(h: Hypothesis, t: Thresholds) -> float:
+    """The gain of a hypothesis, less what it needs."""
+    return h.rough.gain - t.per_nuisance * int(h.present.sum()) - t.other_sign * (h.sign < 1)
+
+
 def _best(tried: Sequence[Hypothesis], t: Thresholds) -> Hypothesis:
     """The best; one that needs more must gain more, and be surer than whether anything touches at all."""
 
-    def worth(h: Hypothesis) -> float:
-        return h.rough.gain - t.per_nuisance * int(h.present.sum()) - t.other_sign * (h.sign < 1)
-
     plain = [h for h in tried if h.sign != 0 and not h.present.any()]
-    simple = max(plain, key=worth)
-    best = max(tried, key=worth)
+    simple = max(plain, key=lambda h: _worth_of(h, t))
+    best = max(tried, key=lambda h: _worth_of(h, t))
     # that the whole edge of the array is loaded is what an offset looks like, and a contact larger than the array
     margin = t.undecided if simple.rough.ring > t.ring else t.contact
-    return best if best is simple or worth(best) - worth(simple) > margin else simple
+    return best if best is simple or _worth_of(best, t) - _worth_of(simple, t) > margin else simple
