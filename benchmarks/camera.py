@@ -38,6 +38,7 @@ from palpate.camera import (
     write_video,
 )
 from palpate.camera.touches import gel_skin
+from palpate.sensing.uncertainty import EXACT
 
 GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=300e3, poissons_ratio=0.48)])
 PITCH, DIAMETER, SCALE, SIZE, DEPTH = 2e-3, 0.8e-3, 0.06e-3, (320, 240), 0.5e-3
@@ -220,7 +221,8 @@ def on_grid(field: np.ndarray, fine: pp.AreaGrid, grid: pp.AreaGrid) -> np.ndarr
 def force(base: Scene, frames: int) -> Iterator[str]:
     yield "| what presses | solved | force error | across error (of the force) | pressure error | force covered | across covered | peak covered | seconds |"
     yield "|---" * 9 + "|"
-    skin = pp.Skin(GEL, pp.AreaArray(shape=(7, 9), pitch=PITCH, depth=DEPTH, channels=CHANNELS))
+    array = pp.AreaArray(shape=(7, 9), pitch=PITCH, depth=DEPTH, channels=CHANNELS)
+    skin = pp.Skin(GEL, array, uncertainty=EXACT)
     for kind in KINDS:
         rows: dict[str, list[list[float]]] = {
             "by itself": [],

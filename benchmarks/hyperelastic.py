@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 import palpate as pp
+from palpate.sensing.uncertainty import EXACT
 
 TABLE = Path(__file__).parent.parent / "tests" / "data" / "hyperelastic.csv"
 POISSON, DEPTH = 0.48, 0.15
@@ -185,7 +186,8 @@ def skin(kind: str) -> pp.Skin:
         channels, depth = ["displacement_x", "displacement_y", "displacement_z"], DEPTH * THICKNESS
     else:
         channels, depth = ["stress_xz", "stress_yz", "stress_zz"], THICKNESS
-    return pp.Skin(gel, pp.AreaArray(shape=(12, 12), pitch=0.35 * THICKNESS, depth=depth, channels=channels))
+    array = pp.AreaArray(shape=(12, 12), pitch=0.35 * THICKNESS, depth=depth, channels=channels)
+    return pp.Skin(gel, array, uncertainty=EXACT)
 
 
 def readings(some: list[dict[str, float]], kind: str, where: pp.Skin) -> np.ndarray:

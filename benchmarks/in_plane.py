@@ -17,6 +17,7 @@ import numpy as np
 
 import palpate as pp
 from palpate.sensing.grids import block_means, refined
+from palpate.sensing.uncertainty import EXACT
 
 GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=200e3, poissons_ratio=0.48)])
 COUNT, PITCH, FINER, NOISE, FRICTION = 8, 2e-3, 4, 0.01, 0.4
@@ -76,7 +77,7 @@ def main() -> None:
         for label in args.displacements:
             channels = CHANNELS[label]
             array = pp.AreaArray(shape=(COUNT, COUNT), pitch=PITCH, depth=depth, channels=channels)
-            skin = pp.Skin(GEL, array)
+            skin = pp.Skin(GEL, array, uncertainty=EXACT)
             maker = pp.Skin(GEL, array, surface=refined(skin.surface, FINER, 0))
             for kind in KINDS:
                 for friction in (None, FRICTION):

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import palpate as pp
+from palpate.sensing.uncertainty import EXACT
 
 GEL = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=300e3, poissons_ratio=0.48)])
 SHAPE, PITCH, JITTER, NOISE, FRICTION = (6, 8), 2e-3, 1e-4, 2e-6, 0.5
@@ -68,7 +69,7 @@ def contact(kind: str, grid: pp.AreaGrid, rng: np.random.Generator) -> np.ndarra
 def skin_of(seed: int, depth: float, cells: float | None, *, stated: bool = True) -> pp.Skin:
     noise = NOISE if stated else None
     array = pp.ScatteredArray(positions=markers(seed), depth=depth, channels=CHANNELS, noise=noise)
-    skin = pp.Skin(GEL, array)
+    skin = pp.Skin(GEL, array, uncertainty=EXACT)
     if cells is None:
         return skin
     grid, step = skin.surface, PITCH / cells

@@ -24,6 +24,7 @@ import scipy.ndimage
 
 import palpate as pp
 from palpate.sensing.grids import block_means, refined
+from palpate.sensing.uncertainty import EXACT
 
 PITCH, COUNT, FINER = 0.6e-6, 40, 3
 GEL = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
@@ -69,14 +70,14 @@ def shared(shape: tuple[int, ...], length: float, rng: np.random.Generator) -> n
 
 def published(readings: np.ndarray, noise: float) -> Any:
     """Bayesian Fourier transform traction cytometry: order 0, periodic, evidence with the noise given (Y. Huang et al., Sci. Rep. 9, 2019, 539)."""
-    skin = pp.Skin(GEL, array(noise), boundary="periodic")  # the noise is another for each cell
+    skin = pp.Skin(GEL, array(noise), boundary="periodic", uncertainty=EXACT)  # the noise is another for each cell
     return skin.reconstruct(readings, method=pp.Tikhonov(order=0, rule="evidence"), components=["x", "y"])
 
 
 @functools.cache
 def prepared(nuisance: tuple[str, ...] | None) -> pp.Skin:
     """One skin for all methods, which share what it keeps."""
-    return pp.Skin(GEL, array(), nuisance=nuisance)
+    return pp.Skin(GEL, array(), nuisance=nuisance, uncertainty=EXACT)
 
 
 def free(method: Any, nuisance: tuple[str, ...] | None = None) -> Callable[[np.ndarray, float], Any]:
@@ -143,7 +144,7 @@ def main() -> None:
     parser.add_argument("--markdown", type=Path, help="file for the table")
     args = parser.parse_args()
     methods = METHODS if not args.methods else {name: free(name) for name in args.methods}
-    skin = pp.Skin(GEL, array())
+    skin = pp.Skin(GEL, array(), uncertainty=EXACT)
     maker = pp.Skin(GEL, array(), surface=refined(skin.surface, FINER, 0))
     rows = []
     for condition, (drift, windows) in CONDITIONS.items():

@@ -26,6 +26,7 @@ import scipy.ndimage
 import palpate as pp
 from palpate.microscopy import CellForces, Field, bead_displacements, cell_forces, read_field
 from palpate.microscopy.fields import mended
+from palpate.sensing.uncertainty import EXACT
 
 PIXEL, FINE = 0.1e-6, 0.4e-6
 GEL = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
@@ -294,7 +295,7 @@ def main() -> None:
             for index in range(args.cells):
                 known = scene(512, args.seed + index, pull)
                 field = bead_displacements(*known["pair"], pixel=PIXEL, window=window)
-                forces = cell_forces(field, GEL, mask=known["outline"])
+                forces = cell_forces(field, GEL, mask=known["outline"], uncertainty=EXACT)
                 for label, each in measured(forces, known).items():
                     found.setdefault(label, []).append(each)
             for label, parts in found.items():

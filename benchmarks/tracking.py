@@ -20,6 +20,7 @@ import numpy as np
 
 import palpate as pp
 from palpate import simulation
+from palpate.sensing.uncertainty import EXACT
 
 FRICTION = 0.6
 
@@ -37,7 +38,7 @@ def main() -> None:
     array = pp.AreaArray(
         shape=(args.size, args.size), pitch=1e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"]
     )
-    skin = pp.Skin(pad, array)
+    skin = pp.Skin(pad, array, uncertainty=EXACT)
     story = list(
         simulation.stream(
             skin, simulation.handling(1.0, 0.05e-3 * args.size), friction=FRICTION, radius=20e-3, rate=args.rate

@@ -12,6 +12,7 @@ from palpate import solutions
 from palpate.inverse import DifferencePrior, Regularised, SpectralPrior, choose_parameter, decompose, hilgers_prior
 from palpate.inverse.linear.parameter import tikhonov, truncate
 from palpate.sensing.operator import Operator
+from palpate.sensing.uncertainty import EXACT
 
 PAD = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.4)
 
@@ -221,9 +222,9 @@ def test_symmetry_blocks_change_nothing(layout: str, rng: np.random.Generator, m
         noise=0.01,
     )
     y = rng.standard_normal((2, 4, *shape)) * 0.1
-    whole = pp.Skin(PAD, array).reconstruct(y, order=1, parameter="evidence")
+    whole = pp.Skin(PAD, array, uncertainty=EXACT).reconstruct(y, order=1, parameter="evidence")
     monkeypatch.setattr("palpate.inverse.linear.spectrum.LARGEST_SVD", 10)
-    split = pp.Skin(PAD, array)
+    split = pp.Skin(PAD, array, uncertainty=EXACT)
     found = split.reconstruct(y, order=1, parameter="evidence")
     solver = pp.Tikhonov().prepare(split.problem())
     assert len(solver.spectrum.blocks) == 4

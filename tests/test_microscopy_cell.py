@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 import palpate as pp
 from palpate.errors import InvalidInput
 from palpate.microscopy import CellForces, Field, Quantity, cell_forces, on_grid, read_mask
+from palpate.sensing.uncertainty import EXACT
 
 GEL = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
 PITCH, COUNT, PIXEL = 1.5e-6, 20, 0.1e-6
@@ -305,8 +307,8 @@ def test_what_is_known_of_the_gel_enters_the_map_or_is_said_not_to() -> None:
     u += 2e-9 * np.random.default_rng(0).standard_normal(u.shape)
     field = Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6)
     gel = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
-    exact = cell_forces(field, gel, draws=8)
-    stated = cell_forces(field, gel, draws=8, uncertainty=pp.Uncertainty(youngs_modulus=0.2, depth=0.1))
+    exact = cell_forces(field, gel, draws=8, uncertainty=EXACT)
+    stated = cell_forces(field, gel, draws=8, uncertainty=replace(EXACT, youngs_modulus=0.2, depth=0.1))
     assert np.allclose(
         stated.std**2 - exact.std**2, (0.2 * exact.traction) ** 2, atol=1e-6 * float(exact.std.max()) ** 2
     )

@@ -5,6 +5,7 @@ Data are made on cells four times finer than those of the reconstruction.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from palpate.inverse.contact.screening import ceilings
 from palpate.inverse.fit import misfit_probability, neighbours
 from palpate.sensing.grids import refined
 from palpate.sensing.nuisance import nuisances
+from palpate.sensing.uncertainty import EXACT
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 NOISE = 0.01
@@ -43,7 +45,6 @@ def area(
 def _with_noise(
     array: pp.LineArray | pp.AreaArray, clean: np.ndarray, given: bool, seed: int
 ) -> tuple[pp.Skin, np.ndarray, float]:
-    from dataclasses import replace
 
     top = float(np.abs(clean).max())
     noisy = clean + NOISE * top * np.random.default_rng(seed).standard_normal(clean.shape)
@@ -239,7 +240,7 @@ def test_what_is_not_known_exactly_is_in_the_error_bars(channel: str, name: str,
     clean = pp.Skin(PAD, array).sense(contact)
     array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=[channel], noise=0.002 * float(np.abs(clean).max()))
     widths = []
-    for uncertainty in (None, pp.Uncertainty(**{name: 0.1})):
+    for uncertainty in (EXACT, replace(EXACT, **{name: 0.1})):
         low, high = pp.Skin(PAD, array, uncertainty=uncertainty).reconstruct(clean).interval(0.95, "force")
         widths.append(float(high[1] - low[1]))
     assert (widths[1] > 1.5 * widths[0]) == wide
@@ -325,7 +326,7 @@ def test_a_tilt_of_displacements_that_wide_pressure_hides_is_in_the_interval(par
     """Pressure all round moves the taxels of a half-space as a tilted stage does: the force is a fifth too large, and the interval must say so."""
     pad = pp.HalfSpace(youngs_modulus=3e4, poissons_ratio=0.5)
     array = pp.LineArray(count=17, pitch=1e-3, depth=2.5e-3, channels=["displacement_z"])
-    skin = pp.Skin(pad, array)
+    skin = pp.Skin(pad, array, uncertainty=EXACT)
     clean = np.asarray(skin.sense(pp.solutions.hertz_line(half_width=4e-3, force=8.0)))
     top = float(np.abs(clean).max())
     clean = clean + 0.003 * top * np.random.default_rng(seed).standard_normal(clean.shape)
@@ -341,7 +342,7 @@ def test_a_tilt_of_displacements_that_wide_pressure_hides_is_in_the_interval(par
     assert high - low < 0.4
     assert not any(note.startswith("drift") for note in plain.notes)
     # who knows that nothing drifts has no wider interval
-    sure = pp.Skin(pad, array, nuisance=[]).reconstruct(tilted)
+    sure = pp.Skin(pad, array, nuisance=[], uncertainty=EXACT).reconstruct(tilted)
     low, high = (float(v[1]) for v in sure.interval(0.95, "force"))
     assert low > 8.0
     assert not any(note.startswith("drift") for note in sure.notes)

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.sensing.uncertainty import EXACT
 
 PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-SKIN = pp.Skin(PAD, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+SKIN = pp.Skin(
+    PAD, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]), uncertainty=EXACT
+)
 PRESS = SKIN.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
 QUIET, LOUD = 1.0, 60.0
 

@@ -7,6 +7,7 @@ import pytest
 
 import palpate as pp
 from long_runs import long_runs
+from palpate.sensing.uncertainty import EXACT
 
 GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=200e3, poissons_ratio=0.48)])
 CHANNELS = ["displacement_x", "displacement_y", "displacement_z"]
@@ -58,7 +59,7 @@ def test_pressure_that_nothing_feels_is_not_added_for_noise_in_shear() -> None:
     array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=0.0, channels=CHANNELS)
     clean = np.asarray(pp.Skin(GEL, array, surface=grid).sense(twisted))
     noise = 0.01 * float(np.abs(clean).max()) * np.random.default_rng(3).standard_normal(clean.shape)
-    touch = pp.Skin(GEL, array).reconstruct(clean + noise, friction=friction)
+    touch = pp.Skin(GEL, array, uncertainty=EXACT).reconstruct(clean + noise, friction=friction)
     assert float(touch.force[2]) == pytest.approx(force, rel=0.1)
     low, high = touch.interval(0.95, of="force")
     assert low[2] < force < high[2]

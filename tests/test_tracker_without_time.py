@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import wait
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 import palpate as pp
 from palpate import solutions
+from palpate.sensing.uncertainty import EXACT
 from palpate.status import Status
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
@@ -45,22 +47,22 @@ def test_what_is_stated_of_the_pad_and_the_taxels_widens_a_trackers_intervals_as
     """Force from strain is proportional to the modulus; from stress it does not depend on it, but on gains."""
     press = solutions.hertz_line(half_width=3e-3, force=10.0)
     cases: list[tuple[str, pp.Uncertainty, bool]] = [
-        ("strain_zz", pp.Uncertainty(youngs_modulus=0.1), True),
-        ("stress_zz", pp.Uncertainty(youngs_modulus=0.1), False),
-        ("stress_zz", pp.Uncertainty(gain=0.1), True),
-        ("strain_zz", pp.Uncertainty(depth=0.1), True),
+        ("strain_zz", replace(EXACT, youngs_modulus=0.1), True),
+        ("stress_zz", replace(EXACT, youngs_modulus=0.1), False),
+        ("stress_zz", replace(EXACT, gain=0.1), True),
+        ("strain_zz", replace(EXACT, depth=0.1), True),
     ]
     for channel, uncertainty, wider in cases:
         array = pp.LineArray(count=25, pitch=1e-3, depth=1.5e-3, channels=[channel])
         widths = {}
-        for known in (pp.Uncertainty(), uncertainty):
+        for known in (EXACT, uncertainty):
             skin = pp.Skin(PAD, array, uncertainty=known)
             tracker = skin.track(baseline=REST)
             for reading in frames(np.asarray(skin.sense(press)), [1.0] * 4):
                 touch = tracker.step(reading)
             batch = skin.reconstruct(reading, method="constrained")
             widths[known] = [b - a for a, b in (bounds(touch), bounds(batch))]
-        (plain, _), (stated, of_batch) = widths[pp.Uncertainty()], widths[uncertainty]
+        (plain, _), (stated, of_batch) = widths[EXACT], widths[uncertainty]
         assert (stated > 1.5 * plain) is wider, (channel, uncertainty)
         if wider:
             assert 0.5 < stated / of_batch < 2.0, (channel, uncertainty)

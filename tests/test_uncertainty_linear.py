@@ -12,6 +12,7 @@ import palpate as pp
 from palpate.inverse.linear.matrix_free import path
 from palpate.recordings import read_touch, write_touch
 from palpate.recordings.labelled import touch_of
+from palpate.sensing.uncertainty import EXACT
 
 PAD = pp.HalfSpace(youngs_modulus=1e4, poissons_ratio=0.5)
 IN_PLANE = pp.AreaArray(shape=(10, 10), pitch=1e-6, depth=0.0, channels=["displacement_x", "displacement_y"])
@@ -31,7 +32,7 @@ def pulled(skin: pp.Skin) -> np.ndarray:
 def test_in_plane_force_of_a_cell_is_as_uncertain_as_the_modulus_of_its_gel() -> None:
     rng = np.random.default_rng(5)
     known = pp.Skin(PAD, IN_PLANE, nuisance=[], uncertainty=pp.Uncertainty(youngs_modulus=0.1))
-    plain = pp.Skin(PAD, IN_PLANE, nuisance=[])
+    plain = pp.Skin(PAD, IN_PLANE, nuisance=[], uncertainty=EXACT)
     one = pulled(plain)
     factors = 1.0 / (1.0 + 0.1 * rng.standard_normal(60))  # a stiffer gel moves less
     frames = factors[:, None, None, None] * one + 0.01 * np.abs(one).max() * rng.standard_normal((60, *one.shape))
@@ -43,14 +44,37 @@ def test_in_plane_force_of_a_cell_is_as_uncertain_as_the_modulus_of_its_gel() ->
     blind = plain.reconstruct(frames)
     low, high = blind.interval(0.95, "force")
     assert np.count_nonzero((low[:, 0] < 1e-7) & (high[:, 0] > 1e-7)) < 48
-    assert not any("taken as exact" in n for n in touch.notes)
-    assert any("taken as exact" in n for n in blind.notes)
+    assert not any("taken to be known" in n for n in (*touch.notes, *blind.notes))
+
+
+def test_a_modulus_that_nothing_is_said_of_is_known_to_a_tenth_and_a_scale_to_a_fiftieth() -> None:
+    silent = pp.Skin(PAD, IN_PLANE, nuisance=[])
+    readings = pulled(silent)
+    touch = silent.reconstruct(readings)
+    assert any("Young's modulus is taken to be known to 10 %" in n for n in touch.notes)
+    low, high = touch.interval(0.95, "force")
+    least, most = pp.Skin(PAD, IN_PLANE, nuisance=[], uncertainty=EXACT).reconstruct(readings).interval(0.95, "force")
+    both = float(np.hypot(0.1, 0.02) * touch.force[0])
+    assert float(high[0] - low[0]) / 2 == pytest.approx(np.hypot(1.96 * both, float(most[0] - least[0]) / 2), rel=1e-3)
+    # stress under a given load does not depend on the modulus
+    array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=1.0)
+    pressed = pp.Skin(PAD, array).reconstruct(
+        pp.Skin(PAD, array).sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+    )
+    assert not any("modulus" in n for n in pressed.notes)
+    assert pressed.common_std == 0.02
+    low, high = pressed.interval(0.95, "force")
+    assert float(high[1] - low[1]) / 2 == pytest.approx(0.4, rel=0.1)
+    # a centre of pressure and a ratio of forces do not change with either
+    assert np.ptp(pressed.interval(0.95, "center_of_pressure")) < 1e-4
+    # and a limit is exceeded with the chance that the interval says
+    assert float(pressed.exceeds(float(high[1]), "force")) == pytest.approx(0.025, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["youngs_modulus", "depth"])
 def test_what_a_linear_estimate_owes_is_what_it_changes_by(name: str) -> None:
     method = pp.Tikhonov(parameter=1e-18)  # little is smoothed: what is not exact is told from the estimate itself
-    skin = pp.Skin(PAD, DEEP, uncertainty=pp.Uncertainty(**{name: 0.02}))
+    skin = pp.Skin(PAD, DEEP, uncertainty=replace(EXACT, **{name: 0.02}))
     surface = skin.surface  # a deeper array would be given a larger one
     off = {
         "youngs_modulus": pp.Skin(pp.HalfSpace(youngs_modulus=1e4 / 1.02, poissons_ratio=0.5), DEEP, surface=surface),
@@ -59,6 +83,12 @@ def test_what_a_linear_estimate_owes_is_what_it_changes_by(name: str) -> None:
     traction = skin.sample(BALL)
     right = skin.reconstruct(skin.sense(traction), method=method)
     wrong = skin.reconstruct(off.sense(traction), method=method)
+    if name == "youngs_modulus":  # three displacements follow it alike, and so does all that is found
+        assert right.stated is None
+        assert np.allclose(
+            right.common_std * np.abs(right.force), np.abs(wrong.force - right.force), rtol=0.03, atol=1e-4
+        )
+        return
     assert right.stated is not None
     change = np.abs(wrong.force - right.force)
     assert np.allclose(right.stated.force, change, rtol=0.1, atol=0.02 * change.max())

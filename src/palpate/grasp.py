@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -484,7 +484,8 @@ def _likely(touch: Touch, force: Floats) -> tuple[Floats, float]:
     """Net force as it most likely is, what is known of its bias taken out, and the standard deviation of Q/P."""
     if touch.errors is None:
         return force, 0.05
-    low, high = touch.interval(0.6827, "force")
+    # what pressure and shear are off by together does not change their ratio
+    low, high = replace(touch, common_std=0.0).interval(0.6827, "force")
     net, std = 0.5 * (low + high), 0.5 * (high - low)
     if not net[-1] > 0:
         return force, 0.05

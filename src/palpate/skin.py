@@ -335,13 +335,12 @@ class Skin:
 
     def _with(self, pad: Pad, planes: Sequence[Array]) -> Skin:
         """On the same surface, so that results stay comparable."""
-        kinds = self._problem.nuisance
         out = Skin(
             pad,
             planes,
             surface=self._surface,
             boundary=self._boundary,
-            nuisance="auto" if kinds is None else kinds,
+            nuisance="auto" if self._problem.nuisance is None else self._problem.nuisance,
             uncertainty=self._problem.uncertainty,
         )
         out._given = out._problem.fixed = self._given
@@ -513,6 +512,7 @@ class Skin:
             friction=chosen.friction_given,
             errors=estimate.errors,
             stated=estimate.stated,
+            common_std=self._problem.common_std,
             converged=estimate.converged,
             touching=estimate.contact,
             outliers=estimate.outliers,

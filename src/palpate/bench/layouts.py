@@ -37,6 +37,7 @@ from palpate.errors import Unsupported
 from palpate.sensing import AreaArray, LineArray, ScatteredArray
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import block_means, refined
+from palpate.sensing.uncertainty import EXACT
 from palpate.skin import Skin
 from palpate.uncertainty import Case
 
@@ -70,8 +71,8 @@ class Layout:
 
     @cached_property
     def skin(self) -> Skin:
-        """What a user would make; the noise is not given."""
-        return Skin(self.pad, self.array)
+        """What a user would make; the noise is not given. The pad is known exactly, so that intervals are judged by what the method owes."""
+        return Skin(self.pad, self.array, uncertainty=EXACT)
 
     @cached_property
     def maker(self) -> Skin:

@@ -6,7 +6,7 @@ import math
 import re
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ from palpate.elastic.layers import BondedLayers
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.fit import POOR_FIT
-from palpate.sensing.uncertainty import Uncertainty
 from palpate.sensing.view import View
 from palpate.skin import Skin
 from palpate.units import UNKNOWN
@@ -174,12 +173,11 @@ def _weighed(
             full = gel_skin(skin, readings.positions)
             modulus = _modulus(full)
             # the modulus is what is sought: only the rest is uncertain
-            other = full.uncertainty
             full = Skin(
                 full.pad,
                 full.planes,
                 surface=full.surface if full.problem().fixed else None,
-                uncertainty=Uncertainty(thickness=other.thickness, depth=other.depth, gain=other.gain),
+                uncertainty=replace(full.uncertainty, youngs_modulus=0.0),
             )
             found, std, fit = _force(readings, full, settings.distance if settings else None, options)
         ratios.append(force / found)

@@ -65,10 +65,10 @@ class Stated:
     >>> import palpate as pp
     >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
     >>> array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["strain_zz"], noise=1e-4)
-    >>> skin = pp.Skin(pad, array, uncertainty=pp.Uncertainty(youngs_modulus=0.1))
+    >>> skin = pp.Skin(pad, array, uncertainty=pp.Uncertainty(gain=0.1))
     >>> touch = skin.reconstruct(skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0)), method="tikhonov")
-    >>> round(float(touch.stated.force[1] / touch.force[1]), 2)  # a tenth of the force
-    0.1
+    >>> bool(0.1 < touch.stated.force[1] / touch.force[1] < 0.2)
+    True
     """
 
     traction: Floats = field(metadata=per_frame("component", "*", missing=0.0))

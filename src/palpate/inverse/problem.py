@@ -114,6 +114,7 @@ class Problem:
         self.pad, self.planes, self.surface, self.boundary = pad, tuple(planes), surface, boundary
         self.components, self.fixed, self.nuisance = tuple(components), fixed, nuisance
         self.uncertainty = uncertainty or Uncertainty()
+        self.doubts, self.common_std = self.uncertainty.beside(self.planes), self.uncertainty.common(self.planes)
         self.kept = Kept() if kept is None else kept
         self.recall = recall
 
@@ -205,7 +206,7 @@ class Problem:
 
         Returns columns (reading, unknown), in the unit of the channels for a change of 1 (100 %), and their standard deviations.
         """
-        u, operator = self.uncertainty, self.wide if wide else self.operator
+        u, operator = self.doubts, self.wide if wide else self.operator
 
         def readings(of: Operator) -> Floats:
             parts = [

@@ -8,7 +8,7 @@ from typing import Any
 from palpate.inverse.method import Method
 from palpate.inverse.observability import blind_to_force, presses, without_mean
 from palpate.inverse.problem import Problem
-from palpate.sensing.uncertainty import scale_free
+from palpate.sensing.uncertainty import MODULUS, scale_free
 
 __all__ = ["notes"]
 
@@ -45,9 +45,9 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
                 f"the net force of {_spoken(blind)} is seen only through the finite width of the contact: these channels do not feel a "
                 "uniform load"
             )
-    if not problem.uncertainty.youngs_modulus and scale_free(problem.planes).any():
+    if problem.uncertainty.youngs_modulus is None and scale_free(problem.planes).any():
         found.append(
-            "Young's modulus is taken as exact, and forces from strain or displacement are proportional to it: say how well it is known "
+            f"Young's modulus is taken to be known to {100.0 * MODULUS:g} %, and forces from strain or displacement are proportional to it: say how well it is known "
             '("200 kPa +- 10 %" in skin.toml, uncertainty=Uncertainty(youngs_modulus=0.1) in Python)'
         )
     found.extend(getattr(prepared, "notes", ()))

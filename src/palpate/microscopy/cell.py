@@ -253,7 +253,7 @@ def cell_forces(
     drift : bool
         Besides traction a shift of the whole picture is sought (default); False where it cannot move.
     uncertainty : Uncertainty, optional
-        How well the modulus is known: it enters every number and the map's standard deviation. Thickness, depth and gains do not, and a note says so.
+        How well modulus and scale are known: they enter every number and the map's standard deviation (not stated: 10 % and 2 %). Thickness, depth and gains do not, and a note says so.
     draws : int
         Samples of the posterior that tell the errors.
     seed : int
@@ -313,27 +313,26 @@ def cell_forces(
         field, pad, depth=depth, noise=noise, order=order, rule=rule, nuisance="auto" if drift else (), uncertainty=uncertainty, draws=draws, seed=seed,
     )  # fmt: skip
     known = uncertainty or Uncertainty()
-    modulus = known.youngs_modulus
     beside = [n for n in ("thickness", "depth", "gain") if getattr(known, n)]
-    numbers, principal = _numbers(done, field, inside, corners is not None, modulus)
+    numbers, principal = _numbers(done, field, inside, corners is not None, known)
     said = [
         *field.notes,
         *map(_in_these_words, done.touch.notes),
         *(
-            [f"how well {', '.join(beside)} is known does not enter these errors, only how well the modulus is"]
+            [f"how well {', '.join(beside)} is known does not enter these errors, only how well modulus and scale are"]
             if beside
             else []
         ),
         *_doubts(numbers, principal, field, inside, corners is not None, done),
     ]
     return CellForces(
-        field, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), modulus * done.traction), done.draws, done.moved, inside, corners is not None, numbers, principal,
+        field, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch.common_std * done.traction), done.draws, done.moved, inside, corners is not None, numbers, principal,
         done.touch, tuple(dict.fromkeys(said)), corners, picture,
     )  # fmt: skip
 
 
 def _numbers(
-    done: Inverted, field: Field, inside: npt.NDArray[np.bool_], masked: bool, modulus: float
+    done: Inverted, field: Field, inside: npt.NDArray[np.bool_], masked: bool, known: Uncertainty
 ) -> tuple[dict[str, Quantity], tuple[float, float, float]]:
     """Every number from the estimate and from each sample."""
     t = np.concatenate([done.traction[None], done.draws])
@@ -482,7 +481,9 @@ def _numbers(
     quantities = {}
     for key, (label, unit, values, expected, sized, why) in found.items():
         value, samples = float(values[0]), values[1:]
-        variance = float(np.var(samples, ddof=1)) + (modulus * value) ** 2
+        # traction follows modulus and displacement, the energy the square of this
+        common = math.hypot(known.modulus, (2.0 if key == "strain_energy" else 1.0) * known.scale)
+        variance = float(np.var(samples, ddof=1)) + (common * value) ** 2
         if sized:
             variance += (float(samples.mean()) - value) ** 2
         if key == "strain_energy":

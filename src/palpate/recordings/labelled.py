@@ -62,6 +62,7 @@ OWN = (
     "reading_names",
     "nuisance_names",
     "friction",
+    "common_std",
 )
 #: Fields that are text by frame; kept as codes of what an attribute lists, because Zarr 3 has no settled form of text.
 _TEXT = ("found_by",)
@@ -227,6 +228,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
         dataset.attrs["methods"] = json.dumps(names)
     if touch.friction is not None:
         dataset.attrs["friction"] = float(touch.friction)
+    dataset.attrs["common_std"] = touch.common_std
     if touch.case is not None:
         dataset.attrs["case"] = json.dumps(asdict(touch.case))
     return dataset
@@ -275,6 +277,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         meta=_meta(attrs.get("meta", "{}"), name),
         errors=errors,
         stated=stated,
+        common_std=float(attrs.get("common_std", 0.0)),
         found_by=_found_by(dataset, name),
         case=_case(attrs["case"], name) if "case" in attrs else None,
         friction=float(attrs["friction"]) if "friction" in attrs else None,

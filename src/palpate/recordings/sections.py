@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 def read_uncertainty(path: str | Path) -> Uncertainty:
-    """How well modulus, thickness, depth and gains are known, where the skin.toml says it: "200 kPa +- 10 %", or a section [uncertainty].
+    """How well modulus, thickness, depth, gains and scale are known, where the skin.toml says it: "200 kPa +- 10 %", or a section [uncertainty].
 
     Raises
     ------
@@ -52,7 +52,7 @@ def read_uncertainty(path: str | Path) -> Uncertainty:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = Path(f"{folder}/skin.toml").write_text(text)
     ...     print(read_uncertainty(f"{folder}/skin.toml"))
-    Uncertainty(youngs_modulus=0.1, thickness=0.0, depth=0.05, gain=0.03)
+    Uncertainty(youngs_modulus=0.1, thickness=0.0, depth=0.05, gain=0.03, scale=0.02)
     """
     found = Path(path)
     skin = validated(skin_text(found), str(found))

@@ -56,6 +56,7 @@ from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Boundary
+from palpate.sensing.uncertainty import SCALE
 from palpate.units import KIND_OF_SI, UNKNOWN, parse_quantity
 
 try:
@@ -218,10 +219,11 @@ Part = Annotated[float, BeforeValidator(_percent)]
 
 
 class _Uncertainty(_Strict):
-    youngs_modulus: Part = 0.0
+    youngs_modulus: Part | None = None
     thickness: Part = 0.0
     depth: Part = 0.0
     gain: Part = 0.0
+    scale: Part = SCALE
 
 
 class SkinFile(_Strict):

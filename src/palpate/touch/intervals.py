@@ -80,9 +80,9 @@ def std(touch: Touch) -> Floats:
     errors(touch)
 
     def of(known: Constants) -> tuple[Floats, ...]:
-        _, raw, outside, _ = uncalibrated(touch, known, "traction")
+        value, raw, outside, _ = uncalibrated(touch, known, "traction")
         traction = known.quantities["traction"]
-        return (np.hypot(traction.std * np.hypot(raw, outside / traction.scale), named(touch, "traction")),)
+        return (np.hypot(traction.std * np.hypot(raw, outside / traction.scale), named(touch, "traction", value)),)
 
     return _each_method(touch, of)[0]
 
@@ -101,7 +101,7 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
         if (friction is not None) != (of == "slip_margin"):
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
         value, deviation, outside, floor = uncalibrated(touch, known, of, friction)
-        more = named(touch, of, friction)
+        more = named(touch, of, value, friction)
         # a pull is a push of the other sign, and so are its error bars
         pulls = pulling(touch)
         mirrored = pulls.any() and of not in ("slip_margin", "center_of_pressure")
@@ -148,14 +148,14 @@ def exceeds(touch: Touch, limit: float, of: str) -> Floats:
 
     def chance(known: Constants) -> tuple[Floats, ...]:
         value, deviation, outside, _ = uncalibrated(touch, known, of)
+        more = named(touch, of, value)
         if of == "force":
-            value, deviation, outside = value[..., -1], deviation[..., -1], outside[..., -1]
-        more = named(touch, of)
-        outside = np.hypot(outside, more if of != "force" or touch.stated is None else np.asarray(more)[..., -1])
+            value, deviation, outside, more = (part[..., -1] for part in (value, deviation, outside, more))
         table = known.quantities[of]
-        found = table.above(limit, value, deviation, outside)
+        found = table.above(limit, value, deviation, outside, more)
         if touch.converged is not None and not touch.converged.all():
-            found = np.where(touch.converged, found, replace(table, shift=0.0).above(limit, value, deviation, outside))
+            either = replace(table, shift=0.0).above(limit, value, deviation, outside, more)
+            found = np.where(touch.converged, found, either)
         return (found,)
 
     return _each_method(touch, chance)[0]
@@ -184,14 +184,15 @@ def uncalibrated(
     return value, deviation, np.zeros_like(deviation), none
 
 
-def named(touch: Touch, of: str, friction: float | None = None) -> Floats | float:
-    """What a linear estimate owes to a pad that is not known exactly (standard deviation of a quantity): no constant of the method scales it."""
+def named(touch: Touch, of: str, value: Floats, friction: float | None = None) -> Floats:
+    """What is owed to a pad that is not known exactly (standard deviation of a quantity, here of this ``value``): no constant of the method scales it."""
+    common = np.zeros(np.shape(value)) if of == "center_of_pressure" else touch.common_std * np.abs(value)
     if touch.stated is None:
-        return 0.0
+        return np.asarray(common)
     if of == "slip_margin":
-        return _slip(touch, touch.stated, float(friction or 0.0))[1]
+        return np.hypot(common, _slip(touch, touch.stated, float(friction or 0.0))[1])
     name = {"center_of_pressure": "center", "peak_pressure": "peak"}.get(of, of)
-    return np.asarray(getattr(touch.stated, name))
+    return np.hypot(common, getattr(touch.stated, name))
 
 
 def _slip(touch: Touch, found: Errors | Stated, friction: float) -> tuple[Floats, Floats]:

@@ -64,6 +64,8 @@ class Touch(Numbers):
         Standard deviations in closed form, as the model gives them; `std` and `interval` put them to use.
     stated : Stated or None
         Standard deviations that a linear estimate owes to what was named as not known exactly (`palpate.Uncertainty`).
+    common_std : float
+        Relative standard deviation of what all results are proportional to: the scale of the readings, and the modulus where all of them follow it.
     converged : array (*batch) of bool or None
         Whether the optimisation reached its tolerance.
     touching : array (*batch) of bool or None
@@ -159,6 +161,7 @@ class Touch(Numbers):
     friction: float | None = None
     view: View | None = None
     stated: Stated | None = field(default=None, metadata=per_frame())
+    common_std: float = 0.0
 
     def __post_init__(self) -> None:
         expected = (len(self.surface.components), *self.surface.shape)

@@ -186,14 +186,14 @@ class ErrorBars:
         """What is stated of modulus, depth, thickness and gains does to a model's errors; ``std`` is the unit of its readings."""
         estimator, used = self._estimator, ~unused
         problem = estimator.problem
-        if not problem.uncertainty.any:
+        if not problem.doubts.any:
             return
         grid = estimator.operator.surface
         full = np.zeros((len(grid.components), math.prod(grid.shape)))
         full[np.asarray(estimator.columns)[:, None], model.cells[None, :]] = model.solution.traction
         columns, prior = problem.doubtful(full.reshape(-1, *grid.shape), wide=estimator.wide)
         columns = estimator.readings.white((columns / (estimator.readings.std * std)[:, None])[used], used)
-        owe(model, shrink(columns), prior, problem.uncertainty.gain * np.abs(y[used] / std))
+        owe(model, shrink(columns), prior, problem.doubts.gain * np.abs(y[used] / std))
 
     def _due(self, count: int) -> bool:
         self._age += 1

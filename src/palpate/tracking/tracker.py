@@ -624,6 +624,7 @@ class Tracker:
             None if noise is None else noise * np.concatenate(estimator.scales),
             np.asarray(self._residual if status.known else math.nan),
             errors=errors,
+            common_std=estimator.problem.common_std,
             converged=np.asarray(converged),
             touching=np.asarray(self._touching and status.known),
             outliers=self._check.unused,

@@ -42,6 +42,8 @@ GAUSSIAN = ("tikhonov", "hilgers", "truncated", "wiener")
 AMBIGUOUS = "area, ambiguous"
 #: What is added to the contact on an area with so few taxels: noise presses on few cells beside the contact, and adds up to little.
 FEW, FEW_TAXELS = ", few taxels", 144
+#: Normal deviations beyond which a chance is nothing, and how often their range is halved to find one.
+FARTHEST, HALVINGS = 38.0, 45
 #: What constants are for.
 QUANTITIES = ("traction", "force", "moment", "center_of_pressure", "peak_pressure", "slip_margin")
 
@@ -78,16 +80,22 @@ class Calibration:
         """Half the width of the central interval of that level, in units of ``scale``."""
         return self._quantile(0.5 * (1.0 + level))
 
-    def above(self, limit: float, value: Floats, std: Floats, outside: Floats) -> Floats:
-        """Probability that the true value lies above ``limit``."""
+    def above(self, limit: float, value: Floats, std: Floats, outside: Floats, stated: Floats | float = 0.0) -> Floats:
+        """Probability that the true value lies above ``limit``: that at which `bounds` ends there."""
         import scipy.special
 
-        size = np.hypot(self.scale * std, outside)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            z = (limit - value - self.shift * std) / size
-        chance = np.where(size > 0, scipy.special.stdtr(self.freedom, -z), value > limit)
+        size, stated = np.hypot(self.scale * std, outside), np.asarray(stated)
+        gap = np.asarray(limit - value - self.shift * std)
+        # the normal deviation at which half the width of the interval is the gap, by halving
+        low, high = np.zeros(np.shape(gap)), np.full(np.shape(gap), FARTHEST)
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            reach = np.hypot(size * scipy.special.stdtrit(self.freedom, scipy.special.ndtr(-middle)), stated * middle)
+            short = reach < np.abs(gap)
+            low, high = np.where(short, middle, low), np.where(short, high, middle)
+        chance = np.where((size > 0) | (stated > 0), scipy.special.ndtr(-np.sign(gap) * low), value > limit)
         # what is not known exceeds no limit and stays below none
-        return np.asarray(np.where(np.isfinite(size + value), chance, np.nan), dtype=np.float64)
+        return np.asarray(np.where(np.isfinite(size + stated + value), chance, np.nan), dtype=np.float64)
 
     def bounds(
         self,

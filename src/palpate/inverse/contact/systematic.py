@@ -96,7 +96,7 @@ def _deviations(precision: Floats) -> Floats:
 
 def doubtful(estimator: ConstrainedEstimator, run: Run) -> tuple[Floats, Floats]:
     """What is not known exactly of the pad does to the readings (reading, unknown), in units of the noise; standard deviations."""
-    if not estimator.problem.uncertainty.any or not run.members:
+    if not estimator.problem.doubts.any or not run.members:
         return np.zeros((len(run.data), 0)), np.zeros(0)
     grid = estimator.operator.surface
     full = np.zeros((len(grid.components), *grid.shape))
@@ -121,7 +121,7 @@ def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviat
     columns = np.concatenate([columns, run.doubtful[0]], axis=1)
     prior = np.concatenate([prior, run.doubtful[1]])
     white = estimator.readings.white(columns[observed], observed)
-    each = estimator.problem.uncertainty.gain * np.abs(run.data / noise)[observed]
+    each = estimator.problem.doubts.gain * np.abs(run.data / noise)[observed]
     for one in (model, model.contact):
         if one is not None:
             owe(one, white, prior, each)

@@ -2,8 +2,8 @@
 
 An estimate t = K y of fixed parameter, with readings y = A(theta) t: where theta is off by d, it is off by K (dA/dtheta t) d to first order. What all
 readings share (modulus, depth, thickness) is one direction each; gains, of each reading by itself, are as many directions as there are readings, or
-`SKETCHES` sums of them with random signs, whose squares add up to the same on average. Where every reading is proportional to the modulus, so is
-the traction itself.
+`SKETCHES` sums of them with random signs, whose squares add up to the same on average. What
+all results are proportional to (the scale; the modulus where every reading follows it) is no matter of the method: `palpate.Touch.common_std`.
 
 This stands beside the closed-form errors and not in them: the constants of a method correct what its prior makes of noise, and know nothing of the pad.
 """
@@ -28,7 +28,6 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.problem import Problem
 from palpate.sensing.grids import Grid
 from palpate.sensing.nuisance import nuisances
-from palpate.sensing.uncertainty import scale_free
 
 __all__ = ["InDoubt", "among", "with_offsets"]
 
@@ -71,11 +70,8 @@ class InDoubt:
 
     def _directions(self, readings: list[Floats], traction: Floats, parameter: float) -> Floats:
         """What the estimate is off by (direction, component, *surface), one standard deviation each."""
-        known, out = self.problem.uncertainty, []
+        known, out = self.problem.doubts, []
         columns, size = self.problem.doubtful(traction)
-        if known.youngs_modulus and scale_free(self.problem.planes).all():
-            out.append(known.youngs_modulus * traction[None])
-            columns, size = columns[:, 1:], size[1:]
         rows = list((columns * size).T)
         if known.gain:
             off = known.gain * self.readings.flat(readings)
