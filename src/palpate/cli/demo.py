@@ -30,6 +30,10 @@ depth = "2 mm"
 channels = ["stress_xz", "stress_yz", "stress_zz"]
 aperture = "0.8 mm"
 noise = "50 Pa"
+
+[uncertainty]                    # this sensor is simulated, and so is known exactly; where nothing is said, 2 % and 10 %
+scale = "0 %"
+youngs_modulus = "0 %"
 """
 
 
