@@ -18,6 +18,7 @@ from command_line import run
 from long_runs import long_runs
 from palpate import bench, solutions
 from palpate.inverse import Cone, minimise
+from palpate.sensing.uncertainty import EXACT
 from palpate.uncertainty import Case
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
@@ -726,7 +727,8 @@ def test_noise_has_the_correlation_it_is_said_to_have() -> None:
 
 def held_by_intervals(array: Any, contact: Any, frames: int) -> list[int]:
     """How often the force's interval holds the truth: where noise is said to be correlated, and where it is said to be independent."""
-    skins = pp.Skin(PAD, array), pp.Skin(PAD, replace(array, noise_correlation=0.0))
+    both = array, replace(array, noise_correlation=0.0)
+    skins = [pp.Skin(PAD, each, uncertainty=EXACT) for each in both]
     readings, rng = skins[0].sense(contact), np.random.default_rng(0)
     truth = skins[0].sample(contact)[-1].sum() * skins[0].surface.cell
     held = [0, 0]

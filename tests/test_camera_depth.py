@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.sensing.uncertainty import EXACT
 
 pytest.importorskip("cv2")
 
@@ -36,11 +37,9 @@ def test_depth_narrows_the_normal_force_and_holds_it() -> None:
     def depth(index: int) -> np.ndarray:
         return deep if index == 3 else np.full(len(PLACES), np.nan)
 
-    found = {}
+    found, known = {}, pp.Skin(GEL, ARRAY, uncertainty=EXACT)
     for label, given in (("alone", None), ("with depth", DepthMap(positions=PLACES, depth=depth, std=STD))):
-        with follow(
-            pictures, pp.Skin(GEL, ARRAY), view=SCENE.view, rate=30.0, reference=3, every=3, depth_map=given
-        ) as touches:
+        with follow(pictures, known, view=SCENE.view, rate=30.0, reference=3, every=3, depth_map=given) as touches:
             first, last = list(touches)
         assert not bool(first.touching)
         assert first.surface == last.surface
