@@ -29,6 +29,19 @@ def pulled(skin: pp.Skin) -> np.ndarray:
     return np.asarray(skin.sense(t))
 
 
+def test_a_pull_that_the_model_does_not_explain_may_be_a_push() -> None:
+    array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=5.0)
+    skin = pp.Skin(PAD, array)
+    pull = skin.reconstruct(-skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0)))
+    assert not pull.pushing
+    errors = replace(pull.errors, force=pull.errors.force + 20.0)
+    ends = {}
+    for fit in (0.5, 0.001):
+        ends[fit] = replace(pull, errors=errors, fit=np.asarray(fit)).interval(0.95, "force")[1][1]
+    assert ends[0.5] == 0.0
+    assert ends[0.001] > 1.0
+
+
 def test_in_plane_force_of_a_cell_is_as_uncertain_as_the_modulus_of_its_gel() -> None:
     rng = np.random.default_rng(5)
     known = pp.Skin(PAD, IN_PLANE, nuisance=[], uncertainty=pp.Uncertainty(youngs_modulus=0.1))

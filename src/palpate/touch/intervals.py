@@ -16,6 +16,7 @@ from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.estimate import Errors, Stated
+from palpate.inverse.fit import POOR_FIT
 from palpate.touch.outcome import pulling
 from palpate.uncertainty import Calibration, Constants, constants
 
@@ -108,6 +109,10 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
         turned = np.reshape(pulls, (*pulls.shape, *(1,) * (np.ndim(value) - pulls.ndim)))
         if mirrored:
             value = np.where(turned, -value, value)
+            if touch.fit is not None:
+                # that it pulls at all is in doubt where the model does not explain the readings
+                doubted = turned & np.reshape(np.asarray(touch.fit) < POOR_FIT, turned.shape)
+                floor = np.where(doubted, -math.inf, floor)
         low, high = table[of].bounds(level, value, deviation, outside, floor, stated=more)
         if of == "force" and "shear_force" in table:
             # pressure only adds up, so that its sum is biased where that of shear is not
