@@ -511,7 +511,7 @@ class ConstrainedEstimator:
                 share(self, m, run, deviation, at_limit)
             fit, left = fit_of(self, run)
             if fit < POOR_FIT:
-                share_refuted(self, run)
+                share_refuted(self, run, fit)
             result = self._combined(run, each, fit, left, rng)
             # the models may explain on a finer grid what cells of the surface cannot
             pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
