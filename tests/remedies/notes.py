@@ -73,10 +73,10 @@ __all__ = ["NOTES", "texts"]
 NOTES = [
     # what a method assumed
     Note(
-        'say how well it is known ("200 kPa +- 10 %" in skin.toml, uncertainty=Uncertainty(youngs_modulus=0.1) in Python)',
+        'say how well it is known ("200 kPa +- 20 %" in skin.toml, uncertainty=Uncertainty(youngs_modulus=0.2) in Python)',
         lambda: weaker(nuisance=[]),
-        lambda: weaker(nuisance=[], uncertainty=pp.Uncertainty(youngs_modulus=0.1)),
-        holds(0.0, 0.0, 1.0),  # the gel is 7 % stiffer than it is said to be
+        lambda: weaker(nuisance=[], uncertainty=pp.Uncertainty(youngs_modulus=0.2)),
+        holds(0.0, 0.0, 1.0),  # the gel is 25 % stiffer than it is said to be
         room="inverse.words",
     ),
     Note(
@@ -378,12 +378,12 @@ NOTES = [
         lambda: cell(U()),
     ),
     of_cell(
-        'uncertainty=Uncertainty(youngs_modulus=0.1) in Python, --youngs-modulus "8 kPa +- 10 %")',
-        lambda: cell(U(), pp.HalfSpace(youngs_modulus=8.8e3, poissons_ratio=0.48)),
+        'uncertainty=Uncertainty(youngs_modulus=0.2) in Python, --youngs-modulus "8 kPa +- 20 %")',
+        lambda: cell(U(), pp.HalfSpace(youngs_modulus=9.6e3, poissons_ratio=0.48)),
         lambda: cell(
             U(),
-            pp.HalfSpace(youngs_modulus=8.8e3, poissons_ratio=0.48),
-            uncertainty=pp.Uncertainty(youngs_modulus=0.1),
+            pp.HalfSpace(youngs_modulus=9.6e3, poissons_ratio=0.48),
+            uncertainty=pp.Uncertainty(youngs_modulus=0.2),
         ),
     ),
     # fields

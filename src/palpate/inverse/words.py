@@ -48,7 +48,7 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
     if problem.uncertainty.youngs_modulus is None and scale_free(problem.planes).any():
         found.append(
             f"Young's modulus is taken to be known to {100.0 * MODULUS:g} %, and forces from strain or displacement are proportional to it: say how well it is known "
-            '("200 kPa +- 10 %" in skin.toml, uncertainty=Uncertainty(youngs_modulus=0.1) in Python)'
+            '("200 kPa +- 20 %" in skin.toml, uncertainty=Uncertainty(youngs_modulus=0.2) in Python)'
         )
     found.extend(getattr(prepared, "notes", ()))
     return tuple(found)

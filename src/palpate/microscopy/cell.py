@@ -38,7 +38,7 @@ WORDS = {
     "Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap": "Give noise=... (--noise)",
     "where something presses, seek it as well (components x, y, z)": "where the cell presses too, that is an error",
     "Give the array its noise=..., or a larger parameter": "Give noise=... (--noise)",
-    "uncertainty=Uncertainty(youngs_modulus=0.1) in Python)": 'uncertainty=Uncertainty(youngs_modulus=0.1) in Python, --youngs-modulus "8 kPa +- 10 %")',
+    "uncertainty=Uncertainty(youngs_modulus=0.2) in Python)": 'uncertainty=Uncertainty(youngs_modulus=0.2) in Python, --youngs-modulus "8 kPa +- 20 %")',
 }
 
 
