@@ -16,6 +16,7 @@ from long_runs import long_runs
 from palpate import solutions
 from palpate.bench.trust.rows import make_frame
 from palpate.grasp import GraspMonitor
+from palpate.sensing.uncertainty import EXACT
 from palpate.status import Status
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
@@ -389,7 +390,7 @@ def test_thousands_of_faults_at_random(skin: pp.Skin, pressed: Any, seed: int) -
 def test_a_contact_right_in_the_middle_without_noise_is_not_at_a_ceiling() -> None:
     """Four taxels that read alike because the contact is symmetric: the interval was 0.34 to 1.15 N where there is 1 N."""
     array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2.2e-3, channels=["stress_zz"], noise=20.0)
-    skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), array)
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), array, uncertainty=EXACT)
     touch = skin.reconstruct(skin.sense(pp.solutions.hertz_point(radius=3e-3, force=1.0)))
     low, high = touch.interval(0.95, of="force")
     assert 0.95 < low[2] < high[2] < 1.05

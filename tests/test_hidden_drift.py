@@ -9,13 +9,15 @@ import numpy.typing as npt
 
 import palpate as pp
 from palpate.bench.trust.rows import make_frame
+from palpate.sensing.uncertainty import EXACT
 
 PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
 
 
 def test_an_offset_larger_than_what_contact_says_to_its_channel_is_found() -> None:
     channels = ["stress_xz", "stress_yz", "stress_zz"]
-    skin = pp.Skin(PAD, pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=channels, noise=20.0))
+    array = pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=channels, noise=20.0)
+    skin = pp.Skin(PAD, array, uncertainty=EXACT)
     readings = skin.sense(pp.solutions.hertz_point(radius=4e-3, force=0.5))
     peak = float(np.abs(readings).max())
     noise = 20.0 * np.random.default_rng(2).standard_normal(readings.shape)
@@ -98,7 +100,8 @@ def test_offsets_are_solved_with_the_contact_until_they_rest() -> None:
 
 def test_drift_of_every_displacement_that_was_found_leaves_none_to_hide() -> None:
     frame = make_frame("ramp", 1, seed=857)  # two displacements on a line, each with a ramp of a fifth of the largest
-    touch = frame.skin.reconstruct(frame.readings, friction=frame.friction)
+    exact = {"youngs_modulus": 0.0, "thickness": 0.0, "depth": 0.0, "scale": 0.0}
+    touch = frame.described.skin(frame.noise, uncertainty=exact).reconstruct(frame.readings, friction=frame.friction)
     low, high = touch.interval(0.95, "force")
     assert np.count_nonzero(touch.nuisance[2:]) == 2
     assert low[1] < frame.load.force[1] < high[1]

@@ -19,6 +19,7 @@ from palpate.inverse import Estimate, Method, Problem, registry
 from palpate.inverse.method import Needs, number
 from palpate.inverse.problem import Kept
 from palpate.recordings import Recording, read_touch, write_recording
+from palpate.sensing.uncertainty import EXACT
 from skin_files import skin_text
 
 PAD = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.45)
@@ -320,7 +321,7 @@ def prepared(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_what_does_not_change_is_not_prepared_again(prepared: list[str]) -> None:
-    skin = pp.Skin(PAD, LINE)
+    skin = pp.Skin(PAD, LINE, uncertainty=EXACT)
     readings = noisy(skin, solutions.hertz_line(half_width=2.0, force=0.3), 0.01)
     first = skin.reconstruct(readings, method=pp.Tikhonov(parameter=1e-3))
     assert prepared.count("decompose") == 1
@@ -344,7 +345,7 @@ def test_what_does_not_change_is_not_prepared_again(prepared: list[str]) -> None
 
 
 def test_friction_changes_the_prior_of_shear_and_nothing_else(prepared: list[str]) -> None:
-    skin = pp.Skin(PAD, THREE)
+    skin = pp.Skin(PAD, THREE, uncertainty=EXACT)
     readings = noisy(skin, BALL.sliding(0.3), 0.01)
     skin.reconstruct(readings, method=pp.Constrained(friction=0.4))
     skin.reconstruct(readings, method=pp.Constrained(friction=0.5))

@@ -17,7 +17,7 @@ from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.regularised import Decomposition, decompose
 from palpate.inverse.linear.spectrum import DataSpectrum
 from palpate.inverse.observability import is_observable
-from palpate.sensing.arrays import Array
+from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.operator import Boundary, Operator, check_surface
 from palpate.sensing.surface import WIDE, default_surface
@@ -114,7 +114,10 @@ class Problem:
         self.pad, self.planes, self.surface, self.boundary = pad, tuple(planes), surface, boundary
         self.components, self.fixed, self.nuisance = tuple(components), fixed, nuisance
         self.uncertainty = uncertainty or Uncertainty()
-        self.doubts, self.common_std = self.uncertainty.beside(self.planes), self.uncertainty.common(self.planes)
+        #: what methods that know contact leave room for, and what linear ones do: only what is stated of depth and thickness
+        self.doubts = self.uncertainty.beside(pad, self.planes)
+        self.stated = self.uncertainty.beside(pad, self.planes, assumed=False)
+        self.common_std = self.uncertainty.common(self.planes)
         self.kept = Kept() if kept is None else kept
         self.recall = recall
 
@@ -201,12 +204,12 @@ class Problem:
                 out |= thing.spectrum.worked_out()
         return out
 
-    def doubtful(self, traction: Floats, *, wide: bool = False) -> tuple[Floats, Floats]:
-        """What is not known of modulus, thickness and depth does to the readings of ``traction`` (component, *surface).
+    def doubtful(self, u: Uncertainty, traction: Floats, *, wide: bool = False) -> tuple[Floats, Floats]:
+        """What is not known of modulus, thickness and depth, `doubts` or `stated`, does to the readings of ``traction`` (component, *surface).
 
         Returns columns (reading, unknown), in the unit of the channels for a change of 1 (100 %), and their standard deviations.
         """
-        u, operator = self.doubts, self.wide if wide else self.operator
+        operator = self.wide if wide else self.operator
 
         def readings(of: Operator) -> Floats:
             parts = [
@@ -222,19 +225,29 @@ class Problem:
             size.append(u.youngs_modulus)
         for name in ("depth", "thickness"):
             value = getattr(u, name)
-            if not value:
-                continue
-
-            def moved(name: str = name) -> Operator:
-                pad, planes = stretched(self.pad, self.planes, **{name: 1.0 + STEP})
-                return Operator(pad, planes, operator.surface, self.boundary)
-
-            other = self.kept.get(("moved", name, wide and not self.fixed), moved)
-            columns.append((readings(other) - plain) / STEP)
-            size.append(value)
+            if value:
+                columns.append((readings(self.moved(name, wide=wide)) - plain) / STEP)
+                size.append(value)
         if not columns:
             return np.zeros((len(plain), 0)), np.zeros(0)
         return np.stack(columns, axis=1), np.array(size)
+
+    def moved(self, name: str, *, wide: bool = False) -> Operator:
+        """The operator of a pad whose "depth" or "thickness" is larger by a part `palpate.sensing.uncertainty.STEP`."""
+
+        def made() -> Operator:
+            pad, planes = stretched(self.pad, self.planes, **{name: 1.0 + STEP})
+            surface = self.wide_surface if wide else self.surface
+            return Operator(pad, planes, surface, self.boundary, recall=self.recall)
+
+        return self.kept.get(("moved", name, wide and not self.fixed), made)
+
+    def prepare_doubts(self, *, wide: bool = False) -> None:
+        """Make what `doubtful` needs for `doubts`; scattered sensors, whose operators are large, wait until it is asked for."""
+        if not any(isinstance(a, ScatteredArray) for a in self.planes):
+            for name in ("depth", "thickness"):
+                if getattr(self.doubts, name):
+                    _ = self.moved(name, wide=wide).planes
 
     def decomposition(self, priors: Sequence[Prior], *, wide: bool = False) -> Decomposition:
         """The spectrum under these priors, one per component sought; made once for all methods, parameters and rules.

@@ -52,7 +52,7 @@ def read_uncertainty(path: str | Path) -> Uncertainty:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = Path(f"{folder}/skin.toml").write_text(text)
     ...     print(read_uncertainty(f"{folder}/skin.toml"))
-    Uncertainty(youngs_modulus=0.1, thickness=0.0, depth=0.05, gain=0.03, scale=0.02)
+    Uncertainty(youngs_modulus=0.1, thickness=None, depth=0.05, gain=0.03, scale=0.02)
     """
     found = Path(path)
     skin = validated(skin_text(found), str(found))

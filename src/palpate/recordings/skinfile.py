@@ -220,8 +220,8 @@ Part = Annotated[float, BeforeValidator(_percent)]
 
 class _Uncertainty(_Strict):
     youngs_modulus: Part | None = None
-    thickness: Part = 0.0
-    depth: Part = 0.0
+    thickness: Part | None = None
+    depth: Part | None = None
     gain: Part = 0.0
     scale: Part = SCALE
 

@@ -14,7 +14,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
 from palpate.inverse.contact.parts import Thresholds
-from palpate.inverse.estimate import Errors
+from palpate.inverse.estimate import Errors, Stated
 from palpate.tracking.background import Background
 from palpate.tracking.dragging import Drag, Dragging
 from palpate.tracking.errors import ErrorBars
@@ -162,6 +162,11 @@ class Contact:
     @property
     def errors(self) -> Errors | None:
         return self._bars
+
+    @property
+    def stated(self) -> Stated | None:
+        """What the errors owe to a pad that is not known exactly."""
+        return self._errors.stated
 
     def undetected(self, noise: float | None) -> Errors | None:
         """Errors of a frame without contact: what would not be detected."""

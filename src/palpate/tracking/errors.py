@@ -12,8 +12,9 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
 from palpate.inverse.contact.factors import cholesky
 from palpate.inverse.contact.model import ContactModel, Normal
-from palpate.inverse.contact.systematic import owe
-from palpate.inverse.estimate import Errors
+from palpate.inverse.contact.summary import Summary
+from palpate.inverse.contact.systematic import state
+from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background
 from palpate.tracking.health import Flags, Index
@@ -25,6 +26,8 @@ from palpate.tracking.region import NormalEquations
 __all__ = ["ErrorBars"]
 
 Shrink = Callable[[Floats], Floats]
+#: Errors, what is owed to a pad that is not known exactly, what is told about offsets, and degrees of freedom taken.
+Made = tuple[Errors | None, Stated | None, Observed | None, float]
 
 #: Error bars are made again after so many frames (a second at 200 Hz), or when the number of cells in contact has changed by this
 #: part: the standard deviation of a force goes about with the square root of it, by an eighth.
@@ -46,12 +49,13 @@ class ErrorBars:
         self._age, self._cells = 0, 0
         self._pulls = False  # whether they are of traction of either sign
         self.errors: Errors | None = None
+        self.stated: Stated | None = None  # what is owed to a pad that is not known exactly
         self.observed: Observed | None = None  # about the channels' offsets
         self.taken = math.nan  # degrees of freedom of the readings that the contact takes up
 
     def clear(self) -> None:
         """The contact has ended."""
-        self.errors, self.observed, self.taken = None, None, math.nan
+        self.errors, self.stated, self.observed, self.taken = None, None, None, math.nan
         self._pulls = False
 
     def serves(self, solution: Iteration) -> bool:
@@ -101,13 +105,13 @@ class ErrorBars:
         weight = region.parameter / noise**2 if noise > 0 else 0.0
         cov = offsets.cov.copy()
 
-        def work() -> tuple[Errors | None, Observed | None, float, int]:
+        def work() -> tuple[Made, int]:
             try:
-                return made()
+                return made(), len(cells)
             except np.linalg.LinAlgError:
-                return None, None, math.nan, len(cells)  # no error bars rather than no answer
+                return (None, None, None, math.nan), len(cells)  # no error bars rather than no answer
 
-        def made() -> tuple[Errors, Observed, float, int]:
+        def made() -> Made:
             level = estimator.level(1)
             std, data, white = self._data(cells, y, noise, unused)
             shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
@@ -116,11 +120,12 @@ class ErrorBars:
             model.weight = 1.0
             self._owe(model, shrink, y, std, unused)
             observed = self._observed(data, shared, model.penalty.dense(), std, unused)
-            return estimator.summed_up([model])[1], observed, _taken(model), len(cells)
+            summary = Summary([model], estimator.posterior)
+            return summary.errors(), summary.stated(), observed, _taken(model)
 
         found = background.result("errors", work)
         if found is not None:
-            self.errors, self.observed, self.taken, self._cells = found
+            (self.errors, self.stated, self.observed, self.taken), self._cells = found
             self._age = 0
 
     def refresh_pulling(
@@ -143,7 +148,7 @@ class ErrorBars:
             return
         traction, cov = pulling.traction, offsets.cov.copy()
 
-        def work() -> tuple[Errors | None, Observed | None, float, int]:
+        def work() -> tuple[Made, int]:
             try:
                 std, data, white = self._data(cells, y, noise, unused)
                 shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
@@ -151,17 +156,18 @@ class ErrorBars:
                 known, shrink = marginalised(data, white, shared, cov)
                 either = pulling.model(known, weight, traction)
                 self._owe(either, shrink, y, std, unused)
-                errors = estimator.summed_up([either])[1]
+                summary = Summary([either], estimator.posterior)
+                errors, stated = summary.errors(), summary.stated()
                 model = pulling.model(data, weight, traction)
                 observed = self._observed(data, shared, model.penalty.dense(), std, unused)
             except np.linalg.LinAlgError:
-                return None, None, math.nan, len(cells)  # no error bars rather than no answer
-            return errors, observed, _taken(model), len(cells)
+                return (None, None, None, math.nan), len(cells)  # no error bars rather than no answer
+            return (errors, stated, observed, _taken(model)), len(cells)
 
         # an answer without error bars is none: the first are made at once
         found = work() if self.errors is None else background.result(PULLING, work)
         if found is not None:
-            self.errors, self.observed, self.taken, self._cells = found
+            (self.errors, self.stated, self.observed, self.taken), self._cells = found
             self._age = 0
 
     def _observed(self, data: Normal, shared: Floats, penalty: Floats, std: float, unused: Flags) -> Observed:
@@ -191,9 +197,9 @@ class ErrorBars:
         grid = estimator.operator.surface
         full = np.zeros((len(grid.components), math.prod(grid.shape)))
         full[np.asarray(estimator.columns)[:, None], model.cells[None, :]] = model.solution.traction
-        columns, prior = problem.doubtful(full.reshape(-1, *grid.shape), wide=estimator.wide)
+        columns, prior = problem.doubtful(problem.doubts, full.reshape(-1, *grid.shape), wide=estimator.wide)
         columns = estimator.readings.white((columns / (estimator.readings.std * std)[:, None])[used], used)
-        owe(model, shrink(columns), prior, problem.doubts.gain * np.abs(y[used] / std))
+        state(model, shrink(columns), prior, problem.doubts.gain * np.abs(y[used] / std))
 
     def _due(self, count: int) -> bool:
         self._age += 1

@@ -21,7 +21,7 @@ from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.estimate import Errors
+from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.readings import Layout
 from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
@@ -601,12 +601,13 @@ class Tracker:
         grid, noise = estimator.surface, learning.noise
         values = np.zeros((len(grid.components), math.prod(estimator.operator.surface.shape)))
         errors: Errors | None = None
+        stated: Stated | None = None
         if not status.known:
             self.health.unknown += 1
             values[:] = math.nan
         elif self._touching and contact.cells is not None:
             values[np.asarray(estimator.columns)[:, None], contact.cells[None, :]] = contact.traction
-            errors = contact.errors
+            errors, stated = contact.errors, contact.stated
         else:
             errors = contact.undetected(noise)
         said = [*([] if note is None else [note]), *self._said]
@@ -624,6 +625,7 @@ class Tracker:
             None if noise is None else noise * np.concatenate(estimator.scales),
             np.asarray(self._residual if status.known else math.nan),
             errors=errors,
+            stated=stated,
             common_std=estimator.problem.common_std,
             converged=np.asarray(converged),
             touching=np.asarray(self._touching and status.known),

@@ -9,7 +9,7 @@ what `palpate.inverse.contact.adaptive` starts from and what `palpate.tracking` 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import cached_property
 from typing import Any
@@ -46,7 +46,7 @@ from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share, share_refuted
 from palpate.inverse.contact.variances import taken_by
 from palpate.inverse.contact.windows import Windows
-from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
+from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of, frames_of
 from palpate.inverse.fit import POOR_FIT, neighbours
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.inverse.linear.matrix_free.path import LinearModel, contact_at_size
@@ -143,6 +143,7 @@ class ConstrainedEstimator:
         self.at_size = contact_at_size(problem, wide=self.wide)
         priors = {order: [DifferencePrior(grid, order, v) for v in self.variances] for order in orders}
         self.orders = linear_models(problem, priors, wide=self.wide)
+        problem.prepare_doubts(wide=self.wide)
         self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
         self.readings = Readings(operator, self.scales)
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
@@ -306,7 +307,17 @@ class ConstrainedEstimator:
             nuisance_std=np.stack([f.nuisance_std for f in frames]).reshape((*batch, -1)) if self.terms else None,
             nuisance_names=tuple((t.label, t.unit) for t in self.terms),
             at_limit=np.stack([f.at_limit for f in frames]).reshape((*batch, -1)) if self.parts.screening else None,
+            stated=self._stated(frames, stacked),
         )
+
+    def _stated(self, frames: Sequence[Frame], stacked: Callable[[Sequence[Floats]], Floats]) -> Stated | None:
+        """What the frames owe to a pad that is not known exactly, zero where nothing touches."""
+        known = next((f.stated for f in frames if f.stated is not None), None)
+        if known is None:
+            return None
+        none = Stated(**{f.name: np.zeros_like(getattr(known, f.name)) for f in fields(Stated)})
+        each = [f.stated or none for f in frames]
+        return Stated(**{f.name: stacked([getattr(s, f.name) for s in each]) for f in fields(Stated)})
 
     def _cut(self, field: Floats) -> Floats:
         """The part of a field (..., *grid) that lies on the surface."""
@@ -543,10 +554,6 @@ class ConstrainedEstimator:
         finer = self.level(2).operator if coarse else None
         return self.posterior.undetected(self.readings, self.depth, scale, finer=finer, data=data)
 
-    def summed_up(self, members: Sequence[ContactModel]) -> tuple[Floats, Errors]:
-        """Mean traction (component, *grid) of contact models by their weights, and the errors of every quantity."""
-        return self.posterior.summed_up(members)
-
     def _nothing(self, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Any = 0.0) -> Frame:
         """No contact; ``alone`` is what readings that are left out may yet say of it."""
         grid, names = self.operator.surface, self.operator.surface.components
@@ -684,4 +691,5 @@ class ConstrainedEstimator:
             fit=fit,
             sampled=large,
             small=how_small(members, self.operator.planes_of, run),
+            stated=summary.stated(),
         )

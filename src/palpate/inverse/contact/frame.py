@@ -14,7 +14,7 @@ from palpate.inverse.contact.hypotheses import Hypothesis
 from palpate.inverse.contact.iterative import SAMPLES
 from palpate.inverse.contact.model import ContactModel
 from palpate.inverse.contact.summary import Summary
-from palpate.inverse.estimate import Errors
+from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.arrays import Array
 
 __all__ = ["Frame", "Run", "how_small", "said_of"]
@@ -29,7 +29,7 @@ Flags = npt.NDArray[np.bool_]
 class Frame:
     """One frame's result; ``sampled``: the contact was too large for matrices, and errors of its cells are those of samples. Its errors are
     then worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`); 2 where one
-    taxel alone tells it. ``adrift``: drift may be part of its force.
+    taxel alone tells it. ``adrift``: drift may be part of its force. ``stated``: what it owes to a pad that is not known exactly.
     """
 
     traction: Floats
@@ -51,6 +51,7 @@ class Frame:
     sampled: bool = False
     small: int = 0
     adrift: bool = False
+    stated: Stated | None = None
 
     @property
     def known(self) -> Errors:

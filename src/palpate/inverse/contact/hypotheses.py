@@ -316,9 +316,9 @@ def hypothesis_of(
     best = _best(tried, t)
     chance = 1.0 if 0 not in signs or best.sign == 0 or free is None else rough_fit(estimator, best, data, observed)
     best = free if chance < t.structured_chance and free is not None else best
-    # one that bends to every reading explains any
+    # one that bends to every reading explains any; so does load all round with an offset against it, which leaves the rest free to push and to pull
     rivals = sorted(
-        (h for h in tried if h.present.any() and h is not best and h.rough.free >= FEWEST),
+        (h for h in tried if h.present.any() and h is not best and h.rough.free >= FEWEST and h.rough.ring < t.ring),
         key=lambda h: -_worth_of(h, t),
     )
     best = replace(best, rivals=tuple(rivals))

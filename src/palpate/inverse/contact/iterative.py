@@ -97,6 +97,10 @@ class Iterative:
         out[there] = x.astype(np.float64) * size[there, None]
         return out
 
+    def roughly(self, right: Floats) -> Floats:
+        """H^-1 right, of (free, k), as well as samples are made."""
+        return self._solved(right.T, SAMPLE).T
+
     def squares(self, rows: Floats) -> Floats:
         """Diagonal of rows H^-1 rows', of (k, free): known to the square of what solutions are."""
         return np.asarray((rows * self._solved(rows, SAMPLE)).sum(axis=1))

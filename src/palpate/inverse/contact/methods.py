@@ -14,7 +14,7 @@ from palpate.errors import Unsupported
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.cone import Cone
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.estimate import Errors, Estimate, batch_of
+from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of
 from palpate.inverse.linear.matrix_free.path import Linear
 from palpate.inverse.linear.methods import Tikhonov
 from palpate.inverse.linear.stated import among, with_offsets
@@ -181,6 +181,18 @@ class AutomaticEstimator:
         return replace(_merged(found, other, pulls), method=method)
 
 
+def _both_stated(mine: Stated | None, theirs: Stated | None, where: npt.NDArray[np.bool_]) -> Stated | None:
+    """``theirs`` in the frames ``where``, ``mine`` elsewhere."""
+    if mine is None:
+        return theirs
+    out = {}
+    for f in fields(Stated):
+        value = np.array(getattr(mine, f.name))
+        value[where] = 0.0 if theirs is None else getattr(theirs, f.name)[where]
+        out[f.name] = value
+    return Stated(**out)
+
+
 def _rows(readings: Any, batch: tuple[int, ...], where: npt.NDArray[np.intp]) -> Any:
     """Some frames of a batch as (frame, channel, *array), in the kind of array that they come in."""
     values = to_numpy(readings)
@@ -225,7 +237,7 @@ def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> E
         said=other.said,
         residual=filled(found.residual, other.residual),
         errors=errors,
-        stated=among(other.stated, pulls),
+        stated=_both_stated(found.stated, among(other.stated, pulls), pulls),
         outliers=outliers,
         converged=None if found.converged is None else filled(found.converged | pulls, other.converged, True),
         contact=None if found.contact is None else found.contact | pulls,

@@ -346,8 +346,8 @@ class ContactModel:
     ``contact``, where given, is the same on the cells that are in contact beyond doubt: the errors are its. Cells where noise presses
     now and then, beyond the array above all, are as free as any other on the face of the constraints, and would count in full. ``ray``
     is the traction over the pressure where that is one for all cells, and ``changes`` (change, component) is how it may change; ``hessian`` and
-    ``penalty`` are then those of the pressure. ``shared`` (free, unknown) is what the errors owe to unknowns that act on many readings at once.
-    ``compact``: it is sought on a few cells alone.
+    ``penalty`` are then those of the pressure. ``shared`` (free, unknown) is what the errors owe to unknowns that act on many readings at once;
+    ``stated`` (free, unknown) how what is not known exactly of the pad changes the traction, which no constant of the method scales. ``compact``: it is sought on a few cells alone.
     """
 
     data: Normal
@@ -359,6 +359,7 @@ class ContactModel:
     ray: Floats | None = None
     changes: Floats | None = None
     shared: Floats | None = None
+    stated: Floats | None = None
     compact: bool = False
     #: The factor that `variances.taken_by` was asked for, and its answer.
     taken: tuple[Factor, float] | None = None

@@ -13,7 +13,6 @@ from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.factors import Bordered, cholesky
 from palpate.inverse.contact.model import ContactModel, scattered
 from palpate.inverse.contact.products import AT_SIZE, Products
-from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import block_means
@@ -73,11 +72,6 @@ class Posterior:
         self.operator, self.columns, self.cone = operator, tuple(columns), cone
         self.inside, self.outside, self.reach = inside, outside, reach
         self.ambiguity = ambiguity
-
-    def summed_up(self, members: Sequence[ContactModel]) -> tuple[Floats, Errors]:
-        """Mean traction (component, *grid) of the models by their weights, and the closed-form errors of every quantity."""
-        summary = Summary(members, self)
-        return summary.mean, summary.errors()
 
     def outside_parts(self, traction: Floats) -> dict[str, Floats]:
         """The part of traction (component, *grid), and of each number, that comes from cells beyond the outermost taxels."""

@@ -17,8 +17,8 @@ from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel
 from palpate.inverse.contact.quadratic import prior_factor
 from palpate.inverse.contact.rows import Rows
-from palpate.inverse.contact.variances import face_of, variance_of, variance_of_sums
-from palpate.inverse.estimate import Errors
+from palpate.inverse.contact.variances import face_of, owed_of, owed_of_sums, variance_of, variance_of_sums
+from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.grids import Grid
 
 if TYPE_CHECKING:
@@ -82,11 +82,12 @@ Quantity = tuple[Floats, Floats]
 class Quantities:
     """(value, variance) of what one model says of a contact, each worked out when it is first asked for.
 
-    The numbers are those of the cells ``inside``.
+    The numbers are those of the cells ``inside``; with ``owed`` the variances are those that are owed to a pad that is not known exactly.
     """
 
-    def __init__(self, model: ContactModel, grid: Grid, inside: Flags) -> None:
+    def __init__(self, model: ContactModel, grid: Grid, inside: Flags, *, owed: bool = False) -> None:
         self.model, self.grid, self.inside = model, grid, inside
+        self._of, self._of_sums = (owed_of, owed_of_sums) if owed else (variance_of, variance_of_sums)
         level = model.level
         places = np.unravel_index(model.cells, level.grid.shape)
         self.kept = inside[tuple(p // level.ratio for p in places)].astype(np.float64)
@@ -111,7 +112,7 @@ class Quantities:
         share, surface_cells = self._shares
         c, n = self.model.solution.traction.shape
         variance = np.zeros((c, math.prod(self.grid.shape)))
-        variance[:, surface_cells] = variance_of(self.model, Rows.of(share).each(c, n)).reshape(c, -1)
+        variance[:, surface_cells] = self._of(self.model, Rows.of(share).each(c, n)).reshape(c, -1)
         return self.mean, variance.reshape(self.mean.shape)
 
     @cached_property
@@ -153,7 +154,7 @@ class Quantities:
     def _sums(self, weights: Floats) -> Quantity:
         """Of sums of traction (quantity, component, cell)."""
         rows = weights.reshape(len(weights), -1)
-        return rows @ self.model.solution.traction.ravel(), variance_of_sums(self.model, rows)
+        return rows @ self.model.solution.traction.ravel(), self._of_sums(self.model, rows)
 
 
 class Summary:
@@ -175,6 +176,20 @@ class Summary:
         within = np.stack([getattr(p, name)[1] for p in self._sure])
         mean = np.tensordot(self._weights, values, 1)
         return mean, np.tensordot(self._weights, within + (values - mean) ** 2, 1)
+
+    def stated(self) -> Stated | None:
+        """Errors that are owed to a pad that is not known exactly, the mean of the models' variances; None where none are."""
+        models = [p.model for p in self._sure]
+        if all(m.stated is None for m in models):
+            return None
+        parts = [Quantities(m, self.grid, self.posterior.inside, owed=True) for m in models]
+
+        def owed(name: str) -> Floats:
+            return np.asarray(np.tensordot(self._weights, np.stack([getattr(p, name)[1] for p in parts]), 1))
+
+        traction = np.sqrt(widened(owed("traction"), self.posterior.reach))
+        numbers = [np.sqrt(owed(name)) for name in ("moment", "center", "peak")]
+        return Stated(self._everywhere(traction), self._everywhere(np.sqrt(owed("force"))), *numbers)
 
     def _everywhere(self, sought: Floats, fill: float = 0.0) -> Floats:
         """A field (component sought, *surface) with all components."""

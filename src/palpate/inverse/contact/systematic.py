@@ -13,6 +13,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.frame import Run
 from palpate.inverse.contact.hypotheses import Hypothesis, reach_of_kind
+from palpate.inverse.contact.iterative import Iterative
 from palpate.inverse.contact.model import ContactModel, scattered
 from palpate.inverse.contact.parts import STATED
 from palpate.inverse.contact.products import Applied
@@ -24,7 +25,7 @@ from palpate.sensing.nuisance import nuisances
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "share_refuted"]
+__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "share_refuted", "state"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -110,7 +111,7 @@ def doubtful(estimator: ConstrainedEstimator, run: Run) -> tuple[Floats, Floats]
         for row, column in enumerate(estimator.columns):
             fine = scattered(m.solution.traction[row], m.cells, m.level.grid.shape)
             full[column] += m.weight * block_means(fine, m.level.ratio, grid.dimensions)
-    columns, size = estimator.problem.doubtful(full, wide=estimator.wide)
+    columns, size = estimator.problem.doubtful(estimator.problem.doubts, full, wide=estimator.wide)
     return columns / run.noise[:, None], size
 
 
@@ -124,13 +125,13 @@ def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviat
         # readings that count although they may be larger: all of them by a common part
         excess = np.where(at_limit & observed, run.data / noise, 0.0)[:, None]
         columns, prior = np.concatenate([columns, excess], axis=1), np.append(prior, estimator.thresholds.excess)
-    columns = np.concatenate([columns, run.doubtful[0]], axis=1)
-    prior = np.concatenate([prior, run.doubtful[1]])
     white = estimator.readings.white(columns[observed], observed)
+    doubted = estimator.readings.white(run.doubtful[0][observed], observed)
     each = estimator.problem.doubts.gain * np.abs(run.data / noise)[observed]
     for one in (model, model.contact):
         if one is not None:
-            owe(one, white, prior, each)
+            owe(one, white, prior)
+    state(model.contact or model, doubted, run.doubtful[1], each)
     share_drift(estimator, model, run, deviation)
     free = not (estimator.cone.coupled or estimator.ambiguous or model.contact)
     if estimator.parts.common_shear and len(estimator.columns) > 1 and free:
@@ -240,15 +241,22 @@ def _untold(seen: Floats, z: Floats, prior: Floats) -> Floats:
     return np.asarray(prior[:, None] * vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
 
 
-def owe(model: ContactModel, columns: Floats, prior: Floats, gains: Floats) -> None:
-    """Let a model's errors know of unknowns that act on many readings, ``columns`` (reading, unknown), whitened, with standard deviations
-    ``prior``; and of readings that are wrong by ``gains`` (reading,), each by itself.
+def owe(model: ContactModel, columns: Floats, prior: Floats) -> None:
+    """Let a model's errors know of unknowns that act on many readings, ``columns`` (reading, unknown), whitened, with standard deviations ``prior``."""
+    if columns.shape[1]:
+        # what was named or assumed is no error of the method, which its constants make smaller
+        model.shared = shared_errors(model, columns, prior / STATED)
+
+
+def state(model: ContactModel, columns: Floats, prior: Floats, gains: Floats) -> None:
+    """The same of what is not known exactly of the pad, and of readings that are wrong by ``gains`` (reading,), each by itself; it stands apart from the
+    model's errors, so that no constant of the method scales it or leans it to one side.
     """
-    # what was named or assumed is no error of the method, which its constants make smaller
-    parts = [shared_errors(model, columns, prior / STATED)] if columns.shape[1] else []
+    matrix = model.data.matrix
+    rows = [(columns * prior).T @ matrix] if columns.shape[1] else []
     if gains.any():
-        matrix, each = model.data.matrix, gains / STATED
-        rows = matrix.sketched(each) if isinstance(matrix, Applied) else each[:, None] * matrix
-        parts.append(posterior_factor(model.solution, rows))
-    if parts:
-        model.shared = np.concatenate(parts, axis=1)
+        rows.append(matrix.sketched(gains) if isinstance(matrix, Applied) else gains[:, None] * matrix)
+    if rows:
+        face, factor = face_of(model.solution)
+        right = face.columns(np.concatenate(rows)).T
+        model.stated = factor.roughly(right) if isinstance(factor, Iterative) else factor.back(factor.half(right))

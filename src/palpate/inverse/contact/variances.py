@@ -97,6 +97,20 @@ def variance_of(model: ContactModel, rows: Rows, *, few: bool = False) -> Floats
     return np.asarray(out)
 
 
+def owed_of(model: ContactModel, rows: Rows) -> Floats:
+    """Variance of sparse rows' x over (component, cell) that is owed to what is not known exactly of the pad (`ContactModel.stated`)."""
+    if model.stated is None:
+        return np.zeros(rows.count)
+    return np.asarray((face_of(model.solution)[0].rows(rows).times(model.stated) ** 2).sum(axis=1))
+
+
+def owed_of_sums(model: ContactModel, rows: Floats) -> Floats:
+    """The same of rows that are not sparse."""
+    if model.stated is None:
+        return np.zeros(len(rows))
+    return np.asarray(((face_of(model.solution)[0].columns(rows) @ model.stated) ** 2).sum(axis=1))
+
+
 def variance_of_sums(model: ContactModel, rows: Floats) -> Floats:
     """The same of rows that are not sparse."""
     face, known = face_of(model.solution)

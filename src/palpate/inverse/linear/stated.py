@@ -28,6 +28,7 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.problem import Problem
 from palpate.sensing.grids import Grid
 from palpate.sensing.nuisance import nuisances
+from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["InDoubt", "among", "with_offsets"]
 
@@ -39,10 +40,12 @@ HIDDEN = 0.25
 
 
 class InDoubt:
-    """A linear method whose estimates say what they owe to the problem's `palpate.Uncertainty`, and to offsets of a ``hidden`` part of the largest reading."""
+    """A linear method whose estimates say what they owe to a `palpate.Uncertainty`, and to offsets of a ``hidden`` part of the largest reading."""
 
-    def __init__(self, linear: Regularised | MatrixFree, problem: Problem, hidden: float = 0.0) -> None:
-        self.linear, self.problem, self.grid, self.hidden = linear, problem, linear.grid, hidden
+    def __init__(
+        self, linear: Regularised | MatrixFree, problem: Problem, known: Uncertainty, hidden: float = 0.0
+    ) -> None:
+        self.linear, self.problem, self.known, self.grid, self.hidden = linear, problem, known, linear.grid, hidden
         self.readings = Readings(linear.operator, linear.scales)
         self.offsets = [t.rows for t in nuisances(linear.operator.planes_of, ("offset",))] if hidden else []
 
@@ -70,8 +73,8 @@ class InDoubt:
 
     def _directions(self, readings: list[Floats], traction: Floats, parameter: float) -> Floats:
         """What the estimate is off by (direction, component, *surface), one standard deviation each."""
-        known, out = self.problem.doubts, []
-        columns, size = self.problem.doubtful(traction)
+        known, out = self.known, []
+        columns, size = self.problem.doubtful(known, traction)
         rows = list((columns * size).T)
         if known.gain:
             off = known.gain * self.readings.flat(readings)
@@ -108,10 +111,11 @@ def deviations(directions: Floats, traction: Floats, grid: Grid) -> Stated:
 
 
 def with_offsets(linear: Regularised | MatrixFree | InDoubt, problem: Problem) -> Regularised | MatrixFree | InDoubt:
-    """A linear method that knows of offsets which nobody named or ruled out: it would take them for contact all over (`palpate.inverse.linear.patterns`)."""
-    if problem.nuisance is not None or problem.boundary != "free":
-        return linear
-    return InDoubt(linear.linear if isinstance(linear, InDoubt) else linear, problem, HIDDEN)
+    """A linear method that answers for one that knows contact: with the same room for pad and depths, and for offsets which nobody named or ruled out,
+    which it would take for contact all over (`palpate.inverse.linear.patterns`)."""
+    alone = linear.linear if isinstance(linear, InDoubt) else linear
+    hidden = HIDDEN if problem.nuisance is None and problem.boundary == "free" else 0.0
+    return InDoubt(alone, problem, problem.doubts, hidden) if hidden or problem.doubts.any else alone
 
 
 def among(part: Stated | None, where: npt.NDArray[np.bool_]) -> Stated | None:

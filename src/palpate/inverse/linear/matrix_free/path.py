@@ -45,7 +45,7 @@ def linear_method(
 ) -> Linear:
     """The method prepared for a problem, with one prior for each component sought."""
     linear = _alone(problem, priors, filter_factors, parameter, absolute)
-    return InDoubt(linear, problem) if problem.doubts.any else linear
+    return InDoubt(linear, problem, problem.stated) if problem.stated.any else linear
 
 
 def _alone(
