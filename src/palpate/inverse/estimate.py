@@ -56,9 +56,9 @@ class Errors:
 
 @dataclass(frozen=True)
 class Stated:
-    """Standard deviations that a linear estimate owes to what was named as not known exactly (`palpate.Uncertainty`).
+    """Standard deviations that an estimate owes to a pad and sensors that are not known exactly (`palpate.Uncertainty`).
 
-    Shapes and units as in `Errors`; 0 in frames whose `Errors` hold it already. No constant of the method makes them smaller.
+    Shapes and units as in `Errors`; 0 in frames where nothing touches. No constant of the method scales them.
 
     Examples
     --------

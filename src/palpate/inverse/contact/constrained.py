@@ -26,7 +26,7 @@ from palpate.errors import Unsupported
 from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.edges import outside_taxels, ring_of
-from palpate.inverse.contact.frame import Frame, Run, how_small, said_of
+from palpate.inverse.contact.frame import Frame, Run, how_small, said_of, told_alone
 from palpate.inverse.contact.hypotheses import Hypothesis, exceeded, hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.later import ContactErrors
 from palpate.inverse.contact.misfit import drift_probability, fit_of, misfit_of
@@ -692,4 +692,6 @@ class ConstrainedEstimator:
             sampled=large,
             small=how_small(members, self.operator.planes_of, run),
             stated=summary.stated(),
+            alone=told_alone(self.operator.planes_of, self.pairs, run, summary.mean[-1], self.operator.surface),
+            beyond=self.posterior.load_beyond(summary.mean),
         )

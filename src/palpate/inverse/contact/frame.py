@@ -16,13 +16,17 @@ from palpate.inverse.contact.model import ContactModel
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.arrays import Array
+from palpate.sensing.grids import Grid
 
-__all__ = ["Frame", "Run", "how_small", "said_of"]
+__all__ = ["Frame", "Run", "how_small", "said_of", "told_alone"]
 
 #: Standard deviations of noise above which a reading, or the sum of squares of many, is no noise.
 STANDS_OUT = 4.0
+#: Part of the load that is worth a word where one taxel alone tells it, or where it lies outside the outermost taxels (a convention).
+MUCH = 0.1
 
 Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,7 @@ class Frame:
     """One frame's result; ``sampled``: the contact was too large for matrices, and errors of its cells are those of samples. Its errors are
     then worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`); 2 where one
     taxel alone tells it. ``adrift``: drift may be part of its force. ``stated``: what it owes to a pad that is not known exactly.
+    ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: the part outside the outermost taxels.
     """
 
     traction: Floats
@@ -52,6 +57,8 @@ class Frame:
     small: int = 0
     adrift: bool = False
     stated: Stated | None = None
+    alone: float = 0.0
+    beyond: float = 0.0
 
     @property
     def known(self) -> Errors:
@@ -95,6 +102,32 @@ def how_small(members: Sequence[ContactModel], planes: Sequence[Array], run: Run
     return 2 if count and squares[rest].max() < STANDS_OUT**2 and squares[rest].sum() < level else 1
 
 
+def told_alone(planes: Sequence[Array], pairs: tuple[Index, Index], run: Run, pressure: Floats, grid: Grid) -> float:
+    """The largest part of the load, ``pressure`` on the surface's cells, that lies nearest to a taxel whose neighbours all read as where nothing touches."""
+    loud = run.observed & (np.abs(run.data) > STANDS_OUT * run.noise)
+    beside = np.zeros(len(loud), dtype=bool)
+    for one, other in (pairs, pairs[::-1]):
+        np.logical_or.at(beside, one, loud[other])
+    single, load, start, found = loud & ~beside, float(pressure.sum()), 0, 0.0
+    if not single.any() or not load > 0.0:
+        return 0.0
+    cells = np.stack([x.ravel() for x in np.meshgrid(*grid.axes, indexing="ij")[::-1]], axis=1)
+    for array in planes:
+        points = array.points[array.valid.ravel()]
+        size = len(points) * len(array.channels)
+        parts = (
+            single[start : start + size].reshape(-1, len(points)),
+            beside[start : start + size].reshape(-1, len(points)),
+        )
+        start += size
+        for i in np.flatnonzero(parts[0].any(axis=0) & ~parts[1].any(axis=0)):
+            away = ((points - points[i]) ** 2).sum(axis=1)
+            reach = float(away[away > 0].min(initial=np.inf))
+            near = ((cells - points[i]) ** 2).sum(axis=1) < reach
+            found = max(found, float(pressure.ravel()[near].sum()) / load)
+    return found
+
+
 def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
     """What is approximated in frames whose contact is too large for matrices, and what few taxels do not tell."""
 
@@ -115,6 +148,17 @@ def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
     if alone:
         said.append(
             f"small contact or a broken taxel{where(alone)}: one taxel alone tells it, and the others read as where nothing touches"
+        )
+    lonely = sum(f.alone > MUCH and f.small < 2 for f in frames)
+    if lonely:
+        said.append(
+            f"a broken taxel or a small contact beside others{where(lonely)}: one taxel alone tells a part of the load, and its neighbours read as where "
+            "nothing touches"
+        )
+    across = sum(f.beyond > MUCH for f in frames)
+    if across:
+        said.append(
+            f"contact across the edge{where(across)}: more than {100.0 * MUCH:.0f} % of the load was found outside the outermost taxels, where nothing is measured"
         )
     short = sum(not f.converged for f in frames)
     if short:

@@ -73,6 +73,11 @@ class Posterior:
         self.inside, self.outside, self.reach = inside, outside, reach
         self.ambiguity = ambiguity
 
+    def load_beyond(self, traction: Floats) -> float:
+        """The part of the load (sum of the traction's magnitude) that lies outside the outermost taxels."""
+        size = np.sqrt((traction**2).sum(axis=0)) * self.inside
+        return float(size[self.outside].sum()) / max(float(size.sum()), 1e-300)
+
     def outside_parts(self, traction: Floats) -> dict[str, Floats]:
         """The part of traction (component, *grid), and of each number, that comes from cells beyond the outermost taxels."""
         grid = self.operator.surface

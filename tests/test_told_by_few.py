@@ -1,0 +1,45 @@
+"""A load that one taxel alone tells, or that lies where nothing is measured, is said."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import palpate as pp
+from palpate.bench.trust.rows import make_frame
+
+PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
+ALONE, ACROSS = "one taxel alone tells a part of the load", "outside the outermost taxels"
+
+
+def said(touch: pp.Touch, words: str) -> bool:
+    return any(words in note for note in touch.notes)
+
+
+def test_a_taxel_stuck_far_from_the_contact_is_questioned() -> None:
+    """A shallow line on a thin layer: its neighbours need not feel what presses on it, and 56 N/m were found of 37."""
+    frame = make_frame("stuck", 7, seed=2203)
+    assert said(frame.skin.reconstruct(frame.readings), ALONE)
+    healthy = np.array(frame.readings)
+    healthy[0, 1] = 0.0
+    touch = frame.skin.reconstruct(healthy)
+    assert not said(touch, ALONE)
+    assert abs(touch.force[1] / frame.load.force[1] - 1.0) < 0.05
+
+
+def test_a_ball_across_the_edge_is_said_to_be() -> None:
+    array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=50.0)
+    skin = pp.Skin(PAD, array)
+    for away, beyond in ((0.0, False), (7.5e-3, True)):
+        ball = pp.solutions.hertz_point(radius=3e-3, force=1.0).shifted(away, 0.0)
+        touch = skin.reconstruct(skin.sense(ball))
+        assert said(touch, ACROSS) == beyond
+        assert said(touch, "1 of") is False
+
+
+def test_frames_of_a_batch_across_the_edge_are_counted() -> None:
+    array = pp.LineArray(count=15, pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=50.0)
+    skin = pp.Skin(PAD, array)
+    frames = np.stack(
+        [skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=50.0).shifted(x)) for x in (0.0, 13e-3)]
+    )
+    assert any(ACROSS in note and "1 of 2 frames" in note for note in skin.reconstruct(frames).notes)
