@@ -18,7 +18,10 @@ def said(touch: pp.Touch, words: str) -> bool:
 def test_a_taxel_stuck_far_from_the_contact_is_questioned() -> None:
     """A shallow line on a thin layer: its neighbours need not feel what presses on it, and 56 N/m were found of 37."""
     frame = make_frame("stuck", 7, seed=2203)
-    assert said(frame.skin.reconstruct(frame.readings), ALONE)
+    touch = frame.skin.reconstruct(frame.readings)
+    assert said(touch, ALONE)
+    low, high = touch.interval(0.95, "force")
+    assert low[1] < frame.load.force[1] < high[1]  # with and without what presses there
     healthy = np.array(frame.readings)
     healthy[0, 1] = 0.0
     touch = frame.skin.reconstruct(healthy)

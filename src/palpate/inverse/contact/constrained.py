@@ -26,7 +26,7 @@ from palpate.errors import Unsupported
 from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.edges import outside_taxels, ring_of
-from palpate.inverse.contact.frame import Frame, Run, how_small, said_of, told_alone
+from palpate.inverse.contact.frame import BROKEN, MUCH, Frame, Run, how_small, said_of, told_alone
 from palpate.inverse.contact.hypotheses import Hypothesis, exceeded, hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.later import ContactErrors
 from palpate.inverse.contact.misfit import drift_probability, fit_of, misfit_of
@@ -677,6 +677,8 @@ class ConstrainedEstimator:
         sampled = None
         if self.draws:
             sampled = self.posterior.draws(members, weights, self.draws, rng or np.random.default_rng(0))
+        alone = told_alone(self.operator.planes_of, self.pairs, run, summary.mean[-1], self.operator.surface)
+        summary.doubted = BROKEN * alone if alone > MUCH else 0.0
         return Frame(
             summary.mean,
             summary if large else summary.errors(),
@@ -692,6 +694,6 @@ class ConstrainedEstimator:
             sampled=large,
             small=how_small(members, self.operator.planes_of, run),
             stated=summary.stated(),
-            alone=told_alone(self.operator.planes_of, self.pairs, run, summary.mean[-1], self.operator.surface),
+            alone=alone,
             beyond=self.posterior.load_beyond(summary.mean),
         )

@@ -13,17 +13,20 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.hypotheses import Hypothesis
 from palpate.inverse.contact.iterative import SAMPLES
 from palpate.inverse.contact.model import ContactModel
+from palpate.inverse.contact.parts import STATED
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid
 
-__all__ = ["Frame", "Run", "how_small", "said_of", "told_alone"]
+__all__ = ["BROKEN", "MUCH", "Frame", "Run", "how_small", "said_of", "told_alone"]
 
 #: Standard deviations of noise above which a reading, or the sum of squares of many, is no noise.
 STANDS_OUT = 4.0
 #: Part of the load that is worth a word where one taxel alone tells it, or where it lies outside the outermost taxels (a convention).
 MUCH = 0.1
+#: Standard deviation of that one taxel's part of the force, in parts of it and divided by `STATED`: it is there or not, and nothing tells.
+BROKEN = 0.5 / STATED
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]

@@ -169,6 +169,7 @@ class Summary:
             for p, m in zip(self._parts, members)
         ]
         self._weights = np.array([m.weight for m in members])
+        self.doubted = 0.0  # part of the normal force that may not be there
 
     def _mixed(self, name: str) -> Quantity:
         """Mean and total variance of a quantity over the models."""
@@ -211,7 +212,7 @@ class Summary:
     def force(self) -> Floats:
         total, variance = self._mixed("force")
         hidden = np.full(len(total), self.posterior.ambiguity[0])
-        hidden[-1] = self.posterior.ambiguity[1]
+        hidden[-1] = math.hypot(self.posterior.ambiguity[1], self.doubted)
         large = any(m.data.at_size for m in self.members)
         known = MODEL_FORCE_AT_SIZE if large else MODEL_FORCE
         least = np.maximum(known * np.abs(total), hidden * abs(total[-1]))
