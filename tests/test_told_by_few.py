@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import palpate as pp
 from palpate.bench.trust.rows import make_frame
@@ -46,3 +47,19 @@ def test_frames_of_a_batch_across_the_edge_are_counted() -> None:
         [skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=50.0).shifted(x)) for x in (0.0, 13e-3)]
     )
     assert any(ACROSS in note and "1 of 2 frames" in note for note in skin.reconstruct(frames).notes)
+
+
+@pytest.mark.parametrize("shape", [(4, 4), (8, 8)])
+@pytest.mark.parametrize(("kind", "level"), [("at its end", 3000.0), ("stuck", 200.0), ("dead", 0.0)])
+@pytest.mark.filterwarnings("error")
+def test_nothing_touches_and_one_reading_is_broken(shape: tuple[int, int], kind: str, level: float) -> None:
+    """Of noise that nobody gave, where nothing touches: the reading was left out, the noise taken for nothing, and 1e5 N found in the rest."""
+    array = pp.AreaArray(shape=shape, pitch=2e-3, depth=3e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
+    skin = pp.Skin(PAD, array)
+    for seed in (1, 2, 4):
+        rng = np.random.default_rng(seed)
+        readings = 10.0 * rng.standard_normal((3, *shape))
+        readings[tuple(rng.integers(n) for n in readings.shape)] = level
+        touch = skin.reconstruct(readings)
+        assert touch.status == pp.Status.NO_CONTACT
+        assert np.abs(touch.interval(0.95, "force")).max() < 5e-3

@@ -397,7 +397,7 @@ class ConstrainedEstimator:
         nothing = np.zeros((len(data), 0)), np.zeros(0)
         refined = 0
         follows = self.ambiguous or self._follows(h, rows)
-        if (follows or not usable.all()) and h.sign and not self.noise_known:
+        if (follows or not usable.all()) and h.rough.left > 0 and h.sign and not self.noise_known:
             # a linear model makes noise of the edges of what is filled in
             known = max(h.rough.left, self.least_noise(data))
         if h.noise is not None:
