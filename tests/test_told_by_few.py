@@ -63,3 +63,13 @@ def test_nothing_touches_and_one_reading_is_broken(shape: tuple[int, int], kind:
         touch = skin.reconstruct(readings)
         assert touch.status == pp.Status.NO_CONTACT
         assert np.abs(touch.interval(0.95, "force")).max() < 5e-3
+
+
+def test_noise_with_a_few_that_stand_out_may_hide_contact() -> None:
+    """A thin incompressible layer under displacement_z on a line: a linear model sees noise in the spikes at the ends of two contacts of 62 N/m."""
+    frame = make_frame("modulus named", 63, seed=2203)
+    touch = frame.skin.reconstruct(frame.readings)
+    high = touch.interval(0.95, "force")[1][1]
+    assert high > 0.5 * frame.load.force[1]
+    plain = frame.described.skin([float(np.std(frame.readings))], uncertainty=frame.uncertainty)
+    assert plain.reconstruct(frame.readings).interval(0.95, "force")[1][1] < 0.4 * frame.load.force[1]
