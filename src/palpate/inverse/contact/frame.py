@@ -25,11 +25,12 @@ __all__ = ["BROKEN", "MUCH", "Frame", "Run", "how_small", "said_of", "told_alone
 STANDS_OUT = 4.0
 #: Part of the load that is worth a word where one taxel alone tells it, or where it lies outside the outermost taxels (a convention).
 MUCH = 0.1
-#: Standard deviation of that one taxel's part of the force, in parts of it and divided by `STATED`: it is there or not, and nothing tells.
+#: Taxels within so many pitches are neighbours, across too.
+BESIDE = 1.5
+#: Standard deviation of that one taxel's part of the force beside others, in parts of it and divided by `STATED`: it is there or not, and nothing tells.
 BROKEN = 0.5 / STATED
 
 Flags = npt.NDArray[np.bool_]
-Index = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -105,29 +106,32 @@ def how_small(members: Sequence[ContactModel], planes: Sequence[Array], run: Run
     return 2 if count and squares[rest].max() < STANDS_OUT**2 and squares[rest].sum() < level else 1
 
 
-def told_alone(planes: Sequence[Array], pairs: tuple[Index, Index], run: Run, pressure: Floats, grid: Grid) -> float:
+def told_alone(planes: Sequence[Array], run: Run, pressure: Floats, grid: Grid) -> float:
     """The largest part of the load, ``pressure`` on the surface's cells, that lies nearest to a taxel whose neighbours all read as where nothing touches."""
-    loud = run.observed & (np.abs(run.data) > STANDS_OUT * run.noise)
-    beside = np.zeros(len(loud), dtype=bool)
-    for one, other in (pairs, pairs[::-1]):
-        np.logical_or.at(beside, one, loud[other])
-    single, load, start, found = loud & ~beside, float(pressure.sum()), 0, 0.0
-    if not single.any() or not load > 0.0:
+    import scipy.spatial
+
+    readings, load = run.observed & (np.abs(run.data) > STANDS_OUT * run.noise), float(pressure.sum())
+    if not readings.any() or not load > 0.0:
         return 0.0
-    cells = np.stack([x.ravel() for x in np.meshgrid(*grid.axes, indexing="ij")[::-1]], axis=1)
+    places, loud, start = [], [], 0
     for array in planes:
-        points = array.points[array.valid.ravel()]
-        size = len(points) * len(array.channels)
-        parts = (
-            single[start : start + size].reshape(-1, len(points)),
-            beside[start : start + size].reshape(-1, len(points)),
-        )
+        places.append(array.points[array.valid.ravel()])
+        size = len(places[-1]) * len(array.channels)
+        loud.append(readings[start : start + size].reshape(len(array.channels), -1).any(axis=0))
         start += size
-        for i in np.flatnonzero(parts[0].any(axis=0) & ~parts[1].any(axis=0)):
-            away = ((points - points[i]) ** 2).sum(axis=1)
-            reach = float(away[away > 0].min(initial=np.inf))
-            near = ((cells - points[i]) ** 2).sum(axis=1) < reach
-            found = max(found, float(pressure.ravel()[near].sum()) / load)
+    others = scipy.spatial.cKDTree(np.concatenate([p[q] for p, q in zip(places, loud)]))
+    cells, found = None, 0.0
+    for points, heard in zip(places, loud):
+        if len(points) < 2 or not heard.any():
+            continue
+        near = scipy.spatial.cKDTree(points).query(points[heard], k=2)[0][:, 1]
+        # itself is one of those
+        alone = np.array([len(others.query_ball_point(p, BESIDE * r)) == 1 for p, r in zip(points[heard], near)])
+        for point, reach in zip(points[heard][alone], near[alone]):
+            if cells is None:
+                cells = np.stack([x.ravel() for x in np.meshgrid(*grid.axes, indexing="ij")[::-1]], axis=1)
+            here = ((cells - point) ** 2).sum(axis=1) < reach**2
+            found = max(found, float(pressure.ravel()[here].sum()) / load)
     return found
 
 
