@@ -201,7 +201,8 @@ def scattered(spacing: float | None) -> Any:
         positions=rng.uniform(-0.1, 0.1, (2000, 2)), depth=1e-3, channels=["displacement_x", "displacement_y"]
     )
     cells = 400 if spacing is None else 20
-    skin = pp.Skin(GEL, array, surface=pp.AreaGrid(shape=(cells, cells), spacing=0.2 / cells))
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)  # whose influences are closed forms
+    skin = pp.Skin(pad, array, surface=pp.AreaGrid(shape=(cells, cells), spacing=0.2 / cells))
     return skin.sense(np.zeros((3, cells, cells)))
 
 
