@@ -89,7 +89,7 @@ class Estimate:
     square misfit in the same units) have the batch shape, the noise of the
     constrained methods (*batch, channel); None from methods that have no such thing. Likewise ``noise_std`` (*batch, channel), in the unit
     of each channel, ``errors``
-    (`Errors`), ``stated`` (`Stated`, of linear methods), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
+    (`Errors`), ``stated`` (`Stated`), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
     (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
     analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame), ``resolution`` [m] and
     ``sliding`` (probability that the contact slides as a whole; NaN where nothing touches). ``method`` (*batch) is the short name of what

@@ -20,7 +20,7 @@ STEP = 0.02
 #: What a modulus is known to that nothing is said of (a convention): moduli by hardness are off by 10 to 30 %, by a test of the batch by 5 to 10 %.
 MODULUS = 0.125
 #: What depth and thickness are known to that nothing is said of (a convention): 0.2 to 0.4 mm of a cast pad of 2 to 4 mm. Of sensors whose taxels are said
-#: to be 0.7 or 1.4 times as deep as they are (`palpate bench trust`), 0.96 of the intervals hold the force with it, 0.90 without.
+#: to be 0.7 or 1.4 times as deep as they are (`palpate bench trust`), 0.96 of the intervals hold the force with it, 0.90 without (24 frames).
 GEOMETRY = 0.1
 #: What the calibration of all readings together is known to where nothing is said of it (a convention): no interval of a force is then narrower than
 #: 4 % to either side. Of gains of taxels that spread by 5 to 10 %, `palpate bench trust`, it makes 0.92 of the intervals hold the force, 0.80 without.

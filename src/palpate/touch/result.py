@@ -63,7 +63,7 @@ class Touch(Numbers):
     errors : Errors or None
         Standard deviations in closed form, as the model gives them; `std` and `interval` put them to use.
     stated : Stated or None
-        Standard deviations that a linear estimate owes to what was named as not known exactly (`palpate.Uncertainty`).
+        Standard deviations that the estimate owes to a pad and sensors that are not known exactly (`palpate.Uncertainty`).
     common_std : float
         Relative standard deviation of what all results are proportional to: the scale of the readings, and the modulus where all of them follow it.
     converged : array (*batch) of bool or None

@@ -677,7 +677,7 @@ class ConstrainedEstimator:
         sampled = None
         if self.draws:
             sampled = self.posterior.draws(members, weights, self.draws, rng or np.random.default_rng(0))
-        alone = told_alone(self.operator.planes_of, run, summary.mean[-1], self.operator.surface)
+        alone = told_alone(self.operator.planes_of, run, np.abs(summary.mean[-1]), self.operator.surface)
         summary.doubted = BROKEN * alone if MUCH < alone < 1.0 - MUCH else 0.0
         return Frame(
             summary.mean,

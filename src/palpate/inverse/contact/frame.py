@@ -125,8 +125,8 @@ def told_alone(planes: Sequence[Array], run: Run, pressure: Floats, grid: Grid) 
         if len(points) < 2 or not heard.any():
             continue
         near = scipy.spatial.cKDTree(points).query(points[heard], k=2)[0][:, 1]
-        # itself is one of those
-        alone = np.array([len(others.query_ball_point(p, BESIDE * r)) == 1 for p, r in zip(points[heard], near)])
+        # the first that is found is itself
+        alone = others.query(points[heard], k=2)[0][:, 1] > BESIDE * near
         for point, reach in zip(points[heard][alone], near[alone]):
             if cells is None:
                 cells = np.stack([x.ravel() for x in np.meshgrid(*grid.axes, indexing="ij")[::-1]], axis=1)
