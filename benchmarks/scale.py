@@ -1,11 +1,11 @@
 """Preparation, a frame, a batch and memory of the linear method from 8 x 8 taxels to a camera's image, and how they grow; the same of the
-automatic method.
+automatic method, and of every method there is on small and middling arrays.
 
-    python benchmarks/scale.py [--automatic] [--large] [--only NAME ...] [--write]
+    python benchmarks/scale.py [--automatic | --methods] [--large] [--only NAME ...] [--write]
 
 Processor seconds of one thread (set OMP_NUM_THREADS=1), each layout in a process of its own, so that its peak of memory is its own. The first frame
 includes what is prepared when it is first needed. ``--large`` adds 480 x 640; ``--write`` writes docs/_generated/scale.md, with ``--automatic``
-docs/_generated/scale_automatic.md.
+docs/_generated/scale_automatic.md, with ``--methods`` docs/_generated/scale_methods.md.
 """
 
 from __future__ import annotations
@@ -21,13 +21,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import speed
 
 import palpate as pp
 from palpate.sensing.uncertainty import EXACT
 
 STRESS, SHIFT = ["stress_xz", "stress_yz", "stress_zz"], ["displacement_x", "displacement_y"]
 TABLE = Path(__file__).parent.parent / "docs" / "_generated" / "scale.md"
-AUTOMATIC = TABLE.with_name("scale_automatic.md")
+AUTOMATIC, METHODS = TABLE.with_name("scale_automatic.md"), TABLE.with_name("scale_methods.md")
+PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
+#: One layer on a rigid base, for the layouts that say so.
+LAYER = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
+BONDED = ", a layer"
 #: Frames of a batch, and the processor seconds that a batch may take: larger frames come in fewer.
 BATCH, LONGEST = 50, 8.0
 
@@ -49,15 +54,23 @@ def beads(n: int) -> pp.ScatteredArray:
 LAYOUTS: dict[str, Any] = {
     **{f"{n} x {n} x 3": (lambda n=n: area(n, n, channels=STRESS)) for n in (8, 16, 32, 64, 128, 256)},
     **{f"{n} x {n} x 2": (lambda n=n: area(n, n, channels=SHIFT)) for n in (32, 64, 128, 256)},
-    **{f"line of {n} x 2": (lambda n=n: line(n)) for n in (121, 1000, 10_000)},
-    **{f"{n} beads x 2": (lambda n=n: beads(n)) for n in (500, 2601, 20_000)},
+    **{f"{n} x {n} x 3{BONDED}": (lambda n=n: area(n, n, channels=STRESS)) for n in (32, 64, 128)},
+    **{f"{n} x {n} x 2{BONDED}": (lambda n=n: area(n, n, channels=SHIFT)) for n in (32, 64, 128, 256)},
+    **{f"line of {n} x 2": (lambda n=n: line(n)) for n in (121, 1000, 3000, 10_000)},
+    **{f"{n} beads x 2": (lambda n=n: beads(n)) for n in (500, 1000, 2601, 5000, 10_000, 20_000)},
 }
-LARGE = {"480 x 640 x 2": lambda: area(480, 640, channels=SHIFT)}
+LARGE = {
+    "480 x 640 x 2": lambda: area(480, 640, channels=SHIFT),
+    f"480 x 640 x 2{BONDED}": lambda: area(480, 640, channels=SHIFT),
+}
 #: Layouts that one exponent is fitted to, by their readings.
 FAMILIES = {
     "stress, 32 to 256": [f"{n} x {n} x 3" for n in (32, 64, 128, 256)],
     "displacement, 32 to 256": [f"{n} x {n} x 2" for n in (32, 64, 128, 256)],
-    "beads, 2601 to 20,000": ["2601 beads x 2", "20000 beads x 2"],
+    "stress on a layer, 32 to 128": [f"{n} x {n} x 3{BONDED}" for n in (32, 64, 128)],
+    "displacement on a layer, 32 to 256": [f"{n} x {n} x 2{BONDED}" for n in (32, 64, 128, 256)],
+    "lines, 121 to 10,000": [f"line of {n} x 2" for n in (121, 1000, 3000, 10_000)],
+    "beads, 2601 to 20,000": [f"{n} beads x 2" for n in (2601, 5000, 10_000, 20_000)],
 }
 
 
@@ -79,7 +92,7 @@ def pressed(skin: pp.Skin) -> Any:
 def measure(name: str) -> dict[str, Any]:
     """Times and memory of one layout."""
     start = time.process_time()
-    skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), {**LAYOUTS, **LARGE}[name]())
+    skin = pp.Skin(LAYER if name.endswith(BONDED) else PAD, {**LAYOUTS, **LARGE}[name]())
     traction = pressed(skin)
     readings = skin.sense(traction)
     noise = 0.02 * np.abs(readings).max()
@@ -145,7 +158,7 @@ def touched(skin: pp.Skin, n: int) -> Any:
 
 def measure_automatic(name: str) -> dict[str, Any]:
     """Times, memory and errors of the automatic method on one layout."""
-    skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), TOUCHED[name](), uncertainty=EXACT)
+    skin = pp.Skin(PAD, TOUCHED[name](), uncertainty=EXACT)
     traction = touched(skin, skin.planes[0].shape[0])
     readings = skin.sense(traction)
     noise = 0.02 * np.abs(readings).max()
@@ -228,22 +241,94 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+#: Sides of the arrays of every method.
+SIDES = (8, 16, 32, 64)
+
+
+def measure_method(name: str) -> dict[str, Any]:
+    """Times and memory of one method on one array, or that it is refused."""
+    n, method = int(name.split(" x ")[0]), name.split(": ", 1)[1]
+    skin, frames = speed.pressed(n, BATCH, noise=method == "wiener")
+    options = speed.METHODS[method]
+    try:
+        start = time.process_time()
+        skin.prepare(**options)
+        prepared = time.process_time()
+        skin.reconstruct(frames[0], **options)
+        first = time.process_time()
+        each, frame = 0.0, first - prepared
+        if frame < LONGEST:
+            skin.reconstruct(frames[1], **options)
+            frame = time.process_time() - first
+        count = max(1, min(BATCH, int(LONGEST / max(frame, 1e-4))))
+        begun = time.process_time()
+        touch = skin.reconstruct(frames[:count], **options)
+        each = (time.process_time() - begun) / count
+    except pp.Unsupported as error:
+        return {"name": name, "n": n, "method": method, "refused": str(error)}
+    return {
+        "name": name,
+        "n": n,
+        "method": method,
+        "prepare": prepared - start,
+        "frame": frame,
+        "batch": each,
+        "count": count,
+        "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
+        # the paper's methods say nothing of their frames
+        "solved": count if touch.status is None else int((np.asarray(touch.status) == 0).sum()),
+    }
+
+
+def table_methods(rows: list[dict[str, Any]]) -> str:
+    lines = [
+        "| array | method | prepare [s] | frame [s] | in a batch [s] | of frames | memory [GB] | |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for r in rows:
+        start = f"| {r['n']} x {r['n']} x 3 | {r['method']} |"
+        if "refused" in r:
+            lines.append(f"{start} | | | | | refused: {r['refused'].split('. ')[0]} |")
+            continue
+        short = "" if r["solved"] == r["count"] else f"solved: {r['solved']}"
+        lines.append(
+            f"{start} {r['prepare']:.2f} | {r['frame']:.4f} | {r['batch']:.4f} | {r['count']} | {r['memory']:.2f} | {short} |"
+        )
+    known = {(r["method"], r["n"]): r for r in rows if "refused" not in r}
+    grows = []
+    for method in speed.METHODS:
+        some = [known[method, n] for n in SIDES[1:] if (method, n) in known]
+        if len(some) > 1:
+            slope = np.polyfit(np.log([3 * r["n"] ** 2 for r in some]), np.log([r["frame"] for r in some]), 1)[0]
+            grows.append(f"{method} {slope:.2f} (to {some[-1]['n']})")
+    if grows:
+        lines += [
+            "",
+            f"A frame's time grows with the readings, from {SIDES[1]} x {SIDES[1]}, to the power: {'; '.join(grows)}.",
+        ]
+    return "\n".join(lines) + "\n"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--large", action="store_true")
     parser.add_argument("--only", nargs="*", default=[])
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--automatic", action="store_true", help="the automatic method rather than the linear one")
+    parser.add_argument("--methods", action="store_true", help="every method on areas of 8 to 64")
     parser.add_argument("--one", help=argparse.SUPPRESS)
     given = parser.parse_args()
+    mode, said, measured, names = [], table, measure, [*LAYOUTS, *(LARGE if given.large else {})]
+    if given.automatic:
+        mode, said, measured, names = ["--automatic"], table_automatic, measure_automatic, list(TOUCHED)
+    elif given.methods:
+        names = [f"{n} x {n} x 3: {m}" for n in SIDES for m in speed.METHODS]
+        mode, said, measured = ["--methods"], table_methods, measure_method
     if given.one:
-        print(json.dumps((measure_automatic if given.automatic else measure)(given.one)))
+        print(json.dumps(measured(given.one)))
         return
-    names = given.only or (list(TOUCHED) if given.automatic else [*LAYOUTS, *(LARGE if given.large else {})])
-    said = table_automatic if given.automatic else table
-    mode = ["--automatic"] if given.automatic else []
     rows = []
-    for name in names:
+    for name in given.only or names:
         done = subprocess.run([sys.executable, __file__, *mode, "--one", name], capture_output=True, text=True)
         if done.returncode:
             print(f"{name}: {done.stderr.strip().splitlines()[-1]}", flush=True)
@@ -255,6 +340,12 @@ def main() -> None:
         AUTOMATIC.write_text(
             "Written by `benchmarks/scale.py --automatic`: processor seconds of one thread, the default method, two balls that are dragged, "
             "2 % noise.\n\n" + said(rows),
+            encoding="utf-8",
+        )
+    elif given.write and given.methods:
+        METHODS.write_text(
+            "Written by `benchmarks/scale.py --methods`: processor seconds of one thread, a ball of 4 mm and 0.5 N that slides, 1 % noise.\n\n"
+            + said(rows),
             encoding="utf-8",
         )
     elif given.write:

@@ -97,6 +97,26 @@ def test_beads_are_solved_alike(monkeypatch):
     np.testing.assert_allclose(by_rule.noise_std, chosen.noise_std, rtol=0.02)
 
 
+def test_cross_validation_over_beads_does_not_run_off(monkeypatch):
+    # a surface has more waves than there are beads: the approximation promised a score of nothing where lambda is 1e-8 of the right one
+    found = []
+    for most in (10**9, 0):
+        monkeypatch.setattr(operators, "LARGEST_MATRIX", most)
+        monkeypatch.setattr(path, "LARGEST_MATRIX", most)
+        skin = pp.Skin(HALF_SPACE, beads(100), nuisance=[])
+        if not found:
+            places = np.meshgrid(*skin.surface.axes, indexing="ij")
+            bump = np.exp(-sum((p - 6e-6) ** 2 for p in places) / (3e-6) ** 2)
+            readings = skin.sense(np.stack([300.0 * bump, -200.0 * bump, 0.0 * bump]))
+            noise = 0.05 * np.abs(readings).max()
+            readings = readings + noise * np.random.default_rng(1).standard_normal((2, *readings.shape))
+        found.append(skin.reconstruct(readings, method="tikhonov", rule="gcv"))
+    dense, free = found
+    assert (np.asarray(free.status) == pp.Status.SOLVED).all()
+    np.testing.assert_allclose(np.log(free.parameter), np.log(dense.parameter), atol=0.12)
+    np.testing.assert_allclose(free.noise_std, dense.noise_std, rtol=0.02)
+
+
 @pytest.mark.long
 def test_standard_deviations_of_cells_over_beads(monkeypatch):
     found = []

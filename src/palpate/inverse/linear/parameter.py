@@ -376,8 +376,8 @@ def _ends(eigenvalues: Floats) -> tuple[float, float]:
     return float(eigenvalues[eigenvalues > CORNER * top].min(initial=top)), top
 
 
-def pick(rule: str, curves: Curves, floor: Floats | None) -> Picked:
-    """What the rule makes of the curves; ``floor`` as in `amplitude`."""
+def pick(rule: str, curves: Curves, floor: Floats | None, among: npt.NDArray[np.bool_] | None = None) -> Picked:
+    """What the rule makes of the curves; ``floor`` as in `amplitude`, ``among`` (frame, candidate) the candidates that are weighed."""
     count = curves.count
     score: Floats
     if rule == "gcv":
@@ -391,6 +391,8 @@ def pick(rule: str, curves: Curves, floor: Floats | None) -> Picked:
     else:
         score = minus_evidence(curves, floor)[0]
     score = np.where(np.isfinite(score), score, np.inf)
+    if among is not None:
+        score = np.where(among, score, np.inf)
     best = np.argmin(score, axis=1)
     without = np.zeros(len(score), dtype=bool)
     if rule == "lcurve":

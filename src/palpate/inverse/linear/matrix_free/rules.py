@@ -96,6 +96,29 @@ class Corrected:
             [min((abs(np.log(p) - at) for at in places), default=np.inf) for p, places in zip(parameter, self.places)]
         )
 
+    def among(self, reach: float) -> npt.NDArray[np.bool_]:
+        """Candidates (frame, candidate) that solutions leave to generalised cross-validation: no further than ``reach`` (in log lambda) from the
+        outermost solutions, and not beyond one that scores worse than its neighbour.
+
+        A surface has more waves than there are positions, so that its approximation leaves nothing of any readings where lambda is small, and
+        promises a score of nothing there.
+        """
+        log = np.log(self.grid)
+        residual = np.log(np.maximum(self.residual, TINY))
+        score = (residual - 2.0 * np.log(np.maximum(self.free, TINY)))[:, ::-1]
+        out = np.ones(score.shape, dtype=bool)
+        for i, places in enumerate(self.places):
+            if not places:
+                continue
+            low, high = min(places) - reach, max(places) + reach
+            if len(places) > 1:
+                there = np.sort(places)
+                said = np.interp(there, log[::-1], score[i])
+                low = there[0] if said[0] > said[1] else low
+                high = there[-1] if said[-1] > said[-2] else high
+            out[i] = (log >= low) & (log <= high)
+        return out
+
     def within(self, parameter: Floats, reach: float) -> Floats:
         """Parameters no further than ``reach`` (in log lambda) from the solutions of their frames."""
         out = np.array(parameter)
@@ -175,12 +198,15 @@ class Search:
         else:
             parameter = np.array(parameter)
         open_ = np.flatnonzero((rows**2).sum(axis=1) > 0)
+        doubted = self.rule == "gcv" and not self.system.space.whole
         for _ in range(ROUNDS):
             if not open_.size:
                 break
             solutions[open_] = self.solve(curves, rows, parameter, open_, solutions[open_])
+            if doubted:  # solutions are compared, by what is known rather than guessed
+                self.system.freedom.of(parameter[open_])
             for _ in range(2):
-                found = pick(self.rule, curves, self.floor)
+                found = pick(self.rule, curves, self.floor, curves.among(STEP) if doubted else None)
                 parameter[open_] = curves.within(found.parameter, STEP)[open_]
                 close = curves.nearest(parameter)[open_] < CLOSE
                 if not close.any():
