@@ -84,6 +84,29 @@ def test_refused_before_any_work(name: str, monkeypatch: pytest.MonkeyPatch) -> 
     assert len(message) < 500
 
 
+def test_constant_friction_is_refused_before_its_inversion_is_prepared(monkeypatch: pytest.MonkeyPatch) -> None:
+    def begun(*_: Any, **__: Any) -> Any:
+        raise RuntimeError("work was begun")
+
+    monkeypatch.setattr(pp.Tikhonov, "prepare", begun)
+    skin = pp.Skin(PAD, area(20, STRESS))
+    with pytest.raises(pp.Unsupported, match="one complete LineArray"):
+        skin.prepare(method="constant_friction", friction=0.3)
+
+
+def test_what_is_known_of_millions_of_readings_takes_no_number_for_each() -> None:
+    array = area(2048, DISPLACEMENT)
+    tracemalloc.start()
+    try:
+        known = pp.Uncertainty(youngs_modulus=0.1)
+        assert known.common((array,)) > 0.1
+        assert known.beside(PAD, (array,)).youngs_modulus == 0.0
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1e5
+
+
 def test_the_remedies_serve_that_input() -> None:
     array = area(96, STRESS[1:], noise=100.0)
     readings = np.random.default_rng(0).normal(size=(2, 96, 96)) * 100.0

@@ -109,7 +109,7 @@ class Uncertainty:
         >>> pp.Uncertainty().common((array,))
         0.02
         """
-        return math.hypot(self.scale, self.modulus if scale_free(planes).all() else 0.0)
+        return math.hypot(self.scale, self.modulus if all(_follows(planes)) else 0.0)
 
     def beside(self, pad: Pad, planes: tuple[Array, ...], *, assumed: bool = True) -> Uncertainty:
         """What changes results otherwise than all alike; see `common`. ``assumed``: of depth and thickness too where nothing is stated.
@@ -122,8 +122,8 @@ class Uncertainty:
         >>> pp.Uncertainty(depth=0.05).beside(pad, (array,))
         Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.05, gain=0.0, scale=0.0)
         """
-        follow = scale_free(planes)
-        mixed = self.modulus if follow.any() and not follow.all() else 0.0
+        follow = _follows(planes)
+        mixed = self.modulus if any(follow) and not all(follow) else 0.0
         rest = GEOMETRY if assumed else 0.0
         layers = isinstance(pad, BondedLayers)
         # what lies on the surface or on a rigid base does so
@@ -178,6 +178,11 @@ def stretched(
 def _at_base(pad: Pad, plane: Array) -> bool:
     total = pad.thickness
     return total is not None and abs(plane.depth - total) < 1e-9 * total
+
+
+def _follows(planes: tuple[Array, ...]) -> list[bool]:
+    """Whether the readings of each channel follow the modulus: `scale_free` without a number for each reading."""
+    return [find_channel(c).kind.creeps for array in planes for c in array.channels]
 
 
 def scale_free(planes: tuple[Array, ...]) -> Floats:

@@ -84,6 +84,7 @@ class ConstantFriction(Method):
     def prepare(self, problem: Problem) -> ConstantFrictionEstimator:
         """The inversion for pressure alone."""
         self.check(problem)
+        _checked(problem.planes, self.friction)  # before the work
         inner = Tikhonov(order=self.order, parameter=self.parameter, rule=self.rule).prepare(problem)
         return ConstantFrictionEstimator(problem.pad, problem.planes, inner, self.friction)
 
@@ -94,6 +95,22 @@ class ConstantFriction(Method):
     def assumptions(self) -> tuple[str, ...]:
         """Notes for every result."""
         return ("shear is uniform over a symmetric contact and follows the net force by the friction given",)
+
+
+def _checked(planes: Sequence[Array], friction: float) -> tuple[LineArray, str]:
+    """The array and its channel, if the method is for them."""
+    array = planes[0]
+    if len(planes) != 1 or not isinstance(array, LineArray) or len(array.channels) != 1 or array.mask is not None:
+        raise Unsupported(
+            'method="constant_friction" needs one complete LineArray with one channel. With two channels or planes '
+            'seek both components: method="tikhonov", components=["x", "z"].'
+        )
+    channel = array.channels[0]
+    if channel not in ("stress_zz", "strain_zz", "stress_xx", "strain_xx"):
+        raise Unsupported(f'method="constant_friction" needs a normal stress or strain; got {channel}.')
+    if not (math.isfinite(friction) and friction != 0):
+        raise InvalidInput(f"friction must be a finite number other than 0; got {friction!r}.")
+    return array, channel
 
 
 class ConstantFrictionEstimator:
@@ -108,17 +125,7 @@ class ConstantFrictionEstimator:
     """
 
     def __init__(self, pad: Pad, planes: Sequence[Array], inner: Inner, friction: float) -> None:
-        array = planes[0]
-        if len(planes) != 1 or not isinstance(array, LineArray) or len(array.channels) != 1 or array.mask is not None:
-            raise Unsupported(
-                'method="constant_friction" needs one complete LineArray with one channel. With two channels or planes '
-                'seek both components: method="tikhonov", components=["x", "z"].'
-            )
-        channel = array.channels[0]
-        if channel not in ("stress_zz", "strain_zz", "stress_xx", "strain_xx"):
-            raise Unsupported(f'method="constant_friction" needs a normal stress or strain; got {channel}.')
-        if not (math.isfinite(friction) and friction != 0):
-            raise InvalidInput(f"friction must be a finite number other than 0; got {friction!r}.")
+        array, channel = _checked(planes, friction)
         self.pad, self.array, self.inner, self.friction = pad, array, inner, friction
         self.grid = inner.grid
         self._weighs = channel == "stress_zz"
