@@ -37,6 +37,14 @@ def test_pressure_is_sought_on_a_bonded_gel() -> None:
     assert pp.Skin(GEL, line).components == ("x", "z")
 
 
+def test_pressure_is_sought_whichever_axis_has_the_noise() -> None:
+    """Markers on the surface of a thick incompressible gel, one axis three times as noisy: along one direction alone pressure was not felt, and 0 N was said."""
+    gel = pp.BondedLayers([pp.Layer(thickness=14e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
+    for noise in ([3e-6, 1e-6], [1e-6, 3e-6], [1e-6, 1e-6]):
+        markers = pp.AreaArray(shape=(6, 8), pitch=3.5e-3, depth=0.0, channels=MARKERS["channels"], noise=noise)
+        assert pp.Skin(gel, markers).components == ("x", "y", "z")
+
+
 def test_a_frictionless_ball_is_not_read_as_shear() -> None:
     """Pressure was taken as zero: 0 N, and 8 kPa of shear that is not there."""
     skin, readings = readings_of(BALL)

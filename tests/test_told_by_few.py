@@ -73,3 +73,18 @@ def test_noise_with_a_few_that_stand_out_may_hide_contact() -> None:
     assert high > 0.5 * frame.load.force[1]
     plain = frame.described.skin([float(np.std(frame.readings))], uncertainty=frame.uncertainty)
     assert plain.reconstruct(frame.readings).interval(0.95, "force")[1][1] < 0.4 * frame.load.force[1]
+
+
+def test_a_contact_that_is_pressed_hard_at_the_edge_is_said_to_go_on_there() -> None:
+    """A cone of 444 N/m, a third of it outside a line: 323 N/m were found, a tenth of them outside, and nothing was said."""
+    frame = make_frame("noise misstated", 123, seed=2203)
+    assert said(frame.skin.reconstruct(frame.readings), ACROSS)
+
+
+def test_what_noise_explains_ill_may_be_contact() -> None:
+    """A contact of 12 N/m across the edge of a thin layer that reads as noise does one time in twelve."""
+    frame = make_frame("clean", 55, seed=2203)
+    touch = frame.skin.reconstruct(frame.readings, friction=frame.friction)
+    assert touch.status == pp.Status.NO_CONTACT
+    assert 0.01 < float(touch.fit) < 0.1
+    assert np.abs(touch.interval(0.95, "force")[1][1]) > 0.8 * frame.load.force[1]

@@ -197,6 +197,18 @@ def test_words_are_what_this_frame_says() -> None:
     assert judged(frame, unknown, unknown).betrays  # it never has one
 
 
+def test_what_says_that_it_is_known_roughly_only_is_not_wrong_without_a_word_inside_its_interval() -> None:
+    """Be it as every frame of this sensor: a gel whose modulus is known to 20 % cannot say less."""
+    frame = a_frame()
+    usual = touch_of(frame, half=4.7)
+    inside = judged(frame, touch_of(frame, 1.35, half=4.7), usual)
+    assert (inside.rough, inside.silent, inside.wrong, inside.far, inside.betrays) == (True, True, True, False, False)
+    outside = judged(frame, touch_of(frame, 0.4, half=1.8), usual)
+    assert (outside.rough, outside.silent, outside.far, outside.betrays) == (True, True, True, True)
+    narrow = judged(frame, touch_of(frame, 1.35, half=0.2), usual)
+    assert (narrow.rough, narrow.betrays) == (False, True)
+
+
 def test_a_misfit_is_a_word() -> None:
     frame = a_frame()
     fitted = touch_of(frame, 2.0, fit=np.asarray(0.002))

@@ -31,7 +31,7 @@ channels = ["stress_xz", "stress_yz", "stress_zz"]
 aperture = "0.8 mm"
 noise = "50 Pa"
 
-[uncertainty]                    # this sensor is simulated, and so is known exactly; where nothing is said, 2 %, 12.5 %, 10 %
+[uncertainty]                    # this sensor is simulated, and so is known exactly; where nothing is said, 2 %, 15 %, 10 %
 scale = "0 %"
 youngs_modulus = "0 %"
 depth = "0 %"

@@ -144,13 +144,20 @@ def presses(pad: Pad, planes: Sequence[Array], shears: Sequence[str], least: flo
 
 
 def pressing(pad: Pad, planes: Sequence[Array], shears: Sequence[str]) -> Floats:
-    """What pressure does to the readings over what as much shear does, at nine wavelengths from the array's width to a tenth of it."""
+    """What pressure does to the readings over what as much shear does, at nine wavelengths from the array's width to a tenth of it.
+
+    In area contact along the axis where it does more: a channel with less noise counts for more, and may be that of either axis.
+    """
     names = COMPONENTS[planes[0].dimensions]
     size = float(np.ptp(planes[0].points, axis=0).max())
     k = 2 * np.pi / np.geomspace(size, 0.1 * size, 9)
-    matrix = _whitened(pad, planes, k, 0.0 if len(names) == 2 else 0.05)
-    shear = np.linalg.norm(matrix[..., [names.index(c) for c in shears]], axis=(-2, -1))
-    return np.asarray(np.linalg.norm(matrix[..., -1], axis=-1) / shear)
+    along = [0.0] if len(names) == 2 else [0.05, 0.5 * np.pi - 0.05]
+    ratios = []
+    for angle in along:
+        matrix = _whitened(pad, planes, k, angle)
+        shear = np.linalg.norm(matrix[..., [names.index(c) for c in shears]], axis=(-2, -1))
+        ratios.append(np.linalg.norm(matrix[..., -1], axis=-1) / shear)
+    return np.asarray(np.max(ratios, axis=0))
 
 
 def check_observable(

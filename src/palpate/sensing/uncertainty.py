@@ -18,7 +18,7 @@ __all__ = ["EXACT", "GEOMETRY", "MODULUS", "SCALE", "STEP", "Uncertainty", "scal
 #: Relative change from which the effect of depth and thickness is worked out: a one-sided difference, wrong by a few per cent of the effect.
 STEP = 0.02
 #: What a modulus is known to that nothing is said of (a convention): moduli by hardness are off by 10 to 30 %, by a test of the batch by 5 to 10 %.
-MODULUS = 0.125
+MODULUS = 0.15
 #: What depth and thickness are known to that nothing is said of (a convention): 0.2 to 0.4 mm of a cast pad of 2 to 4 mm. Of sensors whose taxels are said
 #: to be 0.7 or 1.4 times as deep as they are (`palpate bench trust`), 0.96 of the intervals hold the force with it, 0.90 without (24 frames).
 GEOMETRY = 0.1
@@ -38,7 +38,7 @@ class Uncertainty:
     ----------
     youngs_modulus : float, optional
         Of the whole pad, all layers together. Every force from strain or displacement is proportional to it; stress does not depend on it. Not
-        stated, it is taken to be known to 12.5 %; 0 says that it is exact.
+        stated, it is taken to be known to 15 %; 0 says that it is exact.
     thickness : float, optional
         Of bonded layers, all together. Not stated, methods that know contact take it to be known to 10 %, linear ones exactly.
     depth : float, optional
@@ -95,7 +95,7 @@ class Uncertainty:
         --------
         >>> import palpate as pp
         >>> pp.Uncertainty().modulus, pp.Uncertainty(youngs_modulus=0.02).modulus
-        (0.125, 0.02)
+        (0.15, 0.02)
         """
         return MODULUS if self.youngs_modulus is None else self.youngs_modulus
 

@@ -16,11 +16,13 @@ from palpate.status import Status
 if TYPE_CHECKING:
     from palpate.touch.result import Touch
 
-__all__ = ["ROUGH", "Nuisance", "Outcome", "pulling"]
+__all__ = ["ROUGH", "ROUGHLY", "Nuisance", "Outcome", "pulling"]
 
 #: Half of the 95 % interval of the net force, in parts of the load, above which the force is said to be known roughly only: it may then be off by
 #: as much as is called wrong (`palpate.bench.trust.judge.WRONG`).
 ROUGH = 0.3
+#: How that note begins.
+ROUGHLY = "the net force is known roughly only"
 
 
 @dataclass(frozen=True)
@@ -214,9 +216,7 @@ class Outcome:
                 )
         if self.rough:
             up_to = "up to " if self.batch else ""
-            said.append(
-                f"the net force is known roughly only{some(self.rough)}: +- {up_to}{self.roughest:.0%} of the load (95 %)"
-            )
+            said.append(f"{ROUGHLY}{some(self.rough)}: +- {up_to}{self.roughest:.0%} of the load (95 %)")
         if self.poor:
             how = "" if self.batch else f" (fit {self.worst_fit:.1g})"
             said.append(

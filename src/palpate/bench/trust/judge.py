@@ -16,6 +16,9 @@ intervals that hold 95 % of normal errors, 0.3 % do. A normal force that is not 
 - its force or the interval of it is not a number, where a clean frame of the same sensor has one,
 - the 95 % interval of the worst component of the force is wider than the load,
 - a note, figures apart, that a clean frame of the same sensor does not have. What is said of every frame is no word.
+
+A frame that says "the net force is known roughly only", as every frame of some sensors rightly does, has said that it may be off by more than 30 %: it is
+not wrong without a word unless the truth lies far outside its interval.
 """
 
 from __future__ import annotations
@@ -38,6 +41,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import PalpateError, Unsupported
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.touch.outcome import ROUGHLY
 
 __all__ = ["FAR", "MISFIT", "WRONG", "Verdict", "judge", "verdict"]
 
@@ -85,6 +89,8 @@ class Verdict:
         Kind and channels of its sensor.
     frame : str
         The frame in words.
+    rough : bool
+        Whether it says that its force is known roughly only, be it as every frame of this sensor.
     """
 
     row: str
@@ -106,6 +112,7 @@ class Verdict:
     fit: float
     sensor: str
     frame: str
+    rough: bool = False
 
     @property
     def wrong(self) -> bool:
@@ -124,8 +131,8 @@ class Verdict:
 
     @property
     def betrays(self) -> bool:
-        """Wrong without a word: wrong, or the truth far outside, and nothing said."""
-        return self.silent and (self.wrong or self.far)
+        """Wrong without a word: wrong, or the truth far outside, and nothing said; where it says that it may be wrong, far outside alone."""
+        return self.silent and (self.far or (self.wrong and not self.rough))
 
 
 class _Late(Exception):
@@ -284,6 +291,7 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
         fit=fit,
         sensor=_kind(frame),
         frame=str(frame),
+        rough=any(n.startswith(ROUGHLY) for n in touch.notes),
     )
 
 

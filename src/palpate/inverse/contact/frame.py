@@ -25,6 +25,8 @@ __all__ = ["BROKEN", "MUCH", "Frame", "Run", "how_small", "said_of", "told_alone
 STANDS_OUT = 4.0
 #: Part of the load that is worth a word where one taxel alone tells it, or where it lies outside the outermost taxels (a convention).
 MUCH = 0.1
+#: Traction outside the outermost taxels, in parts of the largest, from which on the contact goes on there and nothing says how far (a convention).
+GOES_ON = 0.5
 #: Taxels within so many pitches are neighbours, across too.
 BESIDE = 1.5
 #: Standard deviation of that one taxel's part of the force beside others, in parts of it and divided by `STATED`: it is there or not, and nothing tells.
@@ -38,7 +40,7 @@ class Frame:
     """One frame's result; ``sampled``: the contact was too large for matrices, and errors of its cells are those of samples. Its errors are
     then worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`); 2 where one
     taxel alone tells it. ``adrift``: drift may be part of its force. ``stated``: what it owes to a pad that is not known exactly.
-    ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: the part outside the outermost taxels.
+    ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: the part outside the outermost taxels, and the largest traction there over the largest of all.
     """
 
     traction: Floats
@@ -62,7 +64,7 @@ class Frame:
     adrift: bool = False
     stated: Stated | None = None
     alone: float = 0.0
-    beyond: float = 0.0
+    beyond: tuple[float, float] = (0.0, 0.0)
 
     @property
     def known(self) -> Errors:
@@ -162,10 +164,11 @@ def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
             f"a broken taxel or a small contact beside others{where(lonely)}: one taxel alone tells a part of the load, and its neighbours read as where "
             "nothing touches"
         )
-    across = sum(f.beyond > MUCH for f in frames)
+    across = sum(f.beyond[0] > MUCH or f.beyond[1] > GOES_ON for f in frames)
     if across:
         said.append(
-            f"contact across the edge{where(across)}: more than {100.0 * MUCH:.0f} % of the load was found outside the outermost taxels, where nothing is measured"
+            f"contact across the edge{where(across)}: more than {100.0 * MUCH:.0f} % of the load, or {100.0 * GOES_ON:.0f} % of the largest traction, was found outside the outermost "
+            "taxels, where nothing is measured"
         )
     short = sum(not f.converged for f in frames)
     if short:

@@ -73,10 +73,13 @@ class Posterior:
         self.inside, self.outside, self.reach = inside, outside, reach
         self.ambiguity = ambiguity
 
-    def load_beyond(self, traction: Floats) -> float:
-        """The part of the load (sum of the traction's magnitude) that lies outside the outermost taxels."""
+    def beyond(self, traction: Floats) -> tuple[float, float]:
+        """What lies outside the outermost taxels: the part of the load (sum of the traction's magnitude), and the largest there over the largest of all."""
         size = np.sqrt((traction**2).sum(axis=0)) * self.inside
-        return float(size[self.outside].sum()) / max(float(size.sum()), 1e-300)
+        there = size[self.outside]
+        return float(there.sum()) / max(float(size.sum()), 1e-300), float(there.max(initial=0.0)) / max(
+            float(size.max()), 1e-300
+        )
 
     def outside_parts(self, traction: Floats) -> dict[str, Floats]:
         """The part of traction (component, *grid), and of each number, that comes from cells beyond the outermost taxels."""

@@ -18,11 +18,14 @@ from palpate.inverse.linear.evidence import log_evidence
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["explained_by_noise", "few_stand_out", "uneven"]
+__all__ = ["PROVEN", "explained_by_noise", "few_stand_out", "uneven"]
 
 #: Log likelihood of heavy tails over Gaussian noise from which on a few readings stand out of what is taken for noise. Of 40 quiet frames with Gaussian noise
 #: none has more than 3, of 40 with Student's of 4 degrees of freedom 15; of four contacts on thin layers and lines that were taken for noise three have.
 HEAVY = 4.0
+#: Misfit probability from which on it is taken as shown that noise is all there is. One quiet frame in ten has less, and wider intervals for it; so had
+#: three of four wide contacts on thin layers that were taken for noise (0.05 to 0.09).
+PROVEN = 0.1
 
 Flags = npt.NDArray[np.bool_]
 
