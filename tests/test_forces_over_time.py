@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import mmap
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 import palpate as pp
 from command_line import run
 from palpate._plot import arrow_cells, nice, plot_forces
+from palpate.archives.numbers import Numbers
 from palpate.archives.rested import Rest
 from palpate.grasp import Event
 from palpate.live.session import Session
@@ -399,3 +401,36 @@ def test_a_run_says_of_all_its_frames_what_its_pieces_said_of_theirs(tmp_path: P
     kept = str(read_touch(tmp_path / "t.nc").attrs["notes"])
     assert "in 5 of 5 frames" in kept
     assert "of 2 frames" not in kept
+
+
+def test_numbers_of_many_frames_wait_in_a_file_and_are_the_same(
+    folder: Path, press: tuple[pp.Skin, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    skin, _ = press
+    few = pp.reconstruct_recording(skin, folder / "raw.csv", tmp_path / "few.nc", baseline=10, chunk=3)
+    monkeypatch.setattr("palpate.archives.numbers.MANY", 5)
+    many = pp.reconstruct_recording(skin, folder / "raw.csv", tmp_path / "many.nc", baseline=10, chunk=3)
+    one, other = few.table, many.table
+    base = other["force_z (N/m)"].to_numpy()
+    while isinstance(base, np.ndarray) and base.base is not None:
+        base = base.base
+    assert isinstance(base, mmap.mmap)  # nothing is read before it is looked at
+    pandas.testing.assert_frame_equal(other.assign(status=other["status"].astype(one["status"].dtype)), one)
+    assert (many.notes, many.remarks) == (few.notes, few.remarks)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["few.nc", "many.nc"]
+
+
+def test_frames_that_lack_a_number_are_unknown_in_the_file_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frame that is missing may lack the slip margin; the frames may come in any order."""
+    monkeypatch.setattr("palpate.archives.numbers.MANY", 1)
+    numbers = Numbers(5, tmp_path)
+    time = 0.5 * np.arange(5)
+    margin = np.array([7.0, 8.0])
+    numbers.add(3, {"time (s)": time[3:], "status": ["solved", "no contact"], "slip_margin (Pa)": margin})
+    numbers.add(0, {"time (s)": time[:2], "status": ["solved", "solved"], "slip_margin (Pa)": margin + 2})
+    numbers.add(2, {"time (s)": time[2:3], "status": ["missing"]})
+    table = numbers.table()
+    assert numbers.untouched().tolist() == [False] * 4 + [True]
+    assert table["status"].tolist() == ["solved", "solved", "missing", "solved", "no contact"]
+    np.testing.assert_array_equal(table["time (s)"], time)
+    np.testing.assert_array_equal(table["slip_margin (Pa)"], [9.0, 10.0, np.nan, 7.0, 8.0])

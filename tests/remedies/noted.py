@@ -447,9 +447,9 @@ def soft() -> Any:
 
 
 def weaker(**how: Any) -> pp.Touch:
-    """A gel that is 30 % stiffer than it is said to be moves less under the same force."""
+    """A gel that is 35 % stiffer than it is said to be moves less under the same force."""
     pad, array, values = soft()
-    touch = pp.Skin(pad, array, **how).reconstruct(values / 1.3)
+    touch = pp.Skin(pad, array, **how).reconstruct(values / 1.35)
     low, high = touch.interval(0.95, "force")
     assert how.get("uncertainty") or not low[2] < 1.0 < high[2]
     return touch

@@ -76,7 +76,7 @@ NOTES = [
         'say how well it is known ("200 kPa +- 20 %" in skin.toml, uncertainty=Uncertainty(youngs_modulus=0.2) in Python)',
         lambda: weaker(nuisance=[]),
         lambda: weaker(nuisance=[], uncertainty=pp.Uncertainty(youngs_modulus=0.2)),
-        holds(0.0, 0.0, 1.0),  # the gel is 30 % stiffer than it is said to be
+        holds(0.0, 0.0, 1.0),  # the gel is 35 % stiffer than it is said to be
         room="inverse.words",
     ),
     Note(

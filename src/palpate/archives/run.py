@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 import palpate
 from palpate._memory import require
 from palpate._threads import SMALL, cores
+from palpate.archives.numbers import Numbers
 from palpate.archives.pools import in_order, pool_of
 from palpate.archives.rested import Rest
 from palpate.archives.work import Task, Told, fingerprint
@@ -29,11 +29,9 @@ from palpate.recordings.touchstream import Collected
 from palpate.recordings.zarrstream import begun
 from palpate.sensing.readings import Creep, Layout, joined_planes
 from palpate.sensing.zero import OFFSETS, STANDS, Levels
-from palpate.status import Status
 from palpate.touch import Touch
 from palpate.touch.counted import Counted
 from palpate.touch.outcome import Outcome
-from palpate.touch.table import table_of
 
 if TYPE_CHECKING:
     import pandas
@@ -69,8 +67,8 @@ class Reconstructed:
         The frame of the recording that ``touch`` is of: the one that was asked for, or that with the largest traction.
     touch : Touch
         The result of this frame.
-    table : pandas.DataFrame
-        Numbers of all frames; see `Touch.table`.
+    numbers : Numbers
+        Numbers of all frames, as `table` holds them.
     remarks : tuple of str
         What is to be said of the readings.
     notes : tuple of str
@@ -82,9 +80,14 @@ class Reconstructed:
     before: int
     frame: int
     touch: Touch
-    table: pandas.DataFrame
+    numbers: Numbers
     remarks: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def table(self) -> pandas.DataFrame:
+        """Numbers of all frames (`Touch.table`). Of many frames (`MANY`) they stay in a file, and a column is read when it is looked at."""
+        return self.numbers.table()
 
 
 def piece_length(skin: Skin, method: Method | None = None) -> int:
@@ -281,7 +284,7 @@ def reconstruct_recording(
         before = finished = sum(done.values())
         if progress is not None and before:
             progress(finished, count)
-        gathered = _Gathered()
+        gathered = _Gathered(Numbers(len(wanted), target.resolve().parent))
         for start, frames in done.items():  # by an earlier run
             gathered.add(start, Told.of(stream.part(start, start + frames)))
         place = stream.place if pool.elsewhere and wanted.start == 0 else lambda: None
@@ -292,30 +295,29 @@ def reconstruct_recording(
             if progress is not None:
                 progress(finished, len(wanted))
     remarks: tuple[str, ...] = ()
-    numbers = gathered.table()
     if not baseline and levels.standing():
         remarks = (OFFSETS,)
-    elif not baseline and frame is None and levels.still(np.asarray(numbers["status"] == Status.NO_CONTACT.label)):
+    elif not baseline and frame is None and levels.still(gathered.numbers.untouched()):
         remarks = (STANDS,)
     if rest is not None and rest.wanders:
         remarks += (
             f"the readings drift in the {baseline} frames of the zero, or something touches: give fewer (--baseline, baseline=)",
         )
     touch, at = gathered.largest
-    return Reconstructed(target, len(wanted), before, at, touch, numbers, remarks, gathered.notes)
+    return Reconstructed(target, len(wanted), before, at, touch, gathered.numbers, remarks, gathered.notes)
 
 
 class _Gathered:
     """Numbers of all frames, and the frame with the largest traction, as pieces come in any order."""
 
-    def __init__(self) -> None:
-        self._parts: dict[int, dict[str, Any]] = {}
+    def __init__(self, numbers: Numbers) -> None:
+        self.numbers = numbers
         self._largest: tuple[int, Told] | None = None
         self._said = Counted()
         self._outcome: Outcome | None = None
 
     def add(self, start: int, told: Told) -> None:
-        self._parts[start] = told.numbers
+        self.numbers.add(start, told.numbers)
         self._said.add(told.assumptions, told.outcome.frames)
         self._outcome = told.outcome if self._outcome is None else self._outcome + told.outcome
         if self._largest is None or told.load > self._largest[1].load:
@@ -331,9 +333,6 @@ class _Gathered:
     @property
     def notes(self) -> tuple[str, ...]:
         return (*self._said.words(), *(() if self._outcome is None else self._outcome.words()))
-
-    def table(self) -> pandas.DataFrame:
-        return table_of([self._parts[start] for start in sorted(self._parts)])
 
 
 def _opened(recording: str | Path | Recording | OpenRecording) -> Any:

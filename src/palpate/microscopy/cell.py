@@ -535,26 +535,31 @@ def _doubts(
 ) -> list[str]:
     """What looks wrong."""
     said = []
+
+    def own(q: Quantity) -> float:
+        """The error but that of modulus and scale, which change no sign."""
+        return math.sqrt(max(q.std**2 - (done.touch.common_std * q.value) ** 2, 0.0))
+
     moment = numbers["contractile_moment"]
     large, small = max(principal[:2], key=abs), min(principal[:2], key=abs)
-    sure = abs(large) > QUESTIONED * moment.std
+    sure = abs(large) > QUESTIONED * own(moment)
     if sure and large * small < 0 and abs(small) > OPPOSED * abs(large):
         said.append(
             "the field pulls inwards along one direction and pushes outwards across it, as no cell does: is v's sign right (up), are u and v the right way round, "
             "are rows and columns those of the picture?"
         )
-    elif sure and moment.value < -QUESTIONED * moment.std:
+    elif sure and moment.value < -QUESTIONED * own(moment):
         said.append(
             "the cell pushes outwards, as hardly any does: are the pictures in order (at rest first, pulled second), or do the displacements have the opposite sign?"
         )
     torque = numbers["torque"]
-    if abs(torque.value) > max(2.0 * torque.std, 2.0 * abs(moment.value)):
+    if abs(torque.value) > max(2.0 * own(torque), 2.0 * abs(moment.value)):
         said.append(
             "the field turns more than it contracts, as no cell does: are u and v the right way round, and are rows and columns those of the picture?"
         )
     for key in ("net_force_x", "net_force_y", "torque"):
         q = numbers[key]
-        if abs(q.value) > QUESTIONED * q.std:
+        if abs(q.value) > QUESTIONED * own(q):
             said.append(
                 f"{q.label} is {str(q).partition(': ')[2]}, and a cell that is wholly in view has none: it reaches beyond the field of view or the mask, or a neighbour pulls"
             )
@@ -568,7 +573,7 @@ def _doubts(
             said.append(
                 f"traction outside the cell is {100 * share:.0f} % of that inside: noise, a neighbour, or a mask that misses part of the cell; energy and sums of sizes are partly that"
             )
-    if numbers["strain_energy"].value < QUESTIONED * numbers["strain_energy"].std:
+    if numbers["strain_energy"].value < QUESTIONED * own(numbers["strain_energy"]):
         said.append("strain energy is not told from zero: no traction shows above noise")
     if field.std is not None and done.touch.residual is not None and float(done.touch.residual) > MISFIT:
         said.append(
