@@ -36,7 +36,7 @@ from palpate.inverse.contact.parts import Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior, ambiguity_of
 from palpate.inverse.contact.products import AT_SIZE, FIRST_AT_SIZE, Products
 from palpate.inverse.contact.quadratic import Penalty
-from palpate.inverse.contact.quiet import PROVEN, explained_by_noise, few_stand_out, uneven
+from palpate.inverse.contact.quiet import explained_by_noise, uneven, unproven
 from palpate.inverse.contact.responses import Responses
 from palpate.inverse.contact.rims import with_rims
 from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, shallow, silent
@@ -510,7 +510,7 @@ class ConstrainedEstimator:
             alone = np.where(shallow(self.operator.planes_of), data, 0.0)
             nothing = self._nothing(run.parameter, run.scale, run.data, left_out, alone)
             fit = misfit_of(self, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
-            if fit < PROVEN or few_stand_out(self, run):
+            if unproven(self, run, fit):
                 # what noise explains ill may be contact that something hides, as large as the largest reading says
                 hidden = self.undetected(float(np.abs(run.data / self.readings.std).max(initial=0.0)), run.data)
                 nothing = replace(nothing, errors=hidden)

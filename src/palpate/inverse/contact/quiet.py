@@ -12,18 +12,18 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.frame import Run
 from palpate.inverse.contact.hypotheses import Hypothesis, Rough
 from palpate.inverse.contact.sharp import heavy_tails
-from palpate.inverse.fit import misfit_probability
+from palpate.inverse.fit import POOR_FIT, misfit_probability
 from palpate.inverse.linear.evidence import log_evidence
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["PROVEN", "explained_by_noise", "few_stand_out", "uneven"]
+__all__ = ["explained_by_noise", "uneven", "unproven"]
 
 #: Log likelihood of heavy tails over Gaussian noise from which on a few readings stand out of what is taken for noise. Of 40 quiet frames with Gaussian noise
 #: none has more than 3, of 40 with Student's of 4 degrees of freedom 15; of four contacts on thin layers and lines that were taken for noise three have.
 HEAVY = 4.0
-#: Misfit probability from which on it is taken as shown that noise is all there is. One quiet frame in ten has less, and wider intervals for it; so had
+#: Misfit probability from which on it is taken as shown that noise that nobody gave is all there is. One quiet frame in ten has less, and wider intervals for it; so had
 #: three of four wide contacts on thin layers that were taken for noise (0.05 to 0.09).
 PROVEN = 0.1
 
@@ -63,10 +63,14 @@ def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: 
     return Hypothesis(1, rough, np.where(present, none, 0.0), present)
 
 
-def few_stand_out(estimator: ConstrainedEstimator, run: Run) -> bool:
-    """Whether noise that nobody gave has tails that Gaussian noise has not: it may be contact that few taxels feel."""
+def unproven(estimator: ConstrainedEstimator, run: Run, fit: float) -> bool:
+    """Whether "no contact" hides what may be contact: noise does not explain the readings, or nobody gave it and it does so ill (``fit``), or with tails
+    that Gaussian noise has not, as contact that few taxels feel leaves.
+    """
     if estimator.noise_known:
-        return False
+        return fit < POOR_FIT
+    if fit < PROVEN:
+        return True
     data, channel = (run.data / estimator.readings.std)[run.observed], estimator.noise.index[run.observed]
     count = np.maximum(np.bincount(channel, None, estimator.noise.count), 1)
     level = np.sqrt(np.bincount(channel, data**2, estimator.noise.count) / count)[channel]
