@@ -201,8 +201,14 @@ class Cluster:
         self.workers = [self._worker(), self._worker()]
 
     def _start(self, what: str, *arguments: str) -> subprocess.Popen[bytes]:
+        # Dask's profile of each worker, an hour of samples, takes some 100 MB
+        quiet = {**os.environ, "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
         return subprocess.Popen(
-            [sys.executable, "-m", "dask", what, *arguments], stdout=self.log, stderr=self.log, start_new_session=True
+            [sys.executable, "-m", "dask", what, *arguments],
+            stdout=self.log,
+            stderr=self.log,
+            start_new_session=True,
+            env=quiet,
         )
 
     def _worker(self) -> subprocess.Popen[bytes]:
