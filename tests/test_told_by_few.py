@@ -88,3 +88,22 @@ def test_what_noise_explains_ill_may_be_contact() -> None:
     assert touch.status == pp.Status.NO_CONTACT
     assert 0.01 < float(touch.fit) < 0.1
     assert np.abs(touch.interval(0.95, "force")[1][1]) > 0.8 * frame.load.force[1]
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_disc_of_shear_alone_overflows_nothing() -> None:
+    """Noise with heavy tails over nothing: a disc without pressure had a penalty of 1e306, and its traction was not a number."""
+    array = pp.AreaArray(
+        shape=(4, 4), pitch=5.06e-3, depth=2.8e-3, channels=["stress_xz", "stress_yz", "stress_zz"], noise=44.0
+    )
+    readings = 44.0 * np.array(TAILS).reshape(3, 4, 4)
+    touch = pp.Skin(pp.HalfSpace(youngs_modulus=6.4e4, poissons_ratio=0.48), array).reconstruct(readings)
+    assert np.isfinite(np.asarray(touch.values)).all()
+    assert np.isfinite(touch.interval(0.95, "force")).all()
+
+
+TAILS = [
+    *(-1.2, -0.1, 0.9, -0.6, 1.0, -1.1, 0.1, 2.8, 0.7, -0.7, 2.6, -0.6, -0.2, -0.2, -1.1, 0.2),
+    *(2.6, 341.0, 0.6, 2.4, -1.3, 0.1, -1.9, 0.8, 0.7, -0.8, -0.9, 2.0, -9.2, 4.2, -0.3, 1.7),
+    *(0.3, 0.9, -0.5, -1.2, 2.5, -3.5, 0.4, -0.6, 0.4, -1.2, 0.5, -1.7, -0.5, -7.5, 7.3, -2.4),
+]

@@ -203,7 +203,10 @@ class AdaptiveEstimator(ConstrainedEstimator):
             return
         for disc in found.drawn:
             # gradients of the disc's own size at its edge are what is expected
-            slope = float(disc.traction[-1].max()) / min(data.level.grid.spacings)
+            size = float(disc.traction[-1].max()) or float(
+                np.abs(disc.traction).max()
+            )  # of a disc that is shear alone, its own
+            slope = size / min(data.level.grid.spacings)
             per_cell = [1.0 / (data.level.grid.cell * (v * slope**2 + 1e-300)) for v in self.variances]
             each = data.level.differences.even(1, per_cell)
             member = self.model(data.part(disc.position), each, disc.traction, keep_face=True)
