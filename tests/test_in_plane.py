@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.inverse.observability import pressing
 
 GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=200e3, poissons_ratio=0.48)])
 MARKERS = {"shape": (8, 8), "pitch": 2e-3, "depth": 0.5e-3, "channels": ["displacement_x", "displacement_y"]}
@@ -43,6 +44,17 @@ def test_pressure_is_sought_whichever_axis_has_the_noise() -> None:
     for noise in ([3e-6, 1e-6], [1e-6, 3e-6], [1e-6, 1e-6]):
         markers = pp.AreaArray(shape=(6, 8), pitch=3.5e-3, depth=0.0, channels=MARKERS["channels"], noise=noise)
         assert pp.Skin(gel, markers).components == ("x", "y", "z")
+
+
+def test_noise_on_one_axis_makes_no_force_better_known() -> None:
+    """How much pressure acts bounds the least error of the normal force: more noise must not narrow it."""
+    gel = pp.BondedLayers([pp.Layer(thickness=6e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
+    least = [
+        pressing(gel, [pp.AreaArray(**{**MARKERS, "depth": 0.0}, noise=noise)], ("x", "y")).max()
+        for noise in ([1e-6, 1e-6], [1e-5, 1e-6], [1e-6, 1e-5])
+    ]
+    assert least[1] == pytest.approx(least[2], rel=1e-6)
+    assert least[1] <= least[0]
 
 
 def test_a_frictionless_ball_is_not_read_as_shear() -> None:

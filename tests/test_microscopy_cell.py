@@ -121,6 +121,15 @@ def test_wrong_signs_and_transposed_components_are_said(found: CellForces) -> No
     assert "not told from zero" in notes(np.zeros_like(u))
 
 
+def test_a_sign_does_not_hang_on_how_well_the_modulus_is_known() -> None:
+    """A modulus known to 40 % makes every number that uncertain, and changes the sign of none."""
+    _, u = cell()
+    vague = pp.Uncertainty(youngs_modulus=0.4)
+    notes = cell_forces(field_of(-u), GEL, draws=8, drift=False, noise=2e-9, uncertainty=vague).notes
+    assert any("as hardly any does" in n for n in notes)
+    assert not any("not told from zero" in n for n in notes)
+
+
 def test_pixels_called_micrometres_are_refused() -> None:
     _, u = cell()
     with pytest.raises(InvalidInput, match=r"check the size of a pixel"):

@@ -43,7 +43,8 @@ class Numbers:
             weakref.finalize(self, self._file.close)
         self._titles: list[str] = []
         self._status = np.zeros(frames if self._file else 0, dtype=np.int8)
-        self._held: dict[int, tuple[int, frozenset[str]]] = {}
+        self._held: dict[int, tuple[int, tuple[str, ...]]] = {}
+        self._kinds: dict[tuple[str, ...], tuple[str, ...]] = {}
 
     def add(self, start: int, numbers: dict[str, Any]) -> None:
         """Numbers of the frames from ``start`` on."""
@@ -51,7 +52,8 @@ class Numbers:
             self._parts[start] = numbers
             return
         count = len(numbers["status"])
-        self._held[start] = count, frozenset(numbers)
+        titles = tuple(numbers)
+        self._held[start] = count, self._kinds.setdefault(titles, titles)  # one for all pieces that have the same
         self._status[start : start + count] = [_CODES[s] for s in numbers["status"]]
         for title, values in numbers.items():
             if title == "status":
@@ -78,11 +80,11 @@ class Numbers:
         if self._file is None:
             return table_of([self._parts[start] for start in sorted(self._parts)])
         self._file.truncate(8 * len(self._titles) * self._frames)
-        longest = max((titles for _, titles in self._held.values()), key=len)
         out: dict[str, Any] = {}
-        for k, title in enumerate(self._titles):
-            if title not in longest:
+        for title in max(self._kinds, key=len):
+            if title == "status":
                 continue
+            k = self._titles.index(title)
             column: Floats = np.memmap(cast(Any, self._file), np.float64, "c", 8 * k * self._frames, (self._frames,))
             for start, (count, titles) in self._held.items():
                 if title not in titles:  # a frame that is missing may lack what needs the friction

@@ -290,7 +290,7 @@ def reconstruct_recording(
         place = stream.place if pool.elsewhere and wanted.start == 0 else lambda: None
         for task, solved in in_order(pool, _tasks(source, skin, length, done, zero, wanted, place)):
             stream.add(task.start - wanted.start, solved.piece)
-            gathered.add(task.start, solved.told)
+            gathered.add(task.start, solved.told, wanted.start)
             finished += task.stop - task.start
             if progress is not None:
                 progress(finished, len(wanted))
@@ -316,8 +316,8 @@ class _Gathered:
         self._said = Counted()
         self._outcome: Outcome | None = None
 
-    def add(self, start: int, told: Told) -> None:
-        self.numbers.add(start, told.numbers)
+    def add(self, start: int, told: Told, first: int = 0) -> None:
+        self.numbers.add(start - first, told.numbers)
         self._said.add(told.assumptions, told.outcome.frames)
         self._outcome = told.outcome if self._outcome is None else self._outcome + told.outcome
         if self._largest is None or told.load > self._largest[1].load:

@@ -140,13 +140,13 @@ def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:
 
 def presses(pad: Pad, planes: Sequence[Array], shears: Sequence[str], least: float = ACTS) -> bool:
     """Whether pressure moves readings that these shears explain as well: by ``least`` of what as much shear does, at some wavelength."""
-    return is_observable(pad, planes, shears) and bool((pressing(pad, planes, shears) > least).any())
+    return is_observable(pad, planes, shears) and bool((pressing(pad, planes, shears, most=True) > least).any())
 
 
-def pressing(pad: Pad, planes: Sequence[Array], shears: Sequence[str]) -> Floats:
+def pressing(pad: Pad, planes: Sequence[Array], shears: Sequence[str], *, most: bool = False) -> Floats:
     """What pressure does to the readings over what as much shear does, at nine wavelengths from the array's width to a tenth of it.
 
-    In area contact along the axis where it does more: a channel with less noise counts for more, and may be that of either axis.
+    In area contact along the axis where it does less, or ``most``: a channel with less noise counts for more, and may be that of either axis.
     """
     names = COMPONENTS[planes[0].dimensions]
     size = float(np.ptp(planes[0].points, axis=0).max())
@@ -157,7 +157,7 @@ def pressing(pad: Pad, planes: Sequence[Array], shears: Sequence[str]) -> Floats
         matrix = _whitened(pad, planes, k, angle)
         shear = np.linalg.norm(matrix[..., [names.index(c) for c in shears]], axis=(-2, -1))
         ratios.append(np.linalg.norm(matrix[..., -1], axis=-1) / shear)
-    return np.asarray(np.max(ratios, axis=0))
+    return np.asarray(np.max(ratios, axis=0) if most else np.min(ratios, axis=0))
 
 
 def check_observable(

@@ -216,7 +216,9 @@ class Outcome:
                 )
         if self.rough:
             up_to = "up to " if self.batch else ""
-            said.append(f"{ROUGHLY}{some(self.rough)}: +- {up_to}{self.roughest:.0%} of the load (95 %)")
+            said.append(
+                f"the net force is known roughly only{some(self.rough)}: +- {up_to}{self.roughest:.0%} of the load (95 %)"
+            )
         if self.poor:
             how = "" if self.batch else f" (fit {self.worst_fit:.1g})"
             said.append(
