@@ -193,7 +193,7 @@ class Cluster:
         self.workers = [self._worker(), self._worker()]
 
     def _start(self, what: str, *arguments: str) -> subprocess.Popen[bytes]:
-        # Dask's profile of each worker, an hour of samples, takes some 100 MB
+        # Dask's profile of each worker, an hour of samples, takes hundreds of MB
         quiet = {**os.environ, "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
         return subprocess.Popen(
             [sys.executable, "-m", "dask", what, *arguments],
