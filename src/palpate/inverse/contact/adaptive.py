@@ -202,10 +202,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         if found is None:
             return
         for disc in found.drawn:
-            # gradients of the disc's own size at its edge are what is expected
-            size = float(disc.traction[-1].max()) or float(
-                np.abs(disc.traction).max()
-            )  # of a disc that is shear alone, its own
+            # gradients of the disc's own size at its edge are what is expected: of its pressure, or of its shear where it has none
+            size = float(disc.traction[-1].max()) or float(np.abs(disc.traction).max())
             slope = size / min(data.level.grid.spacings)
             per_cell = [1.0 / (data.level.grid.cell * (v * slope**2 + 1e-300)) for v in self.variances]
             each = data.level.differences.even(1, per_cell)
