@@ -117,3 +117,15 @@ def test_a_hypothesis_that_is_refuted_gives_way_to_one_that_is_not() -> None:
     assert (low < frame.load.force).all()
     assert (frame.load.force < high).all()
     assert high[1] - low[1] < 0.1 * frame.load.force[1]
+
+
+def test_an_offset_under_shear_that_reaches_both_ends_of_a_line_is_found() -> None:
+    """Shear took one end of the line up and the other down, the offset was sought from the wrong one, and 562 N/m were read of 338."""
+    frame = make_frame("offset", 1, seed=7741)
+    touch = frame.skin.reconstruct(frame.readings)
+    assert np.abs(touch.force / frame.load.force - 1.0).max() < 0.02
+    peak = float(np.abs(frame.readings).max())
+    found = dict(zip((label for label, _ in touch.nuisance_names), touch.nuisance))
+    # a tenth of the peak without it, which is 1/1.1 of the peak with it
+    for channel in ("strain_xz", "strain_zz"):
+        assert abs(found[f"offset of {channel}"] / (0.1 / 1.1 * peak) - 1.0) < 0.1

@@ -101,7 +101,7 @@ def test_shear_alone_is_as_asked() -> None:
     skin, readings = readings_of(BALL)
     touch = skin.reconstruct(readings, components=["x", "y"])
     assert touch.components == ("x", "y")
-    assert touch.method == "tikhonov"
+    assert touch.methods == "local"
 
 
 @pytest.mark.long

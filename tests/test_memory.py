@@ -17,6 +17,8 @@ from palpate.inverse.linear import fourier, memory
 from palpate.inverse.linear.memory import spectrum_memory
 from palpate.inverse.registry import method_asked
 from palpate.sensing import operator as operators
+from palpate.sensing import readings as readings_module
+from palpate.sensing.readings import FRAME_CELLS, FRAME_READINGS, MOST
 
 PAD = pp.HalfSpace(youngs_modulus=5e3, poissons_ratio=0.48)
 STRESS = ["stress_xz", "stress_yz", "stress_zz"]
@@ -92,6 +94,68 @@ def test_constant_friction_is_refused_before_its_inversion_is_prepared(monkeypat
     skin = pp.Skin(PAD, area(20, STRESS))
     with pytest.raises(pp.Unsupported, match="one complete LineArray"):
         skin.prepare(method="constant_friction", friction=0.3)
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int16])
+def test_a_batch_that_does_not_fit_is_refused_before_any_work(kind: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """100,000 frames of 32 x 32 x 3 ended in a MemoryError after 45 s. The number of frames that is named is taken."""
+
+    def begun(*_: Any, **__: Any) -> Any:
+        raise RuntimeError("work was begun")
+
+    monkeypatch.setattr(operators, "influence", begun)
+    monkeypatch.setattr(readings_module, "available", lambda: int(6e9))
+    monkeypatch.setattr(_memory, "available", lambda: int(6e9))
+    many = np.broadcast_to(np.zeros((), dtype=kind), (100_000, 3, 32, 32))
+    skin = pp.Skin(PAD, area(32, STRESS))
+    tracemalloc.start()
+    try:
+        with pytest.raises(pp.Unsupported, match="100000 frames of 3072 readings need about") as refused:
+            skin.reconstruct(many, method="tikhonov")
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 5e6
+    named = re.search(r"Reconstruct (\d+) frames at a time", str(refused.value))
+    assert named is not None
+    with pytest.raises(RuntimeError, match="work was begun"):
+        skin.reconstruct(many[: int(named[1])], method="tikhonov")
+
+
+def test_readings_of_several_planes_and_draws_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (readings_module, _memory):
+        monkeypatch.setattr(module, "available", lambda: int(6e9))
+    planes = [area(16, STRESS[2:]), pp.AreaArray(shape=(16, 16), pitch=1e-3, depth=3e-3, channels=STRESS)]
+    skin = pp.Skin(PAD, planes)
+    many = [np.broadcast_to(0.0, (500_000, c, 16, 16)) for c in (1, 3)]
+    with pytest.raises(pp.Unsupported, match="500000 frames of 1024 readings need"):
+        skin.reconstruct(many, method="tikhonov")
+    with pytest.raises(
+        pp.Unsupported, match=r"1 frames of 1024 readings with 1000000 draws each need .* Give fewer draws"
+    ):
+        skin.reconstruct([m[0] for m in many], draws=1_000_000)
+
+
+@pytest.mark.parametrize(("n", "channels"), [(8, STRESS), (24, STRESS), (24, DISPLACEMENT)])
+@pytest.mark.parametrize("method", ["tikhonov", "dft"])
+def test_a_batch_takes_no_less_than_is_said(n: int, channels: list[str], method: str) -> None:
+    """What is refused would not have fitted; and `MOST` times as much is enough."""
+    if method == "dft" and channels is DISPLACEMENT:
+        channels = [*DISPLACEMENT, "displacement_z"]
+    skin = pp.Skin(PAD, area(n, channels))
+    frames = 200
+    readings = np.random.default_rng(0).standard_normal((frames, len(channels), n, n)) * 1e-6
+    skin.reconstruct(readings[:2], method=method)
+    tracemalloc.start()
+    try:
+        touch = skin.reconstruct(readings, method=method)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    cells = len(skin.surface.components) * skin.surface.shape[0] * skin.surface.shape[1]
+    said = 8 * frames * (FRAME_READINGS * readings[0].size + FRAME_CELLS * cells)
+    assert 0.7 * said < peak < MOST * said
+    assert touch.values.nbytes < said
 
 
 def test_what_is_known_of_millions_of_readings_takes_no_number_for_each() -> None:

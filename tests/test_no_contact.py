@@ -36,15 +36,18 @@ def test_nothing_found_may_be_a_pull_as_well(sign: float) -> None:
 
 
 def test_an_empty_frame_stays_narrow_where_taxels_feel_every_place() -> None:
-    """Twice what is one standard deviation of a patch as wide as the depth, whatever the array's size; not ten times."""
+    """Twice what is one standard deviation of a patch as wide as the depth, whatever the array's size; not ten times.
+
+    Wider only where the frame holds more than chance does nine times in ten: such a frame cannot be told from a faint touch.
+    """
     array = pp.AreaArray(shape=(12, 12), pitch=2e-3, depth=4e-3, channels=["stress_zz"], noise=100.0)
     skin = pp.Skin(PAD, array)
-    touch = skin.reconstruct(100.0 * np.random.default_rng(1).standard_normal((8, 1, 12, 12)))
+    touch = skin.reconstruct(100.0 * np.random.default_rng(1).standard_normal((200, 1, 12, 12)))
     patch = pp.solutions.hertz_point(radius=4e-3, force=1.0)
     least = 100.0 / np.linalg.norm(np.asarray(skin.sense(patch)))
     high = touch.interval(0.95, of="force")[1][..., 2]
     assert (high > 1.9 * least).all()
-    assert (high < 6.0 * least).all()
+    assert np.mean(high < 6.0 * least) > 0.85
 
 
 def test_strips_that_push_and_pull_alike_are_not_one_push_and_broken_taxels() -> None:

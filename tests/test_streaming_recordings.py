@@ -484,6 +484,32 @@ def test_a_disk_that_is_full_is_said_at_once(
         same(read_touch(tmp_path / name), plain)
 
 
+def test_a_disk_without_room_for_the_numbers_is_said_and_the_run_goes_on_later(
+    folder: Path, skin: pp.Skin, plain: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from palpate.archives import numbers
+
+    monkeypatch.setattr(numbers, "MANY", 1)
+    add = numbers.Numbers.add
+
+    def full(self: Any, start: int, found: dict[str, Any]) -> None:
+        if start:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        add(self, start, found)
+
+    options: dict[str, Any] = {"method": "dft", "chunk": CHUNK, "resume": True}
+    with monkeypatch.context() as patch:
+        patch.setattr(numbers.Numbers, "add", full)
+        with pytest.raises(
+            pp.InvalidInput,
+            match=r"writing the numbers of the frames beside it failed \(No space left on device\). Free space there",
+        ):
+            pp.reconstruct_recording(skin, folder / "r.zarr", tmp_path / "t.zarr", **options)
+    assert os.listdir(tmp_path) == ["t.zarr.partial"]
+    assert pp.reconstruct_recording(skin, folder / "r.zarr", tmp_path / "t.zarr", **options).before > 0
+    same(read_touch(tmp_path / "t.zarr"), plain)
+
+
 # -- what is refused ---------------------------------------------------------------------------------------------------
 
 

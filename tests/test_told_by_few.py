@@ -30,6 +30,17 @@ def test_a_taxel_stuck_far_from_the_contact_is_questioned() -> None:
     assert abs(touch.force[1] / frame.load.force[1] - 1.0) < 0.05
 
 
+def test_no_contact_that_given_noise_explains_ill_has_a_wide_zero() -> None:
+    """Two of 252 readings felt a ball that slid: noise alone explains them with a chance of 0.012, and 0.46 N lay outside +- 0.25 N."""
+    frame = make_frame("clean", 25, seed=7741)
+    touch = frame.skin.reconstruct(frame.readings, friction=frame.friction)
+    assert touch.status == pp.Status.NO_CONTACT
+    assert 0.01 < touch.fit < 0.1
+    low, high = touch.interval(0.95, "force")
+    assert (low < frame.load.force).all()
+    assert (frame.load.force < high).all()
+
+
 def test_a_ball_across_the_edge_is_said_to_be() -> None:
     array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=50.0)
     skin = pp.Skin(PAD, array)

@@ -50,7 +50,7 @@ def test_in_plane_force_of_a_cell_is_as_uncertain_as_the_modulus_of_its_gel() ->
     factors = 1.0 / (1.0 + 0.1 * rng.standard_normal(60))  # a stiffer gel moves less
     frames = factors[:, None, None, None] * one + 0.01 * np.abs(one).max() * rng.standard_normal((60, *one.shape))
     touch = known.reconstruct(frames)
-    assert set(np.ravel(touch.methods)) == {"tikhonov"}
+    assert set(np.ravel(touch.methods)) == {"local"}
     low, high = touch.interval(0.95, "force")
     inside = int(np.count_nonzero((low[:, 0] < 1e-7) & (high[:, 0] > 1e-7)))
     assert inside >= 54  # 95 % of 60 is 57; 54 or more with a chance of 0.97

@@ -472,7 +472,7 @@ class Skin:
         NotObservable
             Components that leave no trace in these channels, or cannot be told apart.
         Unsupported
-            An option that the method does not take, or a layout that it cannot serve; the message says what can.
+            An option that the method does not take, a layout that it cannot serve, or a batch that memory cannot hold; the message says what can.
 
         Examples
         --------
@@ -489,7 +489,7 @@ class Skin:
         chosen = method_asked(method, options)
         if rng is not None and "draws" not in chosen.options():
             raise Unsupported(f'method="{chosen.name}" does not take rng: it draws no samples.')
-        parts = self._layout.checked(readings)
+        parts = self._layout.checked(readings, self._surface, draws=getattr(chosen, "draws", 0))
         times = frame_times(readings, parts, self._planes, time)
         if isinstance(self._pad, Viscoelastic):
             parts = with_creep(parts, self._planes, self._pad.prony, times, "remove")

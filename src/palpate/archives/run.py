@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -284,7 +284,9 @@ def reconstruct_recording(
         before = finished = sum(done.values())
         if progress is not None and before:
             progress(finished, count)
-        gathered = _Gathered(Numbers(len(wanted), target.resolve().parent))
+        with _numbers_of(target):
+            numbers = Numbers(len(wanted), target.resolve().parent)
+        gathered = _Gathered(numbers, target)
         for start, frames in done.items():  # by an earlier run
             gathered.add(start, Told.of(stream.part(start, start + frames)))
         place = stream.place if pool.elsewhere and wanted.start == 0 else lambda: None
@@ -307,17 +309,28 @@ def reconstruct_recording(
     return Reconstructed(target, len(wanted), before, at, touch, gathered.numbers, remarks, gathered.notes)
 
 
+@contextmanager
+def _numbers_of(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise InvalidInput(
+            f"{target}: writing the numbers of the frames beside it failed ({error.strerror or error}). Free space there, and run it again."
+        ) from error
+
+
 class _Gathered:
     """Numbers of all frames, and the frame with the largest traction, as pieces come in any order."""
 
-    def __init__(self, numbers: Numbers) -> None:
-        self.numbers = numbers
+    def __init__(self, numbers: Numbers, beside: Path) -> None:
+        self.numbers, self._beside = numbers, beside
         self._largest: tuple[int, Told] | None = None
         self._said = Counted()
         self._outcome: Outcome | None = None
 
     def add(self, start: int, told: Told, first: int = 0) -> None:
-        self.numbers.add(start - first, told.numbers)
+        with _numbers_of(self._beside):
+            self.numbers.add(start - first, told.numbers)
         self._said.add(told.assumptions, told.outcome.frames)
         self._outcome = told.outcome if self._outcome is None else self._outcome + told.outcome
         if self._largest is None or told.load > self._largest[1].load:

@@ -16,6 +16,7 @@ from palpate.bench.accuracy import (
 from palpate.bench.calibration import beyond, calibration, crossing, population, write_constants
 from palpate.bench.contacts import FRICTION, Patch, area_contact, line_contact
 from palpate.bench.layouts import LAYOUTS, Layout
+from palpate.bench.patches import PulledFrame, pulled
 from palpate.bench.unseen import KINDS, unseen
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "NOISES",
     "Layout",
     "Patch",
+    "PulledFrame",
     "Record",
     "ablation",
     "accuracy",
@@ -39,6 +41,7 @@ __all__ = [
     "line_contact",
     "measured",
     "population",
+    "pulled",
     "ratios",
     "run",
     "summary",

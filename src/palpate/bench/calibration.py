@@ -13,9 +13,13 @@ import numpy as np
 from palpate.bench.accuracy import run, spread_over
 from palpate.bench.contacts import Patch, Traction, area_contact, line_contact
 from palpate.bench.layouts import Layout
+from palpate.bench.patches import pulled
 from palpate.elastic import BondedLayers, HalfSpace, Layer
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
+from palpate.inverse.contact.methods import Local
+from palpate.inverse.linear.posterior import moment_rows
+from palpate.inverse.linear.regularised import BLIND
 from palpate.recordings.files import atomically
 from palpate.sensing import AreaArray, LineArray, ScatteredArray
 from palpate.uncertainty import AMBIGUOUS, FEW, GAUSSIAN, Calibration, Case, Constants, constants
@@ -174,7 +178,7 @@ def calibration(
 ) -> dict[Case, dict[str, tuple[float, float, float]]]:
     """Shift, scale and degrees of freedom of each case and quantity that make the intervals of 50 and 95 % hold.
 
-    From a random `population` of contacts.
+    From a random `population` of contacts; of `method="local"` from `pulled` patches, whatever ``contact``, ``sensing`` and ``body``.
     """
     z: dict[Case, dict[str, list[Floats]]] = {}
     tasks = [(seed, i, method, contact, sensing, body) for i in range(frames)]
@@ -185,7 +189,10 @@ def calibration(
             report(i + 1)
     ordered = sorted(z.items(), key=lambda item: str(item[0]))
     return {
-        case: {quantity: _fit(values, shifted=quantity in SHIFTED) for quantity, values in sorted(found.items())}
+        case: {
+            quantity: _fit(values, shifted=quantity in SHIFTED and method != Local.name)
+            for quantity, values in sorted(found.items())
+        }
         for case, found in ordered
     }
 
@@ -193,10 +200,34 @@ def calibration(
 def _one_frame(task: tuple[int, int, str, str | None, str, str]) -> tuple[Case, dict[str, Floats]]:
     seed, index, method, contact, sensing, body = task
     rng = np.random.default_rng((seed, index))
+    if method == Local.name:
+        return _one_pulled(rng)
     layout, traction, noise = population(rng, contact=contact, sensing=sensing, body=body)
     # what linear methods find outside the array is never quite nothing; `beyond` says what it is worth
     inside = method in GAUSSIAN
     return layout.case, run(layout, "random", traction, noise, rng, (method,), yardstick=False, inside=inside)[0].z
+
+
+def _one_pulled(rng: np.random.Generator) -> tuple[Case, dict[str, Floats]]:
+    """Of a frame of `pulled` patches: errors over standard deviations, of either sign as often; none where noise cannot be told, which its notes say."""
+    frame = pulled(rng)
+    touch = frame.skin.reconstruct(frame.readings, method=Local.name, components=["x", "y"])
+    errors = touch.errors
+    if errors is None:
+        raise InvalidInput(f'method="{Local.name}" has no error bars.')
+    if str(touch.methods) != Local.name or any(note.startswith(BLIND) for note in touch.notes):
+        return touch.calibration_case, {}
+    strong = np.hypot(*frame.truth)
+    on = strong > 0.05 * strong.max()
+    whole = np.concatenate([frame.truth, np.zeros((1, *on.shape))])
+    moment = (moment_rows(touch.surface)[2] * whole).sum()
+    z = {
+        "traction": ((frame.truth - np.asarray(touch.values)[:2]) / np.asarray(errors.traction)[:2])[:, on].ravel(),
+        "force": (whole.sum(axis=(1, 2)) * touch.surface.cell - np.asarray(touch.force))[:2]
+        / np.asarray(errors.force)[:2],
+        "moment": (moment - np.asarray(touch.moment)[2:]) / np.asarray(errors.moment)[2:],
+    }
+    return touch.calibration_case, {name: np.concatenate([v, -v]) for name, v in z.items()}
 
 
 def beyond(
@@ -288,7 +319,8 @@ def write_constants(
             "body": case.body,
             "outside": near.outside if part is None else part,
             "population": {
-                "description": "random contacts and noise, palpate.bench.population",
+                "description": f"random {'patches' if method == Local.name else 'contacts'} and noise, palpate.bench."
+                + ("pulled" if method == Local.name else "population"),
                 "frames": frames,
                 "seed": seed,
                 "version": version,

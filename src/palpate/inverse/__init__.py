@@ -7,7 +7,7 @@ from palpate.inverse.comparison.non_negative import NonNegative
 from palpate.inverse.comparison.total_variation import TotalVariation
 from palpate.inverse.contact.cone import Cone, Solution, minimise
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.methods import Adaptive, Automatic, Constrained
+from palpate.inverse.contact.methods import Adaptive, Automatic, Constrained, Local
 from palpate.inverse.estimate import Errors, Estimate, Stated
 from palpate.inverse.linear.methods import Hilgers, Tikhonov, Truncated, Wiener
 from palpate.inverse.linear.parameter import RULES, choose_parameter
@@ -40,6 +40,7 @@ __all__ = [
     "Hilgers",
     "LinearSystem",
     "LinearSystemEstimator",
+    "Local",
     "MaximumEntropy",
     "Method",
     "Needs",

@@ -11,7 +11,7 @@ from palpate.inverse.comparison.maximum_entropy import MaximumEntropy
 from palpate.inverse.comparison.network import AnalogNetwork
 from palpate.inverse.comparison.non_negative import NonNegative
 from palpate.inverse.comparison.total_variation import TotalVariation
-from palpate.inverse.contact.methods import Adaptive, Automatic, Constrained
+from palpate.inverse.contact.methods import Adaptive, Automatic, Constrained, Local
 from palpate.inverse.linear.methods import Hilgers, Tikhonov, Truncated, Wiener
 from palpate.inverse.linear.parameter import RULES
 from palpate.inverse.method import Method, Option
@@ -30,6 +30,7 @@ _BUILT_IN: tuple[type[Method], ...] = (
     Automatic,
     Adaptive,
     Constrained,
+    Local,
     Tikhonov,
     Hilgers,
     Truncated,

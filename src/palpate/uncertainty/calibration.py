@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 #: Methods whose error bars are those of a Gaussian model, in which traction has either sign: used as they are where nothing calibrated them.
-GAUSSIAN = ("tikhonov", "hilgers", "truncated", "wiener")
+GAUSSIAN = ("tikhonov", "local", "hilgers", "truncated", "wiener")
 #: Contact on an area whose pressure and shear the channels alone do not tell apart.
 AMBIGUOUS = "area, ambiguous"
 #: What is added to the contact on an area with so few taxels: noise presses on few cells beside the contact, and adds up to little.

@@ -55,6 +55,8 @@ SLOW, PART, FARTHEST = 0.5, 0.7, 20.0
 REWEIGHED = 20
 #: A compact contact leaves at least this part of the readings' degrees of freedom.
 NARROW = 0.8
+#: Sizes of nuisances that differ by less than this part of them are the same.
+ALIKE = 0.1
 #: The mean of so many outermost taxels at least, up to so many of its standard errors, is no offset: one that passes is smaller than what counts as
 #: there (`Thresholds.nuisance` standard errors of all).
 FEWEST_QUIET, QUIET = 8, 1.5
@@ -131,14 +133,16 @@ def rough(
     return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]))
 
 
-def _quiet_level(values: Floats, points: Floats, scattered: bool) -> float:
-    """Level of a channel where least happens: of the outermost taxels, on a line the end that reads less."""
+def _quiet_levels(values: Floats, points: Floats, scattered: bool) -> list[float]:
+    """Levels of a channel where little happens: of the outermost taxels, on a line the end that reads less, and then either end: shear reaches
+    far along a line, and of two ends that it takes in opposite directions the one that reads less is the farther off.
+    """
     if points.shape[1] == 1:
         order = np.argsort(points[:, 0])
         k = max(1, min(2, len(values) // 6))
         ends = [float(values[order[:k]].mean()), float(values[order[-k:]].mean())]
-        return min(ends, key=abs)
-    return float(np.median(values[_outermost(points, scattered)]))
+        return [min(ends, key=abs), *ends]
+    return [float(np.median(values[_outermost(points, scattered)]))]
 
 
 def _outermost(points: Floats, scattered: bool) -> Flags:
@@ -160,9 +164,11 @@ def _touched(estimator: ConstrainedEstimator, term: Nuisance) -> tuple[Array, In
     raise IndexError(first)
 
 
-def quiet_levels(estimator: ConstrainedEstimator, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
-    """First sizes of offsets, from the outermost taxels; 0 for other nuisances."""
-    sizes = np.zeros(len(terms))
+def quiet_levels(
+    estimator: ConstrainedEstimator, data: Floats, observed: Flags, terms: Sequence[Nuisance]
+) -> list[Floats]:
+    """First sizes of offsets, from the outermost taxels, each to be tried; 0 for other nuisances."""
+    starts = [np.zeros(len(terms)) for _ in range(3 if estimator.operator.surface.dimensions == 1 else 1)]
     for i, term in enumerate(terms):
         if term.kind != "offset":
             continue
@@ -170,8 +176,10 @@ def quiet_levels(estimator: ConstrainedEstimator, data: Floats, observed: Flags,
         here = observed[place]
         if here.any():
             points = array.points[array.valid.ravel()][here]
-            sizes[i] = _quiet_level(data[place][here], points, isinstance(array, ScatteredArray))
-    return sizes
+            levels = _quiet_levels(data[place][here], points, isinstance(array, ScatteredArray))
+            for start, level in zip(starts, levels):
+                start[i] = level
+    return [s for k, s in enumerate(starts) if not any(np.array_equal(s, before) for before in starts[:k])]
 
 
 def edge_drift(estimator: ConstrainedEstimator, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
@@ -302,8 +310,13 @@ def hypothesis_of(
         wide = estimator.far and estimator.problem.pad.thickness is None and best.rough.free < NARROW * observed.sum()
         if doubt or wide:
             for sign in {h.sign for h in tried} if doubt else (best.sign,):
-                tried.extend(_with_drift(estimator, data, observed, total, sign, levels, usual, noise))
-        tilted = edge_drift(estimator, data, observed, terms) if doubt and not usual.all() else levels
+                for k, start in enumerate(levels):
+                    more = _with_drift(estimator, data, observed, total, sign, start, usual, noise)
+                    if k > 0:
+                        # the level of the wrong end leaves the other end loaded, and so does a ramp
+                        more = [h for h in more if not h.rough.ring > t.edge and not any(_alike(h, o) for o in tried)]
+                    tried.extend(more)
+        tilted = edge_drift(estimator, data, observed, terms) if doubt and not usual.all() else levels[0]
         if (np.abs(tilted) * unit > t.nuisance * level)[~usual].any():
             for sign in {h.sign for h in tried}:
                 tried.extend(_with_drift(estimator, data, observed, total, sign, tilted, np.ones_like(usual), noise))
@@ -409,6 +422,12 @@ def without_outliers(
             break
         counted, best = fewer, found
     return replace(h, rough=best), counted
+
+
+def _alike(a: Hypothesis, b: Hypothesis) -> bool:
+    """Whether two hypotheses with nuisances came to the same: a rival that is a copy would be solved for nothing."""
+    same = a.sign == b.sign and np.array_equal(a.present, b.present)
+    return bool(same and np.allclose(a.sizes, b.sizes, rtol=ALIKE, atol=0.0))
 
 
 def _reach(columns: Floats, data: Floats) -> Floats:

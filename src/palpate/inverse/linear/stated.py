@@ -11,7 +11,7 @@ This stands beside the closed-form errors and not in them: the constants of a me
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -58,7 +58,7 @@ class InDoubt:
         traction = to_numpy(found.traction).astype(np.float64).reshape(-1, len(self.grid.components), *self.grid.shape)
         flat = [to_numpy(r).astype(np.float64).reshape(-1, *r.shape[len(batch) :]) for r in readings]
         frames = [
-            deviations(self._directions([r[i] for r in flat], t, float(lam)), t, self.grid)
+            deviations(self.directions([r[i] for r in flat], t, self._again(float(lam))), t, self.grid)
             for i, (t, lam) in enumerate(zip(traction, np.reshape(found.parameter, -1)))
         ]
         joined = {f.name: np.stack([getattr(one, f.name) for one in frames]) for f in fields(Stated)}
@@ -71,8 +71,12 @@ class InDoubt:
             found, said=tuple(said), stated=Stated(**{n: v.reshape((*batch, *v.shape[1:])) for n, v in joined.items()})
         )
 
-    def _directions(self, readings: list[Floats], traction: Floats, parameter: float) -> Floats:
-        """What the estimate is off by (direction, component, *surface), one standard deviation each."""
+    def _again(self, parameter: float) -> Callable[[list[Floats]], Floats]:
+        """What the method makes of readings (row, channel, *array) per plane."""
+        return lambda rows: self.linear.again(rows, np.full(len(rows[0]), parameter))
+
+    def directions(self, readings: list[Floats], traction: Floats, again: Callable[[list[Floats]], Floats]) -> Floats:
+        """What an estimate is off by (direction, component, *surface), one standard deviation each; ``again`` makes tractions of readings as it did."""
         known, out = self.known, []
         columns, size = self.problem.doubtful(known, traction)
         rows = list((columns * size).T)
@@ -86,7 +90,7 @@ class InDoubt:
         rows.extend(self.hidden * flat[o != 0].max(initial=0.0) / np.abs(o).max() * o for o in self.offsets)
         if rows:
             planes = [np.stack(each) for each in zip(*(self.readings.planes(row) for row in rows))]
-            out.append(self.linear.again(planes, np.full(len(rows), parameter)))
+            out.append(again(planes))
         return np.concatenate(out) if out else np.zeros((1, *traction.shape))
 
 

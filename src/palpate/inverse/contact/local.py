@@ -1,0 +1,392 @@
+"""method="local": traction of either sign that is strong in few places, with nothing to tune.
+
+Cells on gels and pads that stick pull as well as push, so that no sign says where traction ends; that it is strong in few places still does. Each
+component is Gaussian with the covariance
+
+    cov(t(a), t(b)) = sqrt(v(a) v(b)) exp(-|a - b|^2 / 2 l^2),
+
+whose variance v is local: the square of Tikhonov's traction, averaged over about l (one step of sparse Bayesian learning, M. E. Tipping, J. Mach. Learn.
+Res. 1, 2001, 211-244, with neighbours sharing their variance; further steps use the readings again and follow noise). Cells of little variance are
+left out, so that a problem of hundreds of unknowns remains. Lengths l from half a taxel's distance on are weighed by their marginal likelihood, which knows sharp
+patches from smooth ones; their mean is the answer, and their spread part of its error. Patterns that are no contact (`palpate.sensing.nuisance`) are
+unknowns beside the traction: where traction ends, it tells a drift of the image from a net force.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import from_numpy, to_numpy
+from palpate.elastic.channels import find_channel
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.edges import outside_taxels
+from palpate.inverse.contact.places import Data, Member, Places, Start
+from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of, frames_of
+from palpate.inverse.fit import MODEL_DETAIL, POOR_FIT, misfit_probability, neighbours
+from palpate.inverse.linear.matrix_free.path import Linear
+from palpate.inverse.linear.matrix_free.solver import MatrixFree
+from palpate.inverse.linear.parameter import tikhonov
+from palpate.inverse.linear.patterns import SURE
+from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, center_rows, moment_rows
+from palpate.inverse.linear.regularised import BLIND, Regularised
+from palpate.inverse.linear.stated import InDoubt, deviations
+from palpate.inverse.problem import Problem
+
+__all__ = ["LocalEstimator"]
+
+Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
+
+#: What displacements are thought to hold besides traction where nobody says: an image moves and turns.
+DRIFT = ("offset", "rotation")
+#: Readings that are left so many times the usual from nothing, and so much of the largest, are left out as no noise: so many of all at most, in so many rounds.
+BROKEN, DETAIL, MOST_BROKEN, ROUNDS_OF_BROKEN = 6.0, 0.03, 0.05, 3
+#: Unless a neighbour is off by this part of that, the same way.
+ALIKE = 0.3
+#: Patches that the shortest length fits best may be narrower than a marker's distance: traction of their cells is known to this part of it, however small the noise.
+UNRESOLVED = 0.2
+#: No pad and no grid is known better than this part of the net force.
+MODEL_FORCE = 5e-4
+
+
+class LocalEstimator:
+    """The method prepared for a problem: Tikhonov's, which it starts from, and the operator's columns."""
+
+    def __init__(self, problem: Problem, linear: Linear, *, draws: int = 0) -> None:
+        self.problem, self.draws = problem, draws
+        self.grid, self.columns, self.operator = linear.grid, problem.columns, problem.operator
+        self.alone = linear.linear if isinstance(linear, InDoubt) else linear
+        #: Tikhonov's method as it is answers where no place is different from others.
+        self.even: Linear = InDoubt(self.alone, problem, problem.doubts) if problem.doubts.any else self.alone
+        image = all(find_channel(c).kind.absolute for a in self.operator.planes_of for c in a.channels)
+        drift = problem.nuisance is None and image
+        if drift:
+            # where traction ends, what an image drifts by is told from it
+            if isinstance(self.alone, Regularised):
+                self.alone = Regularised(self.alone.decomposition, tikhonov, "evidence", nuisance=DRIFT)
+            else:
+                self.alone = MatrixFree(self.alone.system, "evidence", nuisance=DRIFT)
+        self.doubts = InDoubt(self.alone, problem, problem.doubts) if problem.doubts.any else None
+        self.places = Places(problem, self.alone, applied=self.doubts is not None)
+        self.readings, self.patterns = self.places.readings, self.places.patterns
+        self.outside = outside_taxels(self.operator)
+        self.pairs = neighbours(self.operator.planes_of)
+
+    def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
+        """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
+        batch, rng = batch_of(readings, self.operator), rng or np.random.default_rng(0)
+        frames: list[Frame | None] = []
+        for planes in frames_of(readings, self.operator):
+            # alone: a batch is rounded otherwise
+            start = self._starts(self.alone.solve([p[None] for p in planes]))[0]
+            data = Data(planes, self.places.white(self.readings.flat(planes)[None])[0], self.places.every, start)
+            frame = self._solved(data, rng)
+            if frame is not None and (np.abs(frame.sizes) > SURE * frame.deviations).any():
+                # an even penalty makes traction of a part of the drift
+                data = replace(data, start=self._mended(data, frame))
+                frame = self._solved(data, rng)
+            for _ in range(ROUNDS_OF_BROKEN):
+                broken = self._broken(frame, data)
+                if frame is None or not broken.any():
+                    break
+                data = replace(data, observed=data.observed & ~broken)
+                data = replace(data, start=self._mended(data, frame))
+                frame = self._solved(data, rng)
+            # what explains every reading knows nothing of its errors
+            frames.append(frame if frame is not None and frame.told > UNEXPLAINED else None)
+        # what the pad owes to an even penalty is asked for only where that answers
+        found = (self.even if any(f is None for f in frames) else self.alone).solve(readings)
+        return self._gathered(found, batch, frames)
+
+    def _starts(self, found: Estimate) -> list[Start]:
+        """What Tikhonov's method says of each frame."""
+        traction = to_numpy(found.traction).astype(np.float64).reshape(-1, len(self.grid.components), *self.grid.shape)
+        noise, chosen = (np.ravel(np.asarray(v, dtype=np.float64)) for v in (found.noise_scale, found.parameter))
+        return [Start(t[list(self.columns)], float(n) ** 2, float(p)) for t, n, p in zip(traction, noise, chosen)]
+
+    def _mended(self, data: Data, frame: Frame) -> Start:
+        """The start made anew: without the patterns that were found, and with what the other readings say where one is broken."""
+        flat, lost = self.readings.flat(data.planes), ~data.observed
+        flat[lost] -= (frame.left * self.readings.std)[lost]
+        for pattern, size in zip(self.patterns, frame.sizes):
+            flat -= size * pattern.rows
+        return self._starts(self.alone.solve([p[None] for p in self.readings.planes(flat)]))[0]
+
+    def _solved(self, data: Data, rng: np.random.Generator) -> Frame | None:
+        """A frame; None where its traction is everywhere or nowhere."""
+        members = self.places.members(data)
+        if not members:
+            return None
+        frame = self._frame(data, members, rng)
+        if frame.fit < POOR_FIT and frame.shared > 1.0 and not self.places.known:
+            # noise that neighbours share is as much more at the wavelengths of traction
+            again = self.places.members(
+                replace(data, start=replace(data.start, noise=frame.noise**2 * frame.shared)), told=True
+            )
+            frame = self._frame(data, again, rng, shared=frame.shared) if again else frame
+        return frame
+
+    def _broken(self, frame: Frame | None, data: Data) -> Flags:
+        """Readings that are left so far off that no noise explains it, where they are few; of independent readings."""
+        none = np.zeros(len(data.y), dtype=bool)
+        if frame is None or not self.readings.each_alone:
+            return none
+        usual = 1.4826 * float(np.median(np.abs(frame.left[data.observed])))
+        largest = float(np.quantile(np.abs(data.y), 1.0 - MOST_BROKEN))
+        off = np.abs(frame.left) * data.observed
+        # the farthest first: what they made of the traction may be why others are off
+        limit = max(math.hypot(BROKEN * usual, DETAIL * largest), 0.5 * float(off.max()))
+        broken = off > limit
+        # what is broken stands alone: neighbours that are off alike are traction that has no cell
+        i, j = self.pairs
+        alike = (frame.left[i] * frame.left[j] > 0) & (np.minimum(off[i], off[j]) > ALIKE * limit)
+        broken[i[alike]] = broken[j[alike]] = False
+        return broken if broken.sum() + (~data.observed).sum() <= MOST_BROKEN * len(data.y) else none
+
+    # -- one frame
+
+    def _frame(self, data: Data, members: list[Member], rng: np.random.Generator, shared: float = 1.0) -> Frame:
+        """What the weighed models say of a frame."""
+        weights = np.array([m.weight for m in members])
+        traction = np.tensordot(weights, np.stack([m.traction for m in members]), 1)
+        whole = self._everywhere(traction)
+        stated = None
+        if self.doubts is not None:
+            directions = self.doubts.directions(data.planes, whole, lambda rows: self._again(members, rows))
+            stated = deviations(directions, whole, self.grid)
+        noise = float(weights @ [m.noise for m in members])
+        left = weights @ np.stack([m.left for m in members])
+        seen = left * data.observed
+        mean = weights @ np.stack([m.sizes for m in members])
+        spread = weights @ np.stack([m.spread + (m.sizes - mean) ** 2 for m in members])
+        return Frame(
+            traction=whole,
+            errors=self._errors(members, weights, whole),
+            stated=stated,
+            noise=math.sqrt(noise / shared),
+            told=1.0 - float(weights @ [m.taken for m in members]) / len(self.readings.std),
+            shared=self._shared(seen) if shared == 1.0 else shared,
+            fit=self._fit(data, seen, members, weights, whole, noise / shared),
+            residual=float(np.sqrt(np.mean(left[data.observed] ** 2))),
+            left=left,
+            broken=~data.observed,
+            sizes=mean * self.places.units,
+            deviations=np.sqrt(spread) * self.places.units,
+            draws=self._drawn(members, weights, rng) if self.draws else None,
+        )
+
+    def _everywhere(self, sought: Floats, fill: float = 0.0) -> Floats:
+        """Fields (..., component sought, *surface) with all components."""
+        d = self.grid.dimensions
+        lead = sought.shape[: -1 - d]
+        out = np.full((*lead, len(self.grid.components), *self.grid.shape), fill)
+        rows: Any = (..., list(self.columns), *(slice(None),) * d)
+        out[rows] = sought
+        return out
+
+    def _again(self, members: list[Member], rows: list[Floats]) -> Floats:
+        """What the models make of readings (row, channel, *array) per plane: (row, component, *surface)."""
+        count = len(rows[0])
+        white = self.places.white(np.stack([self.readings.flat([r[i] for r in rows]) for i in range(count)]))
+        out = np.zeros((count, len(self.columns), math.prod(self.grid.shape)))
+        for m in members:
+            out[:, :, m.cells] += m.weight * (white @ m.apply.T).reshape(count, len(self.columns), -1)
+        return self._everywhere(out.reshape(count, len(self.columns), *self.grid.shape))
+
+    def _fit(
+        self, data: Data, left: Floats, members: list[Member], weights: Floats, whole: Floats, noise: float
+    ) -> float:
+        """Misfit probability of what is left (`palpate.inverse.fit`)."""
+        taken = float(weights @ [m.taken for m in members])
+        columns, _ = self.problem.doubtful(self.problem.doubts, whole)
+        if columns.shape[1]:
+            # what a pad that is not known exactly would leave is no misfit
+            rows = self.places.white(columns.T).T * data.observed[:, None]
+            left = left - rows @ np.linalg.lstsq(rows, left, rcond=1e-8)[0]
+            taken += columns.shape[1]
+        detail = math.hypot(MODEL_DETAIL, self.problem.doubts.gain) * float(
+            np.abs(data.y[data.observed]).max(initial=0.0)
+        )
+        size = math.sqrt(noise)
+        return misfit_probability(
+            left / size, data.observed, self.pairs, taken=taken, known=self.places.known, detail=detail / size
+        )
+
+    def _shared(self, left: Floats) -> float:
+        """Sum of the correlations of what is left at a taxel and at its neighbours, 1 where it is white."""
+        i, j = self.pairs
+        if not len(i):
+            return 1.0
+        beside = 2.0 * len(i) / len(left)
+        return max(1.0 + beside * float(np.mean(left[i] * left[j]) / np.mean(left**2)), 1.0)
+
+    def _errors(self, members: list[Member], weights: Floats, whole: Floats) -> Errors:
+        """Standard deviations of a frame: those of the models, and how far these are apart."""
+        grid, c = self.grid, len(self.columns)
+        pressure = whole[-1]
+        presses = self.columns[-1] == len(grid.components) - 1
+        force = np.zeros((c, c, *grid.shape))
+        force[np.arange(c), np.arange(c)] = grid.cell
+        moment = moment_rows(grid)[:, list(self.columns)]
+        center = np.zeros((grid.dimensions, c, *grid.shape))
+        top = np.zeros((1, c, *grid.shape))
+        if presses:
+            center[:, -1] = center_rows(grid, pressure)
+            top[0, -1].ravel()[int(pressure.argmax())] = 1.0
+        sums = np.concatenate([force, moment, center, top]).reshape(-1, c, math.prod(grid.shape))
+        mean = np.tensordot(sums, whole[list(self.columns)].reshape(c, -1), ([1, 2], [0, 1]))
+        variance = np.zeros(len(sums))
+        cells, told = np.zeros((c, math.prod(grid.shape))), np.full((c, math.prod(grid.shape)), math.nan)
+        sought = whole[list(self.columns)]
+        for w, m in zip(weights, members):
+            here = sums[:, :, m.cells].reshape(len(sums), -1) @ m.root.T
+            here = here + np.tensordot(sums, m.around.reshape(-1, *sums.shape[1:]), ([1, 2], [1, 2])) @ m.around_root.T
+            value = np.tensordot(sums, m.traction.reshape(c, -1), ([1, 2], [0, 1]))
+            variance += w * ((here**2).sum(axis=1) + (value - mean) ** 2)
+            each = m.beyond.reshape(c, -1) + (m.traction - sought).reshape(c, -1) ** 2
+            each[:, m.cells] += m.variance.reshape(c, -1)
+            if m.length == self.places.lengths[0]:
+                each += (UNRESOLVED * m.traction.reshape(c, -1)) ** 2
+            cells += w * each
+            if w == weights.max():
+                told[:, m.cells] = np.clip(1.0 - m.variance.reshape(c, -1) / m.prior, 0.0, 1.0)
+        std = np.sqrt(variance)
+        split = np.split(std, np.cumsum([c, len(moment), grid.dimensions]))
+        total = np.zeros(len(grid.components))
+        total[list(self.columns)] = np.hypot(split[0], MODEL_FORCE * np.abs(mean[:c]))
+        nothing = not presses or not pressure.max() > 0
+        places = np.meshgrid(*grid.axes, indexing="ij")[::-1]
+        far = grid.cell * whole * self.outside
+        return Errors(
+            traction=self._everywhere(np.sqrt(cells).reshape(c, *grid.shape)),
+            force=total,
+            moment=split[1],
+            center=np.full(grid.dimensions, math.nan) if nothing else split[2],
+            peak=np.asarray(math.nan if not presses else split[3][0]),
+            variance_reduction=self._everywhere(told.reshape(c, *grid.shape), math.nan),
+            outside_traction=np.abs(whole) * self.outside,
+            outside_force=np.abs(far.reshape(len(far), -1).sum(axis=1)),
+            outside_moment=np.abs(np.tensordot(moment_rows(grid), whole * self.outside, grid.dimensions + 1)),
+            outside_center=np.abs(
+                np.zeros(len(places))
+                if nothing
+                else (center_rows(grid, pressure) * pressure * self.outside).reshape(len(places), -1).sum(axis=1)
+            ),
+            outside_peak=np.asarray((np.abs(pressure) * self.outside).ravel()[int(pressure.argmax())]),
+        )
+
+    def _drawn(self, members: list[Member], weights: Floats, rng: np.random.Generator) -> Floats:
+        """Samples of the posterior (draw, component, *surface)."""
+        out = np.zeros((self.draws, len(self.columns), math.prod(self.grid.shape)))
+        for i, pick in enumerate(rng.choice(len(members), size=self.draws, p=weights)):
+            m = members[pick]
+            turn = rng.standard_normal(len(m.root))
+            alone = np.sqrt(m.beyond) * rng.standard_normal(m.beyond.shape)
+            out[i] = (m.traction + alone + np.tensordot(turn @ m.around_root, m.around, 1)).reshape(out[i].shape)
+            out[i][:, m.cells] += (turn @ m.root).reshape(len(self.columns), -1)
+        return self._everywhere(out.reshape(self.draws, len(self.columns), *self.grid.shape))
+
+    # -- the batch
+
+    def _gathered(self, found: Estimate, batch: tuple[int, ...], frames: Sequence[Frame | None]) -> Estimate:
+        """The estimate of all frames; Tikhonov's where there is no model."""
+
+        def joined(parts: Sequence[Any]) -> Any:
+            values = np.stack([np.asarray(p) for p in parts])
+            return values.reshape((*batch, *values.shape[1:]))
+
+        given = to_numpy(found.traction).reshape(-1, len(self.grid.components), *self.grid.shape)
+        traction = joined([g if f is None else f.traction for f, g in zip(frames, given)])
+        there = np.array([f is not None for f in frames])
+        scale = np.array(
+            [f.noise if f else s for f, s in zip(frames, np.ravel(np.asarray(found.noise_scale, dtype=np.float64)))]
+        )
+        residual = np.array(
+            [f.residual if f else r for f, r in zip(frames, np.ravel(np.asarray(found.residual, dtype=np.float64)))]
+        )
+        errors = [f.errors if f else _errors_of(found.errors, batch, i) for i, f in enumerate(frames)]
+        stated = None
+        if self.doubts is not None:
+            parts = [f.stated if f else _picked(found.stated, batch, i) for i, f in enumerate(frames)]
+            stated = Stated(**{x.name: joined([getattr(p, x.name) for p in parts]) for x in fields(Stated)})
+        draws = None
+        if self.draws:
+            empty = np.full((self.draws, *given.shape[1:]), math.nan)
+            draws = joined([f.draws if f else empty for f in frames])
+        nothing = np.zeros(len(self.patterns))
+        sizes, spread = [], []
+        for f in frames:
+            sure = nothing if f is None else np.abs(f.sizes) > SURE * f.deviations
+            sizes.append(nothing if f is None else f.sizes * sure)
+            spread.append(nothing if f is None else f.deviations * sure)
+        return Estimate(
+            from_numpy(traction.astype(given.dtype), found.traction),
+            None,
+            scale.reshape(batch),
+            residual.reshape(batch),
+            errors=Errors(**{x.name: joined([getattr(e, x.name) for e in errors]) for x in fields(Errors)}),
+            stated=stated,
+            draws=draws,
+            outliers=joined([f.broken if f else np.zeros(len(self.places.every), dtype=bool) for f in frames]),
+            nuisance=joined(sizes) if self.patterns else None,
+            nuisance_std=joined(spread) if self.patterns else None,
+            nuisance_names=tuple((p.label, p.unit) for p in self.patterns),
+            converged=None if found.converged is None else found.converged | there.reshape(batch),
+            fit=np.array([f.fit if f else math.nan for f in frames]).reshape(batch),
+            noise_std=scale.reshape(batch)[..., None] * np.concatenate(self.alone.scales),
+            method=np.where(there, "local", "tikhonov").reshape(batch),
+            said=self._said(found, batch, there),
+        )
+
+    def _said(self, found: Estimate, batch: tuple[int, ...], there: Flags) -> tuple[str, ...]:
+        """What is said of the batch: patterns as found with local weights, and the rest as Tikhonov's method says it."""
+        said = list(found.said)
+        if there.all():
+            # each frame says these of itself
+            said = [s for s in said if not s.startswith((BLIND, *(p.label for p in self.patterns)))]
+        if not there.all():
+            some = f" in {int((~there).sum())} of {len(there)} frames" if batch else ""
+            said.append(
+                f'traction is in too many places or in none, or noise is not told from it{some}: method="tikhonov" was used there'
+            )
+        return tuple(said)
+
+
+@dataclass
+class Frame:
+    """What is known of one frame."""
+
+    traction: Floats
+    errors: Errors
+    stated: Stated | None
+    noise: float
+    told: float
+    shared: float
+    fit: float
+    residual: float
+    left: Floats
+    broken: Flags
+    sizes: Floats
+    deviations: Floats
+    draws: Floats | None
+
+
+def _picked(errors: Any, batch: tuple[int, ...], i: int) -> Any:
+    """One frame of `Errors` or `Stated`."""
+    place = np.unravel_index(i, batch) if batch else ()
+    return type(errors)(**{x.name: np.asarray(getattr(errors, x.name))[place] for x in fields(type(errors))})
+
+
+def _errors_of(errors: Errors | None, batch: tuple[int, ...], i: int) -> Errors:
+    """One frame of Tikhonov's errors, worked out for it alone."""
+    if not isinstance(errors, LinearErrors):
+        raise RuntimeError("a linear method works its errors out")
+    place = np.unravel_index(i, batch) if batch else ()
+    one = errors.changed(lambda values: np.asarray(to_numpy(values))[place])
+    return Errors(**{x.name: np.asarray(getattr(one, x.name)) for x in fields(Errors)})
