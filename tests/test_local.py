@@ -290,3 +290,16 @@ def test_a_line_so_short_that_no_cell_is_left_out() -> None:
     touch = skin.reconstruct(noisy(skin.sense(truth), 0.01), components=["x"], method="local")
     low, high = ends(touch, 0.95, of="force")
     assert low[0] <= truth[0].sum() * skin.surface.spacing <= high[0]
+
+
+def test_a_load_that_noise_hides_is_no_sure_nothing() -> None:
+    """A model of next to no traction was next to sure of it: +- 1 % of a load under ten times its readings of noise."""
+    skin = pp.Skin(GEL, field())
+    truth = np.abs(dipole(skin))
+    clean = np.asarray(skin.sense(truth))
+    load = truth.sum() * skin.surface.cell
+    noise = 10.0 * np.abs(clean).max() * np.random.default_rng(1).standard_normal(clean.shape)
+    touch = skin.reconstruct(clean + noise, components=["x", "y"])
+    low, high = ends(touch, 0.95, of="force")
+    assert low[0] <= load <= high[0]
+    assert any("too many places or in none" in note for note in touch.notes)

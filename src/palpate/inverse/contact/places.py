@@ -48,6 +48,8 @@ ROUNDS = 2
 #: Log evidence is divided by so much before models are weighed: each has seen the readings in its variance already, and cells and edges that none of
 #: them can follow decide between them as much as the readings do.
 TEMPER = 30.0
+#: Log evidence that traction is there at all, at the least: in frames of noise alone it is below 2, and a model of next to no traction is next to sure of it.
+SEEN = 5.0
 #: Models of less weight are left out.
 LEAST_WEIGHT = 1e-3
 
@@ -175,6 +177,8 @@ class Places:
                 if len(evidence) > 2 and evidence[-1] < evidence[-2] < evidence[-3]:
                     break  # longer ones say less and less
         best = max((m.evidence for m in members), default=-math.inf)
+        if not best > self._nothing(data) + SEEN:
+            return []
         if not told and data.observed.all() and not best > self._even(data, noise):
             return []
         for m in members:
@@ -279,6 +283,18 @@ class Places:
                 used = max(float(left @ left) / max(len(y) - taken, 1.0), floor)
         evidence = -0.5 * float(y @ left / noise + 2.0 * np.log(np.diag(lower)).sum() + len(y) * math.log(noise))
         return found, inverse, left, taken, evidence, used, noise
+
+    def _nothing(self, data: Data) -> float:
+        """Log evidence of noise and patterns alone, as `Member.evidence`."""
+        y, rows = data.y[data.observed], self.rows[:, data.observed]
+        left = y - rows.T @ np.linalg.lstsq(rows.T, y, rcond=None)[0] if len(rows) else y
+        noise = 1.0 if self.known else float(left @ left) / max(len(y) - len(rows), 1)
+        if not noise > 0.0:
+            return -math.inf
+        gram = np.eye(len(rows)) + SIZES[-1] ** 2 * rows @ rows.T
+        explained = SIZES[-1] ** 2 * float((rows @ y) @ np.linalg.solve(gram, rows @ y))
+        logdet = float(np.linalg.slogdet(gram)[1])
+        return -0.5 * ((float(y @ y) - explained) / noise + logdet + len(y) * math.log(noise))
 
     def _even(self, data: Data, noise: float) -> float:
         """Log evidence of Tikhonov's model, as `Member.evidence`."""
