@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -94,12 +95,20 @@ class Learning:
             self.parameter = noise**2 * largest / max(float(y @ y), 1e-300) * PROVISIONAL
 
     def learn(
-        self, y: Floats, noise: float, largest: float, background: Background, *, energy: float, misfit: bool = False
+        self,
+        y: Floats,
+        noise: float,
+        largest: float,
+        background: Background,
+        *,
+        energy: float,
+        leaves: Callable[[float], float],
+        misfit: bool = False,
     ) -> bool:
         """Learn by evidence from a frame in contact, again when the load has changed a lot; whether there is something new.
 
         ``largest`` is the largest entry of the normal matrix' diagonal, ``energy`` that of the readings as they came; with ``misfit``
-        contact does not explain them.
+        contact does not explain them. ``leaves`` of a penalty is what contact that pushes in the region of interest leaves of ``y``.
         """
         estimator = self._estimator
         signal = max(energy - len(y) * noise**2, 0.0)
@@ -126,7 +135,12 @@ class Learning:
             # no more than this is no sign of noise that the linear model follows, nor of cells that are too wide
             little = evidence.scale / FOLLOWED if known is None else known / TOLD
             # (where channels do not tell pressure from shear, it is no measure)
-            left = 0.0 if known is not None and estimator.ambiguous else self._left(y, little)
+            left = 0.0
+            if known is None or not estimator.ambiguous:
+                # as smooth as that much noise would have it
+                left = leaves(estimator.evidence(linear, rows, little).parameter)
+            if left > little:
+                left = min(left, self._left(y, little))
             size = float(np.sqrt(np.mean(y**2)))
             # what contact leaves beyond the noise that was told is the cells', or too much for them: broken readings
             wide = known is not None and little < left <= COARSEST * size

@@ -80,6 +80,7 @@ class NormalEquations:
         self.diagonal = self._prepare()
         self._norm = np.sqrt(np.maximum(self.diagonal, 1e-300))
         self._rho: tuple[float, float] | None = None
+        self._last: Region | None = None
 
     def _prepare(self) -> Floats:
         """The normal matrix of the whole surface where it fits; its diagonal, of pressure, in any case."""
@@ -107,16 +108,17 @@ class NormalEquations:
 
     def reset(self) -> None:
         """Forget rho, which was chosen for the first region of a penalty."""
-        self._rho = None
+        self._rho = self._last = None
 
     def adjoint(self, y: Floats, unused: Flags) -> Single:
         """A' y of whitened readings, (component, cell)."""
         kept = self._adjoint  # a frame is asked for several times
         if kept is None or not (np.array_equal(kept[0], y) and np.array_equal(kept[1], unused)):
-            kept = self._adjoint = y.copy(), unused.copy(), self._adjoint_of(y, unused)
+            kept = self._adjoint = y.copy(), unused.copy(), self.adjoint_of(y, unused)
         return kept[2]
 
-    def _adjoint_of(self, y: Floats, unused: Flags) -> Single:
+    def adjoint_of(self, y: Floats, unused: Flags) -> Single:
+        """`adjoint`, which is not kept."""
         estimator = self.estimator
         if not estimator.readings.independent:
             observed = ~unused
@@ -134,7 +136,7 @@ class NormalEquations:
         key, kept = unused.tobytes(), self._shared
         if kept is None or kept[0] != key:
             used = np.where(unused[:, None], 0.0, self._columns)
-            single = np.stack([self._adjoint_of(b, unused) for b in used.T])
+            single = np.stack([self.adjoint_of(b, unused) for b in used.T])
             highest = np.array([np.abs(self.score(s)).max() for s in single])
             kept = self._shared = key, single.astype(np.float64), single.reshape(len(single), -1), highest
         return kept
@@ -161,7 +163,18 @@ class NormalEquations:
         return self.estimator.explained_by(whole) / self._std
 
     def region(self, cells: Index, parameter: float, unused: Flags) -> Region:
-        """The region of some cells: their normal matrix with the penalty, and the inverse that the iteration needs."""
+        """The region of some cells: their normal matrix with the penalty, and the inverse that the iteration needs. The last one made is kept."""
+        last = self._last
+        if (
+            last is None
+            or last.parameter != parameter
+            or not np.array_equal(last.cells, cells)
+            or not np.array_equal(last.unused, unused)
+        ):
+            last = self._last = self._region(cells, parameter, unused)
+        return last
+
+    def _region(self, cells: Index, parameter: float, unused: Flags) -> Region:
         estimator = self.estimator
         grid, c, n = estimator.operator.surface, len(estimator.columns), len(cells)
         gram = self.penalised(cells, parameter, unused)
