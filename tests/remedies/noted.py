@@ -118,7 +118,9 @@ def pulled_much(noise: bool = False, **how: Any) -> pp.Touch:
     with mock.patch.object(path, "LARGEST_DENSE_BLOCK", 0):
         readings, std = patch()
         array = pp.AreaArray(shape=(12, 12), pitch=1e-6, depth=0.0, channels=IN_PLANE, noise=std if noise else None)
-        return pp.Skin(GEL, array, **{"nuisance": [], **how}).reconstruct(readings, components=["x", "y"], method="tikhonov")
+        return pp.Skin(GEL, array, **{"nuisance": [], **how}).reconstruct(
+            readings, components=["x", "y"], method="tikhonov"
+        )
 
 
 HELD = holds(PATCH, 0.0, 0.0)

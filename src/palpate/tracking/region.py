@@ -16,13 +16,14 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.model import dilated
 from palpate.inverse.contact.products import Applied
+from palpate.tracking.gram import Grams, picked
 from palpate.tracking.health import Flags, Index, Single
 
 __all__ = ["SMALLEST", "NormalEquations", "Region"]
 
 #: Entries of the normal matrix of the whole surface that are kept: 160 MB in double precision.
 LARGEST = 20_000_000
-#: So many readings are taken out of a normal matrix, or put back, one by one: each takes as long as a transform.
+#: So many readings are taken out of a normal matrix one by one: each takes as long as a transform.
 FEW_CHANGED = 32
 #: Columns of the matrix made at a time.
 BLOCK = 1024
@@ -71,7 +72,8 @@ class NormalEquations:
         self.estimator = estimator
         self._columns = columns  # of the channels' offsets (reading, channel)
         self._shared: tuple[bytes, Floats, Single, Floats] | None = None
-        self._kept: tuple[Index, Flags, Floats] | None = None
+        self._grams = Grams(estimator)
+        self._kept: tuple[Index, Flags, Floats] | None = None  # A'A without some readings whose noise is shared
         self._adjoint: tuple[Floats, Flags, Single] | None = None
         self._std = estimator.readings.std
         self._cells = math.prod(estimator.operator.surface.shape)
@@ -218,40 +220,28 @@ class NormalEquations:
 
     def known(self, cells: Index, unused: Flags) -> Floats | None:
         """A'A of some cells, without the readings that are not used, where it is at hand."""
-        kept = self._kept
-        at_hand = kept is not None and np.array_equal(kept[1], unused) and bool(np.isin(cells, kept[0]).all())
-        if at_hand or (self._normal is not None and self.estimator.readings.independent):
-            return self.gram(cells, unused)
-        return None
+        at_hand = self._normal is not None or self._grams.holds(cells)
+        return self.gram(cells, unused) if at_hand and self.estimator.readings.independent else None
 
     def gram(self, cells: Index, unused: Flags) -> Floats:
         """A'A of some cells, without the readings that are not used."""
         estimator = self.estimator
-        level = estimator.level(1)
-        if self._normal is None or (unused.any() and not estimator.readings.independent):
+        level, components = estimator.level(1), len(estimator.columns)
+        if unused.any() and not estimator.readings.independent:
             kept = self._kept  # a region is made again for another penalty, or for fewer cells
-            if kept is not None and estimator.readings.independent and np.isin(cells, kept[0]).all():
-                changed = np.flatnonzero(kept[1] != unused)
-                if 0 < len(changed) <= FEW_CHANGED:
-                    rows = self._rows(changed, cells)
-                    gram = self._picked(kept[2], len(kept[0]), np.searchsorted(kept[0], cells))
-                    return gram + (rows.T * np.where(unused[changed], -1.0, 1.0)) @ rows
             if kept is None or not (np.array_equal(kept[1], unused) and np.isin(cells, kept[0]).all()):
                 matrix = level.matrix(cells, self._std, ~unused)
                 kept = self._kept = cells, unused.copy(), np.asarray(matrix.T @ matrix)
-            return self._picked(kept[2], len(kept[0]), np.searchsorted(kept[0], cells))
-        gram = self._picked(self._normal, self._cells, cells)
+            return picked(kept[2], components, len(kept[0]), np.searchsorted(kept[0], cells))
+        if self._normal is None:
+            return self._grams.of(cells, unused)
+        gram = picked(self._normal, components, self._cells, cells)
         if unused.any():
             places = np.flatnonzero(unused)
             few = len(places) <= FEW_CHANGED
             lost = self._rows(places, cells) if few else level.matrix(cells, self._std, unused)
             gram -= lost.T @ lost
         return gram
-
-    def _picked(self, matrix: Floats, count: int, places: Index) -> Floats:
-        """The part of a normal matrix of ``count`` cells that belongs to some of them."""
-        picks = (np.arange(len(self.estimator.columns))[:, None] * count + places[None, :]).ravel()
-        return np.asarray(matrix[np.ix_(picks, picks)])
 
     def _rows(self, readings: Index, cells: Index) -> Floats:
         """The whitened influences of some cells on single readings (reading, component * cell), whose noise is their own."""
