@@ -11,6 +11,7 @@
 - `pulling`: traction of either sign;
 - `misfit`: how probable as much misfit is;
 - `region`: the cells where contact is sought, and the inverse that is kept for them;
+- `gram`: their normal matrix, of which only what a contact comes to is made;
 - `search`: when the region moves, and what the contact does not explain;
 - `iteration`: the alternating direction method of multipliers;
 - `errors`: error bars, made anew now and then;
