@@ -32,6 +32,8 @@ TOLD = 0.5
 #: Cells of the surface cannot follow so much of the readings at the most: 0.006 to 0.04 of contacts wider than three cells (taxels 0.6 to 1.5 cells deep),
 #: 0.19 of one half a cell wide. Broken taxels under a contact and garbage leave 0.26 and more.
 COARSEST = 0.2
+#: So few readings tell too little apart for a quick look, and all cells of theirs take milliseconds.
+FEW_READINGS = 200
 #: Until the thread has learned the penalty: so many times the weight at which a gradient of the size that explains the readings
 #: over a depth counts as much as they do. Too smooth for some frames rather than too rough.
 PROVISIONAL = 10.0
@@ -138,7 +140,8 @@ class Learning:
             left = 0.0
             if known is None or not estimator.ambiguous:
                 # as smooth as that much noise would have it
-                left = leaves(estimator.evidence(linear, rows, little).parameter)
+                few = len(y) <= FEW_READINGS
+                left = math.inf if few else leaves(estimator.evidence(linear, rows, little).parameter)
             if left > little:
                 left = min(left, self._left(y, little))
             size = float(np.sqrt(np.mean(y**2)))
