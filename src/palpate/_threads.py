@@ -39,7 +39,9 @@ def few_threads(unknowns: int, readings: int | None = None) -> Iterator[None]:
         yield
         return
     try:
-        with libraries.limit(limits=threads, user_api="blas"):
+        # never more than there are: a user may have said how many (OPENBLAS_NUM_THREADS)
+        most = max((x.num_threads for x in libraries.lib_controllers if x.user_api == "blas"), default=threads)
+        with libraries.limit(limits=min(threads, most), user_api="blas"):
             yield
     finally:
         mine.release()

@@ -183,10 +183,8 @@ class Contact:
         self.jumped = False
         regular = regular or self._fresh or restarted
         late = self._behind >= PATIENCE
-        self._at_once = late or not self._background.threaded
         if late:
             frame, regular, self._behind = frame._replace(deadline=math.inf), True, 0
-            self._background.wait(MOVING, frame.deadline)
         learned = self._learn(frame)
         used = self._check.unused
         known = self._learning.in_contact(frame.actual[np.isfinite(frame.actual) & ~used])
@@ -214,7 +212,7 @@ class Contact:
                 unusual = self._beyond(noise, self._tolerated)
             if regular or unusual:
                 moving = any(name in self._background for name in MOVING)
-                if (converged or self._at_once) and not moving:
+                if late or ((converged or self._at_once) and not moving):
                     converged = self._weigh(frame, restarted)
                 elif unusual:
                     converged = False  # on its way: the cells are about to move
@@ -253,7 +251,7 @@ class Contact:
             float(self._equations.diagonal.max()),
             self._background,
             energy=float(came @ came),
-            leaves=self._leaving(filled, frame.noise),
+            leaving=lambda: self._leaving(filled, frame.noise),
             misfit=misfit,
         )
         self._since_learned = 0 if new else self._since_learned + 1

@@ -104,13 +104,13 @@ class Learning:
         background: Background,
         *,
         energy: float,
-        leaves: Callable[[float], float],
+        leaving: Callable[[], Callable[[float], float]],
         misfit: bool = False,
     ) -> bool:
         """Learn by evidence from a frame in contact, again when the load has changed a lot; whether there is something new.
 
         ``largest`` is the largest entry of the normal matrix' diagonal, ``energy`` that of the readings as they came; with ``misfit``
-        contact does not explain them. ``leaves`` of a penalty is what contact that pushes in the region of interest leaves of ``y``.
+        contact does not explain them. ``leaving`` gives, of a penalty, what contact that pushes in the region of interest leaves of ``y``.
         """
         estimator = self._estimator
         signal = max(energy - len(y) * noise**2, 0.0)
@@ -125,6 +125,7 @@ class Learning:
             return False
         if not changed and "learn" not in background:
             return False
+        leaves = leaving()  # of the region as it is now, not when the work begins
         rows = estimator.readings.planes(y * estimator.readings.std)
         known = None if self._from_contact else self.noise
 

@@ -18,6 +18,8 @@ from palpate.inverse.contact.model import dilated
 from palpate.inverse.contact.products import Applied
 from palpate.tracking.gram import Grams, picked
 from palpate.tracking.health import Flags, Index, Single
+from palpate.tracking.inverting import inverse as inverted
+from palpate.tracking.inverting import inverse_beside
 
 __all__ = ["SMALLEST", "NormalEquations", "Region"]
 
@@ -66,10 +68,10 @@ class Region:
 
 
 class NormalEquations:
-    """A'A and A'y of whitened readings, prepared once for a tracker."""
+    """A'A and A'y of whitened readings, prepared once for a tracker; ``beside``: regions are made in a thread beside the stream."""
 
-    def __init__(self, estimator: ConstrainedEstimator, columns: Floats) -> None:
-        self.estimator = estimator
+    def __init__(self, estimator: ConstrainedEstimator, columns: Floats, *, beside: bool = False) -> None:
+        self.estimator, self._beside = estimator, beside
         self._columns = columns  # of the channels' offsets (reading, channel)
         self._shared: tuple[bytes, Floats, Single, Floats] | None = None
         self._grams = Grams(estimator)
@@ -186,7 +188,7 @@ class NormalEquations:
             self._rho = parameter, _rho(gram)
         rho = self._rho[1]
         gram[np.diag_indices(c * n)] += rho
-        inverse = _inverse(gram)
+        inverse = (inverse_beside if self._beside else inverted)(gram)
         if inverse is None:
             raise np.linalg.LinAlgError("the normal matrix of the region is not positive definite")
         # inverted in double precision and then rounded down: rounding must not let rho (H + rho)^-1 grow anything, since
@@ -259,25 +261,15 @@ def _rho(matrix: Floats) -> float:
     import scipy.linalg.lapack as lapack
 
     largest = _largest_eigenvalue(len(matrix), lambda x: matrix @ x)
-    factor, failed = lapack.dpotrf(matrix, lower=True, clean=False)
     # without noise next to nothing is penalised, and rounding decides about the smallest eigenvalue
     smallest = 0.0
-    if not failed:
-        smallest = 1.0 / _largest_eigenvalue(len(matrix), lambda x: lapack.dpotrs(factor, x, lower=True)[0])
+    try:
+        upper = np.linalg.cholesky(matrix).T  # which lets other threads run, and lies in memory as LAPACK wants it
+    except np.linalg.LinAlgError:
+        pass
+    else:
+        smallest = 1.0 / _largest_eigenvalue(len(matrix), lambda x: lapack.dpotrs(upper, x, lower=False)[0])
     return math.sqrt(largest * max(smallest, SMALLEST * largest))
-
-
-def _inverse(matrix: Floats) -> Floats | None:
-    """Of a symmetric positive matrix; None where it is not positive in double precision."""
-    import scipy.linalg.lapack as lapack
-
-    factor, failed = lapack.dpotrf(matrix, lower=True, clean=True)
-    if failed:
-        return None
-    lower, failed = lapack.dpotri(factor, lower=True)
-    if failed:
-        return None
-    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
 
 
 def _largest_eigenvalue(size_of: int, times: Callable[[Floats], Floats]) -> float:

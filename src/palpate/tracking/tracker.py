@@ -148,7 +148,7 @@ class Tracker:
         self._std = estimator.readings.std
         self._zero_frames, self._given_zero = self._check_baseline(baseline)
         self._offsets = Offsets(estimator.readings)
-        self._equations = NormalEquations(estimator, self._offsets.columns)
+        self._equations = NormalEquations(estimator, self._offsets.columns, beside=budget is not None)
         # of its linear algebra: few are no work for several threads
         self.unknowns = min(estimator.inside.size * len(estimator.columns), WIDEST * len(self._std))
         self._background = Background(threaded=budget is not None)

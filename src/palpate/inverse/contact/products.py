@@ -46,11 +46,11 @@ FEW_NEAR, FEW_MISSING = 0.01, 8
 #: Combinations of readings that stand for all of them where each has an error of its own.
 SKETCH = 32
 #: Fewer unknowns than this are always solved with a matrix: exactly, so that mirror images have mirror images.
-FEWEST = 1500
+FEWEST = 1200
 #: Products that solving, learning local weights and error bars take in all, and what one entry of a padded transform costs against one
-#: multiplication of a matrix product: their product is between 1.9e5, where matrices were five times sooner (a ring on 32 x 32 x 1), and 4.6e5,
-#: where products were three times sooner (a large ball on 32 x 32 x 3).
-PRODUCTS, ENTRY = 6e3, 60.0
+#: multiplication of a matrix product. Their product is 3.0e5: large balls on 24 x 24 x 3 (3.1e5) take 0.8 of the time with products, 0.2 with friction
+#: given, on 32 x 32 x 3 (9e5) 0.2; a ring on 32 x 32 x 1 (5.8e5) 1.3, balls on 20 x 20 x 3 (1.7e5) 1.7, two on 32 x 32 x 3 (2.0e5) 2.1.
+PRODUCTS, ENTRY = 5e3, 60.0
 #: A first solution, which tells noise and region, takes so many. Where there are more readings than this, that counts, and fewer unknowns do.
 PRODUCTS_ONCE, MANY, FEWEST_OF_MANY = 3e2, 4096, 150
 #: Relative residual at which a solution by products counts as exact, a hundredth of what noise makes of it or less, and that of the
