@@ -52,6 +52,20 @@ def test_large_problems_leave_cores_to_other_programs(
     assert counts() == before
 
 
+def test_a_library_that_has_fewer_keeps_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three threads for a large problem were given to a library to which its user had given one."""
+    monkeypatch.setattr(os, "getloadavg", lambda: (2.0, 0.0, 0.0), raising=False)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3}, raising=False)
+    first, *rest = threadpoolctl.ThreadpoolController().select(user_api="blas").lib_controllers
+    with threadpoolctl.threadpool_limits(4, user_api="blas"):
+        first.set_num_threads(1)
+        before = counts()
+        with few_threads(SMALL + 1):
+            assert counts() == [1, *[min(3, n) for n in before[1:]]]
+            assert len(rest) == len(before) - 1
+        assert counts() == before
+
+
 def test_a_system_that_knows_no_load_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     def unknown() -> tuple[float, float, float]:
         raise OSError

@@ -39,9 +39,9 @@ def few_threads(unknowns: int, readings: int | None = None) -> Iterator[None]:
         yield
         return
     try:
-        # never more than there are: a user may have said how many (OPENBLAS_NUM_THREADS)
-        most = max((x.num_threads for x in libraries.lib_controllers if x.user_api == "blas"), default=threads)
-        with libraries.limit(limits=min(threads, most), user_api="blas"):
+        # never more than one has: a user may have said how many (OPENBLAS_NUM_THREADS)
+        more = [x.filepath for x in libraries.lib_controllers if x.user_api == "blas" and x.num_threads > threads]
+        with libraries.select(filepath=more).limit(limits=threads):
             yield
     finally:
         mine.release()

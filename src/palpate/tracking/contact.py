@@ -7,6 +7,7 @@ weighed in that very frame: cells where pressure is missing, readings that are w
 from __future__ import annotations
 
 import math
+import time as clock
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -51,6 +52,8 @@ EXCESS = 1.5
 #: After so many frames in a row whose time was over before their iteration, one is finished whatever it takes: a penalty learned with a hole in the
 #: readings, or a zero that drifts, is found in finished frames only, and 1 N read 290 N after a minute of unfinished ones.
 PATIENCE = 32
+#: Seconds for which such a frame waits for the thread: a stream without pauses leaves it no time.
+UNDER_WAY = 0.1
 #: Work under way after which the solution will be another.
 MOVING = ("learn", "move")
 #: How often in a frame such work is waited for, where there is time.
@@ -183,8 +186,10 @@ class Contact:
         self.jumped = False
         regular = regular or self._fresh or restarted
         late = self._behind >= PATIENCE
+        self._at_once = late or not self._background.threaded
         if late:
             frame, regular, self._behind = frame._replace(deadline=math.inf), True, 0
+            self._background.wait(MOVING, self._under_way())
         learned = self._learn(frame)
         used = self._check.unused
         known = self._learning.in_contact(frame.actual[np.isfinite(frame.actual) & ~used])
@@ -203,9 +208,10 @@ class Contact:
                 learned = True
                 converged = self._push(frame)
             unusual = self._beyond(noise, self._tolerated)
+            until = self._under_way() if late else frame.deadline
             for _ in range(ROUNDS_OF_WAITING):
                 # what comes from the thread may send it to work again: another penalty, then other cells
-                if not (unusual and self._background.wait(MOVING, frame.deadline)):
+                if not (unusual and self._background.wait(MOVING, until)):
                     break
                 learned = self._learn(frame) or learned
                 converged = self._push(frame)
@@ -226,7 +232,7 @@ class Contact:
             self._background.drop("learn")
             self._learn_again(frame, unused)
             self._push(frame)
-            if self._learn(frame) or (self._background.wait(("learn",), math.inf) and self._learn(frame)):
+            if self._learn(frame) or (self._background.wait(("learn",), self._under_way()) and self._learn(frame)):
                 self._push(frame)
                 converged = self._weigh(frame, restarted)
         self._fresh = False
@@ -634,9 +640,15 @@ class Contact:
             if cells is None:
                 return
             making = self._making(cells)
-            found = making() if self._at_once else self._background.result("move", making.__call__)
+            found = self._background.result("move", making.__call__)
+            if found is None and self._at_once and self._background.wait(("move",), self._under_way()):
+                found = self._background.result("move", lambda: None)
             if found is not None:
                 self._moved(found)
+
+    def _under_way(self) -> float:
+        """Until when a frame that is late waits for the thread."""
+        return clock.perf_counter() + UNDER_WAY
 
     def _moved(self, region: Region) -> None:
         self._solution.move(region)
