@@ -340,6 +340,10 @@ class FewReadings:
         """G L'^-1 (reading, direction)."""
         return self.blocks[0] if len(self.blocks) == 1 else np.concatenate([b.T for b in self.blocks]).T
 
+    def log_evidence(self, linear: Floats) -> float:
+        """Log marginal likelihood of the Gaussian model whose normal equations are H x = ``linear``, over that of noise alone."""
+        return 0.5 * float(linear @ self.solve(linear)) - float(np.log(np.diagonal(self.lower)).sum())
+
     def _split(self, rows: Floats) -> list[Floats]:
         return [rows[:, p.place] for p in self.parts]
 

@@ -97,9 +97,12 @@ def rough(
     total: float,
     used: int = 0,
     noise_at_first: float | None = None,
+    near: Floats | None = None,
+    beat: float = -math.inf,
 ) -> Rough:
     """A rough solution of readings that push: the largest noise that explains itself, and is no more than ``noise_at_first``; ``used``
-    degrees of freedom have gone to nuisances.
+    degrees of freedom have gone to nuisances; ``near`` is that of `ConstrainedEstimator.fit`. Less noise is not tried where that gains
+    less, and less than ``beat``.
     """
     readings, certain = estimator.readings, estimator.noise_known
     floor = estimator.least_noise(data)
@@ -109,13 +112,14 @@ def rough(
     cells = estimator.operator.surface.shape
     first: Floats = np.zeros((len(estimator.columns), math.prod(cells)))
     explained = np.zeros_like(data)
-    left, free = total, float(observed.sum() - used)
+    left, free, gain = total, float(observed.sum() - used), -math.inf
     for turn in range(ROUNDS):
         found = estimator.evidence(linear, readings.planes(filled), known)
         noise = readings.std * known
         first, explained = estimator.fit(
-            found.traction, data / noise, noise, observed, found.parameter / found.scale**2
+            found.traction, data / noise, noise, observed, found.parameter / found.scale**2, near
         )
+        near = first
         misfit = readings.white(((data - explained) / readings.std)[observed], observed)
         share = min(float(np.count_nonzero(first[-1])) / estimator.taxels, 1.0)
         free = max(float(observed.sum()) - used - share * estimator.effective_freedom(found.parameter), 1.0)
@@ -126,9 +130,10 @@ def rough(
             break
         if (certain and left <= known) or left <= floor:
             break
-        known = max(left, floor, 1.0 if certain else 0.0)
-        if certain and turn >= 2:
+        before, gain = gain, free * math.log(total / max(left, floor, 1e-300))
+        if (certain and turn >= 2) or gain < min(before, beat):
             break
+        known = max(left, floor, 1.0 if certain else 0.0)
     gain = free * math.log(total / max(left, floor, 1e-300)) if total > 0 else 0.0
     return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]))
 
@@ -223,8 +228,10 @@ def with_nuisance(
     sign: int,
     start: Floats,
     noise_at_first: float | None = None,
-) -> tuple[Rough, Floats, Floats]:
-    """The rough solution with the nuisances that are there, their sizes, and their standard deviations given the contact.
+    beat: float = -math.inf,
+) -> tuple[Rough, Floats, Floats] | None:
+    """The rough solution with the nuisances that are there, their sizes, and their standard deviations given the contact; None where it is as good as
+    certain that its gain stays below ``beat``: rounds that go on as the best of them so far do not bring it there.
 
     Sizes and contact are found in turn: the sizes from what the contact leaves, by least squares. Where displacement is felt far away each
     turn goes only a quarter of the way: then most of the steps' geometric series is summed (A. C. Aitken, Proc. R. Soc. Edinburgh 46, 1926, 289-305).
@@ -236,12 +243,19 @@ def with_nuisance(
     sizes, present = start.copy(), np.ones(len(terms), dtype=bool)
     best: Rough | None = None
     deviation, last = np.zeros(len(terms)), np.zeros(len(terms))
-    for _ in range(t.nuisance_rounds):
+    near: Floats | None = None
+    step = 0.0
+    for turn in range(t.nuisance_rounds):
         clean = sign * (data - columns @ sizes)
-        found = rough(estimator, clean, observed, total, int(present.sum()), noise_at_first)
+        found = rough(estimator, clean, observed, total, int(present.sum()), noise_at_first, near, beat)
+        near = found.traction
         deviation = np.maximum(found.left, estimator.least_noise(data)) / np.maximum(unit, 1e-300)
-        if best is not None and found.gain < best.gain:
-            break
+        if best is not None:
+            if found.gain < best.gain:
+                break
+            step = max(step, found.gain - best.gain)
+            if found.gain + (t.nuisance_rounds - 1 - turn) * step < beat:
+                return None
         best, kept = found, sizes.copy()
         left = sign * (clean - found.explained) / readings.std
         allowed = readings.allowing(columns[:, present])
@@ -309,17 +323,20 @@ def hypothesis_of(
         # an offset of displacement on a half-space is explained by wide pressure, and nothing is left over
         wide = estimator.far and estimator.problem.pad.thickness is None and best.rough.free < NARROW * observed.sum()
         if doubt or wide:
-            for sign in {h.sign for h in tried} if doubt else (best.sign,):
+            # the likelier sign first: the other one is left where it cannot catch up
+            ordered = list(dict.fromkeys(h.sign for h in sorted(tried, key=lambda h: -h.rough.gain)))
+            for sign in ordered if doubt else (best.sign,):
                 for k, start in enumerate(levels):
-                    more = _with_drift(estimator, data, observed, total, sign, start, usual, noise)
+                    more = _with_drift(estimator, data, observed, total, sign, start, usual, noise, tried)
                     if k > 0:
                         # the level of the wrong end leaves the other end loaded, and so does a ramp
                         more = [h for h in more if not h.rough.ring > t.edge and not any(_alike(h, o) for o in tried)]
                     tried.extend(more)
         tilted = edge_drift(estimator, data, observed, terms) if doubt and not usual.all() else levels[0]
         if (np.abs(tilted) * unit > t.nuisance * level)[~usual].any():
-            for sign in {h.sign for h in tried}:
-                tried.extend(_with_drift(estimator, data, observed, total, sign, tilted, np.ones_like(usual), noise))
+            every = np.ones_like(usual)
+            for sign in list(dict.fromkeys(h.sign for h in sorted(tried, key=lambda h: -h.rough.gain))):
+                tried.extend(_with_drift(estimator, data, observed, total, sign, tilted, every, noise, tried))
     if 0 in signs:
         free = _both(estimator, data, observed, total, none)
         if free is not None:
@@ -347,10 +364,15 @@ def _with_drift(
     start: Floats,
     sought: Flags,
     noise: float | None,
+    tried: Sequence[Hypothesis],
 ) -> list[Hypothesis]:
-    """The hypothesis with those of the nuisances ``sought`` that are there, if it is one."""
+    """The hypothesis with those of the nuisances ``sought`` that are there, if it is one, and may be better than what was ``tried``."""
     t, terms = estimator.thresholds, [term for term, here in zip(estimator.terms, sought) if here]
-    found, sizes, _ = with_nuisance(estimator, data, observed, total, terms, sign, start[sought], noise)
+    beat = max(_worth_of(h, t) for h in tried)
+    solved = with_nuisance(estimator, data, observed, total, terms, sign, start[sought], noise, beat)
+    if solved is None:
+        return []
+    found, sizes, _ = solved
     # one as large as the readings themselves is no offset, and a very small one is what the model cannot follow
     columns = np.stack([term.rows for term in terms], axis=1)
     part = np.abs(sizes) / np.maximum(_reach(columns, data), 1e-300)
@@ -413,7 +435,8 @@ def without_outliers(
             break
         fewer = counted.copy()
         fewer[worst] = False
-        found = rough(estimator, np.where(fewer, clean, best.explained), fewer, total, int(h.present.sum()), h.noise)
+        filled = np.where(fewer, clean, best.explained)
+        found = rough(estimator, filled, fewer, total, int(h.present.sum()), h.noise, best.traction)
         floor = max(found.left, estimator.least_noise(data))
         if not (
             found.free * math.log(max(best.left, floor) / floor) > t.broken + math.log(n)

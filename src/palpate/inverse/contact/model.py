@@ -24,7 +24,7 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import refined
 from palpate.sensing.operator import Operator
 
-__all__ = ["Columns", "ContactModel", "Level", "Normal", "Picked", "Rounds", "dilated", "level_operator", "scattered"]
+__all__ = ["LARGEST_KEPT", "Columns", "ContactModel", "Level", "Normal", "Picked", "Rounds", "dilated", "level_operator", "scattered"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -320,6 +320,15 @@ class Normal:
             blocks = self.gram.reshape(len(ray), n, len(ray), n)
             known = np.einsum("c,cidj,d->ij", ray, blocks, ray, optimize=True)
         return Normal(self.level, self.cells, np.asarray(matrix), (ray @ self.linear)[None], known)
+
+    def explained(self, pressure: Floats) -> Floats:
+        """The normal matrix (component, component) of tractions that are one vector times a pressure."""
+        c, n = self.linear.shape
+        if self.formed:
+            whole = self.gram.reshape(c, n, c, n)
+            return np.asarray(np.einsum("i,cidj,j->cd", pressure, whole, pressure, optimize=True))
+        seen = self.matrix.reshape(-1, c, n) @ pressure
+        return np.asarray(seen.T @ seen)
 
     def quadratic(self, penalty: Penalty) -> Quadratic:
         """The normal matrix with a penalty."""

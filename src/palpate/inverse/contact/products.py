@@ -29,7 +29,7 @@ from palpate.sensing.operator import Convolution, Operator
 if TYPE_CHECKING:
     from palpate.inverse.contact.cone import Face
 
-__all__ = ["AT_SIZE", "FIRST_AT_SIZE", "Applied", "Boxes", "Products", "by_products"]
+__all__ = ["AT_SIZE", "FIRST_AT_SIZE", "Applied", "Boxes", "Products", "by_products", "can_be_applied"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -65,9 +65,7 @@ def by_products(operator: Operator, cells: Index, components: int, readings: int
     unknowns = components * len(cells)
     # of so many readings not even the columns of a few cells are quickly made
     once = once and readings > MANY
-    if unknowns < (FEWEST_OF_MANY if once else FEWEST) or not all(isinstance(p, Convolution) for p in operator.planes):
-        return False
-    if any(a.noise_correlation for a in operator.planes_of):
+    if unknowns < (FEWEST_OF_MANY if once else FEWEST) or not can_be_applied(operator):
         return False
     box = box_of(cells, operator.surface.shape)
     row = min(b.stop - b.start for b in box) if len(box) > 1 else 1
@@ -78,6 +76,12 @@ def by_products(operator: Operator, cells: Index, components: int, readings: int
         size = [(m - 1) * r + b.stop - b.start for m, r, b in zip(plane.taxels, plane.ratios, box)]  # type: ignore[attr-defined]
         padded += math.prod(size) * (components + plane.rows)  # type: ignore[attr-defined]
     return (PRODUCTS_ONCE if once else PRODUCTS) * ENTRY * padded < formed
+
+
+def can_be_applied(operator: Operator) -> bool:
+    """Whether there are products at all: of regular arrays whose noise is independent."""
+    regular = all(isinstance(p, Convolution) for p in operator.planes)
+    return regular and not any(a.noise_correlation for a in operator.planes_of)
 
 
 def box_of(cells: Index, shape: tuple[int, ...]) -> tuple[slice, ...]:

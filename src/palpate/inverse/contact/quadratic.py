@@ -281,6 +281,11 @@ class Unformed:
         rows = np.repeat(scales, len(self.columns) // len(scales))
         return Unformed(self.columns * rows[:, None], self.penalty.scaled(scales))
 
+    def few(self, face: Face) -> FewReadings:
+        """The factor on the free directions of a face whose directions are the components."""
+        parts, order = self.penalty.parts(face, np.zeros(len(face.index)))
+        return FewReadings(parts, order, face.gathered(self.columns, order))
+
     def factor(self, face: Face, more: Floats) -> Factor:
         parts, order = self.penalty.parts(face, more)
         if face.mixed or more.any():

@@ -12,12 +12,13 @@ import scipy.sparse
 import scipy.special
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import Cone, Ray, minimise
+from palpate.inverse.contact.cone import Cone, Face, Ray, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.factors import Bordered, cholesky
 from palpate.inverse.contact.model import ContactModel, Normal
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.contact.products import Applied
+from palpate.inverse.contact.quadratic import Penalty, Unformed
 
 __all__ = ["expanded", "in_blocks", "ways_of_sliding"]
 
@@ -29,13 +30,20 @@ MOST_UNKNOWNS = 900
 AT_A_TIME = 32
 
 
-def log_evidence(hessian: Floats, linear: Floats, prior: Sequence[Floats]) -> float:
-    """Log marginal likelihood over that of noise alone, of a Gaussian model with the given normal matrix and prior precisions."""
+def log_evidence(data: Normal, penalty: Penalty) -> float:
+    """Log marginal likelihood over that of noise alone, of a Gaussian model of some readings with a penalty and no constraints."""
     import scipy.linalg
 
-    factor = cholesky(hessian.copy())
+    hessian, linear = data.quadratic(penalty), data.linear.ravel()
+    if isinstance(hessian, Unformed):
+        free = Face(*Cone((), tension=True).directions(data.linear), mixed=False)
+        return hessian.few(free).log_evidence(linear)
+    factor = cholesky(hessian.dense().copy())
     half = scipy.linalg.solve_triangular(factor, linear, lower=True, check_finite=False)
-    wide = sum(float(np.log(np.diagonal(cholesky(p.copy()))).sum()) for p in prior)
+    n = data.linear.shape[1]
+    alone = penalty.dense()
+    prior = [alone[i : i + n, i : i + n].copy() for i in range(0, len(linear), n)]
+    wide = sum(float(np.log(np.diagonal(cholesky(p))).sum()) for p in prior)
     return 0.5 * float(half @ half) - float(np.log(np.diagonal(factor)).sum()) + wide
 
 
@@ -102,12 +110,13 @@ def ways_of_sliding(
     ``first`` a first traction (component, cell) of the whole surface, ``precisions`` the even penalty of each component.
     """
     mu, cells = float(cone.friction or 0.0), data.cells
-    blocks = [q[cells][:, cells].toarray() for q in precisions]
-    c, n = len(blocks), len(cells)
+    shape = data.level.grid.shape if math.prod(data.level.grid.shape) == precisions[0].shape[0] else (len(cells),)
+    pressing = Penalty(cells, precisions[-1:], shape)
+    c = len(precisions)
     pressure = first[-1:, cells]
     for turn in range(thresholds.jointly):
         # shear over pressure, and the pressure that goes with it, in turn
-        explained = np.einsum("i,cidj,j->cd", pressure[0], data.gram.reshape(c, n, c, n), pressure[0], optimize=True)
+        explained = data.explained(pressure[0])
         pull = data.linear[:-1] @ pressure[0] - explained[:-1, -1]
         found = np.linalg.lstsq(explained[:-1, :-1], pull, rcond=None)[0]
         size = float(np.linalg.norm(found))
@@ -115,22 +124,19 @@ def ways_of_sliding(
             return []
         if turn < thresholds.jointly - 1:
             one = data.along(np.append(found * min(1.0, mu / size), 1.0))
-            pressure = minimise(one.gram + blocks[-1], one.linear, Cone(cone.components[-1:]), pressure).traction
+            pressure = minimise(one.quadratic(pressing), one.linear, Cone(cone.components[-1:]), pressure).traction
     full = mu * found / size
     turns = np.array([[-full[1], full[0]]]) if c == 3 else np.zeros((0, 1))
     ways = [
         (full, turns, math.log(2.0 * math.pi) if c == 3 else math.log(2.0)),
         (found * min(1.0, mu / size), np.eye(c - 1), math.log(math.pi * mu**2 if c == 3 else 2.0 * mu)),
     ]
-    whole = data.gram.copy()
-    for i, block in enumerate(blocks):
-        whole[i * n : (i + 1) * n, i * n : (i + 1) * n] += block
-    logs = [log_evidence(whole, data.linear.ravel(), blocks)]
+    logs = [log_evidence(data, Penalty(cells, precisions, shape))]
     for ratio, changes, volume in ways:
         one = data.along(np.append(ratio, 1.0))
         observed = changes @ explained[:-1, :-1] @ changes.T
         width = 0.5 * len(changes) * math.log(2.0 * math.pi) - 0.5 * float(np.linalg.slogdet(observed)[1])
-        logs.append(log_evidence(one.gram + blocks[-1], one.linear.ravel(), blocks[-1:]) + min(width, volume) - volume)
+        logs.append(log_evidence(one, pressing) + min(width, volume) - volume)
     chances = scipy.special.softmax(logs)
     kept = [(w, float(p)) for w, p in zip(ways, chances[1:]) if p >= thresholds.slides]
     return [(np.append(ratio, 1.0), np.pad(changes, ((0, 0), (0, 1))), p) for (ratio, changes, _), p in kept]
