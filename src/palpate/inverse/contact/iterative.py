@@ -41,6 +41,9 @@ class Iterative:
             diagonal = np.einsum("idk,di->ki", face.basis**2, diagonal)
         self.diagonal = diagonal.ravel()[face.index] + more
         self._drawn: Floats = np.zeros((0, len(self.diagonal)))
+        # cells last, and in either precision: the sums are then over memory that lies together
+        turned = np.ascontiguousarray(face.basis.transpose(1, 2, 0)) if face.mixed else np.zeros((c, c, 0))
+        self._turned = {np.dtype(t): turned.astype(t) for t in (np.float32, np.float64)}
 
     def _apply(self, v: Any, *, about: bool = False) -> Any:
         """(k, free); ``about`` as for `Products.many`: a Newton step is followed by an exact residual, and errors need no more."""
@@ -49,10 +52,10 @@ class Iterative:
         whole[:, face.index] = v
         x = whole.reshape(len(v), *self._shape)
         if face.mixed:
-            x = np.einsum("idk,ski->sdi", face.basis.astype(v.dtype), x, optimize=True)
+            x = np.einsum("dki,ski->sdi", self._turned[v.dtype], x)
         out = self.hessian.many(x, about=about)
         if face.mixed:
-            out = np.einsum("idk,sdi->ski", face.basis.astype(v.dtype), out, optimize=True)
+            out = np.einsum("dki,sdi->ski", self._turned[v.dtype], out)
         return out.reshape(len(v), -1)[:, face.index] + self.more.astype(v.dtype) * v
 
     def solve(self, right: Floats) -> Floats:
