@@ -130,6 +130,10 @@ class Learning:
         known = None if self._from_contact else self.noise
 
         def work() -> tuple[float, float, float, float, float]:
+            with estimator.rounds:  # what a linear model makes of the frame is asked for several times
+                return learned()
+
+        def learned() -> tuple[float, float, float, float, float]:
             linear, floor = estimator.orders[1], MODEL_ERROR * float(np.abs(y).max())
             evidence = estimator.evidence(linear, rows, known)
             if evidence.scale < floor:

@@ -149,7 +149,7 @@ class ConstrainedEstimator:
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
         self._responses = Responses(operator, columns, self.readings)
         self._levels: dict[int, Level] = {}
-        self._rounds = Rounds()
+        self.rounds = Rounds()
         ambiguity = (0.0, 0.0, 0.0, 0.0)
         if problem.ambiguous:
             acting = pressing(problem.pad, problem.planes, problem.components[:-1])
@@ -166,7 +166,7 @@ class ConstrainedEstimator:
         if self.terms and problem.nuisance is None:
             self.terms += nuisances(operator.planes_of, ("ramp",))
         windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
-        self.start = LinearStart(self.orders, self.readings, parameter, self._rounds, windows)
+        self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows)
         self.ring = ring_of(self.outside)
         self.outermost = outermost(self.orders[1])
         self.far = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
@@ -261,7 +261,7 @@ class ConstrainedEstimator:
         like, batch = readings[0], batch_of(readings, self.operator)
         frames = []
         for f in frames_of(readings, self.operator):
-            with few_threads(self.inside.size * len(self.columns), len(self.readings.std)), self._rounds:
+            with few_threads(self.inside.size * len(self.columns), len(self.readings.std)), self.rounds:
                 frames.append(self.frame(f, rng))
                 if math.prod(batch) > 1:
                     frames[-1] = replace(frames[-1], errors=frames[-1].known)
@@ -666,7 +666,7 @@ class ConstrainedEstimator:
         self, level: Level, cells: Index, y: Floats, noise: Floats, observed: Flags, *, once: bool = False
     ) -> Normal:
         # what readings hardly tell apart is too badly conditioned for products
-        kept = self._rounds.kept
+        kept = self.rounds.kept
         return level.normal(cells, y, noise, observed, kept, products=not self.ambiguous, once=once)
 
     def _combined(self, run: Run, noise: Floats, fit: float, left: float, rng: np.random.Generator | None) -> Frame:
