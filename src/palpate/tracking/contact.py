@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
 from palpate.inverse.contact.parts import Thresholds
@@ -278,6 +279,7 @@ class Contact:
             cells = self._search.first(equations.score(slope) / noise) if there is None else there
             trial = Iteration(estimator.cone, len(estimator.columns), math.prod(estimator.operator.surface.shape))
             trial.move(_Making(equations, cells, parameter, nothing)())
+            give_way()
             trial.solve(slope, tolerance=self._tolerance, deadline=math.inf)
             rest = estimator.readings.white(y - equations.explained(trial.region, trial.traction), ~nothing)
             share = min(float(np.count_nonzero(trial.pressure)) / estimator.taxels, 1.0)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
 from palpate.inverse.contact.factors import cholesky
@@ -118,11 +119,13 @@ class ErrorBars:
             frame = self._prepared(cells, y, noise, unused, offsets.columns)
             known, shrink = frame.marginalised(cov)
             precisions = estimator.precisions(frame.data.level, 1, weight)
+            give_way()
             model = estimator.model(known, precisions, start, keep_face=True)
             model.weight = 1.0
             self._owe(model, shrink, y, frame.std, unused)
             observed = self._observed(frame, model.penalty.dense(), unused)
             summary = Summary([model], estimator.posterior)
+            give_way()
             return summary.errors(), summary.stated(), observed, _taken(model)
 
         found = background.result("errors", work)
@@ -177,16 +180,19 @@ class ErrorBars:
 
         estimator, equations = self._estimator, self._equations
         std, data, shared, crossed = frame.std, frame.data, frame.shared, frame.crossed
+        give_way()
         factor = cholesky(firm(data.gram + penalty / SAME))
+        give_way()
         solved = scipy.linalg.cho_solve((factor, True), crossed, check_finite=False)
         counts = std**2 * (shared.T @ shared - crossed.T @ solved)
         parts = solved.T.reshape(shared.shape[1], *data.linear.shape)
         whole = np.zeros((*parts.shape[:2], math.prod(estimator.operator.surface.shape)))
         whole[:, :, data.cells] = parts
-        left = [
-            s - equations.adjoint(np.where(unused, 0.0, estimator.explained_by(w) / estimator.readings.std), unused)
-            for s, w in zip(equations.shared(unused), whole)
-        ]
+        left = []
+        for s, w in zip(equations.shared(unused), whole):
+            give_way()
+            seen = np.where(unused, 0.0, estimator.explained_by(w) / estimator.readings.std)
+            left.append(s - equations.adjoint_of(seen, unused))
         return Observed(0.5 * (counts + counts.T), data.cells, parts, np.stack(left), unused.copy())
 
     def _owe(self, model: ContactModel, shrink: Shrink, y: Floats, std: float, unused: Flags) -> None:
@@ -223,6 +229,7 @@ class ErrorBars:
             crossed = np.asarray(data.matrix.T @ shared, dtype=np.float64)
             return _Prepared(std, data, white, shared, crossed)
         # two products with the operator say all that is asked of the columns, which take many times as long
+        give_way()
         linear = estimator.misfit_gradient(y / std, scale, used)[:, cells]
         later = Later(lambda: level.matrix(cells, scale, used), len(white))
         crossed = self._crossed(columns, unused)[:, :, cells].reshape(shared.shape[1], -1).T / std**2

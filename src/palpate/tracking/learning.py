@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.hypotheses import rough
@@ -147,6 +148,7 @@ class Learning:
                 # as smooth as that much noise would have it
                 few = len(y) <= FEW_READINGS
                 left = math.inf if few else leaves(estimator.evidence(linear, rows, little).parameter)
+            give_way()
             if left > little:
                 left = min(left, self._left(y, little))
             size = float(np.sqrt(np.mean(y**2)))

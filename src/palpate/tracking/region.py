@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.model import dilated
@@ -20,6 +21,7 @@ from palpate.tracking.gram import Grams, picked
 from palpate.tracking.health import Flags, Index, Single
 from palpate.tracking.inverting import inverse as inverted
 from palpate.tracking.inverting import inverse_beside
+from palpate.tracking.pieces import lower_factor
 
 __all__ = ["SMALLEST", "NormalEquations", "Region"]
 
@@ -183,6 +185,7 @@ class NormalEquations:
         grid, c, n = estimator.operator.surface, len(estimator.columns), len(cells)
         gram = self.penalised(cells, parameter, unused)
         scale = np.repeat(estimator.cone.scales, n)
+        give_way()
         gram *= scale[:, None] * scale[None, :]
         if self._rho is None or not self._rho[0] / RHO_HOLDS <= parameter <= self._rho[0] * RHO_HOLDS:
             self._rho = parameter, _rho(gram)
@@ -193,6 +196,7 @@ class NormalEquations:
             raise np.linalg.LinAlgError("the normal matrix of the region is not positive definite")
         # inverted in double precision and then rounded down: rounding must not let rho (H + rho)^-1 grow anything, since
         # the multipliers are carried from frame to frame
+        give_way()
         single = (inverse * (1.0 - SHRINK)).astype(np.float32)
         inside = np.zeros(grid.shape, dtype=bool)
         inside.ravel()[cells] = True
@@ -216,6 +220,7 @@ class NormalEquations:
         estimator, c, n = self.estimator, len(self.estimator.columns), len(cells)
         estimator.check_size(c * n)
         gram = self.gram(cells, unused)
+        give_way()
         for i, q in enumerate(estimator.precisions(estimator.level(1), 1, parameter)):
             gram[i * n : (i + 1) * n, i * n : (i + 1) * n] += q[cells][:, cells].toarray()
         return gram
@@ -264,7 +269,7 @@ def _rho(matrix: Floats) -> float:
     # without noise next to nothing is penalised, and rounding decides about the smallest eigenvalue
     smallest = 0.0
     try:
-        upper = np.linalg.cholesky(matrix).T  # which lets other threads run, and lies in memory as LAPACK wants it
+        upper = lower_factor(matrix).T  # which lets other threads run, and lies in memory as LAPACK wants it
     except np.linalg.LinAlgError:
         pass
     else:
@@ -282,6 +287,7 @@ def _largest_eigenvalue(size_of: int, times: Callable[[Floats], Floats]) -> floa
     alphas: list[float] = []
     betas: list[float] = []
     for _ in range(min(LANCZOS_STEPS, size_of)):
+        give_way()
         w = np.asarray(times(x)) - beta * before
         alphas.append(float(w @ x))
         w -= alphas[-1] * x
