@@ -438,7 +438,8 @@ class Contact:
     def _here(self, frame: Frame) -> _Found:
         """What the present contact that pushes leaves of a frame."""
         solution = self._solution
-        return self._left(frame, self._equations.explained(solution.region, solution.traction), solution.shared())
+        explained = self._equations.explained(solution.region, solution.traction, single=True)
+        return self._left(frame, explained, solution.shared())
 
     def _wrong(self, frame: Frame, found: _Found) -> tuple[Flags, float]:
         """Readings that the solution does not explain, the worst first; and beyond what they are wrong."""

@@ -38,6 +38,10 @@ FEW_READINGS = 200
 #: Until the thread has learned the penalty: so many times the weight at which a gradient of the size that explains the readings
 #: over a depth counts as much as they do. Too smooth for some frames rather than too rough.
 PROVISIONAL = 10.0
+#: So many penalties in a row are dropped where the load has outgrown them while the thread learned.
+OUTGROWN = 3
+#: Standard deviations of its own by which the energy of readings is beyond noise.
+BEYOND = 6.0
 #: Noise that was learned is doubted where so many frames in a row, without contact, are so many times quieter.
 DOUBTED_FRAMES, QUIETER = 4, 3.0
 #: The noise that a frame of a contact tells is believed up to so many times what was known: more is another frame's to say.
@@ -62,6 +66,7 @@ class Learning:
         self._coarse = 0.0  # what cells of the surface cannot follow, in parts of the readings' root mean square
         self._energy = self._signal = 0.0
         self._doubts = 0
+        self._outgrown = 0  # penalties in a row that the load had outgrown when they were learned
 
     @property
     def noise_known(self) -> bool:
@@ -165,6 +170,13 @@ class Learning:
         found: Any = background.result("learn", work)
         if found is None:
             return False
+        chance = BEYOND * noise**2 * math.sqrt(2.0 * len(y))
+        if background.threaded and signal > RELEARN * found[3] + chance and self._outgrown < OUTGROWN:
+            # the load has outgrown what was learned meanwhile, and a penalty learned from a touch finds nothing in a press: what there is serves on
+            self._outgrown += 1
+            background.result("learn", work)
+            return False
+        self._outgrown = 0
         self.parameter, scale, self._energy, self._signal, self._coarse = found
         self.resolution = estimator.resolution(self.parameter)
         if self._from_contact:
