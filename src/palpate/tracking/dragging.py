@@ -168,9 +168,7 @@ class Dragging:
         grid, equations = self._estimator.operator.surface, self._equations
         flags = np.zeros(math.prod(grid.shape), dtype=bool)
         flags[strong] = True
-        cells = np.intersect1d(
-            np.flatnonzero(dilated(flags.reshape(grid.shape), 1)), region.cells, assume_unique=True
-        )
+        cells = np.intersect1d(np.flatnonzero(dilated(flags.reshape(grid.shape), 1)), region.cells, assume_unique=True)
         shared = equations.shared(unused)[:, :, cells]
         self._kept = _Kept(cells, unused.copy(), equations.gram(cells, unused), shared.reshape(len(shared), -1))
         self._templates = None

@@ -232,7 +232,8 @@ class ErrorBars:
         give_way()
         linear = estimator.misfit_gradient(y / std, scale, used)[:, cells]
         later = Later(lambda: level.matrix(cells, scale, used), len(white))
-        crossed = self._crossed(columns, unused)[:, :, cells].reshape(shared.shape[1], -1).T / std**2
+        of_offsets = self._crossed(columns, unused)[:, :, cells].reshape(shared.shape[1], -1)
+        crossed = np.asarray(of_offsets.T / std**2)
         return _Prepared(std, Normal(level, cells, later, linear, gram / std**2), white, shared, crossed)
 
     def _crossed(self, columns: Floats, unused: Flags) -> Floats:

@@ -24,7 +24,18 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import refined
 from palpate.sensing.operator import Operator
 
-__all__ = ["Columns", "ContactModel", "Later", "Level", "Normal", "Picked", "Rounds", "dilated", "level_operator", "scattered"]
+__all__ = [
+    "Columns",
+    "ContactModel",
+    "Later",
+    "Level",
+    "Normal",
+    "Picked",
+    "Rounds",
+    "dilated",
+    "level_operator",
+    "scattered",
+]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
