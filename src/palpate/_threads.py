@@ -9,11 +9,11 @@ from __future__ import annotations
 import functools
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-__all__ = ["SMALL", "WIDEST", "cores", "few_threads", "spare"]
+__all__ = ["SMALL", "WIDEST", "beside", "cores", "few_threads", "give_way", "spare"]
 
 #: Unknowns up to which one thread is enough: a factorisation takes less than a second then.
 SMALL = 4096
@@ -64,6 +64,29 @@ def spare() -> int | None:
         return None
     others = round(load) - 1
     return None if others <= 0 else max(1, cores() - others)
+
+
+class _Beside(threading.local):
+    """What work in this thread does where something else may be more urgent."""
+
+    wait: Callable[[], None] | None = None
+
+
+_this = _Beside()
+
+
+def beside(wait: Callable[[], None]) -> None:
+    """From now on work in this thread is beside something else: `give_way` calls ``wait``."""
+    _this.wait = wait
+
+
+def give_way() -> None:
+    """Long work comes by here every millisecond or two: where it is beside something more urgent, that goes first.
+
+    Python's threads take turns of 5 ms, and libraries for linear algebra take none: a frame of 2 ms beside such work took 10 to 50 ms.
+    """
+    if _this.wait is not None:
+        _this.wait()
 
 
 @functools.cache

@@ -226,10 +226,10 @@ class Convolution:
     def dense(self) -> Floats:
         """(channel, *taxels, component, *cells)."""
         d = len(self.cells)
-        return np.array(np.moveaxis(self._windows, range(1 + d), range(1 + d, 2 + 2 * d)), order="C")
+        return np.array(np.moveaxis(self.windows, range(1 + d), range(1 + d, 2 + 2 * d)), order="C")
 
     @property
-    def _windows(self) -> Floats:
+    def windows(self) -> Floats:
         """(component, *cells, channel, *taxels), of the kernel's own memory."""
         kernel = self.kernel
         # kernel index of (taxel i, cell j) is i r - j + (n - 1), axis by axis: a step of the taxel is r on, a step of the cell one back
@@ -250,7 +250,7 @@ class Convolution:
     def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats:
         """(channel, taxel, cell): readings of unit traction in some ``cells`` (flat indices), cell by cell in memory."""
         # windows are copied row by row: 40 times as fast as entries one by one
-        found = self._windows[(component, *np.unravel_index(cells, self.cells))]
+        found = self.windows[(component, *np.unravel_index(cells, self.cells))]
         return np.asarray(found.reshape(len(cells), self.rows, -1).transpose(1, 2, 0))
 
 

@@ -3,21 +3,46 @@
 from __future__ import annotations
 
 import math
+import threading
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from typing import Any
+
+from palpate._threads import beside
 
 __all__ = ["Background"]
 
+#: Seconds that a piece of the work waits for the end of a frame, at most: a stream without pauses leaves it a piece of time all the same.
+LONGEST = 0.01
+
 
 class Background:
-    """Work done at once, or with ``threaded`` in one thread of its own."""
+    """Work done at once, or with ``threaded`` in one thread of its own, which lets a frame go first."""
 
     def __init__(self, *, threaded: bool) -> None:
         self.threaded = threaded
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="palpate-tracker") if threaded else None
+        self._between = threading.Event()  # whether no frame is being answered
+        self._between.set()
+        self._worker: ThreadPoolExecutor | None = None
+        if threaded:
+            self._worker = ThreadPoolExecutor(
+                1, thread_name_prefix="palpate-tracker", initializer=beside, initargs=(self._give_way,)
+            )
         self._pending: dict[str, Future[Any]] = {}
+
+    @contextmanager
+    def frame(self) -> Iterator[None]:
+        """A frame is being answered."""
+        self._between.clear()
+        try:
+            yield
+        finally:
+            self._between.set()
+
+    def _give_way(self) -> None:
+        self._between.wait(LONGEST)
 
     def result(self, name: str, work: Callable[[], Any]) -> Any:
         """What ``work`` returns: at once without a thread, else None until the thread has it."""
@@ -38,7 +63,13 @@ class Background:
         """Wait for work of these names, to the time ``deadline`` of `time.perf_counter`; whether there was any and it is done."""
         pending = [self._pending[n] for n in names if n in self._pending]
         left = max(deadline - clock.perf_counter(), 0.0)
-        return bool(pending) and not wait(pending, None if math.isinf(left) else left).not_done
+        answering = not self._between.is_set()
+        self._between.set()
+        try:
+            return bool(pending) and not wait(pending, None if math.isinf(left) else left).not_done
+        finally:
+            if answering:
+                self._between.clear()
 
     def drop(self, name: str) -> None:
         """Drop the result of this work, if it is under way."""

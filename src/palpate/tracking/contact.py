@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
 from palpate.inverse.contact.parts import Thresholds
@@ -278,6 +279,7 @@ class Contact:
             cells = self._search.first(equations.score(slope) / noise) if there is None else there
             trial = Iteration(estimator.cone, len(estimator.columns), math.prod(estimator.operator.surface.shape))
             trial.move(_Making(equations, cells, parameter, nothing)())
+            give_way()
             trial.solve(slope, tolerance=self._tolerance, deadline=math.inf)
             rest = estimator.readings.white(y - equations.explained(trial.region, trial.traction), ~nothing)
             share = min(float(np.count_nonzero(trial.pressure)) / estimator.taxels, 1.0)
@@ -436,7 +438,8 @@ class Contact:
     def _here(self, frame: Frame) -> _Found:
         """What the present contact that pushes leaves of a frame."""
         solution = self._solution
-        return self._left(frame, self._equations.explained(solution.region, solution.traction), solution.shared())
+        explained = self._equations.explained(solution.region, solution.traction, single=True)
+        return self._left(frame, explained, solution.shared())
 
     def _wrong(self, frame: Frame, found: _Found) -> tuple[Flags, float]:
         """Readings that the solution does not explain, the worst first; and beyond what they are wrong."""

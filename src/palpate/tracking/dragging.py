@@ -23,7 +23,7 @@ from palpate.inverse.drag import STICK, sheared
 from palpate.tracking.health import Flags, Index, Single
 from palpate.tracking.iteration import Iteration
 from palpate.tracking.offsets import MODEL, Offsets
-from palpate.tracking.region import SMALLEST, NormalEquations
+from palpate.tracking.region import SMALLEST, NormalEquations, Region
 
 __all__ = ["Drag", "Dragging"]
 
@@ -107,7 +107,7 @@ class Dragging:
         strong = region.cells[solution.pressure > FAINT * peak]
         if not peak > 0 or len(strong) < FEWEST:
             return None
-        kept = self._known(strong, unused)
+        kept = self._known(strong, region, unused)
         t = np.zeros((len(solution.z), len(kept.cells)))
         t[:, np.searchsorted(kept.cells, strong)] = solution.traction[:, solution.pressure > FAINT * peak]
         self._age += 1
@@ -155,8 +155,8 @@ class Dragging:
         normal = normal + SMALLEST * np.trace(own, axis1=1, axis2=2)[:, None, None] * np.eye(c)
         return _Templates(shear, np.linalg.inv(normal), cross, firm)
 
-    def _known(self, strong: Index, unused: Flags) -> _Kept:
-        """What is kept for the cells of the contact and some round them."""
+    def _known(self, strong: Index, region: Region, unused: Flags) -> _Kept:
+        """What is kept for the cells of the contact and some round them, of the region: products of others are not at hand."""
         kept = self._kept
         if (
             kept is not None
@@ -168,7 +168,7 @@ class Dragging:
         grid, equations = self._estimator.operator.surface, self._equations
         flags = np.zeros(math.prod(grid.shape), dtype=bool)
         flags[strong] = True
-        cells = np.flatnonzero(dilated(flags.reshape(grid.shape), 1))
+        cells = np.intersect1d(np.flatnonzero(dilated(flags.reshape(grid.shape), 1)), region.cells, assume_unique=True)
         shared = equations.shared(unused)[:, :, cells]
         self._kept = _Kept(cells, unused.copy(), equations.gram(cells, unused), shared.reshape(len(shared), -1))
         self._templates = None

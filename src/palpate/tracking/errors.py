@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
+from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
 from palpate.inverse.contact.factors import cholesky
-from palpate.inverse.contact.model import ContactModel, Normal
+from palpate.inverse.contact.model import ContactModel, Later, Normal
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import state
 from palpate.inverse.estimate import Errors, Stated
@@ -48,6 +51,7 @@ class ErrorBars:
         self._no_contact: tuple[float, Errors] | None = None
         self._age, self._cells = 0, 0
         self._pulls = False  # whether they are of traction of either sign
+        self._of_offsets: tuple[bytes, Floats] | None = None  # A'B of the readings that were used last
         self.errors: Errors | None = None
         self.stated: Stated | None = None  # what is owed to a pad that is not known exactly
         self.observed: Observed | None = None  # about the channels' offsets
@@ -112,15 +116,16 @@ class ErrorBars:
                 return (None, None, None, math.nan), len(cells)  # no error bars rather than no answer
 
         def made() -> Made:
-            level = estimator.level(1)
-            std, data, white = self._data(cells, y, noise, unused)
-            shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
-            known, shrink = marginalised(data, white, shared, cov)
-            model = estimator.model(known, estimator.precisions(level, 1, weight), start, keep_face=True)
+            frame = self._prepared(cells, y, noise, unused, offsets.columns)
+            known, shrink = frame.marginalised(cov)
+            precisions = estimator.precisions(frame.data.level, 1, weight)
+            give_way()
+            model = estimator.model(known, precisions, start, keep_face=True)
             model.weight = 1.0
-            self._owe(model, shrink, y, std, unused)
-            observed = self._observed(data, shared, model.penalty.dense(), std, unused)
+            self._owe(model, shrink, y, frame.std, unused)
+            observed = self._observed(frame, model.penalty.dense(), unused)
             summary = Summary([model], estimator.posterior)
+            give_way()
             return summary.errors(), summary.stated(), observed, _taken(model)
 
         found = background.result("errors", work)
@@ -150,16 +155,15 @@ class ErrorBars:
 
         def work() -> tuple[Made, int]:
             try:
-                std, data, white = self._data(cells, y, noise, unused)
-                shared = estimator.readings.white(offsets.columns[~unused] / std, ~unused)
+                frame = self._prepared(cells, y, noise, unused, offsets.columns)
                 weight = parameter / noise**2 if noise > 0 else 0.0
-                known, shrink = marginalised(data, white, shared, cov)
+                known, shrink = frame.marginalised(cov)
                 either = pulling.model(known, weight, traction)
-                self._owe(either, shrink, y, std, unused)
+                self._owe(either, shrink, y, frame.std, unused)
                 summary = Summary([either], estimator.posterior)
                 errors, stated = summary.errors(), summary.stated()
-                model = pulling.model(data, weight, traction)
-                observed = self._observed(data, shared, model.penalty.dense(), std, unused)
+                model = pulling.model(frame.data, weight, traction)
+                observed = self._observed(frame, model.penalty.dense(), unused)
             except np.linalg.LinAlgError:
                 return (None, None, None, math.nan), len(cells)  # no error bars rather than no answer
             return (errors, stated, observed, _taken(model)), len(cells)
@@ -170,22 +174,25 @@ class ErrorBars:
             (self.errors, self.stated, self.observed, self.taken), self._cells = found
             self._age = 0
 
-    def _observed(self, data: Normal, shared: Floats, penalty: Floats, std: float, unused: Flags) -> Observed:
-        """What a frame tells about offsets; whitened columns of ``data`` and ``shared`` are in units of ``std``."""
+    def _observed(self, frame: _Prepared, penalty: Floats, unused: Flags) -> Observed:
+        """What a frame tells about offsets."""
         import scipy.linalg
 
         estimator, equations = self._estimator, self._equations
-        crossed = np.asarray(data.matrix.T @ shared, dtype=np.float64)
+        std, data, shared, crossed = frame.std, frame.data, frame.shared, frame.crossed
+        give_way()
         factor = cholesky(firm(data.gram + penalty / SAME))
+        give_way()
         solved = scipy.linalg.cho_solve((factor, True), crossed, check_finite=False)
         counts = std**2 * (shared.T @ shared - crossed.T @ solved)
         parts = solved.T.reshape(shared.shape[1], *data.linear.shape)
         whole = np.zeros((*parts.shape[:2], math.prod(estimator.operator.surface.shape)))
         whole[:, :, data.cells] = parts
-        left = [
-            s - equations.adjoint(np.where(unused, 0.0, estimator.explained_by(w) / estimator.readings.std), unused)
-            for s, w in zip(equations.shared(unused), whole)
-        ]
+        left = []
+        for s, w in zip(equations.shared(unused), whole):
+            give_way()
+            seen = np.where(unused, 0.0, estimator.explained_by(w) / estimator.readings.std)
+            left.append(s - equations.adjoint_of(seen, unused))
         return Observed(0.5 * (counts + counts.T), data.cells, parts, np.stack(left), unused.copy())
 
     def _owe(self, model: ContactModel, shrink: Shrink, y: Floats, std: float, unused: Flags) -> None:
@@ -206,14 +213,74 @@ class ErrorBars:
         stale = self.errors is None or self._age > REFRESH
         return stale or abs(count - self._cells) > CHANGED * max(self._cells, 1)
 
-    def _data(self, cells: Index, y: Floats, noise: float, unused: Flags) -> tuple[float, Normal, Floats]:
-        estimator = self._estimator
+    def _prepared(self, cells: Index, y: Floats, noise: float, unused: Flags, columns: Floats) -> _Prepared:
+        """A frame's normal equations on some cells; ``columns`` (reading, channel) are those of the offsets."""
+        estimator, used = self._estimator, ~unused
+        readings, level = estimator.readings, estimator.level(1)
         std = max(noise, MODEL_ERROR * float(np.abs(y).max()))
-        data = estimator.level(1).normal(cells, y / std, estimator.readings.std * std, ~unused)
+        white = readings.white(y[used] / std, used)
+        shared = readings.white(columns[used] / std, used)
+        scale = readings.std * std
         gram = self._equations.known(cells, unused)
-        if gram is not None:
-            data = replace(data, known=gram / std**2)
-        return std, data, estimator.readings.white(y[~unused] / std, ~unused)
+        if gram is None or not readings.each_alone:
+            data = level.normal(cells, y / std, scale, used)
+            if gram is not None:
+                data = replace(data, known=gram / std**2)
+            crossed = np.asarray(data.matrix.T @ shared, dtype=np.float64)
+            return _Prepared(std, data, white, shared, crossed)
+        # two products with the operator say all that is asked of the columns, which take many times as long
+        give_way()
+        linear = estimator.misfit_gradient(y / std, scale, used)[:, cells]
+        later = Later(lambda: level.matrix(cells, scale, used), len(white))
+        of_offsets = self._crossed(columns, unused)[:, :, cells].reshape(shared.shape[1], -1)
+        crossed = np.asarray(of_offsets.T / std**2)
+        return _Prepared(std, Normal(level, cells, later, linear, gram / std**2), white, shared, crossed)
+
+    def _crossed(self, columns: Floats, unused: Flags) -> Floats:
+        """A'B (channel, component, cell of the surface), in double precision: differences of its squares count."""
+        key, kept, estimator = unused.tobytes(), self._of_offsets, self._estimator
+        if kept is None or kept[0] != key:
+            std = estimator.readings.std
+            kept = self._of_offsets = (
+                key,
+                np.stack([estimator.misfit_gradient(b, std, ~unused) for b in columns.T]),
+            )
+        return kept[1]
+
+
+class _Prepared(NamedTuple):
+    """A frame's normal equations, whitened by ``std`` times the readings' own deviations; its readings (reading,) and the offsets' columns B (reading,
+    channel), whitened; and A'B (unknown, channel).
+    """
+
+    std: float
+    data: Normal
+    white: Floats
+    shared: Floats
+    crossed: Floats
+
+    def marginalised(self, cov: Floats) -> tuple[Normal, Shrink]:
+        """The equations with offsets marginalised, whitened by (1 + B V B')^(-1/2) with V = ``cov``; and what does the same to other rows (reading, ...)."""
+        data, crossed = self.data, self.crossed
+        values, vectors = np.linalg.eigh(cov)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        basis = self.shared @ root
+        # (1 + B V B')^-1 = 1 - B K B'
+        gain = root @ np.linalg.inv(np.eye(len(root)) + basis.T @ basis) @ root.T
+
+        @cache
+        def parts() -> tuple[Floats, Floats]:
+            u, s, _ = np.linalg.svd(basis, full_matrices=False)
+            return u * (1.0 - 1.0 / np.sqrt(1.0 + s**2)), u
+
+        def shrink(rows: Floats) -> Floats:
+            shrunk, u = parts()
+            return np.asarray(rows - shrunk @ (u.T @ rows))
+
+        linear = data.linear - (crossed @ (gain @ (self.shared.T @ self.white))).reshape(data.linear.shape)
+        gram = data.gram - (crossed @ gain) @ crossed.T
+        later = Later(lambda: shrink(data.matrix), len(self.white))
+        return Normal(data.level, data.cells, later, linear, gram), shrink
 
 
 def _taken(model: ContactModel) -> float:
@@ -222,25 +289,3 @@ def _taken(model: ContactModel) -> float:
     if face is None or factor is None or not len(face.index):
         return 0.0
     return float(np.trace(factor.back(factor.half(face.restrict(model.data.gram)))))
-
-
-def marginalised(data: Normal, white: Floats, shared: Floats, cov: Floats) -> tuple[Normal, Shrink]:
-    """The data with offsets marginalised: whitened by (1 + B V B')^(-1/2), B = ``shared`` (reading, channel) and V = ``cov``; and what
-    does the same to other rows (reading, ...).
-
-    ``white`` are the whitened readings.
-    """
-    values, vectors = np.linalg.eigh(cov)
-    u, s, _ = np.linalg.svd(shared @ (vectors * np.sqrt(np.maximum(values, 0.0))), full_matrices=False)
-    shrunk = u * (1.0 - 1.0 / np.sqrt(1.0 + s**2))
-
-    def shrink(rows: Floats) -> Floats:
-        return np.asarray(rows - shrunk @ (u.T @ rows))
-
-    matrix = shrink(data.matrix)
-    linear = matrix.T @ shrink(white)
-    # (1 - U D U')^2 = 1 - U (2 D - D^2) U', with U'U = 1
-    part = 1.0 - 1.0 / np.sqrt(1.0 + s**2)
-    seen = u.T @ data.matrix
-    gram = data.gram - (seen.T * (part * (2.0 - part))) @ seen
-    return Normal(data.level, data.cells, matrix, linear.reshape(data.linear.shape), gram), shrink

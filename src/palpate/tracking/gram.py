@@ -5,25 +5,31 @@ Readings of independent noise: columns of A and their products are kept while th
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.tracking.boxes import Alike, Box
 from palpate.tracking.health import Flags, Index
+from palpate.tracking.pieces import product, square
 
 __all__ = ["Grams", "picked"]
 
 #: Columns are forgotten where they are so many times those that are asked for, and never more than so many entries are kept (160 MB).
 LARGER, ENTRIES = 3.0, 20_000_000
+#: Cells whose columns are made at a time: a millisecond or two, of some thousand readings.
+AT_A_TIME = 32
 
 
 def picked(matrix: Floats, components: int, count: int, places: Index) -> Floats:
     """The part of a normal matrix of ``count`` cells that belongs to some of them (a copy)."""
     picks = (np.arange(components)[:, None] * count + places[None, :]).ravel()
-    return np.asarray(matrix[np.ix_(picks, picks)])
+    return np.asarray(matrix.take(picks, axis=0).take(picks, axis=1))
 
 
 @dataclass(frozen=True)
@@ -49,21 +55,48 @@ class Grams:
     def __init__(self, estimator: ConstrainedEstimator) -> None:
         self._estimator = estimator
         self._kept: _Kept | None = None
+        self._alike = Alike(estimator)
+        self._boxes: tuple[Box, ...] = ()  # the last ones: a region moves, and what is asked of the one before goes on
 
     def holds(self, cells: Index) -> bool:
         """Whether the cells are at hand."""
+        where = np.unravel_index(cells, self._estimator.operator.surface.shape)
+        if any(box.places(where) is not None for box in self._boxes):
+            return True
         kept = self._kept
         return kept is not None and bool(np.isin(cells, kept.cells).all())
 
     def of(self, cells: Index, unused: Flags) -> Floats:
         """(component * cell, component * cell), component-major."""
+        if (boxed := self._boxed(cells, unused)) is not None:
+            return boxed
         kept, c = self._grown(cells), len(self._estimator.columns)
         picks = (kept.places(cells)[None, :] * c + np.arange(c)[:, None]).ravel()
-        out = kept.gram[np.ix_(picks, picks)]
+        out = np.asarray(kept.gram.take(picks, axis=0).take(picks, axis=1))
         if unused.any():
             lost = np.concatenate([b[:, unused] for b in kept.blocks])[picks]
             out -= lost @ lost.T
         return out
+
+    def _boxed(self, cells: Index, unused: Flags) -> Floats | None:
+        """The same from the box round the cells, where that is less work."""
+        alike, c = self._alike, len(self._estimator.columns)
+        where = np.unravel_index(cells, self._estimator.operator.surface.shape)
+        box, places = next(((b, p) for b in self._boxes if (p := b.places(where)) is not None), (None, None))
+        if box is None or places is None:
+            sides = alike.fits(where, ENTRIES)
+            if sides is None:
+                return None
+            box = alike.box(*sides)
+            places = box.places(where)
+            self._boxes = (box, *self._boxes[:1])
+        picks = (np.asarray(places)[None, :] * c + np.arange(c)[:, None]).ravel()
+        give_way()
+        out = box.gram.take(picks, axis=0).take(picks, axis=1)
+        if unused.any():
+            lost = alike.of(where, unused)
+            out -= lost @ lost.T
+        return np.asarray(out)
 
     def _grown(self, cells: Index) -> _Kept:
         kept, c = self._kept, len(self._estimator.columns)
@@ -75,21 +108,27 @@ class Grams:
             if len(new) == len(cells) or whole > LARGER * c * len(cells) or whole * kept.blocks[0].shape[1] > ENTRIES:
                 kept = None
         if kept is None:
-            rows = self._influences(cells)
-            kept = self._kept = _Kept(cells.copy(), (rows,), rows @ rows.T)
-            return kept
-        rows, n = self._influences(new), len(kept.gram)
-        gram = np.empty((n + len(rows), n + len(rows)))
+            kept, new = _Kept(cells[:0], (), np.zeros((0, 0))), cells
+        blocks, n = list(kept.blocks), len(kept.gram)
+        gram = np.empty((n + c * len(new),) * 2)
         gram[:n, :n] = kept.gram
-        gram[:n, n:] = np.concatenate([b @ rows.T for b in kept.blocks])
-        gram[n:, :n] = gram[:n, n:].T
-        gram[n:, n:] = rows @ rows.T
-        kept = self._kept = _Kept(np.concatenate([kept.cells, new]), (*kept.blocks, rows), gram)
+        for some in np.array_split(new, math.ceil(len(new) / AT_A_TIME)):
+            rows, start = self._influences(some), 0
+            stop = n + len(rows)
+            for block in blocks:
+                gram[n:stop, start : start + len(block)] = product(rows, block.T)
+                start += len(block)
+            gram[n:stop, n:stop] = square(rows)
+            gram[:n, n:stop] = gram[n:stop, :n].T
+            blocks.append(rows)
+            n = stop
+        kept = self._kept = _Kept(np.concatenate([kept.cells, new]), tuple(blocks), gram)
         return kept
 
     def _influences(self, cells: Index) -> Floats:
         """(cell * component, reading), whitened."""
         estimator = self._estimator
         std, c = estimator.readings.std, len(estimator.columns)
+        give_way()
         rows = estimator.level(1).rows(cells, std, np.ones(len(std), dtype=bool))
         return np.ascontiguousarray(np.swapaxes(rows.reshape(c, len(cells), -1), 0, 1)).reshape(len(rows), -1)

@@ -1,7 +1,8 @@
 """The inverse of a symmetric positive matrix, made beside a stream.
 
 SciPy's LAPACK keeps Python's interpreter to itself until it is done: an inverse of 1500 unknowns in a thread kept the frames of a stream
-waiting for 0.1 s. NumPy's products and Cholesky factor let others run, so the rest is made of those, by halves; it takes up to 1.4 times as long.
+waiting for 0.1 s. NumPy's products and small Cholesky factors let others run, so the rest is made of those, by halves and in pieces; it takes up to 1.4 times
+as long.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.tracking.pieces import lower_factor, product, square
 
 __all__ = ["inverse", "inverse_beside"]
 
@@ -32,7 +34,7 @@ def inverse(matrix: Floats) -> Floats | None:
 def inverse_beside(matrix: Floats) -> Floats | None:
     """`inverse`, which lets other threads run."""
     try:
-        factor = np.linalg.cholesky(matrix)
+        factor = lower_factor(matrix)
     except np.linalg.LinAlgError:
         return None
     triangle, out = np.zeros_like(factor), np.empty_like(factor)
@@ -51,9 +53,8 @@ def _invert(factor: Floats, out: Floats, start: int, stop: int) -> None:
     half = (start + stop) // 2
     _invert(factor, out, start, half)
     _invert(factor, out, half, stop)
-    out[half:stop, start:half] = (
-        -(out[half:stop, half:stop] @ factor[half:stop, start:half]) @ out[start:half, start:half]
-    )
+    beside = product(out[half:stop, half:stop], factor[half:stop, start:half])
+    out[half:stop, start:half] = product(-beside, out[start:half, start:half])
 
 
 def _square(lower: Floats, out: Floats, start: int, stop: int) -> None:
@@ -66,6 +67,6 @@ def _square(lower: Floats, out: Floats, start: int, stop: int) -> None:
     _square(lower, out, start, half)
     _square(lower, out, half, stop)
     below = lower[half:stop, start:half]
-    out[start:half, start:half] += below.T @ below
-    across = below.T @ lower[half:stop, half:stop]
+    out[start:half, start:half] += square(below.T)
+    across = product(below.T, lower[half:stop, half:stop])
     out[start:half, half:stop], out[half:stop, start:half] = across, across.T

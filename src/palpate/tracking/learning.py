@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.hypotheses import rough
@@ -37,6 +38,10 @@ FEW_READINGS = 200
 #: Until the thread has learned the penalty: so many times the weight at which a gradient of the size that explains the readings
 #: over a depth counts as much as they do. Too smooth for some frames rather than too rough.
 PROVISIONAL = 10.0
+#: So many penalties in a row are dropped where the load has outgrown them while the thread learned.
+OUTGROWN = 3
+#: Standard deviations of its own by which the energy of readings is beyond noise.
+BEYOND = 6.0
 #: Noise that was learned is doubted where so many frames in a row, without contact, are so many times quieter.
 DOUBTED_FRAMES, QUIETER = 4, 3.0
 #: The noise that a frame of a contact tells is believed up to so many times what was known: more is another frame's to say.
@@ -61,6 +66,7 @@ class Learning:
         self._coarse = 0.0  # what cells of the surface cannot follow, in parts of the readings' root mean square
         self._energy = self._signal = 0.0
         self._doubts = 0
+        self._outgrown = 0  # penalties in a row that the load had outgrown when they were learned
 
     @property
     def noise_known(self) -> bool:
@@ -130,6 +136,10 @@ class Learning:
         known = None if self._from_contact else self.noise
 
         def work() -> tuple[float, float, float, float, float]:
+            with estimator.rounds:  # what a linear model makes of the frame is asked for several times
+                return learned()
+
+        def learned() -> tuple[float, float, float, float, float]:
             linear, floor = estimator.orders[1], MODEL_ERROR * float(np.abs(y).max())
             evidence = estimator.evidence(linear, rows, known)
             if evidence.scale < floor:
@@ -143,6 +153,7 @@ class Learning:
                 # as smooth as that much noise would have it
                 few = len(y) <= FEW_READINGS
                 left = math.inf if few else leaves(estimator.evidence(linear, rows, little).parameter)
+            give_way()
             if left > little:
                 left = min(left, self._left(y, little))
             size = float(np.sqrt(np.mean(y**2)))
@@ -159,6 +170,13 @@ class Learning:
         found: Any = background.result("learn", work)
         if found is None:
             return False
+        chance = BEYOND * noise**2 * math.sqrt(2.0 * len(y))
+        if background.threaded and signal > RELEARN * found[3] + chance and self._outgrown < OUTGROWN:
+            # the load has outgrown what was learned meanwhile, and a penalty learned from a touch finds nothing in a press: what there is serves on
+            self._outgrown += 1
+            background.result("learn", work)
+            return False
+        self._outgrown = 0
         self.parameter, scale, self._energy, self._signal, self._coarse = found
         self.resolution = estimator.resolution(self.parameter)
         if self._from_contact:

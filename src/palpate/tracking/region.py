@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.model import dilated
@@ -20,6 +21,7 @@ from palpate.tracking.gram import Grams, picked
 from palpate.tracking.health import Flags, Index, Single
 from palpate.tracking.inverting import inverse as inverted
 from palpate.tracking.inverting import inverse_beside
+from palpate.tracking.pieces import lower_factor
 
 __all__ = ["SMALLEST", "NormalEquations", "Region"]
 
@@ -76,7 +78,7 @@ class NormalEquations:
         self._shared: tuple[bytes, Floats, Single, Floats] | None = None
         self._grams = Grams(estimator)
         self._kept: tuple[Index, Flags, Floats] | None = None  # A'A without some readings whose noise is shared
-        self._adjoint: tuple[Floats, Flags, Single] | None = None
+        self._adjoints: tuple[tuple[Floats, Flags, Single], ...] = ()  # the last ones
         self._std = estimator.readings.std
         self._cells = math.prod(estimator.operator.surface.shape)
         # in double precision: rounded to single it has negative eigenvalues, along which the iteration grows without end
@@ -116,9 +118,11 @@ class NormalEquations:
 
     def adjoint(self, y: Floats, unused: Flags) -> Single:
         """A' y of whitened readings, (component, cell)."""
-        kept = self._adjoint  # a frame is asked for several times
-        if kept is None or not (np.array_equal(kept[0], y) and np.array_equal(kept[1], unused)):
-            kept = self._adjoint = y.copy(), unused.copy(), self.adjoint_of(y, unused)
+        for kept in self._adjoints:  # a frame is asked for several times, and at a look what is left of it
+            if np.array_equal(kept[0], y) and np.array_equal(kept[1], unused):
+                return kept[2]
+        kept = y.copy(), unused.copy(), self.adjoint_of(y, unused)
+        self._adjoints = kept, *self._adjoints[:1]
         return kept[2]
 
     def adjoint_of(self, y: Floats, unused: Flags) -> Single:
@@ -158,11 +162,11 @@ class NormalEquations:
         """Pressure on each cell alone, in standard deviations of what unit noise would make of it."""
         return np.asarray(adjoint[-1] / self._norm)
 
-    def explained(self, region: Region | None, traction: Floats) -> Floats:
-        """The whitened readings that traction (component, cell) on a region's cells explains."""
+    def explained(self, region: Region | None, traction: Floats, *, single: bool = False) -> Floats:
+        """The whitened readings that traction (component, cell) on a region's cells explains; in ``single`` precision in half the time."""
         if region is None:
             return np.zeros(len(self._std))
-        whole = np.zeros((len(self.estimator.columns), self._cells))
+        whole = np.zeros((len(self.estimator.columns), self._cells), dtype=np.float32 if single else np.float64)
         whole[:, region.cells] = traction
         return self.estimator.explained_by(whole) / self._std
 
@@ -183,6 +187,7 @@ class NormalEquations:
         grid, c, n = estimator.operator.surface, len(estimator.columns), len(cells)
         gram = self.penalised(cells, parameter, unused)
         scale = np.repeat(estimator.cone.scales, n)
+        give_way()
         gram *= scale[:, None] * scale[None, :]
         if self._rho is None or not self._rho[0] / RHO_HOLDS <= parameter <= self._rho[0] * RHO_HOLDS:
             self._rho = parameter, _rho(gram)
@@ -193,6 +198,7 @@ class NormalEquations:
             raise np.linalg.LinAlgError("the normal matrix of the region is not positive definite")
         # inverted in double precision and then rounded down: rounding must not let rho (H + rho)^-1 grow anything, since
         # the multipliers are carried from frame to frame
+        give_way()
         single = (inverse * (1.0 - SHRINK)).astype(np.float32)
         inside = np.zeros(grid.shape, dtype=bool)
         inside.ravel()[cells] = True
@@ -216,6 +222,7 @@ class NormalEquations:
         estimator, c, n = self.estimator, len(self.estimator.columns), len(cells)
         estimator.check_size(c * n)
         gram = self.gram(cells, unused)
+        give_way()
         for i, q in enumerate(estimator.precisions(estimator.level(1), 1, parameter)):
             gram[i * n : (i + 1) * n, i * n : (i + 1) * n] += q[cells][:, cells].toarray()
         return gram
@@ -264,7 +271,7 @@ def _rho(matrix: Floats) -> float:
     # without noise next to nothing is penalised, and rounding decides about the smallest eigenvalue
     smallest = 0.0
     try:
-        upper = np.linalg.cholesky(matrix).T  # which lets other threads run, and lies in memory as LAPACK wants it
+        upper = lower_factor(matrix).T  # which lets other threads run, and lies in memory as LAPACK wants it
     except np.linalg.LinAlgError:
         pass
     else:
@@ -282,6 +289,7 @@ def _largest_eigenvalue(size_of: int, times: Callable[[Floats], Floats]) -> floa
     alphas: list[float] = []
     betas: list[float] = []
     for _ in range(min(LANCZOS_STEPS, size_of)):
+        give_way()
         w = np.asarray(times(x)) - beta * before
         alphas.append(float(w @ x))
         w -= alphas[-1] * x

@@ -347,6 +347,11 @@ class Tracker:
         >>> tracker.step([[0.0] * 21] * 2, time=0.02).force.tolist()  # let go
         [0.0, 0.0]
         """
+        with self._background.frame():
+            return self._stepped(reading, time, std)
+
+    def _stepped(self, reading: Any, time: float | None, std: Any) -> Touch:
+        """`step`, before which work beside the stream gives way."""
         started = clock.perf_counter()
         flat, like = self._flat(reading)
         if time is not None and not math.isfinite(time):

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
+from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.factors import Factor
@@ -189,6 +190,7 @@ def minimise(
     rescues = 0
     known: tuple[Face, Factor] | None = None
     while True:
+        give_way()
         v = x - step_size * gradient
         residual = x - cone.project(v)
         size = float(np.abs(residual).max()) / max(float(np.abs(x).max()), 1e-6 * reference)

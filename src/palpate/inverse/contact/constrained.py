@@ -23,6 +23,7 @@ from palpate._threads import few_threads
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
+from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.edges import outside_taxels, ring_of
@@ -34,7 +35,7 @@ from palpate.inverse.contact.model import LARGEST_KEPT, ContactModel, Level, Nor
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior, ambiguity_of
-from palpate.inverse.contact.products import AT_SIZE, FIRST_AT_SIZE, Products, can_be_applied
+from palpate.inverse.contact.products import AT_SIZE, Products, can_be_applied
 from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven, unproven
 from palpate.inverse.contact.responses import Responses
@@ -72,15 +73,12 @@ SECOND_ORDER_READINGS = 4096
 #: Gain in log evidence of a patch of pressure beside a larger one: as for a frame (6), and the logarithm of the thousand places
 #: where noise may look like one (7), with 2 to spare.
 PATCH_EVIDENCE = 15.0
-#: Cells start as contact where the linear solution is more than this part of its peak; cells that are missing are added, so
-#: that it only saves time.
-LIKELY = 0.15
 #: Changes of the channels' noise (log) of less than this are not followed: half of what counts as different (`Thresholds.unequal`).
 SETTLED = 0.1
 #: Channels' noise and contact are found in turn, so often at most; the noise of all, so often.
 TURNS, TURNS_OF_ALL = 4, 2
-#: Rounds of leaving readings out: each finds what larger ones hid; two more where a channel is broken. Of adding cells; so few are not added.
-ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN, ROUNDS_OF_CELLS, FEWEST_CELLS = 4, 2, 12, 0.02
+#: Rounds of leaving readings out: each finds what larger ones hid; two more where a channel is broken.
+ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN = 4, 2
 #: Offsets are found again with the contact, so often; and so often where they are far off yet.
 ROUNDS_OF_OFFSETS, MOST_OF_OFFSETS = 2, 6
 #: So many hypotheses with nuisances take the place of one that is refuted, where they explain the frame as well as one in so many good ones is.
@@ -149,7 +147,7 @@ class ConstrainedEstimator:
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
         self._responses = Responses(operator, columns, self.readings)
         self._levels: dict[int, Level] = {}
-        self._rounds = Rounds()
+        self.rounds = Rounds()
         ambiguity = (0.0, 0.0, 0.0, 0.0)
         if problem.ambiguous:
             acting = pressing(problem.pad, problem.planes, problem.components[:-1])
@@ -166,7 +164,7 @@ class ConstrainedEstimator:
         if self.terms and problem.nuisance is None:
             self.terms += nuisances(operator.planes_of, ("ramp",))
         windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
-        self.start = LinearStart(self.orders, self.readings, parameter, self._rounds, windows)
+        self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows)
         self.ring = ring_of(self.outside)
         self.outermost = outermost(self.orders[1])
         self.far = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
@@ -269,7 +267,7 @@ class ConstrainedEstimator:
         like, batch = readings[0], batch_of(readings, self.operator)
         frames = []
         for f in frames_of(readings, self.operator):
-            with few_threads(self._widest, len(self.readings.std)), self._rounds:
+            with few_threads(self._widest, len(self.readings.std)), self.rounds:
                 frames.append(self.frame(f, rng))
                 if math.prod(batch) > 1:
                     frames[-1] = replace(frames[-1], errors=frames[-1].known)
@@ -599,49 +597,8 @@ class ConstrainedEstimator:
         weight: float,
         near: Floats | None = None,
     ) -> tuple[Floats, Floats]:
-        """The constrained solution on the surface grid (component, cell), and the readings that it explains.
-
-        It is solved over cells where pressure is likely; cells are added until none is missing. ``near`` is the solution of a problem that
-        differs little, where there is one.
-        """
-        level = self.level(1)
-        grid = level.grid
-        precisions = self.precisions(level, 1, weight)
-        pressure = linear[-1]
-        region = dilated(pressure >= max(LIKELY * float(pressure.max()), 1e-300), 1).ravel()
-        region[int(np.argmax(pressure))] = True
-        start = linear.reshape(len(linear), -1)
-        if near is not None and near[-1].any():
-            region |= near[-1] >= LIKELY * near[-1].max()
-            start = near
-        slope = self.misfit_gradient(y, noise, observed)
-        reference = self.quiet(y) * float(np.abs(slope).max())
-        for _ in range(ROUNDS_OF_CELLS):
-            cells = np.flatnonzero(region)
-            data = self.normal(level, cells, y, noise, observed, once=True)
-            tolerance = TOLERANCE
-            if data.at_size:
-                tolerance = FIRST_AT_SIZE
-            else:
-                self.check_size(len(cells) * len(self.columns))
-            member = self.model(data, precisions, start[:, cells], tolerance=tolerance)
-            traction = np.zeros((len(self.columns), math.prod(grid.shape)))
-            traction[:, cells] = member.solution.traction
-            explained = self.explained_by(traction)
-            # a cell left out is missing if pressure there would lower the objective
-            slope = self.misfit_gradient(y - explained / noise, noise, observed) - np.stack(
-                [q @ t for q, t in zip(precisions, traction)]
-            )
-            pull = np.abs(self.cone.project(slope * self.cone.scales[:, None])[-1])
-            pull[region] = 0.0
-            # the edge of what is hardly felt grows by a few cells in many rounds; models have a margin of their own
-            beside = dilated(region.reshape(grid.shape), 1).ravel()
-            missing = pull > reference
-            if not (missing & ~beside).any() and missing.sum() <= FEWEST_CELLS * region.sum():
-                break
-            region |= missing
-            start = traction
-        return traction, explained
+        """The constrained solution on the surface grid (component, cell), and the readings that it explains (`cells.solved`)."""
+        return solved(self, linear, y, noise, observed, weight, near)
 
     def quiet(self, y: Floats) -> float:
         """The part of the peak below which pressure is not told from none, for whitened readings."""
@@ -687,7 +644,7 @@ class ConstrainedEstimator:
         self, level: Level, cells: Index, y: Floats, noise: Floats, observed: Flags, *, once: bool = False
     ) -> Normal:
         # what readings hardly tell apart is too badly conditioned for products
-        kept = self._rounds.kept
+        kept = self.rounds.kept
         return level.normal(cells, y, noise, observed, kept, products=not self.ambiguous, once=once)
 
     def _combined(self, run: Run, noise: Floats, fit: float, left: float, rng: np.random.Generator | None) -> Frame:

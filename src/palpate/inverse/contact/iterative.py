@@ -43,7 +43,7 @@ class Iterative:
         self._drawn: Floats = np.zeros((0, len(self.diagonal)))
         # cells last, and in either precision: the sums are then over memory that lies together
         turned = np.ascontiguousarray(face.basis.transpose(1, 2, 0)) if face.mixed else np.zeros((c, c, 0))
-        self._turned = {np.dtype(t): turned.astype(t) for t in (np.float32, np.float64)}
+        self._turned: dict[Any, Any] = {np.dtype(t): turned.astype(t) for t in (np.float32, np.float64)}
 
     def _apply(self, v: Any, *, about: bool = False) -> Any:
         """(k, free); ``about`` as for `Products.many`: a Newton step is followed by an exact residual, and errors need no more."""

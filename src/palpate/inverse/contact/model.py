@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -28,6 +28,7 @@ __all__ = [
     "LARGEST_KEPT",
     "Columns",
     "ContactModel",
+    "Later",
     "Level",
     "Normal",
     "Picked",
@@ -279,12 +280,34 @@ class Picked:
         return found
 
 
+class Later:
+    """Columns of ``readings`` that ``make`` gives where they are asked for, or those in the places ``picks`` of them: where the normal matrix is known few
+    problems ask for more.
+    """
+
+    def __init__(self, make: Callable[[], Floats], readings: int, picks: Index | None = None) -> None:
+        self._make, self.readings, self._picks = make, readings, picks
+
+    def part(self, picks: Index) -> Later:
+        """Some of the columns."""
+        return Later(self._make, self.readings, picks if self._picks is None else self._picks[picks])
+
+    def matrix(self) -> Floats:
+        """(reading, component * cell)."""
+        found = self._make()
+        return found if self._picks is None else found.take(self._picks, axis=1)
+
+    def gram(self) -> Floats:
+        found = self.matrix()
+        return np.asarray(found.T @ found)
+
+
 @dataclass
 class Normal:
     """Whitened columns of some cells of a level, and the right-hand side (component, cell) of their normal equations.
 
-    ``given`` is a matrix as an array (reading, component * cell), `Applied`, or `Picked`, from which it is made when it is asked for; ``known`` the normal matrix
-    where that is known.
+    ``given`` is a matrix as an array (reading, component * cell), `Applied`, or `Picked` or `Later`, from which it is made when it is asked for; ``known`` the
+    normal matrix where that is known.
     """
 
     level: Level
@@ -301,14 +324,14 @@ class Normal:
     @cached_property
     def matrix(self) -> Any:
         """(reading, component * cell): an array, or `Applied`."""
-        return self.given.matrix() if isinstance(self.given, Picked) else self.given
+        return self.given.matrix() if isinstance(self.given, Picked | Later) else self.given
 
     @cached_property
     def gram(self) -> Floats:
         """The normal matrix, worked out when it is first asked for."""
         if self.known is not None:
             return self.known
-        return self.given.gram() if isinstance(self.given, Picked) else self.matrix.T @ self.matrix
+        return self.given.gram() if isinstance(self.given, Picked | Later) else self.matrix.T @ self.matrix
 
     def part(self, position: Index) -> Normal:
         """The same for some of the cells."""
@@ -317,7 +340,10 @@ class Normal:
         c, n = self.linear.shape
         picks = (np.arange(c)[:, None] * n + position[None, :]).ravel()
         known = self.gram.take(picks, axis=0).take(picks, axis=1) if self.formed else None
-        given = self.given.part(position) if isinstance(self.given, Picked) else self.matrix.take(picks, axis=1)
+        if isinstance(self.given, Picked):
+            given: Any = self.given.part(position)
+        else:
+            given = self.given.part(picks) if isinstance(self.given, Later) else self.matrix.take(picks, axis=1)
         return Normal(self.level, self.cells[position], given, self.linear[:, position], known)
 
     def along(self, ray: Floats) -> Normal:
@@ -349,7 +375,7 @@ class Normal:
 
     @property
     def _readings(self) -> int:
-        if isinstance(self.given, Picked):
+        if isinstance(self.given, Picked | Later):
             return self.given.readings
         return len(self.matrix)
 

@@ -24,11 +24,11 @@ class Responses:
         self.operator, self.columns, self.readings = operator, columns, readings
 
     def of(self, traction: Floats) -> Floats:
-        """A t (reading,) of traction (component, cell)."""
+        """A t (reading,) of traction (component, cell), in its precision."""
         if self._matrix is not None:
             return np.asarray(self._matrix @ traction.ravel())
         grid = self.operator.surface
-        full = np.zeros((len(grid.components), *grid.shape))
+        full = np.zeros((len(grid.components), *grid.shape), dtype=traction.dtype)
         full[list(self.columns)] = traction.reshape(len(traction), *grid.shape)
         return self.readings.flat(self.operator.forward(full))
 

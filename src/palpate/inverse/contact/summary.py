@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
+from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel
@@ -238,6 +239,7 @@ class Summary:
 
     def of(self, name: str) -> Floats:
         """The field of `Errors` of that name."""
+        give_way()
         return np.asarray(self._outside[name] if name.startswith("outside_") else getattr(self, name)())
 
     def errors(self) -> Errors:

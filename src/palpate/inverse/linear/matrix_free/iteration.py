@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg.blas import daxpy, saxpy
 
+from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 
 __all__ = ["Solved", "solve"]
@@ -158,6 +159,7 @@ def _descend(
     direction, rz = z, _products(r, z)
     first = np.maximum(first + rz, 1e-300)
     for _ in range(most):
+        give_way()
         moved = product(direction)
         for m, part, d in zip(moved, lam, direction):
             _add(m, part[0], d)

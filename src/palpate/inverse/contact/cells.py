@@ -1,0 +1,79 @@
+"""The constrained solution on the surface, over the cells where contact is."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.cone import TOLERANCE
+from palpate.inverse.contact.model import dilated
+from palpate.inverse.contact.products import FIRST_AT_SIZE
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.constrained import ConstrainedEstimator
+
+__all__ = ["solved"]
+
+#: Cells start as contact where the linear solution is more than this part of its peak; cells that are missing are added, so
+#: that it only saves time.
+LIKELY = 0.15
+#: Rounds of adding cells; so few are not added.
+ROUNDS, FEWEST = 12, 0.02
+
+
+def solved(
+    estimator: ConstrainedEstimator,
+    linear: Floats,
+    y: Floats,
+    noise: Floats,
+    observed: npt.NDArray[np.bool_],
+    weight: float,
+    near: Floats | None = None,
+) -> tuple[Floats, Floats]:
+    """The constrained solution on the surface grid (component, cell), and the readings that it explains.
+
+    It is solved over cells where pressure is likely; cells are added until none is missing. ``near`` is the solution of a problem that
+    differs little, where there is one: it saves steps and changes nothing else.
+    """
+    level, components = estimator.level(1), len(estimator.columns)
+    grid = level.grid
+    precisions = estimator.precisions(level, 1, weight)
+    pressure = linear[-1]
+    region = dilated(pressure >= max(LIKELY * float(pressure.max()), 1e-300), 1).ravel()
+    region[int(np.argmax(pressure))] = True
+    start = linear.reshape(len(linear), -1)
+    if near is not None and near[-1].any():
+        region |= near[-1] >= LIKELY * near[-1].max()
+        start = near
+    slope = estimator.misfit_gradient(y, noise, observed)
+    reference = estimator.quiet(y) * float(np.abs(slope).max())
+    for _ in range(ROUNDS):
+        cells = np.flatnonzero(region)
+        data = estimator.normal(level, cells, y, noise, observed, once=True)
+        tolerance = TOLERANCE
+        if data.at_size:
+            tolerance = FIRST_AT_SIZE
+        else:
+            estimator.check_size(len(cells) * components)
+        member = estimator.model(data, precisions, start[:, cells], tolerance=tolerance)
+        traction = np.zeros((components, math.prod(grid.shape)))
+        traction[:, cells] = member.solution.traction
+        explained = estimator.explained_by(traction)
+        # a cell left out is missing if pressure there would lower the objective
+        slope = estimator.misfit_gradient(y - explained / noise, noise, observed) - np.stack(
+            [q @ t for q, t in zip(precisions, traction)]
+        )
+        pull = np.abs(estimator.cone.project(slope * estimator.cone.scales[:, None])[-1])
+        pull[region] = 0.0
+        # the edge of what is hardly felt grows by a few cells in many rounds; models have a margin of their own
+        beside = dilated(region.reshape(grid.shape), 1).ravel()
+        missing = pull > reference
+        if not (missing & ~beside).any() and missing.sum() <= FEWEST * region.sum():
+            break
+        region |= missing
+        start = traction
+    return traction, explained

@@ -1,0 +1,150 @@
+"""A'A of the cells of a box, of arrays that read alike at every place.
+
+Where cells lie as far apart as taxels, two cells a step further are read as the two before, but for the taxels at both ends:
+
+    (A'A)(i + e, j + e) = (A'A)(i, j) + first(i + e) first(j + e)' - last(i) last(j)',
+
+first(i) being what the first row of taxels reads of a cell and last(i) what the last row does. So that products over all taxels are only
+needed along three sides of the box: a tenth of the work, and less of more taxels.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate._threads import give_way
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.sensing.operator import Convolution
+from palpate.tracking.health import Flags, Index
+from palpate.tracking.pieces import product
+
+__all__ = ["Alike", "Box"]
+
+#: A box serves cells that are no less than this part of it.
+FULL = 0.5
+#: Of fewer readings the products themselves take no longer.
+FEWEST = 1000
+
+
+@dataclass(frozen=True)
+class Box:
+    """A'A of the cells in ``shape`` from ``corner`` on, in order: (cell * component, cell * component)."""
+
+    corner: tuple[int, int]
+    shape: tuple[int, int]
+    gram: Floats
+
+    def places(self, where: tuple[Index, ...]) -> Index | None:
+        """Where cells stand in it; None where it does not hold them all."""
+        y, x = (w - c for w, c in zip(where, self.corner))
+        height, width = self.shape
+        inside = len(y) and y.min() >= 0 and x.min() >= 0 and y.max() < height and x.max() < width
+        return np.asarray(y * width + x) if inside else None
+
+
+class Alike:
+    """What such arrays read of cells. ``possible``: whether they are such arrays."""
+
+    def __init__(self, estimator: ConstrainedEstimator) -> None:
+        operator, readings = estimator.operator, estimator.readings
+        self._columns = list(estimator.columns)
+        self.grid = operator.surface.shape
+        planes = operator.planes
+        self.possible = (
+            len(self.grid) == 2
+            and len(readings.std) >= FEWEST
+            and readings.each_alone
+            and all(isinstance(p, Convolution) and set(p.ratios) == {1} for p in planes)
+            and all(a.mask is None for a in operator.planes_of)
+        )
+        if not self.possible:
+            return
+        self._windows = [p.windows for p in planes if isinstance(p, Convolution)]
+        self._weights, start = [], 0  # one over the standard deviation of each channel
+        for windows in self._windows:
+            channels, taxels = windows.shape[3], math.prod(windows.shape[4:])
+            stop = start + channels * taxels
+            self._weights.append(1.0 / readings.std[start:stop:taxels])
+            start = stop
+
+    def fits(self, where: tuple[Index, ...], entries: int) -> tuple[slice, slice] | None:
+        """The box round some cells, where it serves them and its A'A has no more than so many entries."""
+        if not self.possible or not len(where[0]):
+            return None
+        y, x = (slice(int(w.min()), int(w.max()) + 1) for w in where)
+        count = (y.stop - y.start) * (x.stop - x.start)
+        serves = len(where[0]) >= FULL * count and (len(self._columns) * count) ** 2 <= entries
+        return (y, x) if serves else None
+
+    def _seen(self, y: slice, x: slice, rows: slice, columns: slice) -> Floats:
+        """What some rows and columns of taxels read, whitened, of cells: (y, x, component, reading)."""
+        parts = []
+        for windows, weights in zip(self._windows, self._weights):
+            seen = np.moveaxis(windows[:, y, x, :, rows, columns][self._columns], 0, 2)
+            parts.append((seen * weights[:, None, None]).reshape(*seen.shape[:3], -1))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+
+    def box(self, y: slice, x: slice) -> Box:
+        """A'A of the cells of a box."""
+        every, first, last = slice(None), slice(0, 1), slice(-1, None)
+        height, width, c = y.stop - y.start, x.stop - x.start, len(self._columns)
+
+        def rows(cells: Floats) -> Floats:
+            return cells.reshape(-1, cells.shape[-1])
+
+        give_way()
+        top = rows(self._seen(slice(y.start, y.start + 1), x, every, every))
+        bottom = rows(self._seen(slice(y.stop - 1, y.stop), x, every, every))
+        give_way()
+        left = rows(self._seen(y, slice(x.start, x.start + 1), every, every))
+        lowest = product(left, bottom.T).reshape(height, c, -1)
+        across = product(top, left.T).reshape(width, c, height, c)
+        give_way()
+        upper, lower = self._seen(y, x, first, every), self._seen(y, x, last, every)
+
+        # the first cell of each row with all rows from there on, from the last row to the first
+        corner = lowest[-1]
+        for i in range(height - 1, 0, -1):
+            give_way()
+            further = upper[i, 0] @ rows(upper[i:]).T - lower[i - 1, 0] @ rows(lower[i - 1 : -1]).T
+            corner = np.concatenate([corner - further, lowest[i - 1]], axis=1)
+        # the first row with all rows, cell by cell
+        give_way()
+        before, after = self._seen(y, x, every, first), self._seen(y, x, every, last)
+        further = product(rows(before[0, 1:]), rows(before[:, 1:]).T) - product(
+            rows(after[0, :-1]), rows(after[:, :-1]).T
+        )
+        further = further.reshape(width - 1, c, height, width - 1, c)
+        row = np.empty((width, c, height, width, c))
+        row[0] = corner.reshape(c, height, width, c)
+        for i in range(1, width):
+            row[i, :, :, 0] = across[i]
+            row[i, :, :, 1:] = row[i - 1, :, :, :-1] + further[i - 1]
+        # and row by row
+        out = np.empty((height, width * c, height, width * c))
+        out[0] = row.reshape(width * c, height, width * c)
+        for i in range(1, height):
+            give_way()
+            more = product(rows(upper[i]), rows(upper[i:]).T) - product(rows(lower[i - 1]), rows(lower[i - 1 : -1]).T)
+            out[i, :, i:] = out[i - 1, :, i - 1 : -1] + more.reshape(width * c, -1, width * c)
+        for i in range(height):
+            give_way()
+            out[i, :, i] = 0.5 * (out[i, :, i] + out[i, :, i].T)
+            out[i + 1 :, :, i] = np.moveaxis(out[i, :, i + 1 :], 0, 2)
+        return Box((y.start, x.start), (height, width), out.reshape(height * width * c, -1))
+
+    def of(self, where: tuple[Index, ...], unused: Flags) -> Floats:
+        """What some readings see, whitened, of cells: (component * cell, reading)."""
+        parts, start = [], 0
+        y, x = (w[:, None] for w in where)
+        for windows, weights in zip(self._windows, self._weights):
+            size = math.prod(windows.shape[3:])
+            channel, *taxel = np.unravel_index(np.flatnonzero(unused[start : start + size]), windows.shape[3:])
+            seen = windows[:, y, x, channel[None, :], taxel[0][None, :], taxel[1][None, :]]
+            parts.append((seen[self._columns] * weights[channel]).reshape(len(self._columns) * len(y), -1))
+            start += size
+        return np.concatenate(parts, axis=1)
