@@ -47,7 +47,6 @@ def solved(
     region[int(np.argmax(pressure))] = True
     start = linear.reshape(len(linear), -1)
     if near is not None and near[-1].any():
-        region |= near[-1] >= LIKELY * near[-1].max()
         start = near
     slope = estimator.misfit_gradient(y, noise, observed)
     reference = estimator.quiet(y) * float(np.abs(slope).max())

@@ -348,7 +348,7 @@ def hypothesis_of(
     best = free if chance < t.structured_chance and free is not None else best
     # one that bends to every reading explains any; so does load all round with an offset against it, which leaves the rest free to push and to pull
     rivals = sorted(
-        (h for h in tried if h.present.any() and h is not best and h.rough.free >= FEWEST and h.rough.ring < t.ring),
+        (h for h in tried if h.present.any() and h is not best and _may_be(h, t)),
         key=lambda h: -_worth_of(h, t),
     )
     best = replace(best, rivals=tuple(rivals))
@@ -368,7 +368,8 @@ def _with_drift(
 ) -> list[Hypothesis]:
     """The hypothesis with those of the nuisances ``sought`` that are there, if it is one, and may be better than what was ``tried``."""
     t, terms = estimator.thresholds, [term for term, here in zip(estimator.terms, sought) if here]
-    beat = max(_worth_of(h, t) for h in tried)
+    # what is loaded all round, or bends to every reading, is refuted too often to leave others for it
+    beat = max((_worth_of(h, t) for h in tried if _may_be(h, t)), default=-math.inf)
     solved = with_nuisance(estimator, data, observed, total, terms, sign, start[sought], noise, beat)
     if solved is None:
         return []
@@ -523,6 +524,11 @@ def _both(
     gain = free * math.log(total / max(left, floor, 1e-300))
     flat = found.traction.reshape(len(found.traction), -1)
     return Hypothesis(0, Rough(gain, left, free, flat, np.zeros_like(data), 1.0), none, none > 0)
+
+
+def _may_be(h: Hypothesis, t: Thresholds) -> bool:
+    """Whether a hypothesis is one of compact contact."""
+    return h.rough.free >= FEWEST and h.rough.ring < t.ring
 
 
 def _worth_of(h: Hypothesis, t: Thresholds) -> float:

@@ -43,7 +43,9 @@ class Iterative:
         self._drawn: Floats = np.zeros((0, len(self.diagonal)))
         # cells last, and in either precision: the sums are then over memory that lies together
         turned = np.ascontiguousarray(face.basis.transpose(1, 2, 0)) if face.mixed else np.zeros((c, c, 0))
-        self._turned: dict[Any, Any] = {np.dtype(t): turned.astype(t) for t in (np.float32, np.float64)}
+        kinds = [np.dtype(t) for t in (np.float32, np.float64)]
+        self._turned: dict[Any, Any] = {t: turned.astype(t) for t in kinds}
+        self._root_of_more: dict[Any, Any] = {t: np.sqrt(more).astype(t) for t in kinds}
 
     def _apply(self, v: Any, *, about: bool = False) -> Any:
         """(k, free); ``about`` as for `Products.many`: a Newton step is followed by an exact residual, and errors need no more."""
@@ -56,7 +58,9 @@ class Iterative:
         out = self.hessian.many(x, about=about)
         if face.mixed:
             out = np.einsum("dki,sdi->ski", self._turned[v.dtype], out)
-        return out.reshape(len(v), -1)[:, face.index] + self.more.astype(v.dtype) * v
+        # a root at a time: what is as good as fixed is beyond single precision
+        root = self._root_of_more[v.dtype]
+        return out.reshape(len(v), -1)[:, face.index] + root * (root * v)
 
     def solve(self, right: Floats) -> Floats:
         return np.asarray(self._solved(right[None], STEP)[0])

@@ -431,6 +431,8 @@ class Transposed:
 class Products:
     """A normal matrix G'G + P (`palpate.inverse.contact.quadratic.Quadratic`) as products."""
 
+    by_products = True
+
     def __init__(self, matrix: Applied, penalty: Penalty, scales: Floats | None = None) -> None:
         self.matrix, self.penalty = matrix, penalty
         self.scales = np.ones(matrix.components) if scales is None else scales

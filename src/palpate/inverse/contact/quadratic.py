@@ -37,6 +37,9 @@ SUMMED = 20_000
 class Quadratic(Protocol):
     """A symmetric, positive definite matrix over (component, cell)."""
 
+    #: Whether nothing but products is known of it.
+    by_products: bool
+
     def product(self, x: Floats) -> Floats:
         """H x, of (component, cell)."""
 
@@ -55,6 +58,8 @@ class Quadratic(Protocol):
 
 class Formed:
     """A matrix that is kept as one."""
+
+    by_products = False
 
     def __init__(self, matrix: Floats) -> None:
         self.matrix = matrix
@@ -264,6 +269,8 @@ class Penalty:
 
 class Unformed:
     """A matrix that is kept as readings and penalty."""
+
+    by_products = False
 
     def __init__(self, columns: Floats, penalty: Penalty) -> None:
         #: ``columns`` (component * cell, reading) is G'.
