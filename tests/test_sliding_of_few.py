@@ -60,3 +60,9 @@ def test_a_problem_that_is_known_by_products_is_given_up_sooner_and_says_so() ->
     found = minimise(ByProducts(part @ part.T + 1e-9 * np.eye(40)), linear, Cone(("z",)), tolerance=-1.0)
     assert not found.converged
     assert found.steps <= FEWER_STEPS
+
+
+def test_blocks_of_cells_of_which_only_the_normal_matrix_is_known_are_weighed_by_it() -> None:
+    data, penalty = _normal(700)
+    only = Normal(data.level, data.cells, np.zeros((0, 600)), data.linear, data.gram)
+    assert log_evidence(only, penalty) == pytest.approx(log_evidence(data, penalty), rel=1e-12)

@@ -17,7 +17,7 @@ from palpate.inverse.contact.cone import Solution
 from palpate.inverse.contact.differences import Differences
 from palpate.inverse.contact.factors import Factor
 from palpate.inverse.contact.products import Applied, Boxes, Products, by_products
-from palpate.inverse.contact.quadratic import Penalty, Quadratic, formed_or_not
+from palpate.inverse.contact.quadratic import Formed, Penalty, Quadratic, formed_or_not
 from palpate.inverse.linear.matrix_free.evidence import FrameAtSize, LinearAtSize
 from palpate.inverse.linear.spectrum import Spectrum
 from palpate.inverse.linear.whitening import Readings
@@ -371,6 +371,8 @@ class Normal:
         """The normal matrix with a penalty."""
         if isinstance(self.given, Applied):
             return Products(self.given, penalty)
+        if self.known is not None and not self._readings:  # blocks of cells: the normal matrix is all there is of them
+            return Formed(penalty.added(self.known.copy()))
         return formed_or_not(lambda: self.matrix.T, self._readings, lambda: self.gram, penalty)
 
     @property
