@@ -66,7 +66,12 @@ class Iterative:
         return np.asarray(self._solved(right[None], STEP)[0])
 
     def _solved(self, right: Floats, tolerance: float) -> Floats:
-        """H^-1 right (k, free), in single precision, relative to the size of each."""
+        """H^-1 right (k, free), in single precision, relative to the size of each; a step that overflows it is none, and the exact residual tells."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = self._descended(right, tolerance)
+        return np.where(np.isfinite(found).all(axis=1, keepdims=True), found, 0.0)
+
+    def _descended(self, right: Floats, tolerance: float) -> Floats:
         inverse = (1.0 / self.diagonal).astype(np.float32)
         size = np.sqrt((right**2 / self.diagonal).sum(axis=1))
         there = np.flatnonzero(size > 0)
