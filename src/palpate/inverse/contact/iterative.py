@@ -63,13 +63,14 @@ class Iterative:
         return out.reshape(len(v), -1)[:, face.index] + root * (root * v)
 
     def solve(self, right: Floats) -> Floats:
-        return np.asarray(self._solved(right[None], STEP)[0])
+        found = self._solved(right[None], STEP)[0]
+        # a step that overflows is none: the exact residual that follows tells
+        return np.asarray(np.where(np.isfinite(found), found, 0.0))
 
     def _solved(self, right: Floats, tolerance: float) -> Floats:
-        """H^-1 right (k, free), in single precision, relative to the size of each; a step that overflows it is none, and the exact residual tells."""
+        """H^-1 right (k, free), in single precision, relative to the size of each; not a number where that overflows: errors are then not known."""
         with np.errstate(over="ignore", invalid="ignore"):
-            found = self._descended(right, tolerance)
-        return np.where(np.isfinite(found).all(axis=1, keepdims=True), found, 0.0)
+            return self._descended(right, tolerance)
 
     def _descended(self, right: Floats, tolerance: float) -> Floats:
         inverse = (1.0 / self.diagonal).astype(np.float32)
