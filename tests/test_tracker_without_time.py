@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from concurrent.futures import wait
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +16,7 @@ import palpate as pp
 from palpate import solutions
 from palpate.sensing.uncertainty import EXACT
 from palpate.status import Status
+from palpate.tracking import tracker as tracking
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 ARRAY = pp.AreaArray(shape=(10, 10), pitch=1e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
@@ -85,8 +88,50 @@ def test_the_force_of_a_contact_at_the_end_of_its_range_is_right_from_the_first_
     assert np.mean(held) > 0.7
 
 
-def test_a_tracker_that_never_has_time_says_how_far_off_it_may_be(skin: pp.Skin, pressed: Any) -> None:
-    """One iteration a frame: while the load rises, is held over taxels that die, and falls, every interval holds the truth."""
+class Turns:
+    """In place of the thread beside a stream: work takes so many frames as chance has it, on every machine the same."""
+
+    def __init__(self, part: float, waited: float, seed: int) -> None:
+        self.threaded = True
+        self._part, self._waited, self._rng = part, waited, np.random.default_rng(seed)
+        self._frames, self._done, self._pending = 0, 0, dict[str, tuple[Any, int]]()
+
+    @contextmanager
+    def frame(self) -> Iterator[None]:
+        self._frames += 1
+        yield
+
+    def result(self, name: str, work: Any) -> Any:
+        if name not in self._pending:
+            # one thread: it begins where what was given to it before has ended
+            self._done = max(self._done, self._frames) + int(self._rng.geometric(self._part))
+            self._pending[name] = work(), self._done
+        elif self._frames >= self._pending[name][1]:
+            return self._pending.pop(name)[0]
+        return None
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._pending
+
+    def wait(self, names: Sequence[str], deadline: float) -> bool:
+        there = [n for n in names if n in self._pending]
+        if not there or self._rng.random() > self._waited:
+            return False
+        self._pending |= {n: (self._pending[n][0], self._frames) for n in there}
+        return True
+
+    def drop(self, name: str) -> None:
+        self._pending.pop(name, None)
+
+    def forget(self) -> None:
+        self._pending.clear()
+
+    def close(self) -> None:
+        self._pending.clear()
+
+
+def without_time(skin: pp.Skin, pressed: Any) -> tuple[float, float]:
+    """One iteration a frame while the load rises, is held over taxels that die, and falls: how often the interval holds the truth; its width."""
     loads = [*np.linspace(0.1, 1.0, 10), *[1.0] * 50, *np.linspace(1.0, 0.1, 10)]
     held, widths = [], []
     with skin.track(baseline=REST, friction=0.6, budget=1e-9) as tracker:
@@ -103,9 +148,25 @@ def test_a_tracker_that_never_has_time_says_how_far_off_it_may_be(skin: pp.Skin,
             load = float(loads[i - REST])
             held.append(low - 0.02 <= load <= high + 0.02)
             widths.append(high - low)
-    assert np.mean(held) > 0.9
+    return float(np.mean(held)), float(np.median(widths[40:60]))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("part", "waited"), [(0.3, 0.5), (0.1, 0.5), (0.15, 0.0), (0.05, 0.0)])
+def test_a_tracker_that_never_has_time_says_how_far_off_it_may_be(
+    skin: pp.Skin, pressed: Any, monkeypatch: pytest.MonkeyPatch, part: float, waited: float, seed: int
+) -> None:
+    """However late the work beside the stream is: a penalty that was learned with a hole in the readings came after the hole was
+    found, and 0.5 N read 1.9 (1.7 to 2.1)."""
+    monkeypatch.setattr(tracking, "Background", lambda threaded: Turns(part, waited, seed))
+    held, width = without_time(skin, pressed)
+    assert held > 0.9
     # once a frame has been finished whatever it takes, the rest are near it
-    assert np.median(widths[40:60]) < 0.5
+    assert width < (0.5 if waited else 2.0)
+
+
+def test_a_tracker_that_never_has_time_beside_a_real_thread(skin: pp.Skin, pressed: Any) -> None:
+    assert without_time(skin, pressed)[0] > 0.9
 
 
 def test_a_tracker_without_time_lets_go_of_what_has_left(skin: pp.Skin, pressed: Any) -> None:

@@ -55,6 +55,8 @@ EXCESS = 1.5
 PATIENCE = 32
 #: Seconds for which such a frame waits for the thread: a stream without pauses leaves it no time.
 UNDER_WAY = 0.1
+#: So many penalties in a row are dropped for readings that were found to be wrong while they were learned.
+HOLED = 3
 #: Work under way after which the solution will be another.
 MOVING = ("learn", "move")
 #: How often in a frame such work is waited for, where there is time.
@@ -137,7 +139,8 @@ class Contact:
         self._bars: Errors | None = None
         self._behind = 0  # frames in a row that were not finished, or found no contact that pushes
         self._at_once = not self._background.threaded  # whether all is done in this frame
-        self._since_learned = 0
+        self._since_learned = self._holed = 0
+        self._learned_of = self._check.unused.copy()  # the readings that were not used when learning began
         self.observes = True  # whether the last frame told the offsets
 
     # -- what was found ------------------------------------------------------------------------------------------------
@@ -249,6 +252,15 @@ class Contact:
 
     def _learn(self, frame: Frame, *, misfit: bool = False) -> bool:
         """Penalty and noise, where the load is another; whether there is something new."""
+        unused = self._check.unused
+        if "learn" not in self._background:
+            self._learned_of = unused.copy()
+        elif self._holed < HOLED and (unused & ~self._learned_of).any():
+            # a hole looks like detail: a penalty learned with one in the readings is dropped, and learned from readings filled by a smooth contact
+            self._holed += 1
+            self._background.drop("learn")
+            self._learn_again(frame, unused)
+            self._learned_of = unused.copy()
         filled = self._filled(frame)
         # readings that contact does not explain count here: with a penalty that is too smooth it explains little
         came = np.where(self._check.suspects & np.isfinite(frame.actual), frame.actual, filled)
@@ -262,6 +274,7 @@ class Contact:
             misfit=misfit,
         )
         self._since_learned = 0 if new else self._since_learned + 1
+        self._holed = 0 if new else self._holed
         if new:
             self._errors.outdate(later=True)
         return new
