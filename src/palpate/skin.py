@@ -29,6 +29,7 @@ from palpate.recordings.prepared import read_prepared, write_prepared
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.contacts import contact_readings, sampled
 from palpate.sensing.grids import Grid
+from palpate.sensing.limits import check_creep, cut, taken_as_they_are
 from palpate.sensing.nuisance import check_nuisance
 from palpate.sensing.operator import Boundary, Operator
 from palpate.sensing.readings import Layout, checked_traction, creeping, frame_times, joined_planes, with_creep
@@ -118,7 +119,7 @@ class Skin:
                 surface = default_surface(planes, thickness=pad.thickness)
         self._pad, self._planes, self._boundary, self._surface = pad, planes, boundary, surface
         # every spatial computation is that of the instantaneous pad; creep is a filter in time
-        self._elastic: Pad = pad.elastic if isinstance(pad, Viscoelastic) else pad
+        self._elastic: Pad = check_creep(pad, planes) if isinstance(pad, Viscoelastic) else pad
         self._problem = Problem(
             self._elastic,
             planes,
@@ -375,7 +376,7 @@ class Skin:
         traction : array (*batch, component, *surface) [Pa], or a contact of `palpate.solutions`
             A contact is read as it is, whatever the surface's cells, also beyond them; on a periodic surface it is repeated with it.
         rng : numpy Generator, optional
-            Adds the arrays' own noise.
+            Adds the arrays' own noise, and cuts readings at the arrays' limits.
         time : array (frame,), optional
             Time of each frame [s], needed where the pad creeps: the traction then has shape (frame, component, *surface).
 
@@ -412,10 +413,9 @@ class Skin:
         for array, part in zip(self._planes, out):
             if rng is not None:
                 batch = tuple(part.shape[: -1 - len(array.shape)])
-                part = part + from_numpy(array.sample_noise(rng, batch), part)
+                part = cut(part + from_numpy(array.sample_noise(rng, batch), part), array)
             if array.mask is not None:
-                gaps = np.where(array.valid, 0.0, np.nan)
-                part = part + from_numpy(gaps, part)
+                part = part + from_numpy(np.where(array.valid, 0.0, np.nan), part)
             noisy.append(part)
         return joined_planes(noisy, self._planes)
 
@@ -497,12 +497,13 @@ class Skin:
         estimate = prepared.solve(parts, rng)
         sought = chosen.returns(names)
         found_by = [chosen.name] if estimate.method is None else np.unique(estimate.method)
+        heeded = () if estimate.at_limit is not None else taken_as_they_are(parts, self._planes)
         return Touch(
             estimate.traction,
             prepared.grid,
             sought,
             str(found_by[0]),
-            (*notes(self._problem.seeking(sought), self.components, chosen, prepared), *estimate.remarks()),
+            (*notes(self._problem.seeking(sought), self.components, chosen, prepared), *estimate.remarks(), *heeded),
             estimate.parameter,
             estimate.noise_std,
             estimate.residual,

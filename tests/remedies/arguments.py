@@ -207,6 +207,13 @@ REMEDIES = [
     value(
         "noise must be one standard deviation or one per channel", lambda n: line(noise=n), (1.0, 2.0, 3.0), (1.0, 2.0)
     ),
+    value("limits must be the largest reading s, for -s to s", lambda e: line(limits=e), (5e4, -5e4), (-5e4, 5e4)),
+    value(
+        "cannot be kept where the pad creeps",
+        lambda e: pp.Skin(pp.Viscoelastic(PAD, [(0.3, 1.0)]), line(channels=["strain_zz"], limits=e)),
+        (0.0, 0.1),
+        (-np.inf, np.inf),
+    ),
     value("mask must be a boolean array of shape", line().masked, WORKING[:5], WORKING),
     value("mask leaves no working taxel", line().masked, WORKING & False, WORKING),
     value(

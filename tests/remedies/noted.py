@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -455,6 +455,14 @@ def weaker(**how: Any) -> pp.Touch:
     low, high = touch.interval(0.95, "force")
     assert how.get("uncertainty") or not low[2] < 1.0 < high[2]
     return touch
+
+
+def ended(**how: Any) -> pp.Touch:
+    """A ball of 1 N on taxels that read no more than 60 % of the largest reading, as their array says."""
+    pad, array, values = soft()
+    top = 0.6 * float(np.abs(values).max())
+    skin = pp.Skin(pad, replace(array, limits=top))
+    return skin.reconstruct(np.clip(values, -top, top), **how)
 
 
 # -- a cell ------------------------------------------------------------------------------------------------------------------

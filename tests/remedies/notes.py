@@ -26,6 +26,7 @@ from remedies.noted import (
     cell,
     commanded,
     dots_by_frame,
+    ended,
     few_steps,
     field,
     followed_dots,
@@ -71,6 +72,13 @@ from remedies.noted import (
 __all__ = ["NOTES", "texts"]
 
 NOTES = [
+    # readings at the end of their range
+    Note(
+        "this method takes them as they are, so that the load may be larger; method adaptive counts them as at least that",
+        lambda: ended(method="tikhonov"),
+        lambda: ended(method="adaptive"),
+        room="sensing.limits",
+    ),
     # what a method assumed
     Note(
         'say how well it is known ("200 kPa +- 20 %" in skin.toml, uncertainty=Uncertainty(youngs_modulus=0.2) in Python)',

@@ -94,6 +94,21 @@ REMEDIES = [
     ),
     Remedy("is a folder; give a skin.toml", lambda: pp.Skin.from_file("."), lambda: read(LINE), right=feels),
     skin("is missing; a plane of kind =", LINE.replace("count = 9\n", ""), LINE),
+    *(
+        skin(
+            words,
+            LINE.replace("count = 9\n", f"count = 9\nlimits = {wrong}\n"),
+            LINE.replace("count = 9\n", f"count = 9\nlimits = {right}\n"),
+        )
+        for words, wrong, right in (
+            (
+                "limits must be one quantity, [low, high], or one [low, high] per channel",
+                '["1 Pa", "2 Pa", "3 Pa"]',
+                '["1 Pa", "2 kPa"]',
+            ),
+            ("must be one quantity or [low, high]; got", '[["1 Pa", "2 Pa", "3 Pa"]]', '[["1 Pa", "2 kPa"]]'),
+        )
+    ),
     pad("noise must be one quantity or one per channel", "noise", '["50 Pa", "50 Pa"]', '["50 Pa"]'),
     skin(
         'center must be two lengths [x, y] such as ["1 mm", "0 mm"]',

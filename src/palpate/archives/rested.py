@@ -76,6 +76,16 @@ class Rest:
         limit = 1.0 + LIKELY * np.sqrt(2.0 / sizes.shape[1])
         return (np.mean(sizes**2, axis=1) < limit) & (sizes.max(axis=1) < FARTHEST)
 
+    def zeroed(self, skin: Skin) -> Skin:
+        """The skin for readings less the zero: the ends of their range are as much lower."""
+        if all(p.limits is None for p in skin.planes):
+            return skin
+        at, planes = 0, []
+        for plane in skin.planes:
+            planes.append(plane.rezeroed(self.zero[at : at + len(plane.channels)]))
+            at += len(plane.channels)
+        return skin._with(skin.pad, planes)
+
     def at_rest(self, skin: Skin) -> AtRest | None:
         """The skin with this noise beside itself; None where its noise is given, or not known from these frames."""
         if self.noise is None or any(p.noise is not None for p in skin.planes):

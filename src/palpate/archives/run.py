@@ -246,6 +246,7 @@ def reconstruct_recording(
         settings: dict[str, Any] = {"method": chosen, "components": components}
         rest = Rest.of(source.frames(0, baseline).readings) if baseline else None
         zero = None if rest is None else rest.zero
+        elastic = elastic if rest is None else rest.zeroed(elastic)
         split = rest.at_rest(elastic) if rest is not None and chosen.by_frame and len(elastic.planes) == 1 else None
         pool = pool_of(split or elastic, settings, workers=workers, scheduler=scheduler)
         stack.enter_context(pool)

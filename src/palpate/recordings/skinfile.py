@@ -14,6 +14,7 @@ channels = ["stress_xz", "stress_yz", "stress_zz"]
 aperture = "0.8 mm"              # optional
 noise = "50 Pa"                  # optional; or one per channel
 noise_correlation = "1 mm"       # optional; length over which the noise of neighbours is alike
+limits = ["0 Pa", "30 kPa"]      # optional; ends of the range of a reading; "30 kPa" for -30 to 30; or one [low, high] per channel
 
 [surface]                        # optional
 shape = [48, 48]
@@ -167,6 +168,7 @@ class _Plane(_Strict):
     aperture: Lengths = 0.0
     noise: str | list[str] | None = None
     noise_correlation: Length = 0.0
+    limits: str | list[str] | list[str | list[str]] | None = None
     count: Count | None = None
     shape: tuple[Count, Count] | None = None
     pitch: Lengths | None = None
@@ -417,6 +419,29 @@ def _noise(plane: _Plane, dimensions: int) -> tuple[float, ...] | None:
     return tuple(parse_quantity(v, KIND_OF_SI[channel_unit(c)], "noise") for v, c in zip(values, channels))
 
 
+def _limits(plane: _Plane, dimensions: int) -> list[tuple[float, float]] | None:
+    """Ends of the range of each channel, low and high."""
+    channels = check_channels(plane.channels, dimensions)
+    if plane.limits is None:
+        return None
+    given = [plane.limits] if isinstance(plane.limits, str) else plane.limits
+    # two quantities are the ends of all channels; a list of [low, high], or of single ones for -s to s, has one for each
+    shared = isinstance(plane.limits, str) or (len(given) == 2 and all(isinstance(v, str) for v in given))
+    each: list[Any] = [given] * len(channels) if shared else given
+    if len(each) != len(channels):
+        raise InvalidInput(
+            f"limits must be one quantity, [low, high], or one [low, high] per channel ({len(channels)}); got {len(each)}."
+        )
+    out = []
+    for channel, ends in zip(channels, each):
+        texts = [ends] if isinstance(ends, str) else ends
+        found = [parse_quantity(v, KIND_OF_SI[channel_unit(channel)], "limits") for v in texts]
+        if len(found) not in (1, 2):
+            raise InvalidInput(f"limits of {channel} must be one quantity or [low, high]; got {len(found)}.")
+        out.append((found[0], found[1]) if len(found) == 2 else (-found[0], found[0]))
+    return out
+
+
 def _center(value: Any, dimensions: int) -> Any:
     if value is None:
         return 0.0 if dimensions == 1 else (0.0, 0.0)
@@ -440,6 +465,7 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
             aperture=plane.aperture,
             noise=_noise(plane, 1),
             noise_correlation=plane.noise_correlation,
+            limits=_limits(plane, 1),
             center=_center(plane.center, 1),
         )
     if plane.kind == "area":
@@ -456,6 +482,7 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
             aperture=plane.aperture,
             noise=_noise(plane, 2),
             noise_correlation=plane.noise_correlation,
+            limits=_limits(plane, 2),
             center=_center(plane.center, 2),
         )
     _refuse(plane, ("count", "shape", "pitch", "center"))
@@ -471,6 +498,7 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
         aperture=plane.aperture,
         noise=_noise(plane, positions.shape[1]),
         noise_correlation=plane.noise_correlation,
+        limits=_limits(plane, positions.shape[1]),
     )
 
 
@@ -524,6 +552,7 @@ KEYS = (
         "aperture",
         "noise",
         "noise_correlation",
+        "limits",
         "center",
         "count",
         "spacing",

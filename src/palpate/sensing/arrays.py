@@ -13,6 +13,7 @@ from palpate.elastic.channels import check_channels
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.grids import AreaGrid, LineGrid, check_count, check_length, pair
+from palpate.sensing.limits import check_limits, of_readings
 
 __all__ = ["AreaArray", "Array", "LineArray", "ScatteredArray"]
 
@@ -63,6 +64,7 @@ class _Common:
     depth: Any  # metres, or "base" until the array is put into a skin
     noise: Noise
     noise_correlation: float
+    limits: Any  # (channel, 2) or (channel, 2, *shape): low and high end, None where there are none
     mask: Any
     aperture: Any
     if TYPE_CHECKING:
@@ -105,6 +107,13 @@ class _Common:
             raise InvalidInput('depth = "base" needs a pad with a base, such as BondedLayers; a HalfSpace has none.')
         return replace(self, depth=thickness)  # type: ignore[type-var]
 
+    def rezeroed(self: Self, zero: Any) -> Self:
+        """The same array for readings from which a zero (channel, *shape) has been taken: its limits are as much lower."""
+        ends = of_readings(self)  # type: ignore[arg-type]
+        if ends is None:
+            return self
+        return replace(self, limits=np.stack(ends, axis=1) - np.nan_to_num(np.asarray(zero))[:, None])  # type: ignore[type-var]
+
     def masked(self: Self, mask: Any) -> Self:
         """The same array with only the taxels where ``mask`` is True."""
         both = np.asarray(mask) & self.valid if np.shape(mask) == self.shape else mask
@@ -135,6 +144,10 @@ class LineArray(_Common):
     noise_correlation : float
         Length l [m] over which the noise of neighbouring taxels is alike, as where image windows overlap: its correlation is
         exp(-(|dx| + |dy|)/l). 0 (default): independent.
+    limits : float, (low, high), or one (low, high) per channel, optional
+        Ends of the range of a reading, in the unit of the channel, as the readings are given; one number s means -s to s. A reading at an end
+        (within a thousandth of the range) counts as at least, or at most, what it says. What is not given is recognised only where
+        several neighbours read the same largest value.
     center : float
         Position of the middle of the array [m].
     mask : boolean array (count,), optional
@@ -164,6 +177,10 @@ class LineArray(_Common):
 
     >>> array.sample_noise(np.random.default_rng(0), (10,)).shape  # 10 frames
     (10, 2, 3)
+
+    >>> cut = pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_zz"], limits=(0.0, 3e4))
+    >>> cut.limits.tolist(), cut.rezeroed([[500.0, 0.0, 0.0]]).limits[0, 1].tolist()  # [Pa]
+    ([[0.0, 30000.0]], [29500.0, 30000.0, 30000.0])
     """
 
     count: int
@@ -174,6 +191,7 @@ class LineArray(_Common):
     noise: Noise = None
     noise_correlation: float = 0.0
     center: float = 0.0
+    limits: Any = None
     mask: Any = None
 
     def __post_init__(self) -> None:
@@ -185,6 +203,7 @@ class LineArray(_Common):
         object.__setattr__(self, "channels", check_channels(self.channels, 1))
         _check_noise(self.noise, tuple(self.channels))
         check_length("noise_correlation", self.noise_correlation, zero=True)
+        object.__setattr__(self, "limits", check_limits(self.limits, self.channels, self.shape))
         object.__setattr__(self, "mask", _check_mask(self.mask, (self.count,)))
 
     @property
@@ -230,7 +249,7 @@ class AreaArray(_Common):
     aperture : float or (float, float)
         Side of the square, or (y, x) sides of the rectangle, over which a taxel averages [m]. For a round taxel take
         0.886 of its diameter (equal area).
-    noise, noise_correlation, mask
+    noise, noise_correlation, limits, mask
         As for `LineArray`; ``mask`` has shape (ny, nx).
     center : (float, float)
         Position (x, y) of the middle of the array [m].
@@ -271,6 +290,7 @@ class AreaArray(_Common):
     noise: Noise = None
     noise_correlation: float = 0.0
     center: tuple[float, float] = (0.0, 0.0)
+    limits: Any = None
     mask: Any = None
 
     def __post_init__(self) -> None:
@@ -284,6 +304,7 @@ class AreaArray(_Common):
         object.__setattr__(self, "channels", check_channels(self.channels, 2))
         _check_noise(self.noise, tuple(self.channels))
         check_length("noise_correlation", self.noise_correlation, zero=True)
+        object.__setattr__(self, "limits", check_limits(self.limits, self.channels, self.shape))
         object.__setattr__(self, "mask", _check_mask(self.mask, self.shape))
 
     @property
@@ -316,7 +337,7 @@ class ScatteredArray(_Common):
     ----------
     positions : array (n, 2) or (n,)
         Positions (x, y) [m] for area contact, or x [m] for line contact.
-    depth, channels, aperture, noise, noise_correlation
+    depth, channels, aperture, noise, noise_correlation, limits
         As for `AreaArray`.
     mask : boolean array (n,), optional
         True where a marker is good.
@@ -351,6 +372,7 @@ class ScatteredArray(_Common):
     aperture: float | tuple[float, float] = 0.0
     noise: Noise = None
     noise_correlation: float = 0.0
+    limits: Any = None
     mask: Any = None
 
     def __post_init__(self) -> None:
@@ -374,6 +396,7 @@ class ScatteredArray(_Common):
         pair("aperture", self.aperture, zero=True)
         _check_noise(self.noise, tuple(self.channels))
         check_length("noise_correlation", self.noise_correlation, zero=True)
+        object.__setattr__(self, "limits", check_limits(self.limits, self.channels, self.shape))
         object.__setattr__(self, "mask", _check_mask(self.mask, (len(found),)))
 
     @property

@@ -213,7 +213,7 @@ def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:
         points = array.points
         if len(some) < 2 or np.any(np.ptp(points[some], axis=0) == 0):  # an array has a size
             some = np.unique(np.concatenate([some, points.argmin(axis=0), points.argmax(axis=0)]))
-        return replace(array, positions=np.asarray(array.positions)[some], mask=None), some
+        return replace(array, positions=np.asarray(array.positions)[some], mask=None, limits=None), some
     there = wanted.reshape(array.shape)
     ranges = []
     for axis, n in enumerate(array.shape):
@@ -226,8 +226,10 @@ def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:
     chosen = np.ravel_multi_index(np.meshgrid(*ranges, indexing="ij"), array.shape).ravel()
     centers = [0.5 * float(x[r[0]] + x[r[-1]]) for x, r in zip(array.grid.axes, ranges)]
     if isinstance(array, LineArray):
-        return replace(array, count=len(ranges[0]), center=centers[0], mask=None), chosen
-    area: AreaArray = replace(array, shape=(len(ranges[0]), len(ranges[1])), center=(centers[1], centers[0]), mask=None)
+        return replace(array, count=len(ranges[0]), center=centers[0], mask=None, limits=None), chosen
+    area: AreaArray = replace(
+        array, shape=(len(ranges[0]), len(ranges[1])), center=(centers[1], centers[0]), mask=None, limits=None
+    )
     return area, chosen
 
 

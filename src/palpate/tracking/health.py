@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.sensing.limits import at_ends
 
 __all__ = ["Flags", "Health", "Index", "ReadingCheck", "Single", "clipped"]
 
@@ -100,12 +101,12 @@ def clipped(flat: Floats, index: npt.NDArray[np.intp]) -> Flags:
 class ReadingCheck:
     """Which readings are used, frame by frame; it writes what it finds into a `Health`.
 
-    ``limits`` (reading) are the largest magnitudes that the pad gives.
+    ``limits`` (reading) are the largest magnitudes that the pad gives, ``ends`` low and high of the range of each reading where they are given.
     """
 
-    def __init__(self, health: Health, limits: Floats) -> None:
+    def __init__(self, health: Health, limits: Floats, ends: tuple[Floats, Floats] | None = None) -> None:
         n = len(limits)
-        self.health, self._limits = health, limits
+        self.health, self._limits, self._ends = health, limits, ends
         self._bad = np.zeros(n, dtype=np.int32)  # bad frames in a row; negative: good ones
         self._gone = np.zeros(n, dtype=np.int32)  # frames in a row in which a reading was missing or out of range
         self._repeats = np.zeros(n, dtype=np.int32)
@@ -113,7 +114,7 @@ class ReadingCheck:
         self._frames_repeated = 0  # whole frames in a row that repeated themselves
         self._absent = np.zeros(n, dtype=bool)  # not usable in this frame, besides those left out
         self.suspects = np.zeros(n, dtype=bool)  # not explained at the last look
-        self.clipped = np.zeros(n, dtype=bool)  # at an evident ceiling in this frame
+        self.clipped = np.zeros(n, dtype=bool)  # at a given or evident end of their range in this frame
 
     @property
     def unused(self) -> Flags:
@@ -160,7 +161,8 @@ class ReadingCheck:
 
     def zeroed(self, y: Floats, flat: Floats, index: npt.NDArray[np.intp]) -> Floats:
         """A frame with 0 for the readings that are not used; what is clipped shows in the readings as they came (``flat``)."""
-        self.clipped = clipped(flat, index)
+        high, low = at_ends(flat, self._ends)
+        self.clipped = clipped(flat, index) | high | low
         self._absent = (~np.isfinite(y) | self.clipped) & ~self.health.left_out
         return np.where(self.unused, 0.0, y)
 

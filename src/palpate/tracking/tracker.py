@@ -22,6 +22,7 @@ from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors, Stated
+from palpate.sensing.limits import ends_of
 from palpate.sensing.readings import Layout
 from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
@@ -189,7 +190,7 @@ class Tracker:
         """
         n, estimator = len(self._std), self.estimator
         self.health = Health(left_out=np.zeros(n, dtype=bool), reasons=np.zeros(n, dtype="<U12"), label=self._label)
-        self._check = ReadingCheck(self.health, self._limits)
+        self._check = ReadingCheck(self.health, self._limits, ends_of(estimator.operator.planes_of))
         self._standing = Standing()
         self._times = FrameTimes(self.rate)
         self._zero = Zero(self._given_zero, self._zero_frames, self.drift_time, self._offsets.index)
@@ -500,7 +501,7 @@ class Tracker:
             said.append("neither contact nor a few wrong readings explain this frame: error bars go by what is left")
         if self._check.clipped.any():
             said.append(
-                f"{int(self._check.clipped.sum())} readings are at the end of their range, at one value exactly: left out"
+                f"{int(self._check.clipped.sum())} readings are at the end of their range: left out, and the load is at least what they tell"
             )
         drift = self._offsets.notable()
         for c in np.flatnonzero(drift):

@@ -50,6 +50,8 @@ class Frame:
         A clean frame of the sensor as described: a ball in the middle. What is said of it too is no word on this frame.
     words : str
         What is wrong, in figures.
+    limits : float or None
+        The largest reading that the sensor gives, where it says so [unit of the channel].
     """
 
     row: str
@@ -64,11 +66,12 @@ class Frame:
     typical: Load
     reference: Floats
     words: str
+    limits: float | None = None
 
     @cached_property
     def skin(self) -> Skin:
         """What a user would make."""
-        return self.described.skin(self.noise, uncertainty=self.uncertainty)
+        return self.described.skin(self.noise, uncertainty=self.uncertainty, limits=self.limits)
 
     @property
     def empty(self) -> bool:
@@ -91,6 +94,7 @@ class _Draft:
     noise: Floats
     rng: np.random.Generator
     words: list[str] = field(default_factory=list)
+    limits: float | None = None
 
     @property
     def peak(self) -> float:
@@ -114,7 +118,7 @@ class _Draft:
         return np.asarray(out / np.abs(out).max())
 
 
-Change = Callable[[_Draft], None]
+Change = Callable[[_Draft], object]
 
 
 # -- what happens to readings --------------------------------------------------------------------------------------------
@@ -140,11 +144,17 @@ def _ramp(draft: _Draft) -> None:
         draft.readings[i] += part * peak * draft.across()
 
 
-def _clipped(draft: _Draft) -> None:
+def _clipped(draft: _Draft) -> float:
     ceiling = 0.6 * draft.peak
     whole = draft.readings + draft.noise
     draft.noise = np.clip(whole, -ceiling, ceiling) - draft.readings
     draft.say(f"clipped at {ceiling:.3g}")
+    return ceiling
+
+
+def _clipped_named(draft: _Draft) -> None:
+    draft.limits = _clipped(draft)
+    draft.say("as the sensor says")
 
 
 def _railed(draft: _Draft) -> None:
@@ -373,6 +383,7 @@ _TABLE: Sequence[Row] = (
     Row("channel offsets", "each channel off by 5 to 30 %", suits=_several, change=_channel_offsets),
     Row("ramp", "a linear drift across the array, 5 to 30 % at either end", change=_ramp),
     Row("clipped", "readings end at 60 % of the largest", change=_clipped),
+    Row("clipped named", "readings end at 60 % of the largest, and the array says so", change=_clipped_named),
     Row("railed", "one reading at ten times the largest", change=_railed),
     Row("stuck", "one reading stuck at a random level", change=_stuck),
     Row("dead", "the taxel under the contact reads zero", change=_dead),
@@ -498,6 +509,8 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
     ball = plain_ball(described, float(np.abs(typical.traction).max()))
     clean = _sensed(described, ball)
     clean = clean + column * rng.standard_normal(clean.shape)
+    if draft.limits is not None:  # a clean frame is within its range
+        clean *= 0.9 * draft.limits / float(np.abs(clean).max())
     return Frame(
         row=row,
         index=index,
@@ -511,6 +524,7 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
         typical=typical,
         reference=clean,
         words=", ".join(draft.words),
+        limits=draft.limits,
     )
 
 

@@ -101,9 +101,15 @@ class Sensor:
         return "".join(a for a in "xy" if any(find_channel(c).odd == a for c in self.channels))
 
     def skin(
-        self, noise: Any = None, *, surface: Grid | None = None, uncertainty: Mapping[str, float] | None = None
+        self,
+        noise: Any = None,
+        *,
+        surface: Grid | None = None,
+        uncertainty: Mapping[str, float] | None = None,
+        limits: float | None = None,
     ) -> Skin:
-        """The skin of this description; ``uncertainty``: what it states of itself, as `palpate.Uncertainty` takes it."""
+        """The skin of this description; ``uncertainty``: what it states of itself, as `palpate.Uncertainty` takes it; ``limits``: the largest
+        reading that it gives."""
         array: LineArray | AreaArray
         if len(self.shape) == 1:
             array = LineArray(
@@ -113,6 +119,7 @@ class Sensor:
                 channels=self.channels,
                 aperture=self.aperture,
                 noise=noise,
+                limits=limits,
             )
         else:
             array = AreaArray(
@@ -122,6 +129,7 @@ class Sensor:
                 channels=self.channels,
                 aperture=self.aperture,
                 noise=noise,
+                limits=limits,
             )
         stated = Uncertainty(**uncertainty) if uncertainty else None
         return Skin(self._pad(), array, surface=surface, uncertainty=stated)

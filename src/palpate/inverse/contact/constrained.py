@@ -56,6 +56,7 @@ from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.observability import pressing
 from palpate.inverse.problem import Problem
+from palpate.sensing.limits import at_ends, ends_of
 from palpate.sensing.nuisance import nuisances
 
 __all__ = ["ConstrainedEstimator"]
@@ -144,6 +145,7 @@ class ConstrainedEstimator:
         problem.prepare_doubts(wide=self.wide)
         self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
         self.readings = Readings(operator, self.scales)
+        self.given_ends = ends_of(operator.planes_of)
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
         self._responses = Responses(operator, columns, self.readings)
         self._levels: dict[int, Level] = {}
@@ -334,9 +336,11 @@ class ConstrainedEstimator:
         """Contact in one frame of readings, (channel, *array) per plane."""
         data = self.readings.flat(self.operator.observed(readings))
         alive = self.noise.alive(data)
+        ends = None
         if self.parts.screening:
             alive &= ~silent(data, self.noise.index, self.pairs)
-        ends = ceilings(data, self.noise.index, self.pairs) if self.parts.screening else None
+            given = None if self.given_ends is None else at_ends(self.readings.flat(readings), self.given_ends)
+            ends = ceilings(data, self.noise.index, self.pairs, given)
         usable = alive.copy()
         filled = data
         if self.parts.screening:

@@ -87,12 +87,15 @@ class Ceilings:
 
 
 def ceilings(
-    data: Floats, index: npt.NDArray[np.intp], pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
+    data: Floats,
+    index: npt.NDArray[np.intp],
+    pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    given: tuple[Flags, Flags] | None = None,
 ) -> Ceilings:
-    """Of readings, ``index`` being the channel of each and ``pairs`` those that are neighbours.
+    """Of readings, ``index`` being the channel of each and ``pairs`` those that are neighbours; ``given``: those at a high and at a low end that is given.
 
     A frame shows its ceiling where several neighbours of a channel read exactly its largest reading; a single one cannot be told from a
-    peak.
+    peak, but for an end that is given.
     """
     upper, lower = np.zeros(len(data), dtype=bool), np.zeros(len(data), dtype=bool)
     step = np.zeros(len(data))
@@ -125,6 +128,8 @@ def ceilings(
         both = flags[pairs[0]] & flags[pairs[1]]
         beside[pairs[0][both]] = beside[pairs[1][both]] = True
         flags &= beside
+    if given is not None:
+        upper, lower = upper | given[0], lower | given[1]
     return Ceilings(upper, lower, step)
 
 

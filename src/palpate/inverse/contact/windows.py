@@ -135,9 +135,9 @@ class Windows:
 def _cut(array: Array, counts: tuple[int, ...]) -> Array:
     """As many taxels of an array."""
     if isinstance(array, LineArray):
-        return replace(array, count=counts[0], mask=None, center=0.0)
+        return replace(array, count=counts[0], mask=None, limits=None, center=0.0)
     if isinstance(array, AreaArray):
-        return replace(array, shape=(counts[0], counts[1]), mask=None, center=(0.0, 0.0))
+        return replace(array, shape=(counts[0], counts[1]), mask=None, limits=None, center=(0.0, 0.0))
     raise TypeError("only regular arrays have windows")
 
 

@@ -1,0 +1,122 @@
+"""Ends of the range of a channel: a reading that lies at one is at least, or at most, what it says (it is censored)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import from_numpy, namespace, to_numpy
+from palpate.elastic.channels import find_channel
+from palpate.elastic.pad import Floats, Pad
+from palpate.elastic.viscoelastic import Viscoelastic
+from palpate.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from palpate.sensing.arrays import Array
+
+__all__ = ["at_ends", "check_creep", "check_limits", "cut", "ends_of", "of_readings", "taken_as_they_are"]
+
+Flags = npt.NDArray[np.bool_]
+#: A reading is at an end of its range where it is so near to it, as a part of the range: the last count of a converter of 10 bits.
+NEAR = 1e-3
+
+
+def check_limits(limits: Any, channels: Sequence[str], shape: tuple[int, ...]) -> Floats | None:
+    """Low and high end (channel, 2) of the range of each channel, or (channel, 2, *shape) of each reading; infinite where there is none."""
+    if limits is None:
+        return None
+    out = _meant(limits, len(channels), shape)
+    if out is None or np.isnan(out).any() or not (out[:, 0] < out[:, 1]).all():
+        raise InvalidInput(
+            "limits must be the largest reading s, for -s to s, or (low, high), or one (low, high) for each channel "
+            f"({len(channels)}: {', '.join(channels)}), in the unit of the channel, low below high; got {limits!r}."
+        )
+    out.setflags(write=False)
+    return out
+
+
+def _meant(limits: Any, channels: int, shape: tuple[int, ...]) -> Floats | None:
+    """The ends, a copy; None where none of the forms is meant."""
+    try:
+        found = np.array(limits, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    if found.ndim == 0:
+        found = np.array([-found, found])
+    if found.shape == (2,):
+        found = np.tile(found, (channels, 1))
+    return found if found.shape in ((channels, 2), (channels, 2, *shape)) else None
+
+
+def of_readings(array: Array) -> tuple[Floats, Floats] | None:
+    """Low and high end (channel, *shape) of every reading."""
+    if array.limits is None:
+        return None
+    found = array.limits.reshape(*array.limits.shape, *(1,) * (2 + len(array.shape) - array.limits.ndim))
+    found = np.broadcast_to(found, (len(array.channels), 2, *array.shape))
+    return found[:, 0], found[:, 1]
+
+
+def check_creep(pad: Viscoelastic, planes: Sequence[Array]) -> Pad:
+    """The elastic pad of one that creeps. Refuse ends of a range where creep is taken out of the readings first: what is then left of a reading at its end tells nothing of it."""
+    for array in planes:
+        for i, channel in enumerate(array.channels):
+            if array.limits is not None and find_channel(channel).kind.creeps and np.isfinite(array.limits[:, i]).any():
+                raise InvalidInput(
+                    f"limits of {channel} cannot be kept where the pad creeps: creep is taken out of its readings before they are solved. "
+                    "Give (-inf, inf) for this channel, or leave limits out."
+                )
+    return pad.elastic
+
+
+def ends_of(planes: Sequence[Array]) -> tuple[Floats, Floats] | None:
+    """The low and the high end of all working readings (plane, channel, taxel); None without limits."""
+    if all(a.limits is None for a in planes):
+        return None
+    low, high = [], []
+    for a in planes:
+        ends = of_readings(a)
+        size = len(a.channels), *a.shape
+        low.append((np.full(size, -math.inf) if ends is None else ends[0])[:, a.valid].ravel())
+        high.append((np.full(size, math.inf) if ends is None else ends[1])[:, a.valid].ravel())
+    return np.concatenate(low), np.concatenate(high)
+
+
+def at_ends(data: Floats, ends: tuple[Floats, Floats] | None) -> tuple[Flags, Flags]:
+    """Which readings (..., reading) lie at the high end, and which at the low one; missing ones (NaN) at neither."""
+    if ends is None:
+        return np.zeros(data.shape, dtype=bool), np.zeros(data.shape, dtype=bool)
+    low, high = ends
+    with np.errstate(invalid="ignore"):
+        size = np.where(np.isinf(low), np.abs(high), np.where(np.isinf(high), np.abs(low), high - low))
+        near = NEAR * np.where(np.isfinite(size), size, 0.0)
+        return data >= high - near, data <= low + near
+
+
+def taken_as_they_are(parts: Sequence[Any], planes: Sequence[Array]) -> tuple[str, ...]:
+    """What is said of readings (*batch, channel, *array), one array per plane, at an end of their range, by a method that does not heed it."""
+    total = 0
+    for part, array in zip(parts, planes):
+        if array.limits is not None:
+            flat = to_numpy(part)[..., array.valid]
+            upper, lower = at_ends(flat.reshape(*flat.shape[:-2], -1), ends_of([array]))
+            total += int((upper | lower).sum())
+    if not total:
+        return ()
+    return (
+        f"{total} readings at the end of their range: this method takes them as they are, so that the load may be larger; method adaptive counts "
+        "them as at least that",
+    )
+
+
+def cut(values: Any, array: Array) -> Any:
+    """Readings (*batch, channel, *array) as an array with such ends gives them."""
+    ends = of_readings(array)
+    if ends is None:
+        return values
+    xp, (low, high) = namespace(values), (from_numpy(np.array(end), values) for end in ends)
+    return xp.where(values < low, low, xp.where(values > high, high, values))
