@@ -44,7 +44,15 @@ from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outerm
 from palpate.inverse.contact.sharp import sharp_contact
 from palpate.inverse.contact.start import LinearStart, linear_models
 from palpate.inverse.contact.summary import Summary
-from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share, share_refuted
+from palpate.inverse.contact.systematic import (
+    ALIKE,
+    change_of_nuisances,
+    doubtful,
+    nuisance_errors,
+    share,
+    share_alike,
+    share_refuted,
+)
 from palpate.inverse.contact.variances import taken_by
 from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of, frames_of
@@ -532,6 +540,8 @@ class ConstrainedEstimator:
             for m in run.members:
                 share(self, m, run, deviation, at_limit)
             fit, left = fit_of(self, run)
+            if fit < ALIKE:
+                share_alike(self, run)
             if fit < POOR_FIT:
                 share_refuted(self, run, fit)
             result = self._combined(run, each, fit, left, rng)
