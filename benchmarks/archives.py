@@ -1,12 +1,12 @@
 """Long recordings through the command line: frames a second, memory while it runs, and what a killed worker and a killed run change.
 
     python benchmarks/archives.py [--frames 100000] [--size 32] [--methods tikhonov automatic] [--workers 1 2] [--write]
-    python benchmarks/archives.py --cluster [--frames 1000000] [--size 16] [--write]
+    python benchmarks/archives.py --cluster [--frames 1000000] [--size 16] [--without-worker] [--write]
 
 The first makes a Zarr recording of presses with noise and runs ``palpate reconstruct`` on it, each method on each number of workers; methods that take
 more than a hundredth of a second a frame get their own, shorter recording (``--slow`` frames). The second starts a Dask scheduler and two workers of this
 machine and runs it three times: undisturbed, with a worker killed half-way (another one takes its place), and killed itself (SIGKILL) half-way and resumed.
-Results are compared array by array, by digests. ``--write`` writes docs/_generated/archives.md and archives_cluster.md.
+(``--without-worker`` leaves out the second.) Results are compared array by array, by digests. ``--write`` writes docs/_generated/archives.md and archives_cluster.md.
 """
 
 from __future__ import annotations
@@ -257,18 +257,19 @@ def cluster(folder: Path, given: argparse.Namespace) -> str:
         told("undisturbed", [first], "-")
         said = digests(whole)
         shutil.rmtree(whole)  # a million frames take 40 GB
-        killed: list[float] = []
-
-        def lose(seconds: float) -> bool:
-            if not killed and seconds > 0.5 * first.seconds:
-                killed.append(seconds)
-                dask.kill_one()
-            return False
-
         again = folder / "again.zarr"
-        done = run(*command(again), watch=lose)
-        told(f"a worker killed after {killed[0]:.0f} s", [done], "yes" if digests(again) == said else "NO")
-        shutil.rmtree(again)
+        if given.worker:
+            killed: list[float] = []
+
+            def lose(seconds: float) -> bool:
+                if not killed and seconds > 0.5 * first.seconds:
+                    killed.append(seconds)
+                    dask.kill_one()
+                return False
+
+            done = run(*command(again), watch=lose)
+            told(f"a worker killed after {killed[0]:.0f} s", [done], "yes" if digests(again) == said else "NO")
+            shutil.rmtree(again)
         broken = run(*command(again), watch=lambda seconds: seconds > 0.5 * first.seconds)
         assert broken.code == -signal.SIGKILL
         assert not again.exists()
@@ -288,6 +289,7 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", default=["tikhonov", "automatic"])
     parser.add_argument("--workers", nargs="+", type=int, default=[1, 2])
     parser.add_argument("--cluster", action="store_true")
+    parser.add_argument("--without-worker", dest="worker", action="store_false", help="no run that loses a worker")
     parser.add_argument("--folder", type=Path, help="where the files go while it runs (tens of GB)")
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
