@@ -412,11 +412,10 @@ class Skin:
         noisy = []
         for array, part in zip(self._planes, out):
             if rng is not None:
-                batch = tuple(part.shape[: -1 - len(array.shape)])
-                part = cut(part + from_numpy(array.sample_noise(rng, batch), part), array)
-            if array.mask is not None:
-                part = part + from_numpy(np.where(array.valid, 0.0, np.nan), part)
-            noisy.append(part)
+                noise = array.sample_noise(rng, tuple(part.shape[: -1 - len(array.shape)]))
+                part = cut(part + from_numpy(noise, part), array)
+            gaps = None if array.mask is None else np.where(array.valid, 0.0, np.nan)
+            noisy.append(part if gaps is None else part + from_numpy(gaps, part))
         return joined_planes(noisy, self._planes)
 
     @property

@@ -342,7 +342,7 @@ class ConstrainedEstimator:
 
     def frame(self, readings: Sequence[Floats], rng: np.random.Generator | None = None) -> Frame:
         """Contact in one frame of readings, (channel, *array) per plane."""
-        data = self.readings.flat(self.operator.observed(readings))
+        data = self.noise.unlike(self.readings.flat(self.operator.observed(readings)))
         alive = self.noise.alive(data)
         ends = None
         if self.parts.screening:

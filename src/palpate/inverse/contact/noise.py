@@ -20,6 +20,8 @@ Flags = npt.NDArray[np.bool_]
 
 #: Readings of a channel needed for a noise of its own.
 FEWEST = 3
+#: Noise that readings without any are given, as a part of each.
+TRACE = 1e-6
 #: Median of |x| of a standard Gaussian.
 MEDIAN = 0.6745
 
@@ -41,6 +43,15 @@ class ChannelNoise:
         ends = np.searchsorted(self.index, np.arange(self.count + 1))
         same = np.array([b - a > FEWEST and np.ptp(data[a:b]) == 0 for a, b in itertools.pairwise(ends)])
         return np.asarray(~same[self.index] if not same.all() else np.ones(len(data), dtype=bool))
+
+    def unlike(self, data: Floats) -> Floats:
+        """Readings of which every channel reads one value, with a trace of noise: without any, an offset explains them to the last digit, and what is
+        left is divided by nothing.
+        """
+        ends = np.searchsorted(self.index, np.arange(self.count + 1))
+        if any(b - a <= FEWEST or np.ptp(data[a:b]) > 0 for a, b in itertools.pairwise(ends)):
+            return data
+        return np.asarray(data * (1.0 + TRACE * np.random.default_rng(1).standard_normal(len(data))))
 
     def uneven(self, data: Floats, observed: Flags, known: float | None) -> float:
         """Log likelihood of noise alone with a level for each channel, over that of one level: no contact explains what this does."""
