@@ -44,15 +44,7 @@ from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outerm
 from palpate.inverse.contact.sharp import sharp_contact
 from palpate.inverse.contact.start import LinearStart, linear_models
 from palpate.inverse.contact.summary import Summary
-from palpate.inverse.contact.systematic import (
-    ALIKE,
-    change_of_nuisances,
-    doubtful,
-    nuisance_errors,
-    share,
-    share_alike,
-    share_refuted,
-)
+from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share, share_refuted
 from palpate.inverse.contact.variances import taken_by
 from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of, frames_of
@@ -91,6 +83,9 @@ ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN = 4, 2
 #: Offsets are found again with the contact, so often; and so often where they are far off yet.
 ROUNDS_OF_OFFSETS, MOST_OF_OFFSETS = 2, 6
 #: So many hypotheses with nuisances take the place of one that is refuted, where they explain the frame as well as one in so many good ones is.
+#: Below this misfit probability noise may be alike from taxel to taxel, as one good frame in twenty looks too: where it is over two pitches, a mean over
+#: many of them is this many times less certain on a line.
+ALIKE, LOUDER = 0.05, 2.0
 RIVALS, ACCEPTED = 2, 0.05
 #: All of these together; each comes to rest by itself.
 MOST_ATTEMPTS = 10
@@ -540,8 +535,6 @@ class ConstrainedEstimator:
             for m in run.members:
                 share(self, m, run, deviation, at_limit)
             fit, left = fit_of(self, run)
-            if fit < ALIKE:
-                share_alike(self, run)
             if fit < POOR_FIT:
                 share_refuted(self, run, fit)
             result = self._combined(run, each, fit, left, rng)
@@ -665,6 +658,8 @@ class ConstrainedEstimator:
         members = run.members
         large = any(m.data.at_size for m in members)
         summary = Summary(members, self.posterior)
+        if fit < ALIKE and self.readings.independent and self.problem.nuisance is None:
+            summary.louder = LOUDER
         weights = np.array([m.weight for m in members])
         sampled = None
         if self.draws:

@@ -170,6 +170,7 @@ class Summary:
             for p, m in zip(self._parts, members)
         ]
         self._weights = np.array([m.weight for m in members])
+        self.louder = 1.0  # how many times less certain each model is than it says
         self.doubted = 0.0  # part of the normal force that may not be there
 
     def _mixed(self, name: str) -> Quantity:
@@ -177,6 +178,7 @@ class Summary:
         values = np.stack([getattr(p, name)[0] for p in self._parts])
         within = np.stack([getattr(p, name)[1] for p in self._sure])
         mean = np.tensordot(self._weights, values, 1)
+        within = self.louder**2 * within
         return mean, np.tensordot(self._weights, within + (values - mean) ** 2, 1)
 
     def stated(self) -> Stated | None:

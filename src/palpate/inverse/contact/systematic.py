@@ -25,16 +25,7 @@ from palpate.sensing.nuisance import nuisances
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = [
-    "change_of_nuisances",
-    "doubtful",
-    "nuisance_errors",
-    "owe",
-    "share",
-    "share_alike",
-    "share_refuted",
-    "state",
-]
+__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "share_refuted", "state"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -45,8 +36,6 @@ UNSURE = 2.0
 #: Standard deviation of a net force that drift of readings which are not explained may make, in parts of the load. Of 50 such frames (`palpate bench trust`,
 #: all kinds of faults) three are off by more than half of the load, and half by less than a tenth; the prior alone made intervals of 1 to 130 loads.
 REFUTED = 0.25
-#: Misfit probability below which noise may be alike from taxel to taxel.
-ALIKE = 0.05
 #: Misfit probability that refutes for certain.
 PROOF = 1e-4
 
@@ -200,26 +189,8 @@ def share_refuted(estimator: ConstrainedEstimator, run: Run, fit: float) -> None
     if estimator.problem.nuisance is not None or not part > 0.0:
         return
     rows = np.stack([t.rows for t in nuisances(estimator.operator.planes_of, ("offset", "ramp"))], axis=1)
-    _drift(estimator, run, rows * (part * reach_of_kind(estimator, rows, run.data)), proof * REFUTED)
-
-
-def share_alike(estimator: ConstrainedEstimator, run: Run) -> None:
-    """What the errors of a frame's models owe to noise that neighbours share, where what is left of the readings looks less like independent noise than
-    all but one good frame in twenty do (`ALIKE`), and too much like it to be refuted.
-
-    Noise that is alike over many taxels is an offset or a ramp as large as the noise, which a few taxels hardly tell from contact.
-    Where ``nuisance`` is named, or ``noise_correlation``, nothing else is alike.
-    """
-    if estimator.problem.nuisance is not None or not estimator.readings.independent:
-        return
-    rows = np.stack([t.rows for t in nuisances(estimator.operator.planes_of, ("offset", "ramp"))], axis=1)
-    sizes = [float(np.median(run.noise[c != 0])) / float(np.abs(c).max()) for c in rows.T]
-    _drift(estimator, run, rows * np.array(sizes), REFUTED)
-
-
-def _drift(estimator: ConstrainedEstimator, run: Run, rows: Floats, most: float) -> None:
-    """Let the errors of a frame's models know of drifts (reading, drift) of one standard deviation each, up to the part ``most`` of the load."""
-    columns = estimator.readings.white((rows / run.noise[:, None])[run.observed], run.observed)
+    scaled = (rows * (part * reach_of_kind(estimator, rows, run.data)) / run.noise[:, None])[run.observed]
+    columns = estimator.readings.white(scaled, run.observed)
     for one in (each for m in run.members for each in (m, m.contact)):
         if one is not None:
             more = shared_errors(one, columns, np.full(columns.shape[1], 1.0 / STATED))
@@ -231,7 +202,7 @@ def _drift(estimator: ConstrainedEstimator, run: Run, rows: Floats, most: float)
                 ((more.T @ posterior_factor(one.solution, sums.reshape(len(t), -1))) ** 2).sum(axis=0)
             ).max()
             load = cell * float(np.sqrt((t**2).sum(axis=0)).sum())
-            more = more * min(1.0, most * load / max(STATED * float(deviation), 1e-300))
+            more = more * min(1.0, proof * REFUTED * load / max(STATED * float(deviation), 1e-300))
             one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
 
 
