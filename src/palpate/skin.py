@@ -376,7 +376,7 @@ class Skin:
         traction : array (*batch, component, *surface) [Pa], or a contact of `palpate.solutions`
             A contact is read as it is, whatever the surface's cells, also beyond them; on a periodic surface it is repeated with it.
         rng : numpy Generator, optional
-            Adds the arrays' own noise, and cuts readings at the arrays' limits.
+            Adds the arrays' own noise.
         time : array (frame,), optional
             Time of each frame [s], needed where the pad creeps: the traction then has shape (frame, component, *surface).
 
@@ -384,7 +384,7 @@ class Skin:
         -------
         array (*batch, channel, *array)
             In the unit of each channel. Planes of one shape are joined along the channel axis; planes of different shapes
-            come as a list. Missing taxels read NaN.
+            come as a list. Missing taxels read NaN, and no reading is beyond the `limits` of its array.
 
         Raises
         ------
@@ -413,9 +413,9 @@ class Skin:
         for array, part in zip(self._planes, out):
             if rng is not None:
                 noise = array.sample_noise(rng, tuple(part.shape[: -1 - len(array.shape)]))
-                part = cut(part + from_numpy(noise, part), array)
+                part = part + from_numpy(noise, part)
             gaps = None if array.mask is None else np.where(array.valid, 0.0, np.nan)
-            noisy.append(part if gaps is None else part + from_numpy(gaps, part))
+            noisy.append(cut(part if gaps is None else part + from_numpy(gaps, part), array))
         return joined_planes(noisy, self._planes)
 
     @property

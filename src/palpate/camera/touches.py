@@ -65,7 +65,9 @@ def gel_skin(skin: Skin | str | Path, positions: Floats) -> Skin:
         return found
     _check(skin)
     plane = skin.planes[0]
-    array = ScatteredArray(positions=positions, depth=plane.depth, channels=CHANNELS, noise=plane.noise)
+    array = ScatteredArray(
+        positions=positions, depth=plane.depth, channels=CHANNELS, noise=plane.noise, limits=plane.limits
+    )
     return _of_dots(skin, array)
 
 
