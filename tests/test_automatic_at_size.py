@@ -51,6 +51,7 @@ def without_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(products, "PRODUCTS", 0.0)
     # the least error of a large contact's force is a bound, not what products leave
     monkeypatch.setattr(summary, "MODEL_FORCE_AT_SIZE", summary.MODEL_FORCE)
+    monkeypatch.setattr(summary, "SUMS_AT_SIZE", 1.0)
 
 
 @pytest.mark.parametrize("ratio", [1, 2])

@@ -39,6 +39,9 @@ MODEL_FORCE_AT_SIZE = 4e-3
 #: How many times as uncertain as its models say net force, moment and centre of such a contact are: errors of the force of 36 components on 128 x 128
 #: taxels (benchmarks/coverage.py's contacts, seed 4321) have a root mean square of 1.2, and cells none beyond theirs.
 SUMS_AT_SIZE = 1.25
+#: Where noise may be alike from taxel to taxel, a net force is so many times less certain (correlation over two pitches does that to a mean over many
+#: taxels of a line), by this part of itself at most: what else a frame is not explained for has errors of its own.
+LOUDER, MOST_ALIKE = 2.0, 0.1
 #: The quantities that are sums over the contact.
 SUMS = ("force", "moment", "center")
 
@@ -175,7 +178,7 @@ class Summary:
             for p, m in zip(self._parts, members)
         ]
         self._weights = np.array([m.weight for m in members])
-        self.louder = 1.0  # how many times less certain each model is than it says
+        self.alike = False  # whether noise may be alike from taxel to taxel
         self.doubted = 0.0  # part of the normal force that may not be there
 
     def _mixed(self, name: str) -> Quantity:
@@ -184,7 +187,7 @@ class Summary:
         within = np.stack([getattr(p, name)[1] for p in self._sure])
         mean = np.tensordot(self._weights, values, 1)
         at_size = name in SUMS and any(m.data.at_size for m in self.members)
-        within = (self.louder * (SUMS_AT_SIZE if at_size else 1.0)) ** 2 * within
+        within = (SUMS_AT_SIZE if at_size else 1.0) ** 2 * within
         return mean, np.tensordot(self._weights, within + (values - mean) ** 2, 1)
 
     def stated(self) -> Stated | None:
@@ -225,6 +228,8 @@ class Summary:
         large = any(m.data.at_size for m in self.members)
         known = MODEL_FORCE_AT_SIZE if large else MODEL_FORCE
         least = np.maximum(known * np.abs(total), hidden * abs(total[-1]))
+        if self.alike:
+            variance = variance + np.minimum((LOUDER**2 - 1.0) * variance, (MOST_ALIKE * np.linalg.norm(total)) ** 2)
         return self._everywhere(np.sqrt(variance + least**2))
 
     def moment(self) -> Floats:
