@@ -301,7 +301,11 @@ def main() -> None:
     print(said)
     if given.write:
         name = "archives_cluster.md" if given.cluster else "archives.md"
-        which = " --cluster" if given.cluster else f" --methods {' '.join(given.methods)}"
+        which = (
+            f" --cluster{'' if given.worker else ' --without-worker'}"
+            if given.cluster
+            else f" --methods {' '.join(given.methods)}"
+        )
         asked = f"`python benchmarks/archives.py{which} --frames {given.frames} --size {given.size}`"
         what = f"{given.size} x {given.size} taxels of three stresses, Zarr to Zarr, two cores (load when it ended: {os.getloadavg()[1]:.1f})"
         (TABLES / name).write_text(f"Made by {asked}: {what}.\n\n{said}", encoding="utf-8")
