@@ -22,7 +22,18 @@ import messages
 LISTS = frozenset({"notes", "said", "_said", "remarks", "remark", "_assumptions", "doubts"})
 #: Functions that return notes.
 RETURNS = frozenset(
-    {"notes", "_unfinished", "remarks", "assumptions", "said_of", "_said", "_doubts", "_note", "calibration_note"}
+    {
+        "notes",
+        "_unfinished",
+        "remarks",
+        "assumptions",
+        "said_of",
+        "_said",
+        "_doubts",
+        "_note",
+        "calibration_note",
+        "taken_as_they_are",
+    }
 )
 #: Calls that say something at once: methods of sessions and listeners, warnings, and the shell's way to say things beside its answer.
 CALLS = frozenset({"note", "report", "_report", "_say", "warn", "_warn"})
