@@ -108,7 +108,15 @@ class _Common:
         return replace(self, depth=thickness)  # type: ignore[type-var]
 
     def rezeroed(self: Self, zero: Any) -> Self:
-        """The same array for readings from which a zero (channel, *shape) has been taken: its limits are as much lower."""
+        """The same array for readings from which a zero (channel, *shape) has been taken: its limits are as much lower.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> how = {"pitch": 1e-3, "depth": 1e-3, "channels": ["stress_zz"], "limits": (0.0, 3e4)}  # [Pa]
+        >>> pp.LineArray(count=2, **how).rezeroed([[500.0, 0.0]]).limits.tolist()  # low and high end of each reading
+        [[[-500.0, 0.0], [29500.0, 30000.0]]]
+        """
         ends = of_readings(self)  # type: ignore[arg-type]
         if ends is None:
             return self
