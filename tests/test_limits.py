@@ -103,6 +103,21 @@ def test_limits_that_mean_nothing_are_refused(wrong: Any) -> None:
         dataclasses.replace(ARRAY, limits=wrong)
 
 
+def test_ends_of_channels_that_creep_are_refused_and_of_those_that_do_not_kept() -> None:
+    """Strain creeps under a load that is kept, stress does not; each channel is asked for its own ends."""
+    creeping = pp.Viscoelastic(PAD, [(0.3, 1.0)])
+    free = (-np.inf, np.inf)
+
+    def skin(*limits: tuple[float, float]) -> pp.Skin:
+        channels = ["stress_xz", "stress_zz", "strain_zz"]
+        return pp.Skin(creeping, pp.LineArray(count=9, pitch=1e-3, depth=1e-3, channels=channels, limits=limits))
+
+    for one_sided in ((0.0, 0.1), (-np.inf, 0.1), (-0.1, np.inf)):
+        with pytest.raises(pp.InvalidInput, match="limits of strain_zz cannot be kept where the pad creeps"):
+            skin(free, free, one_sided)
+    assert np.asarray(skin((-5e3, 5e3), (0.0, 3e4), free).planes[0].limits)[1].tolist() == [0.0, 3e4]
+
+
 def test_masked_taxels_have_no_ends_and_missing_readings_are_at_none() -> None:
     array = pp.LineArray(
         count=4, pitch=1e-3, depth=1e-3, channels=["stress_zz"], limits=[(0.0, 10.0)], mask=[True, False, True, True]

@@ -117,7 +117,7 @@ class _Common:
         >>> pp.LineArray(count=2, **how).rezeroed([[500.0, 0.0]]).limits.tolist()  # low and high end of each reading
         [[[-500.0, 0.0], [29500.0, 30000.0]]]
         """
-        ends = of_readings(self)  # type: ignore[arg-type]
+        ends = of_readings(self)
         if ends is None:
             return self
         return replace(self, limits=np.stack(ends, axis=1) - np.nan_to_num(np.asarray(zero))[:, None])  # type: ignore[type-var]

@@ -16,7 +16,7 @@ from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from palpate.sensing.arrays import Array
+    from palpate.sensing.arrays import Array, _Common
 
 __all__ = ["at_ends", "check_creep", "check_limits", "cut", "ends_of", "of_readings", "taken_as_they_are"]
 
@@ -52,7 +52,7 @@ def _meant(limits: Any, channels: int, shape: tuple[int, ...]) -> Floats | None:
     return found if found.shape in ((channels, 2), (channels, 2, *shape)) else None
 
 
-def of_readings(array: Array) -> tuple[Floats, Floats] | None:
+def of_readings(array: Array | _Common) -> tuple[Floats, Floats] | None:
     """Low and high end (channel, *shape) of every reading."""
     if array.limits is None:
         return None
@@ -62,10 +62,13 @@ def of_readings(array: Array) -> tuple[Floats, Floats] | None:
 
 
 def check_creep(pad: Viscoelastic, planes: Sequence[Array]) -> Pad:
-    """The elastic pad of one that creeps. Refuse ends of a range where creep is taken out of the readings first: what is then left of a reading at its end tells nothing of it."""
+    """The elastic pad of one that creeps.
+
+    Ends of a range are refused where creep is taken out of the readings first: what is then left of a reading at its end tells nothing of it.
+    """
     for array in planes:
         for i, channel in enumerate(array.channels):
-            if array.limits is not None and find_channel(channel).kind.creeps and np.isfinite(array.limits[:, i]).any():
+            if array.limits is not None and find_channel(channel).kind.creeps and np.isfinite(array.limits[i]).any():
                 raise InvalidInput(
                     f"limits of {channel} cannot be kept where the pad creeps: creep is taken out of its readings before they are solved. "
                     "Give (-inf, inf) for this channel, or leave limits out."

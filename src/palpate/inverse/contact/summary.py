@@ -36,8 +36,8 @@ MODEL_FORCE = 5e-4
 #: The same of a contact too large for matrices. Balls on 64 x 64 and 128 x 128 taxels read 0.21 % too little to 0.12 % too much; which way intervals
 #: lean was measured on small contacts, so that one end of theirs is only 0.65 of this away.
 MODEL_FORCE_AT_SIZE = 4e-3
-#: How many times as uncertain as its models say net force, moment and centre of such a contact are: errors of the force of 36 components on 128 x 128
-#: taxels (benchmarks/coverage.py's contacts, seed 4321) have a root mean square of 1.2, and cells none beyond theirs.
+#: How many times as uncertain as its models say net force, moment and centre of such a contact are: errors of the force of 12 frames on 128 x 128 taxels
+#: (the contacts of benchmarks/coverage.py, seed 4321) have a root mean square of 1.2 standard deviations.
 SUMS_AT_SIZE = 1.25
 #: Where noise may be alike from taxel to taxel, a net force is so many times less certain (correlation over two pitches does that to a mean over many
 #: taxels of a line), by this part of itself at most: what else a frame is not explained for has errors of its own.
