@@ -126,7 +126,33 @@ def test_masked_taxels_have_no_ends_and_missing_readings_are_at_none() -> None:
     assert found is not None
     assert found[1].tolist() == [10.0] * 3
     upper, lower = at_ends(np.array([10.0, np.nan, 0.0]), found)
+    assert (upper.tolist(), lower.tolist()) == ([True, False, False], [False] * 3)  # it rests at 0
+    upper, lower = at_ends(np.array([10.0, np.nan, 0.0]), found, np.array([4.0, np.nan, -6.0]))
     assert (upper.tolist(), lower.tolist()) == ([True, False, False], [False, False, True])
+
+
+@pytest.mark.parametrize("stream", [False, True])
+def test_a_range_that_begins_where_readings_rest_leaves_them_in_use(stream: bool) -> None:
+    """Taxels that nothing presses read 0, the low end of a converter of 0 to its largest count: that tells that nothing presses there."""
+    one = dataclasses.replace(ARRAY, channels=["stress_zz"])
+    clean = np.asarray(pp.Skin(PAD, one).sense(BALL))
+    size, top = 0.01 * float(clean.max()), 0.6 * float(clean.max())
+    rng = np.random.default_rng(3)
+    frames = [np.clip((i >= 10) * clean + size * rng.standard_normal(clean.shape), 0.0, top) for i in range(20)]
+    found = []
+    for low_end in (0.0, -np.inf):
+        skin = pp.Skin(PAD, dataclasses.replace(one, limits=(low_end, top)))
+        if stream:
+            tracker = skin.track(baseline=10)
+            for frame in frames:
+                touch = tracker.step(frame)
+        else:
+            touch = skin.reconstruct(frames[-1])
+        said = [n for n in touch.notes if "at the end of their range" in n]
+        assert [n.split()[0] for n in said] == ["1"]
+        found.append(force(touch))
+    assert found[0] == pytest.approx(found[1], rel=1e-9)
+    assert found[0][0] > 0.7
 
 
 def test_simulated_readings_end_where_the_array_says() -> None:

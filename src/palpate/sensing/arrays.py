@@ -154,8 +154,8 @@ class LineArray(_Common):
         exp(-(|dx| + |dy|)/l). 0 (default): independent.
     limits : float, (low, high), or one (low, high) per channel, optional
         Ends of the range of a reading, in the unit of the channel, as the readings are given; one number s means -s to s. A reading at an end
-        (within a thousandth of the range) counts as at least, or at most, what it says. What is not given is recognised only where
-        several neighbours read the same largest value.
+        (within a thousandth of the range) counts as at least, or at most, what it says; an end at which readings rest, as 0 of a range that begins
+        there, is none (within 5 % of the range). What is not given is recognised only where several neighbours read the same largest value.
     center : float
         Position of the middle of the array [m].
     mask : boolean array (count,), optional

@@ -23,6 +23,8 @@ __all__ = ["at_ends", "check_creep", "check_limits", "cut", "ends_of", "of_readi
 Flags = npt.NDArray[np.bool_]
 #: A reading is at an end of its range where it is so near to it, as a part of the range: the last count of a converter of 10 bits.
 NEAR = 1e-3
+#: A reading rests where it is no farther from its zero, as a part of the range.
+RESTING = 0.05
 
 
 def check_limits(limits: Any, channels: Sequence[str], shape: tuple[int, ...]) -> Floats | None:
@@ -89,15 +91,20 @@ def ends_of(planes: Sequence[Array]) -> tuple[Floats, Floats] | None:
     return np.concatenate(low), np.concatenate(high)
 
 
-def at_ends(data: Floats, ends: tuple[Floats, Floats] | None) -> tuple[Flags, Flags]:
-    """Which readings (..., reading) lie at the high end, and which at the low one; missing ones (NaN) at neither."""
+def at_ends(data: Floats, ends: tuple[Floats, Floats] | None, zeroed: Floats | None = None) -> tuple[Flags, Flags]:
+    """Which readings (..., reading) lie at the high end, and which at the low one; missing ones (NaN) at neither.
+
+    An end at which a reading rests, as a range that begins at zero has one, tells of no load beyond it: ``zeroed`` are the readings less their zero
+    (default: they have none).
+    """
     if ends is None:
         return np.zeros(data.shape, dtype=bool), np.zeros(data.shape, dtype=bool)
     low, high = ends
     with np.errstate(invalid="ignore"):
         size = np.where(np.isinf(low), np.abs(high), np.where(np.isinf(high), np.abs(low), high - low))
-        near = NEAR * np.where(np.isfinite(size), size, 0.0)
-        return data >= high - near, data <= low + near
+        size = np.where(np.isfinite(size), size, 0.0)
+        away = np.abs(data if zeroed is None else zeroed) > RESTING * size
+        return away & (data >= high - NEAR * size), away & (data <= low + NEAR * size)
 
 
 def taken_as_they_are(parts: Sequence[Any], planes: Sequence[Array]) -> tuple[str, ...]:

@@ -101,12 +101,15 @@ def clipped(flat: Floats, index: npt.NDArray[np.intp]) -> Flags:
 class ReadingCheck:
     """Which readings are used, frame by frame; it writes what it finds into a `Health`.
 
-    ``limits`` (reading) are the largest magnitudes that the pad gives, ``ends`` low and high of the range of each reading where they are given.
+    ``limits`` (reading) are the largest magnitudes that the pad gives, ``ends`` low and high of the range of each reading where they are given; ``std``
+    is the unit of readings less their zero.
     """
 
-    def __init__(self, health: Health, limits: Floats, ends: tuple[Floats, Floats] | None = None) -> None:
+    def __init__(
+        self, health: Health, limits: Floats, ends: tuple[Floats, Floats] | None = None, std: Floats | float = 1.0
+    ) -> None:
         n = len(limits)
-        self.health, self._limits, self._ends = health, limits, ends
+        self.health, self._limits, self._ends, self._std = health, limits, ends, std
         self._bad = np.zeros(n, dtype=np.int32)  # bad frames in a row; negative: good ones
         self._gone = np.zeros(n, dtype=np.int32)  # frames in a row in which a reading was missing or out of range
         self._repeats = np.zeros(n, dtype=np.int32)
@@ -161,7 +164,7 @@ class ReadingCheck:
 
     def zeroed(self, y: Floats, flat: Floats, index: npt.NDArray[np.intp]) -> Floats:
         """A frame with 0 for the readings that are not used; what is clipped shows in the readings as they came (``flat``)."""
-        high, low = at_ends(flat, self._ends)
+        high, low = at_ends(flat, self._ends, y * self._std)
         self.clipped = clipped(flat, index) | high | low
         self._absent = (~np.isfinite(y) | self.clipped) & ~self.health.left_out
         return np.where(self.unused, 0.0, y)

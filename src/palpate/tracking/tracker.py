@@ -190,7 +190,7 @@ class Tracker:
         """
         n, estimator = len(self._std), self.estimator
         self.health = Health(left_out=np.zeros(n, dtype=bool), reasons=np.zeros(n, dtype="<U12"), label=self._label)
-        self._check = ReadingCheck(self.health, self._limits, ends_of(estimator.operator.planes_of))
+        self._check = ReadingCheck(self.health, self._limits, ends_of(estimator.operator.planes_of), self._std)
         self._standing = Standing()
         self._times = FrameTimes(self.rate)
         self._zero = Zero(self._given_zero, self._zero_frames, self.drift_time, self._offsets.index)
