@@ -7,26 +7,23 @@ half-space p >= 0 with q free, or everything. The solver is a semismooth Newton 
 x = P_K(x - d (Hx - h)) (the primal-dual active set of M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13, 2002, 865-888,
 generalised to second-order cones as by S. Hayashi, N. Yamashita, M. Fukushima, SIAM J. Optim. 15, 2005, 593-615). Directions that
 the projection fixes are eliminated, so that a step is one Cholesky factorisation over the cells in contact; it ends in a
-few steps, exactly. Where it cycles, steps of the alternating direction method of multipliers bring it closer first.
+few steps, exactly. Where it cycles, an interior-point method (`palpate.inverse.contact.interior`) takes it to the end.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
-import scipy.sparse
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.differences import Sparse
+from palpate.inverse.contact.faces import Face, slanted, straight
 from palpate.inverse.contact.factors import Factor
+from palpate.inverse.contact.interior import interior
 from palpate.inverse.contact.quadratic import Formed, Quadratic
-from palpate.inverse.contact.rows import Rows
 
-__all__ = ["TOLERANCE", "Cone", "Face", "Ray", "Solution", "minimise"]
+__all__ = ["TOLERANCE", "Cone", "Solution", "minimise"]
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,7 @@ class Cone:
     def directions(self, v: Floats) -> tuple[Floats, Floats]:
         """Eigenvectors (cell, component, direction) and eigenvalues (direction, cell) of the projection's derivative."""
         c, n = v.shape
-        basis = _straight(n, c)
+        basis = straight(n, c)
         values = np.ones((c, n))
         if self.free:
             return basis, values
@@ -98,23 +95,12 @@ class Cone:
         size = np.sqrt((shear**2).sum(axis=0))
         values[:, size <= -p] = 0.0
         edge = (size > p) & (size > -p)
-        unit = shear[:, edge] / size[edge]
-        root = np.sqrt(0.5)
-        basis[edge] = 0.0
         # along the cone's generator (kept), across it (lost), and round the cone (shrunk)
-        basis[edge, :-1, 0], basis[edge, -1, 0] = root * unit.T, root
-        basis[edge, :-1, 1], basis[edge, -1, 1] = -root * unit.T, root
+        basis[edge] = slanted(shear[:, edge] / size[edge])
         values[1, edge] = 0.0
         if c == 3:
-            basis[edge, 0, 2], basis[edge, 1, 2] = -unit[1], unit[0]
             values[2, edge] = 0.5 * (1.0 + p[edge] / size[edge])
         return basis, values
-
-
-@lru_cache(maxsize=16)
-def _straight(n: int, c: int) -> Floats:
-    """Directions (cell, component, direction) that are the components."""
-    return np.broadcast_to(np.eye(c), (n, c, c))
 
 
 @dataclass(frozen=True)
@@ -138,16 +124,11 @@ class Solution:
 TOLERANCE = 1e-9
 #: Newton steps of one problem; the active set settles in ten or fewer unless it cycles.
 STEPS = 60
-#: It cycles if the residual has not become smaller by this factor in so many steps; it is then brought closer, so often at most.
-SMALLER, PATIENCE, RESCUES = 0.999, 12, 3
-#: The same where H is known by products alone, and each step takes tens of them: readings that are all alike took minutes.
-FEWER_STEPS, FEWER_RESCUES = 30, 1
-#: Alternating steps of the first rescue, and how many times more each following one takes.
-ALTERNATING, MORE = 60, 4
-#: Over-relaxation of the alternating steps (1.5 to 1.8: S. Boyd et al., Foundations and Trends in Machine Learning 3, 2011, section 3.4.3).
-RELAXATION, BACK = 1.6, 0.6
-#: Eigenvalues of the projection's derivative below this count as zero: a direction that moves so little is fixed.
-FREE = 1e-10
+#: It cycles if the residual has not become smaller by this factor in so many steps; it is then solved from inside, once, and
+#: what is left to do after that is soon done, or not worth more.
+SMALLER, PATIENCE, AFTER = 0.999, 5, 1
+#: Steps where H is known by products alone, each of which takes tens of them: readings that are all alike took minutes.
+FEWER_STEPS = 30
 
 
 def minimise(
@@ -189,10 +170,9 @@ def minimise(
     gradient = h_matrix.product(x) - h_vector
     reference = max(float(np.abs(step_size * h_vector).max()), 1e-300)
     best, best_gradient, best_size, since, taken = x, gradient, np.inf, 0, 0
-    most = RESCUES
     if h_matrix.by_products:
-        steps, most = min(steps, FEWER_STEPS), FEWER_RESCUES
-    rescues = 0
+        steps = min(steps, FEWER_STEPS)
+    inside: bool | None = None  # whether the interior-point method came to its end, where it was asked
     known: tuple[Face, Factor] | None = None
     while True:
         give_way()
@@ -205,18 +185,18 @@ def minimise(
             since += 1
         if size <= tolerance or taken >= steps:
             break
-        if since > PATIENCE:
-            if rescues == most:
+        if since > (PATIENCE if inside is None else AFTER):
+            if inside is not None:
                 break
-            x = _alternate(h_matrix, h_vector, cone, best, ALTERNATING * MORE**rescues)
-            rescues, since = rescues + 1, 0
+            x, inside = interior(h_matrix.exactly(), h_vector, cone, best, tolerance)
+            best_size, since = np.inf, 0
             gradient = h_matrix.product(x) - h_vector
             continue
         known = _factored(h_matrix, cone, v, step_size, known)
         x = _newton(h_matrix, *known, x, residual, step_size)
         gradient = h_matrix.product(x) - h_vector
         taken += 1
-    converged = best_size <= tolerance
+    converged = best_size <= tolerance or bool(inside)
     if keep_face:
         face, factor = _factored(h_matrix, cone, best - step_size * best_gradient, step_size, known)
         face.scales = scale
@@ -257,135 +237,3 @@ def _newton(hessian: Quadratic, face: Face, factor: Factor, x: Floats, residual:
     found = np.zeros(x.size)
     found[face.index] = factor.solve(right)
     return x + fixed + face.unrotate(found.reshape(x.shape))
-
-
-class Face:
-    """Free directions of every cell: some of the columns of an orthogonal matrix (cell, component, direction) that mixes the components of
-    one cell.
-
-    ``values`` (direction, cell) is how much a projection keeps of each direction: those of which it keeps nothing are fixed.
-    """
-
-    def __init__(self, basis: Floats, values: Floats, mixed: bool) -> None:
-        self.basis, self.free, self.mixed = basis, values > FREE, mixed
-        self.index = np.flatnonzero(self.free.ravel())
-        self.kept = values.ravel()[self.index]
-        self.scales: Floats = np.ones(len(self.free))
-
-    @cached_property
-    def oblique(self) -> npt.NDArray[np.bool_]:
-        """Cells whose directions are not the components."""
-        if not self.mixed:
-            return np.zeros(len(self.basis), dtype=bool)
-        return np.asarray((self.basis != np.eye(len(self.free))).any(axis=(1, 2)))
-
-    def spread(self, cells: Floats) -> Floats:
-        """A value of each cell, for each free direction."""
-        return np.asarray(cells[self.index % len(cells)])
-
-    def rotate(self, x: Floats) -> Floats:
-        """W'x of (component, cell)."""
-        return np.einsum("idk,di->ki", self.basis, x) if self.mixed else x
-
-    def unrotate(self, x: Floats) -> Floats:
-        """W x of (direction, cell)."""
-        return np.einsum("idk,ki->di", self.basis, x) if self.mixed else x
-
-    def directions(self) -> Sparse:
-        """W' (free direction, component * cell), with the cone's scales taken out."""
-        c, n = self.free.shape
-        direction, cell = np.divmod(self.index, n)
-        values = self.basis[cell, :, direction] * self.scales
-        places = np.arange(c)[None, :] * n + cell[:, None]
-        there = values != 0.0
-        ends = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
-        return scipy.sparse.csr_array((values[there], places[there], ends), shape=(len(cell), c * n))
-
-    def columns(self, rows: Floats) -> Floats:
-        """rows W, of an array (m, component * cell)."""
-        if not self.mixed:
-            return np.asarray(rows[:, self.index])
-        return np.asarray((self.directions() @ rows.T).T)
-
-    def rows(self, rows: Rows) -> Rows:
-        """rows W, of sparse rows over (component, cell)."""
-        c, n = self.free.shape
-        if len(self.index) == c * n and not self.mixed and (self.scales == 1.0).all():
-            return rows
-        place = np.full((c, n), -1, dtype=np.intp)
-        place.ravel()[self.index] = np.arange(len(self.index))
-        if not self.oblique.any():
-            col, row = place.ravel()[rows.col], rows.row
-            value = rows.value * self.scales[rows.col // n]
-            kept = col >= 0
-        else:
-            component, cell = np.divmod(rows.col, n)
-            values = (rows.value * self.scales[component])[:, None] * self.basis[cell, component]
-            col, value = place[:, cell].T.ravel(), values.ravel()
-            row, kept = np.repeat(rows.row, c), (col >= 0) & (value != 0.0)
-        return Rows(row[kept], col[kept], value[kept], rows.count)
-
-    def gathered(self, columns: Floats, order: npt.NDArray[np.intp]) -> Floats:
-        """W' columns of an array (component * cell, m), in some order of the free directions."""
-        places = self.index[order]
-        out = np.ascontiguousarray(columns[places])
-        if not self.mixed:
-            return out
-        c, n = self.free.shape
-        direction, cell = np.divmod(places, n)
-        turned = np.flatnonzero(self.oblique[cell])
-        if len(turned):
-            # as a sparse product: one pass over the columns
-            weights = self.basis[cell[turned], :, direction[turned]]
-            where = cell[turned][:, None] + n * np.arange(c)
-            ends = np.arange(0, weights.size + 1, c)
-            mixed = scipy.sparse.csr_array((weights.ravel(), where.ravel(), ends), shape=(len(turned), c * n))
-            out[turned] = mixed @ columns
-        return out
-
-    def restrict(self, matrix: Floats) -> Floats:
-        """W' matrix W of a symmetric matrix."""
-        if not self.oblique.any():
-            if len(self.index) == len(matrix):
-                return matrix.copy()
-            return np.asarray(matrix.take(self.index, axis=0).take(self.index, axis=1))
-        every = np.arange(len(self.index))
-        return self.gathered(np.ascontiguousarray(self.gathered(matrix, every).T), every)
-
-
-class Ray(Face):
-    """Free directions of cells whose traction is one vector (component,) times a pressure, and of that vector's changes.
-
-    ``turned`` (change, component * cell) is what the changes that are possible do to the traction.
-    """
-
-    def __init__(self, ray: Floats, free: npt.NDArray[np.bool_], turned: Floats) -> None:
-        c, n = len(ray), len(free)
-        basis = np.zeros((n, c, c))
-        basis[:, :, 0] = ray
-        values = np.zeros((c, n))
-        values[0] = free
-        super().__init__(basis, values, True)
-        self.turned = turned
-
-    def directions(self) -> Sparse:
-        return scipy.sparse.csr_array(scipy.sparse.vstack([super().directions(), scipy.sparse.csr_array(self.turned)]))
-
-    def rows(self, rows: Rows) -> Rows:
-        return replace(super().rows(rows), others=rows.times(self.turned.T))
-
-
-def _alternate(hessian: Quadratic, linear: Floats, cone: Cone, x: Floats, count: int) -> Floats:
-    """Alternating direction method of multipliers, over-relaxed, from x."""
-    diagonal = hessian.diagonal()
-    rho = float(np.sqrt(diagonal.max() * diagonal.mean()))
-    whole = Face(np.broadcast_to(np.eye(len(x)), (x.shape[1], len(x), len(x))), np.ones(x.shape), cone.coupled)
-    factor = hessian.factor(whole, np.full(x.size, rho))
-    z = x.copy()
-    dual = np.zeros_like(x)
-    for _ in range(count):
-        y = factor.solve((linear + rho * (z - dual)).ravel()).reshape(x.shape)
-        y = RELAXATION * y - BACK * z
-        z = cone.project(y + dual)
-        dual = dual + y - z
-    return z

@@ -32,7 +32,7 @@ BLOCK = 48
 #: Those that are made, whose corners alone are tied, have this many: half as many calls, and less work.
 WIDTH = 64
 #: What is added to the diagonal, relative to it, where rounding makes a matrix indefinite.
-JITTERS = (0.0, 1e-14, 1e-12, 1e-10)
+JITTERS = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
 
 
 class Factor(Protocol):

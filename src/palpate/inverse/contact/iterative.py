@@ -14,7 +14,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.rows import Rows
 
 if TYPE_CHECKING:
-    from palpate.inverse.contact.cone import Face
+    from palpate.inverse.contact.faces import Face
     from palpate.inverse.contact.products import Products
 
 __all__ = ["SAMPLES", "Iterative"]

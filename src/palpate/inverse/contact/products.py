@@ -22,12 +22,12 @@ from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.factors import Factor
 from palpate.inverse.contact.iterative import Iterative
-from palpate.inverse.contact.quadratic import WORTH, Penalty, work_of_few
+from palpate.inverse.contact.quadratic import WORTH, Penalty, Quadratic, Unformed, work_of_few
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Convolution, Operator
 
 if TYPE_CHECKING:
-    from palpate.inverse.contact.cone import Face
+    from palpate.inverse.contact.faces import Face
 
 __all__ = ["AT_SIZE", "FIRST_AT_SIZE", "Applied", "Boxes", "Products", "by_products", "can_be_applied"]
 
@@ -56,6 +56,8 @@ PRODUCTS_ONCE, MANY, FEWEST_OF_MANY = 3e2, 4096, 150
 #: Relative residual at which a solution by products counts as exact, a hundredth of what noise makes of it or less, and that of the
 #: first solutions, which tell noise and region.
 AT_SIZE, FIRST_AT_SIZE = 1e-4, 1e-3
+#: Multiplications up to which an exact factor can be had of readings after all.
+MATRIX = 2e10
 #: Factorisations that a model takes.
 FACTORS = 3.0
 
@@ -457,6 +459,14 @@ class Products:
 
     def factor(self, face: Face, more: Floats) -> Factor:
         return Iterative(self, face, more)
+
+    def exactly(self) -> Quadratic:
+        """With a matrix of the readings, where they are few enough for one."""
+        readings, unknowns = self.matrix.shape
+        if readings**2 * unknowns > MATRIX:
+            return self
+        columns = (np.eye(readings) @ self.matrix).T * np.repeat(self.scales, len(self.matrix.cells))[:, None]
+        return Unformed(np.ascontiguousarray(columns), self.penalty.scaled(self.scales))
 
     def perturbed(self, rng: np.random.Generator, count: int) -> Floats:
         """Samples (count, component, cell) of a Gaussian whose covariance is H."""

@@ -19,7 +19,7 @@ from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.factors import BLOCK, Beside, Chain, Dense, Factor, FewReadings, Part, cholesky, each_of
 
 if TYPE_CHECKING:
-    from palpate.inverse.contact.cone import Face
+    from palpate.inverse.contact.faces import Face
 
 __all__ = ["Formed", "Penalty", "Quadratic", "Unformed", "formed_or_not", "prior_factor", "work_of_few"]
 
@@ -51,6 +51,9 @@ class Quadratic(Protocol):
 
     def factor(self, face: Face, more: Floats) -> Factor:
         """Of W'HW + diag(more) on the free directions W of a face."""
+
+    def exactly(self) -> Quadratic:
+        """The same, with exact factors where they can be had."""
 
     def dense(self) -> Floats:
         """(component * cell, component * cell)."""
@@ -99,6 +102,9 @@ class Formed:
         if more.any():
             reduced[np.diag_indices(len(reduced))] += more
         return Dense(cholesky(reduced))
+
+    def exactly(self) -> Formed:
+        return self
 
     def dense(self) -> Floats:
         return self.matrix
@@ -303,6 +309,9 @@ class Unformed:
         self._known |= {i: (parts[i], b, b @ b.T) for i, b in zip(new, found)}
         known = [self._known[i] for i in range(len(parts))]
         return FewReadings(parts, order, None, [b for _, b, _ in known], [p for *_, p in known])
+
+    def exactly(self) -> Unformed:
+        return self
 
     def dense(self) -> Floats:
         return self.penalty.added(self.columns @ self.columns.T)

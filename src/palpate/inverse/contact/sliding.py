@@ -12,8 +12,9 @@ import scipy.sparse
 import scipy.special
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import Cone, Face, Ray, minimise
+from palpate.inverse.contact.cone import Cone, minimise
 from palpate.inverse.contact.differences import Sparse
+from palpate.inverse.contact.faces import Face, Ray
 from palpate.inverse.contact.factors import Bordered, cholesky
 from palpate.inverse.contact.model import ContactModel, Normal
 from palpate.inverse.contact.parts import Thresholds
@@ -92,6 +93,8 @@ def in_blocks(data: Normal, first: Floats, precisions: Sequence[Sparse]) -> tupl
             seen = matrix.together(unit)
             gram[:, :, column, some] = np.stack([sums @ seen[:, i].T for i in range(c)])
     known = gram.reshape(c * k, c * k)
+    # single precision makes it as far from positive as this, which a weak penalty does not mend
+    known[np.diag_indices(c * k)] += np.finfo(np.float32).eps * float(np.abs(known).sum(axis=1).max())
     linear = (sums @ data.linear.T).T
     onto = scipy.sparse.csr_array((np.ones(n), (data.cells, inverse)), shape=(math.prod(shape), k))
     coarse = [scipy.sparse.csr_array(onto.T @ q @ onto) / side for q in precisions]

@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import Face, Solution
+from palpate.inverse.contact.cone import Solution
+from palpate.inverse.contact.faces import Face
 from palpate.inverse.contact.factors import Bordered, Dense, Factor, FewReadings
 from palpate.inverse.contact.iterative import Iterative
 from palpate.inverse.contact.model import ContactModel
