@@ -83,9 +83,9 @@ ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN = 4, 2
 #: Offsets are found again with the contact, so often; and so often where they are far off yet.
 ROUNDS_OF_OFFSETS, MOST_OF_OFFSETS = 2, 6
 #: So many hypotheses with nuisances take the place of one that is refuted, where they explain the frame as well as one in so many good ones is.
-#: Below this misfit probability noise may be alike from taxel to taxel, as in one good frame of twenty, where no more than so many readings tell: of more,
-#: noise that is alike is refuted as such.
-ALIKE, FEW_ALIKE = 0.05, 64
+#: Below this misfit probability noise may be alike from taxel to taxel, as in three good frames of ten, where no more than so many readings tell: of
+#: more, noise that is alike is refuted as such.
+ALIKE, FEW_ALIKE = 0.3, 64
 RIVALS, ACCEPTED = 2, 0.05
 #: All of these together; each comes to rest by itself.
 MOST_ATTEMPTS = 10
