@@ -11,8 +11,8 @@ import pytest
 import palpate as pp
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.cone import Cone, minimise
-from palpate.inverse.contact.faces import Face, Ray
 from palpate.inverse.contact.differences import Differences
+from palpate.inverse.contact.faces import Face, Ray
 from palpate.inverse.contact.factors import Bordered, Chain, Dense, Factor, FewReadings, cholesky
 from palpate.inverse.contact.quadratic import Formed, Penalty, Unformed, formed_or_not, prior_factor
 from palpate.inverse.contact.responses import Responses

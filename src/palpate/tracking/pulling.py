@@ -14,8 +14,8 @@ import scipy.linalg
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import Solution
-from palpate.inverse.contact.faces import Face
 from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.faces import Face
 from palpate.inverse.contact.factors import Dense, cholesky
 from palpate.inverse.contact.model import ContactModel, Normal, dilated
 from palpate.inverse.contact.quadratic import Formed, Penalty

@@ -21,6 +21,7 @@ from palpate.inverse.contact.faces import Face, slanted, straight
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.cone import Cone
+    from palpate.inverse.contact.factors import Factor
     from palpate.inverse.contact.quadratic import Quadratic
 
 __all__ = ["GAP", "STEPS", "interior"]
@@ -43,7 +44,7 @@ def interior(
 
     ``tolerance`` is that of `palpate.inverse.contact.cone.minimise`, of traction: of the objective its square may be left, or `GAP`.
     """
-    goal = max(GAP, tolerance**2)
+    goal = max(GAP, tolerance * abs(tolerance))
     kind = _Second if cone.coupled else _Half
     x = cone.project(start)
     gradient = hessian.product(x) - linear
@@ -62,22 +63,23 @@ def interior(
         scaling = kind(x, s)
         factor = hessian.factor(scaling.face, scaling.more)
 
-        def step(target: Floats) -> tuple[Floats, Floats]:
-            right = scaling.face.rotate(scaling.back(target) - dual).ravel()[scaling.face.index]
-            found = factor.solve(right).reshape(x.shape)
-            moved = scaling.face.unrotate(found)
-            return moved, scaling.back(target - scaling.back(moved))
-
-        ahead, beside = step(-scaling.point)
+        ahead, beside = _step(scaling, factor, dual, -scaling.point)
         length = min(1.0, kind.room(x, ahead), kind.room(s, beside))
         reached = float(kind.product(x + length * ahead, s + length * beside).sum())
         centre = min(max(reached / max(gap, _TINY), 0.0), 1.0) ** 3
-        ahead, beside = step(scaling.corrected(ahead, beside, centre * gap / x.shape[1]))
+        ahead, beside = _step(scaling, factor, dual, scaling.corrected(ahead, beside, centre * gap / x.shape[1]))
         length = min(1.0, NEAR * min(kind.room(x, ahead), kind.room(s, beside)))
         if not (length > 0 and np.isfinite(ahead).all() and np.isfinite(beside).all()):
             break
         x, s = x + length * ahead, s + length * beside
     return x, False
+
+
+def _step(scaling: _Second | _Half, factor: Factor, dual: Floats, target: Floats) -> tuple[Floats, Floats]:
+    """The changes of x and s that take what H asks for (``dual`` is what it is short of) and their product to ``target``."""
+    right = scaling.face.rotate(scaling.back(target) - dual)
+    moved = scaling.face.unrotate(factor.solve(right.ravel()).reshape(right.shape))
+    return moved, scaling.back(target - scaling.back(moved))
 
 
 class _Second:
