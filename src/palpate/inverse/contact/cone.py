@@ -109,7 +109,7 @@ class Solution:
 
     ``residual`` is the largest entry of x - P_K(x - d (Hx - h)) over the largest entry of x. ``face`` and ``factor``, where
     asked for, are the directions free to move on the face of K that the solution lies on, and a factor of H there: their
-    covariance is the inverse.
+    covariance is the inverse. ``hard``: Newton's method cycled.
     """
 
     traction: Floats
@@ -118,6 +118,7 @@ class Solution:
     converged: bool
     face: Face | None = None
     factor: Factor | None = None
+    hard: bool = False
 
 
 #: Relative residual at which a solution counts as exact: the normal matrix of a problem of condition 1e6 leaves 1e-10.
@@ -189,7 +190,7 @@ def minimise(
             if inside is not None:
                 break
             x, inside = interior(h_matrix.exactly(), h_vector, cone, best, tolerance)
-            best_size, since = np.inf, 0
+            best_size, since = np.inf if inside else best_size, 0
             gradient = h_matrix.product(x) - h_vector
             continue
         known = _factored(h_matrix, cone, v, step_size, known)
@@ -207,6 +208,7 @@ def minimise(
         taken,
         converged,
         *(known if keep_face and known is not None else (None, None)),
+        hard=inside is not None,
     )
 
 

@@ -31,6 +31,8 @@ __all__ = ["GAP", "STEPS", "interior"]
 GAP = 1e-8
 #: Most steps; 15 to 20 are usual.
 STEPS = 40
+#: It leads nowhere if what is left has not become smaller by this factor in so many steps.
+SMALLER, PATIENCE = 0.99, 8
 #: How far inside the start lies, in parts of the largest pressure and of the largest gradient, and how near to the boundary a step goes.
 INSIDE, NEAR = 0.1, 0.99
 #: What keeps a quotient from being one by zero.
@@ -52,27 +54,35 @@ def interior(
     x[-1] += INSIDE * max(float(x[-1].max()), largest / float(hessian.diagonal().max()))
     s = kind.slack(cone, gradient)
     s[-1] += INSIDE * float(np.abs(gradient).max()) + 1e-12 * largest
-    for _ in range(STEPS):
-        give_way()
-        dual = hessian.product(x) - linear - s
-        products = kind.product(x, s)
-        gap = float(products.sum())
-        worth = abs(0.5 * float((x * (dual + s - linear)).sum()))
-        if gap <= goal * max(worth, _TINY) and float(np.abs(dual).max()) <= goal * largest:
-            return x, True
-        scaling = kind(x, s)
-        factor = hessian.factor(scaling.face, scaling.more)
-
-        ahead, beside = _step(scaling, factor, dual, -scaling.point)
-        length = min(1.0, kind.room(x, ahead), kind.room(s, beside))
-        reached = float(kind.product(x + length * ahead, s + length * beside).sum())
-        centre = min(max(reached / max(gap, _TINY), 0.0), 1.0) ** 3
-        ahead, beside = _step(scaling, factor, dual, scaling.corrected(ahead, beside, centre * gap / x.shape[1]))
-        length = min(1.0, NEAR * min(kind.room(x, ahead), kind.room(s, beside)))
-        if not (length > 0 and np.isfinite(ahead).all() and np.isfinite(beside).all()):
-            break
-        x, s = x + length * ahead, s + length * beside
-    return x, False
+    best, least, since = x, np.inf, 0
+    # factors that are known by products alone may lead nowhere: what overflows is not taken
+    with np.errstate(all="ignore"):
+        for _ in range(STEPS):
+            give_way()
+            dual = hessian.product(x) - linear - s
+            gap = float(kind.product(x, s).sum())
+            worth = abs(0.5 * float((x * (dual + s - linear)).sum()))
+            left = max(gap / max(worth, _TINY), float(np.abs(dual).max()) / largest)
+            if not np.isfinite(left):
+                break
+            if left < SMALLER * least:
+                best, least, since = x, left, 0
+            else:
+                since += 1
+            if left <= goal or since > PATIENCE:
+                break
+            scaling = kind(x, s)
+            factor = hessian.factor(scaling.face, scaling.more)
+            ahead, beside = _step(scaling, factor, dual, -scaling.point)
+            length = min(1.0, kind.room(x, ahead), kind.room(s, beside))
+            reached = float(kind.product(x + length * ahead, s + length * beside).sum())
+            centre = min(max(reached / max(gap, _TINY), 0.0), 1.0) ** 3
+            ahead, beside = _step(scaling, factor, dual, scaling.corrected(ahead, beside, centre * gap / x.shape[1]))
+            length = min(1.0, NEAR * min(kind.room(x, ahead), kind.room(s, beside)))
+            if not (length > 0 and np.isfinite(ahead).all() and np.isfinite(beside).all()):
+                break
+            x, s = x + length * ahead, s + length * beside
+    return best, least <= goal
 
 
 def _step(scaling: _Second | _Half, factor: Factor, dual: Floats, target: Floats) -> tuple[Floats, Floats]:

@@ -57,7 +57,7 @@ PRODUCTS_ONCE, MANY, FEWEST_OF_MANY = 3e2, 4096, 150
 #: first solutions, which tell noise and region.
 AT_SIZE, FIRST_AT_SIZE = 1e-4, 1e-3
 #: Multiplications up to which an exact factor can be had of readings after all.
-MATRIX = 2e10
+MATRIX = 2e9
 #: Factorisations that a model takes.
 FACTORS = 3.0
 
