@@ -73,7 +73,7 @@ def solved(
         missing = pull > reference
         if not (missing & ~beside).any() and missing.sum() <= FEWEST * region.sum():
             break
-        # where Newton's method cycles all of the surface is soon in contact: one hard problem instead of one a round
-        region |= missing | member.solution.hard
+        # where Newton's method cycles all of the surface is soon in contact: of a large one, one hard problem instead of one a round
+        region |= missing | (data.at_size and member.solution.hard)
         start = traction
     return traction, explained
