@@ -208,7 +208,7 @@ def minimise(
         taken,
         converged,
         *(known if keep_face and known is not None else (None, None)),
-        hard=inside is not None,
+        inside is not None,
     )
 
 
