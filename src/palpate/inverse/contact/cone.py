@@ -207,8 +207,7 @@ def minimise(
         best_size,
         taken,
         converged,
-        *(known if keep_face and known is not None else (None, None)),
-        inside is not None,
+        *((*known, inside is not None) if keep_face and known is not None else (None, None, inside is not None)),
     )
 
 
