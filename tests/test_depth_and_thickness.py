@@ -15,7 +15,7 @@ GEL = ["displacement_x", "displacement_y", "displacement_z"]
 def gel(height: float = 8e-3, *, count: int = 10, **known: float) -> pp.Skin:
     pad = pp.BondedLayers([pp.Layer(thickness=height, youngs_modulus=1e5, poissons_ratio=0.48)])
     array = pp.AreaArray(shape=(count, count), pitch=2e-3, depth=3e-3, channels=GEL)
-    exact = {"youngs_modulus": 0.0, "thickness": 0.0, "depth": 0.0, "scale": 0.0}
+    exact = {"youngs_modulus": 0.0, "thickness": 0.0, "depth": 0.0, "gain": 0.0, "scale": 0.0}
     return pp.Skin(pad, array, uncertainty=pp.Uncertainty(**(exact | known)))
 
 
@@ -42,7 +42,7 @@ def test_thickness_widens_the_interval_by_what_it_does_to_the_force() -> None:
 
 def test_what_nobody_says_of_depth_and_thickness_is_a_tenth() -> None:
     readings = noisy(gel())
-    assumed = pp.Skin(gel().pad, gel().planes, uncertainty=pp.Uncertainty(youngs_modulus=0.0, scale=0.0))
+    assumed = pp.Skin(gel().pad, gel().planes, uncertainty=pp.Uncertainty(youngs_modulus=0.0, gain=0.0, scale=0.0))
     stated = gel(thickness=GEOMETRY, depth=GEOMETRY)
     np.testing.assert_array_equal(assumed.reconstruct(readings).stated.force, stated.reconstruct(readings).stated.force)
     assert gel().reconstruct(readings).stated is None
@@ -52,8 +52,8 @@ def test_what_nobody_says_of_depth_and_thickness_is_a_tenth() -> None:
 def test_markers_on_the_surface_are_there() -> None:
     pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
     array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=0.0, channels=GEL)
-    touch = pp.Skin(pad, array).reconstruct(noisy(pp.Skin(pad, array)))
-    assert touch.stated is None
+    skin = pp.Skin(pad, array, uncertainty=pp.Uncertainty(gain=0.0))
+    assert skin.reconstruct(noisy(skin)).stated is None
 
 
 @pytest.mark.parametrize("index", [8, 12])

@@ -71,7 +71,7 @@ def test_a_modulus_that_nothing_is_said_of_is_known_to_15_percent_and_a_scale_to
     assert float(high[0] - low[0]) / 2 == pytest.approx(np.hypot(1.96 * both, float(most[0] - least[0]) / 2), rel=1e-3)
     # stress under a given load does not depend on the modulus
     array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=1.0)
-    known = pp.Skin(PAD, array, uncertainty=pp.Uncertainty(depth=0.0))
+    known = pp.Skin(PAD, array, uncertainty=pp.Uncertainty(depth=0.0, gain=0.0))
     pressed = known.reconstruct(known.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0)))
     assert not any("modulus" in n for n in pressed.notes)
     assert pressed.common_std == 0.02

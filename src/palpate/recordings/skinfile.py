@@ -224,7 +224,7 @@ class _Uncertainty(_Strict):
     youngs_modulus: Part | None = None
     thickness: Part | None = None
     depth: Part | None = None
-    gain: Part = 0.0
+    gain: Part | None = None
     scale: Part = SCALE
 
 

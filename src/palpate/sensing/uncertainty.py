@@ -13,7 +13,7 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import Array
 
-__all__ = ["EXACT", "GEOMETRY", "MODULUS", "SCALE", "STEP", "Uncertainty", "scale_free", "stretched"]
+__all__ = ["EXACT", "GAIN", "GEOMETRY", "MODULUS", "SCALE", "STEP", "Uncertainty", "scale_free", "stretched"]
 
 #: Relative change from which the effect of depth and thickness is worked out: a one-sided difference, wrong by a few per cent of the effect.
 STEP = 0.02
@@ -25,6 +25,9 @@ GEOMETRY = 0.1
 #: What the calibration of all readings together is known to where nothing is said of it (a convention): no interval of a force is then narrower than
 #: 4 % to either side. Of gains of taxels that spread by 5 to 10 %, `palpate bench trust`, it makes 0.92 of the intervals hold the force, 0.80 without.
 SCALE = 0.02
+#: What the gain of each reading is known to where nothing is said of it (a convention): taxels of one array are alike to some per cent. It matters where a
+#: few taxels carry a force.
+GAIN = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +46,8 @@ class Uncertainty:
         Of bonded layers, all together. Not stated, methods that know contact take it to be known to 10 %, linear ones exactly.
     depth : float, optional
         Of the sensing elements, all together; as for thickness.
-    gain : float
-        Of each reading by itself.
+    gain : float, optional
+        Of each reading by itself. Not stated, a net force found by methods that know contact has room for gains known to 5 %; 0 says that they are exact.
     scale : float
         Of all readings together, by their calibration. Every result is proportional to it: 2 % where nothing is said. 0 says that it is exact.
 
@@ -73,7 +76,7 @@ class Uncertainty:
     youngs_modulus: float | None = None
     thickness: float | None = None
     depth: float | None = None
-    gain: float = 0.0
+    gain: float | None = None
     scale: float = SCALE
 
     def __post_init__(self) -> None:
@@ -98,6 +101,30 @@ class Uncertainty:
         (0.15, 0.02)
         """
         return MODULUS if self.youngs_modulus is None else self.youngs_modulus
+
+    @property
+    def assumed_gain(self) -> float:
+        """What gains are known to where nothing is said of them; 0 where they are stated.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pp.Uncertainty().assumed_gain, pp.Uncertainty(gain=0.02).assumed_gain
+        (0.05, 0.0)
+        """
+        return GAIN if self.gain is None else 0.0
+
+    @property
+    def stated_gain(self) -> float:
+        """What gains are stated to be known to, 0 where nothing is said.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pp.Uncertainty().stated_gain, pp.Uncertainty(gain=0.02).stated_gain
+        (0.0, 0.02)
+        """
+        return self.gain or 0.0
 
     def common(self, planes: tuple[Array, ...]) -> float:
         """What all results of these arrays are off by together: the scale, and the modulus where every reading follows it.
@@ -131,6 +158,7 @@ class Uncertainty:
         return replace(
             self,
             youngs_modulus=mixed,
+            gain=self.stated_gain,
             thickness=(rest if layers else 0.0) if self.thickness is None else self.thickness,
             depth=(rest if inside else 0.0) if self.depth is None else self.depth,
             scale=0.0,
@@ -143,7 +171,8 @@ class Uncertainty:
         Examples
         --------
         >>> import palpate as pp
-        >>> pp.Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.0, scale=0.0).any, pp.Uncertainty().any
+        >>> nothing = pp.Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.0, gain=0.0, scale=0.0)
+        >>> nothing.any, pp.Uncertainty().any
         (False, True)
         """
         return self.modulus > 0 or any(getattr(self, f.name) != 0 for f in fields(self)[1:])
@@ -195,4 +224,4 @@ def scale_free(planes: tuple[Array, ...]) -> Floats:
 
 
 #: A pad and sensors that are known exactly, as simulated ones are.
-EXACT = Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.0, scale=0.0)
+EXACT = Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.0, gain=0.0, scale=0.0)

@@ -31,5 +31,5 @@ class Misfit:
         noise = max(noise, 1e-300)
         residual = np.zeros(len(rest))
         residual[used] = self._estimator.readings.white(rest[used] / noise, used)
-        detail = math.hypot(MODEL_DETAIL, self._estimator.problem.doubts.gain) * largest / noise
+        detail = math.hypot(MODEL_DETAIL, self._estimator.problem.doubts.stated_gain) * largest / noise
         return misfit_probability(residual, used, self._estimator.pairs, taken=taken, known=known, detail=detail)

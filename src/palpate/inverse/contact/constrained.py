@@ -660,6 +660,8 @@ class ConstrainedEstimator:
         summary = Summary(members, self.posterior)
         few = len(self.readings.std) <= FEW_ALIKE and self.readings.independent and self.problem.nuisance is None
         summary.alike = few and fit < ALIKE
+        summary.gain = self.problem.uncertainty.assumed_gain
+        summary.white = self.readings.white((run.data / run.noise)[run.observed], run.observed)
         weights = np.array([m.weight for m in members])
         sampled = None
         if self.draws:

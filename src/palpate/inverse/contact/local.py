@@ -210,7 +210,7 @@ class LocalEstimator:
             rows = self.places.white(columns.T).T * data.observed[:, None]
             left = left - rows @ np.linalg.lstsq(rows, left, rcond=1e-8)[0]
             taken += columns.shape[1]
-        detail = math.hypot(MODEL_DETAIL, self.problem.doubts.gain) * float(
+        detail = math.hypot(MODEL_DETAIL, self.problem.doubts.stated_gain) * float(
             np.abs(data.y[data.observed]).max(initial=0.0)
         )
         size = math.sqrt(noise)

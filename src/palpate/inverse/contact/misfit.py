@@ -41,7 +41,7 @@ def misfit_of(estimator: ConstrainedEstimator, run: Run, residual: Floats, taken
     """
     known, columns, observed = estimator.noise_known, run.doubtful[0], run.observed
     stretch = float(np.median(run.noise / estimator.readings.std)) if known else 1.0
-    detail = math.hypot(MODEL_DETAIL, estimator.problem.doubts.gain) * largest
+    detail = math.hypot(MODEL_DETAIL, estimator.problem.doubts.stated_gain) * largest
     taken += columns.shape[1]
     if columns.shape[1]:
         # what a pad that is not known exactly would leave is no misfit
@@ -79,7 +79,7 @@ def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
     columns = np.concatenate([run.doubtful[0], drifts / run.noise[:, None]], axis=1)
     columns = estimator.readings.white(columns[observed], observed)
     y = estimator.readings.white((run.data / run.noise)[observed], observed)
-    detail = math.hypot(MODEL_DETAIL, estimator.problem.doubts.gain) * float(np.abs(y).max(initial=0.0))
+    detail = math.hypot(MODEL_DETAIL, estimator.problem.doubts.stated_gain) * float(np.abs(y).max(initial=0.0))
     chances = []
     for m in run.members:
         t, matrix = m.solution.traction, m.data.matrix

@@ -18,7 +18,7 @@ from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel
 from palpate.inverse.contact.quadratic import prior_factor
 from palpate.inverse.contact.rows import Rows
-from palpate.inverse.contact.variances import face_of, owed_of, owed_of_sums, variance_of, variance_of_sums
+from palpate.inverse.contact.variances import by_gains, face_of, owed_of, owed_of_sums, variance_of, variance_of_sums
 from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.grids import Grid
 
@@ -124,12 +124,17 @@ class Quantities:
         variance[:, surface_cells] = self._of(self.model, Rows.of(share).each(c, n)).reshape(c, -1)
         return self.mean, variance.reshape(self.mean.shape)
 
-    @cached_property
-    def force(self) -> Quantity:
+    @property
+    def totals(self) -> Floats:
+        """What sums traction up to the net force (component, component * cell)."""
         c, n = self.model.solution.traction.shape
         rows = np.zeros((c, c, n))
         rows[np.arange(c), np.arange(c)] = self.area
-        return self._sums(rows)
+        return rows.reshape(c, -1)
+
+    @cached_property
+    def force(self) -> Quantity:
+        return self._sums(self.totals)
 
     @cached_property
     def moment(self) -> Quantity:
@@ -179,6 +184,8 @@ class Summary:
         ]
         self._weights = np.array([m.weight for m in members])
         self.alike = False  # whether noise may be alike from taxel to taxel
+        self.gain = 0.0  # what gains are taken to be known to
+        self.white: Floats = np.zeros(0)  # the readings, whitened
         self.doubted = 0.0  # part of the normal force that may not be there
 
     def _mixed(self, name: str) -> Quantity:
@@ -191,9 +198,10 @@ class Summary:
         return mean, np.tensordot(self._weights, within + (values - mean) ** 2, 1)
 
     def stated(self) -> Stated | None:
-        """Errors that are owed to a pad that is not known exactly, the mean of the models' variances; None where none are."""
+        """Errors that are owed to a pad and gains that are not known exactly, the mean of the models' variances; None where none are."""
         models = [p.model for p in self._sure]
-        if all(m.stated is None for m in models):
+        gains = self._by_gains()
+        if gains is None and all(m.stated is None for m in models):
             return None
         parts = [Quantities(m, self.grid, self.posterior.inside, owed=True) for m in models]
 
@@ -202,7 +210,15 @@ class Summary:
 
         traction = np.sqrt(widened(owed("traction"), self.posterior.reach))
         numbers = [np.sqrt(owed(name)) for name in ("moment", "center", "peak")]
-        return Stated(self._everywhere(traction), self._everywhere(np.sqrt(owed("force"))), *numbers)
+        force = owed("force") + (0.0 if gains is None else gains)
+        return Stated(self._everywhere(traction), self._everywhere(np.sqrt(force)), *numbers)
+
+    def _by_gains(self) -> Floats | None:
+        """Variance of the net force (component sought,) by gains of which nothing is said."""
+        if not self.gain or any(m.data.at_size for m in self.members):
+            return None
+        each = [by_gains(p.model, p.totals, self.white) for p in self._sure]
+        return self.gain**2 * np.tensordot(self._weights, np.stack(each), 1)
 
     def _everywhere(self, sought: Floats, fill: float = 0.0) -> Floats:
         """A field (component sought, *surface) with all components."""

@@ -127,7 +127,7 @@ def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviat
         columns, prior = np.concatenate([columns, excess], axis=1), np.append(prior, estimator.thresholds.excess)
     white = estimator.readings.white(columns[observed], observed)
     doubted = estimator.readings.white(run.doubtful[0][observed], observed)
-    each = estimator.problem.doubts.gain * np.abs(run.data / noise)[observed]
+    each = estimator.problem.doubts.stated_gain * np.abs(run.data / noise)[observed]
     for one in (model, model.contact):
         if one is not None:
             owe(one, white, prior)

@@ -35,6 +35,16 @@ def posterior_factor(solution: Solution, rows: Floats) -> Floats:
     return factor.half(face.columns(rows).T)
 
 
+def by_gains(model: ContactModel, rows: Floats, white: Floats) -> Floats:
+    """Variances of sums ``rows`` (row, component * cell) of a contact, of readings each of which is wrong by a part of itself with a standard deviation
+    of 1: sum over readings of (dF/dy y)^2, with dF/dy = A H^-1 rows' on the face of the contact. ``white``: the readings, whitened.
+    """
+    face, factor = face_of(model.solution)
+    moved = factor.back(factor.half(face.columns(rows).T))
+    told = model.data.matrix @ np.asarray(face.directions().T @ moved)
+    return np.asarray(((told * white[:, None]) ** 2).sum(axis=0))
+
+
 def face_of(solution: Solution) -> tuple[Face, Factor]:
     """The face of the cone that a solution lies on, and the factor of the normal matrix there."""
     if solution.face is None or solution.factor is None:
