@@ -168,3 +168,18 @@ def test_student_noise_is_what_student_noise_is() -> None:
     gauss, student = rng.standard_normal(4000), rng.standard_t(STUDENT, 4000)
     assert heavy_tails(gauss, channel, 4000) == 0.0
     assert heavy_tails(student, channel, 4000) > 1000.0
+
+
+@pytest.mark.parametrize("radius", [2e-3, 3e-3, 4e-3])
+@pytest.mark.parametrize("seed", [0, 1, 4])
+def test_a_ball_in_the_middle_of_four_taxels(radius: float, seed: int) -> None:
+    """Its place is told to a fiftieth of a cell: of discs a third of a cell off none fitted, and 1 N was read as 0.55 N (0.4 to 0.63) without a word."""
+    pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+    skin = pp.Skin(pad, pp.AreaArray(shape=(4, 4), pitch=4.7e-3, depth=2e-3, channels=["stress_zz"]))
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(radius=radius, force=1.0)))
+    touch = skin.reconstruct(clean + 0.01 * clean.max() * np.random.default_rng(seed).standard_normal(clean.shape))
+    low, high = (float(side[2]) for side in touch.interval(0.95, "force"))
+    assert low < 1.0 < high
+    assert float(touch.force[2]) == pytest.approx(1.0, abs=0.5)
+    assert float(touch.fit) > 0.05
+    assert any(note.startswith("small contact") for note in touch.notes)

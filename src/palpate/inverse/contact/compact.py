@@ -46,6 +46,9 @@ LARGEST = 4000
 PLACES = 200
 #: The best discs, about which places between cells are tried, and how many to a cell on either side.
 BEST, STEPS = 24, 3
+#: Halvings of the step, from half a cell, in which the best place of each radius is sought; then so many steps to either side are weighed: four taxels
+#: round a small contact tell its place to a fiftieth of a cell, and a third of a cell beside it nothing fits.
+HALVINGS, ASIDE = 5, 2
 
 
 @dataclass(frozen=True)
@@ -108,10 +111,12 @@ class _Neighbours:
         each = np.broadcast_to(weights[:, None], found.shape)
         return np.bincount(found[there], each[there], minlength=self.count).astype(np.float64)
 
-    def about(self, centre: int) -> tuple[Index, Floats]:
-        """The neighbours of a cell, itself among them, and their share (place, neighbour) in places between them, by linear interpolation."""
+    def about(self, centre: int, places: Floats | None = None) -> tuple[Index, Floats]:
+        """The neighbours of a cell, itself among them, and their share (place, neighbour) in places between them, by linear interpolation: in ``places``
+        (place, axis), in cells from the middle of this one, or `STEPS` of them to a cell.
+        """
         near = self.number[self.first[centre] + self.next_to]
-        share = self.shares[:, near >= 0]
+        share = (self.shares if places is None else _shares(places))[:, near >= 0]
         return near[near >= 0], share[share.sum(axis=1) > 1.0 - 1e-9]  # no neighbour is missing
 
 
@@ -119,17 +124,24 @@ class _Neighbours:
 def _steps(dimensions: int) -> tuple[Index, Floats, Index, Floats]:
     """Steps to cells within the largest radius, from near to far, and how far; steps to the next cells, and their share in places between them."""
 
-    def lattice(steps: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        return np.stack(np.meshgrid(*[steps] * dimensions, indexing="ij"), axis=-1).reshape(-1, dimensions)
-
     reach = int(RADII[-1])
-    steps = lattice(np.arange(-reach, reach + 1))
+    steps = _lattice(np.arange(-reach, reach + 1), dimensions)
     far = np.sqrt((steps**2).sum(axis=1))
     order = np.argsort(far, kind="stable")
     order = order[far[order] <= RADII[-1]]
-    next_to = lattice(np.arange(-1, 2))
-    apart = np.abs(lattice(np.linspace(-1.0, 1.0, 2 * STEPS + 1))[:, None, :] - next_to[None])
-    return steps[order], far[order], next_to, np.prod(np.maximum(1.0 - apart, 0.0), axis=2)
+    between = _lattice(np.linspace(-1.0, 1.0, 2 * STEPS + 1), dimensions)
+    return steps[order], far[order], _lattice(np.arange(-1, 2), dimensions), _shares(between)
+
+
+def _lattice(steps: npt.NDArray[Any], dimensions: int) -> npt.NDArray[Any]:
+    """All places (place, axis) whose coordinates are among the steps."""
+    return np.stack(np.meshgrid(*[steps] * dimensions, indexing="ij"), axis=-1).reshape(-1, dimensions)
+
+
+def _shares(places: Floats) -> Floats:
+    """The share (place, neighbour) of a cell and its neighbours in places (place, axis) between them, in cells from its middle."""
+    next_to = _lattice(np.arange(-1, 2), places.shape[1])
+    return np.asarray(np.prod(np.maximum(1.0 - np.abs(places[:, None, :] - next_to[None]), 0.0), axis=2))
 
 
 def discs(
@@ -185,32 +197,58 @@ def discs(
         parts = np.split(inverse, np.cumsum([len(near[k][0]) for k in those])[:-1])
         blocks |= {int(k): near[k][1] @ each[part] for k, part in zip(those, parts)}
         extents |= {int(k): near[k][1] @ counts[part] for k, part in zip(those, parts)}
-    fine = tried(np.concatenate([blocks[k] for k in range(len(best))]).reshape(-1, c, len(white)))
-    which = np.repeat(np.arange(len(best)), [len(share) for _, share in near])
-    within = np.concatenate([np.arange(len(share)) for _, share in near])
+    shapes = [
+        (near[k][0], share, int(sizes[k]), extent)
+        for k in range(len(best))
+        for share, extent in zip(near[k][1], extents[k])
+    ]
+    fine = [tried(np.concatenate([blocks[k] for k in range(len(best))]).reshape(-1, c, len(white)))]
+    usual, axes = len(fine[0].left), _lattice(np.arange(-1.0, 2.0), grid.dimensions)
+    volume = [np.zeros(usual)]
+    for size, radius in enumerate(RADII):
+        # the best place of each radius, and those next to it
+        centre = int(some[int(np.argmin(coarse.left[size * len(some) : (size + 1) * len(some)]))])
+        cells = places.about(centre)[0]
+        ones = places.of(cells, radius)
+        each, counts = columns(ones).reshape(len(cells), -1), np.diff(ones.indptr)
+        at = np.zeros(grid.dimensions)
+        for turn in range(HALVINGS + 1):
+            step, last = 0.5 ** (turn + 1), turn == HALVINGS
+            moves = _lattice(np.arange(-ASIDE, ASIDE + 1.0), grid.dimensions) * 2.0 * step if last else axes * step
+            there = np.clip(at + moves, -1.0, 1.0)
+            share = places.about(centre, there)[1]
+            if len(share) < len(there):
+                break  # at the region's edge
+            one = tried((share @ each).reshape(-1, c, len(white)))
+            at = there[int(np.argmin(one.left))]
+        else:
+            fine.append(one)
+            shapes += [(cells, s, size, float(s @ counts)) for s in share]
+            volume.append(np.full(len(share), grid.dimensions * math.log(2.0 * step * STEPS)))
+    left_by, found_by = np.concatenate([f.left for f in fine]), np.concatenate([f.traction for f in fine])
     theirs = max(len(white) - taken, 1.0)
-    if (float(fine.left.min()) - floor) / free > max(WORSE**2 * max(left / theirs, 1.0), detail):
+    if (float(left_by.min()) - floor) / free > max(WORSE**2 * max(left / theirs, 1.0), detail):
         return None
     # any radius up to the largest is as likely
-    size = sizes[which]
-    log_weight = -0.5 * free * np.log(fine.left) + np.log(np.gradient(np.array(RADII)))[size]
-    weight = np.exp(log_weight - log_weight.max())
-    if weight[size == len(RADII) - 1].sum() > AT_END * weight.sum():
+    size_by = np.array([size for *_, size, _ in shapes])
+    log_weight = -0.5 * free * np.log(left_by) + np.log(np.gradient(np.array(RADII)))[size_by] + np.concatenate(volume)
+    top = -0.5 * free * math.log(float(left_by.min()))
+    weight = np.exp(log_weight - top)
+    if weight[size_by == len(RADII) - 1].sum() > AT_END * weight.sum():
         return None
     # of all shapes, those as good as the best
-    chance = float(weight.sum()) / (n * len(RADII) * len(fine.left) / len(best))
-    mine = -0.5 * free * math.log(float(fine.left.min()) / free / total) + math.log(chance)
+    chance = float(weight.sum()) / (n * len(RADII) * usual / len(best))
+    mine = top + 0.5 * free * math.log(free * total) + math.log(chance)
     other = -0.5 * theirs * math.log((left + floor) / theirs / total)
-    share = 1.0 / (1.0 + math.exp(min(max(other - mine, -50.0), 50.0)))
-    if share < LEAST:
+    share_of_all = 1.0 / (1.0 + math.exp(min(max(other - mine, -50.0), 50.0)))
+    if share_of_all < LEAST:
         return None
-    forces = fine.traction[:, -1] * np.concatenate([extents[k] for k in range(len(best))])
-    order = np.argsort(forces, kind="stable")
+    order = np.argsort(found_by[:, -1] * np.array([extent for *_, extent in shapes]), kind="stable")
     steps = np.cumsum(weight[order]) / weight.sum()
     drawn = []
     for pick in order[np.searchsorted(steps, (np.arange(DRAWN) + 0.5) / DRAWN)]:
-        cells, shares = near[which[pick]]
-        shape = places.summed(cells, RADII[sizes[which[pick]]], shares[within[pick]])
+        cells, share, size, _ = shapes[pick]
+        shape = places.summed(cells, RADII[size], share)
         position = np.flatnonzero(shape)
-        drawn.append(Disc(position, fine.traction[pick][:, None] * shape[position]))
-    return Discs(tuple(drawn), min(share, MOST))
+        drawn.append(Disc(position, found_by[pick][:, None] * shape[position]))
+    return Discs(tuple(drawn), min(share_of_all, MOST))
