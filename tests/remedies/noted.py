@@ -216,7 +216,7 @@ def impatient(method: str) -> pp.Touch:
     from palpate.inverse.contact import cone
 
     with mock.patch.multiple(
-        cone, PATIENCE=-1, interior=lambda hessian, linear, cone, start, tolerance: (start, False)
+        cone, PATIENCE=-1, AFTER=-1, interior=lambda hessian, linear, cone, start, tolerance: (start, False)
     ):
         return one_frame(readings(1.0)[0], method=method)
 
