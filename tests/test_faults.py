@@ -397,19 +397,24 @@ def test_a_contact_right_in_the_middle_without_noise_is_not_at_a_ceiling() -> No
     assert not any("end of their range" in note for note in touch.notes)
 
 
-def test_a_dead_taxel_under_a_narrow_contact_is_left_out() -> None:
-    """A reading of exactly zero beside 17, 25, 21 and 9 kPa made so much noise that nothing was said to touch."""
+@pytest.mark.parametrize("seed", range(3, 9))
+def test_a_dead_taxel_under_a_narrow_contact_is_left_out(seed: int) -> None:
+    """A reading of exactly zero beside 17, 25, 21 and 9 kPa made so much noise that nothing was said to touch.
+
+    The taxels beside it may feel a sharper contact right over it, too: then it says that it may be small, and the interval has room for both.
+    """
     array = pp.LineArray(count=28, pitch=5e-3, depth=4.6e-3, channels=["stress_zz"])
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=3e5, poissons_ratio=0.45), array)
     fine = pp.Skin(skin.pad, array, surface=pp.LineGrid(count=280, spacing=0.5e-3))
     readings = fine.sense(pp.solutions.hertz_line(half_width=8e-3, force=500.0).shifted(-12e-3))
-    readings = readings + 0.01 * readings.max() * np.random.default_rng(3).standard_normal(readings.shape)
+    readings = readings + 0.01 * readings.max() * np.random.default_rng(seed).standard_normal(readings.shape)
     dead = int(np.argmax(readings[0]))
     readings[0, dead] = 0.0
     touch = skin.reconstruct(readings)
     low, high = touch.interval(0.95, of="force")
     assert low[1] < 500.0 < high[1]
-    assert float(touch.force[1]) == pytest.approx(500.0, rel=0.1)
+    small = any(note.startswith("small contact") for note in touch.notes)
+    assert small or float(touch.force[1]) == pytest.approx(500.0, rel=0.1)
     assert any(f"taxel ({dead},)" in note for note in touch.notes)
 
 

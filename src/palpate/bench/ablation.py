@@ -101,7 +101,7 @@ NUMBERS = (
 )
 #: What parts and numbers need to make any difference: friction that is known, shear that is sought, more than one channel.
 NEEDS = {
-    **dict.fromkeys(("sliding", "finer_sliding", "narrowed", "skipped", "slides", "jointly"), "friction"),
+    **dict.fromkeys(("sliding", "finer_sliding", "skipped", "slides", "jointly"), "friction"),
     **dict.fromkeys(("shear_in_contact", "common_shear", "shear"), "shear"),
     **dict.fromkeys(("channel_noise", "uneven_evidence", "unequal"), "channels"),
 }

@@ -137,7 +137,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
     ) -> Iterator[ContactModel]:
         """The models of a frame with contact in a region, with their weights."""
         grid, c = self.operator.surface, len(self.columns)
-        if self.cone.coupled and self.parts.narrowed:
+        possible = int(region.sum())
+        if not self.cone.free and self.parts.narrowed:
             # what the models would trim in any case makes them slow
             pressure = first[-1].reshape(grid.shape)
             region = region & dilated(pressure > self._trim(y) * np.where(region, pressure, 0.0).max(), 1)
@@ -151,7 +152,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         parameter, scale = evidence[1].parameter, evidence[1].scale
         ratio = self._ratio(self.taxels * c, self.effective_freedom(parameter), count * c)
         data, start = refined(ratio)
-        found = self._compact(data, start, first, y, observed, parameter)
+        found = self._compact(data, start, first, y, observed, parameter, possible)
         compact = self._compact_models(data, found)
         fields = 1.0 if found is None else 1.0 - found.weight
         if fields < 0.5:
@@ -188,14 +189,14 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield from compact
 
     def _compact(
-        self, data: Normal, start: Floats, first: Floats, y: Floats, observed: Flags, parameter: float
+        self, data: Normal, start: Floats, first: Floats, y: Floats, observed: Flags, parameter: float, possible: int
     ) -> Discs | None:
         """Discs that a contact of a few taxels may be (`palpate.inverse.contact.compact`); none where it is larger."""
         if not self.parts.compact or data.at_size:
             return None
         white = self.readings.white(y[observed], observed)
         share = min(float(np.count_nonzero(first[-1])) / self.taxels, 1.0)
-        return discs(self, data, first, start, white, share * self.effective_freedom(parameter))
+        return discs(self, data, first, start, white, share * self.effective_freedom(parameter), possible)
 
     def _compact_models(self, data: Normal, found: Discs | None) -> Iterator[ContactModel]:
         """The models that are discs, with their weights."""

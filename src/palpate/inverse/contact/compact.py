@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -111,12 +112,16 @@ class _Neighbours:
         each = np.broadcast_to(weights[:, None], found.shape)
         return np.bincount(found[there], each[there], minlength=self.count).astype(np.float64)
 
-    def about(self, centre: int, places: Floats | None = None) -> tuple[Index, Floats]:
-        """The neighbours of a cell, itself among them, and their share (place, neighbour) in places between them, by linear interpolation: in ``places``
-        (place, axis), in cells from the middle of this one, or `STEPS` of them to a cell.
+    def next_to_each(self, centres: Sequence[int]) -> Index:
+        """The neighbours of cells (cell, neighbour), the cell itself among them; -1 where there is none."""
+        return np.asarray(self.number[self.first[list(centres)][:, None] + self.next_to])
+
+    def about(self, centre: int) -> tuple[Index, Floats]:
+        """The neighbours of a cell, itself among them, and their share (place, neighbour) in places between them, by linear interpolation: `STEPS` of
+        them to a cell.
         """
-        near = self.number[self.first[centre] + self.next_to]
-        share = (self.shares if places is None else _shares(places))[:, near >= 0]
+        near = self.next_to_each([centre])[0]
+        share = self.shares[:, near >= 0]
         return near[near >= 0], share[share.sum(axis=1) > 1.0 - 1e-9]  # no neighbour is missing
 
 
@@ -145,11 +150,18 @@ def _shares(places: Floats) -> Floats:
 
 
 def discs(
-    estimator: ConstrainedEstimator, data: Normal, first: Floats, start: Floats, white: Floats, taken: float
+    estimator: ConstrainedEstimator,
+    data: Normal,
+    first: Floats,
+    start: Floats,
+    white: Floats,
+    taken: float,
+    possible: int,
 ) -> Discs | None:
     """The discs that explain the whitened readings ``white``; None where contact is no small one, or fields explain them better.
 
-    ``first`` is the first solution (component, *surface), ``start`` the same on the cells of ``data``, and ``taken`` the degrees of freedom that it takes.
+    ``first`` is the first solution (component, *surface), ``start`` the same on the cells of ``data``, and ``taken`` the degrees of freedom that it takes;
+    ``possible`` is how many cells of the surface a contact may lie on.
     """
     grid, c, n = data.level.grid, len(data.linear), len(data.cells)
     pressure = first[-1]
@@ -205,26 +217,34 @@ def discs(
     fine = [tried(np.concatenate([blocks[k] for k in range(len(best))]).reshape(-1, c, len(white)))]
     usual, axes = len(fine[0].left), _lattice(np.arange(-1.0, 2.0), grid.dimensions)
     volume = [np.zeros(usual)]
-    for size, radius in enumerate(RADII):
-        # the best place of each radius, and those next to it
-        centre = int(some[int(np.argmin(coarse.left[size * len(some) : (size + 1) * len(some)]))])
-        cells = places.about(centre)[0]
-        ones = places.of(cells, radius)
-        each, counts = columns(ones).reshape(len(cells), -1), np.diff(ones.indptr)
-        at = np.zeros(grid.dimensions)
-        for turn in range(HALVINGS + 1):
-            step, last = 0.5 ** (turn + 1), turn == HALVINGS
-            moves = _lattice(np.arange(-ASIDE, ASIDE + 1.0), grid.dimensions) * 2.0 * step if last else axes * step
-            there = np.clip(at + moves, -1.0, 1.0)
-            share = places.about(centre, there)[1]
-            if len(share) < len(there):
-                break  # at the region's edge
-            one = tried((share @ each).reshape(-1, c, len(white)))
-            at = there[int(np.argmin(one.left))]
-        else:
-            fine.append(one)
-            shapes += [(cells, s, size, float(s @ counts)) for s in share]
-            volume.append(np.full(len(share), grid.dimensions * math.log(2.0 * step * STEPS)))
+    # the best place of each radius, and those next to it; of all radii together
+    best_of = [int(some[int(np.argmin(left))]) for left in coarse.left.reshape(len(RADII), -1)]
+    around = places.next_to_each(best_of)
+    missing = around < 0
+    each = np.zeros((*around.shape, c * len(white)))
+    counts = np.zeros(around.shape)
+    for size, (cells, gone) in enumerate(zip(around, missing)):
+        ones = places.of(cells[~gone], RADII[size])
+        each[size, ~gone] = columns(ones).reshape(len(ones.indptr) - 1, -1)
+        counts[size, ~gone] = np.diff(ones.indptr)
+    at, here = np.zeros((len(RADII), grid.dimensions)), np.arange(len(RADII))
+    for turn in range(HALVINGS + 1):
+        step, last = 0.5 ** (turn + 1), turn == HALVINGS
+        moves = _lattice(np.arange(-ASIDE, ASIDE + 1.0), grid.dimensions) * 2.0 * step if last else axes * step
+        there = np.clip(at[:, None] + moves, -1.0, 1.0)
+        share = _shares(there.reshape(-1, grid.dimensions)).reshape(*there.shape[:2], -1)
+        whole = ((share * missing[here, None]).sum(axis=2) < 1e-9).all(axis=1)  # else at the region's edge
+        here, there, share = here[whole], there[whole], share[whole]
+        if not len(here):
+            break
+        one = tried((share @ each[here]).reshape(-1, c, len(white)))
+        at = there[np.arange(len(here)), np.argmin(one.left.reshape(len(here), -1), axis=1)]
+    else:
+        fine.append(one)
+        for size, part in zip(here, share):
+            known = ~missing[size]
+            shapes += [(around[size, known], s[known], int(size), float(s @ counts[size])) for s in part]
+        volume.append(np.full(len(one.left), grid.dimensions * math.log(2.0 * step * STEPS)))
     left_by, found_by = np.concatenate([f.left for f in fine]), np.concatenate([f.traction for f in fine])
     theirs = max(len(white) - taken, 1.0)
     if (float(left_by.min()) - floor) / free > max(WORSE**2 * max(left / theirs, 1.0), detail):
@@ -237,7 +257,8 @@ def discs(
     if weight[size_by == len(RADII) - 1].sum() > AT_END * weight.sum():
         return None
     # of all shapes, those as good as the best
-    chance = float(weight.sum()) / (n * len(RADII) * usual / len(best))
+    anywhere = max(possible * data.level.ratio**grid.dimensions, n)
+    chance = float(weight.sum()) / (anywhere * len(RADII) * usual / len(best))
     mine = top + 0.5 * free * math.log(free * total) + math.log(chance)
     other = -0.5 * theirs * math.log((left + floor) / theirs / total)
     share_of_all = 1.0 / (1.0 + math.exp(min(max(other - mine, -50.0), 50.0)))

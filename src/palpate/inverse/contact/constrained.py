@@ -30,7 +30,7 @@ from palpate.inverse.contact.edges import outside_taxels, ring_of
 from palpate.inverse.contact.frame import BROKEN, MUCH, Frame, Run, how_small, said_of, told_alone
 from palpate.inverse.contact.hypotheses import Hypothesis, exceeded, hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.later import ContactErrors
-from palpate.inverse.contact.misfit import drift_probability, fit_of, misfit_of
+from palpate.inverse.contact.misfit import drift_probability, fit_of, louder, misfit_of
 from palpate.inverse.contact.model import LARGEST_KEPT, ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.parts import Parts, Thresholds
@@ -40,6 +40,7 @@ from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven, unproven
 from palpate.inverse.contact.responses import Responses
 from palpate.inverse.contact.rims import with_rims
+from palpate.inverse.contact.rivals import DOUBTED, with_rivals
 from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, shallow, silent
 from palpate.inverse.contact.sharp import sharp_contact
 from palpate.inverse.contact.start import LinearStart, linear_models
@@ -82,11 +83,9 @@ TURNS, TURNS_OF_ALL = 4, 2
 ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN = 4, 2
 #: Offsets are found again with the contact, so often; and so often where they are far off yet.
 ROUNDS_OF_OFFSETS, MOST_OF_OFFSETS = 2, 6
-#: So many hypotheses with nuisances take the place of one that is refuted, where they explain the frame as well as one in so many good ones is.
 #: Below this misfit probability noise may be alike from taxel to taxel, as in three good frames of ten, where no more than so many readings tell: of
-#: more, noise that is alike is refuted as such.
-ALIKE, FEW_ALIKE = 0.3, 64
-RIVALS, ACCEPTED = 2, 0.05
+#: more, noise that is alike is refuted as such, and a tenth of good frames doubt (`rivals.DOUBTED`).
+ALIKE, FEW_ALIKE = 0.3, 150
 #: All of these together; each comes to rest by itself.
 MOST_ATTEMPTS = 10
 #: What readings may hold besides contact where the user does not say.
@@ -368,15 +367,10 @@ class ConstrainedEstimator:
             everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > self.thresholds.everywhere
             if chance < self.thresholds.structured_chance or everywhere:
                 return self._unexplained(data, ~usable, chance)
-        run = self._run(h, filled, alive, usable, ends)
-        frame = self._framed(run, data, ends, rng)
+        run = self.run_of(h, filled, alive, usable, ends)
+        frame = self.framed(run, data, ends, rng)
         frame = with_rims(self, run, frame, *screened, ends, rng) or frame
-        for rival in h.rivals[:RIVALS] if frame.fit < POOR_FIT else ():
-            # what is refuted gives way to what is not
-            other = self._framed(self._run(rival, data, alive, screened[1], ends), data, ends, rng)
-            if other.fit > ACCEPTED and other.contact:
-                return other
-        return frame
+        return with_rivals(self, run, frame, data, alive, screened[1], ends, rng)
 
     @cached_property
     def shifts(self) -> Floats:
@@ -384,7 +378,7 @@ class ConstrainedEstimator:
         n = len(self.readings.std)
         return np.stack([t.rows for t in self.terms], axis=1) if self.terms else np.zeros((n, 0))
 
-    def _run(self, h: Hypothesis, raw: Floats, alive: Flags, usable: Flags, ends: Ceilings | None) -> Run:
+    def run_of(self, h: Hypothesis, raw: Floats, alive: Flags, usable: Flags, ends: Ceilings | None) -> Run:
         """One hypothesis, solved."""
         known: float | None = None  # noise scale, where the contact tells it better than the linear model
         levels: Floats | None = None  # the same of every channel
@@ -511,7 +505,7 @@ class ConstrainedEstimator:
             return False
         return self.evidence(self.orders[1], rows, None).scale < self.thresholds.followed * h.rough.left
 
-    def _framed(self, run: Run, data: Floats, ends: Ceilings | None, rng: np.random.Generator | None) -> Frame:
+    def framed(self, run: Run, data: Floats, ends: Ceilings | None, rng: np.random.Generator | None) -> Frame:
         """One frame of the hypothesis that it was solved with."""
         h = run.hypothesis
         deviation = nuisance_errors(self, run)
@@ -524,11 +518,12 @@ class ConstrainedEstimator:
             alone = np.where(shallow(self.operator.planes_of), data, 0.0)
             nothing = self._nothing(run.parameter, run.scale, run.data, left_out, alone)
             fit = misfit_of(self, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
-            if unproven(self, run, fit):
+            unknown = unproven(self, run, fit)
+            if unknown:
                 # what noise explains ill may be contact that something hides, as large as the largest reading says
                 hidden = self.undetected(float(np.abs(run.data / self.readings.std).max(initial=0.0)), run.data)
                 nothing = replace(nothing, errors=hidden)
-            result = replace(nothing, pushed=run.pushed and h.sign == 1, fit=fit)
+            result = replace(nothing, pushed=run.pushed and h.sign == 1, fit=fit, unproven=unknown)
         else:
             run.doubtful = doubtful(self, run)
             run.drift = drift_probability(self, run)
@@ -537,7 +532,7 @@ class ConstrainedEstimator:
             fit, left = fit_of(self, run)
             if fit < POOR_FIT:
                 share_refuted(self, run, fit)
-            result = self._combined(run, each, fit, left, rng)
+            result = self.combined(run, each, fit, left, rng)
             # the models may explain on a finer grid what cells of the surface cannot
             pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
             turned = result.draws if result.draws is None or h.sign >= 0 else -result.draws
@@ -654,14 +649,27 @@ class ConstrainedEstimator:
         kept = self.rounds.kept
         return level.normal(cells, y, noise, observed, kept, products=not self.ambiguous, once=once)
 
-    def _combined(self, run: Run, noise: Floats, fit: float, left: float, rng: np.random.Generator | None) -> Frame:
-        members = run.members
+    def combined(
+        self,
+        run: Run,
+        noise: Floats,
+        fit: float,
+        left: float,
+        rng: np.random.Generator | None,
+        also: Run | None = None,
+    ) -> Frame:
+        """The mean of the models of a run, and of ``also`` another, with the errors of all."""
+        runs = [run] if also is None else [run, also]
+        members = [m for r in runs for m in r.members]
         large = any(m.data.at_size for m in members)
         summary = Summary(members, self.posterior)
-        few = len(self.readings.std) <= FEW_ALIKE and self.readings.independent and self.problem.nuisance is None
-        summary.alike = few and fit < ALIKE
+        limit = ALIKE if len(self.readings.std) <= FEW_ALIKE else DOUBTED
+        summary.alike = self.readings.independent and self.problem.nuisance is None and fit < limit
+        summary.louder = louder(self, run, left)
         summary.gain = self.problem.uncertainty.assumed_gain
-        summary.white = self.readings.white((run.data / run.noise)[run.observed], run.observed)
+        summary.whites = [
+            self.readings.white((r.data / r.noise)[r.observed], r.observed) for r in runs for _ in r.members
+        ]
         weights = np.array([m.weight for m in members])
         sampled = None
         if self.draws:
@@ -685,4 +693,5 @@ class ConstrainedEstimator:
             stated=summary.stated(),
             alone=alone,
             beyond=self.posterior.beyond(summary.mean),
+            hangs=0.0 if self.given_ends or not self.readings.independent else summary.largest_part(),
         )

@@ -27,6 +27,11 @@ STANDS_OUT = 4.0
 MUCH = 0.1
 #: Traction outside the outermost taxels, in parts of the largest, from which on the contact goes on there and nothing says how far (a convention).
 GOES_ON = 0.5
+#: Traction at the outermost taxels, in parts of the largest, from which on nothing says whether it has risen to its peak.
+AT_EDGE = 0.9
+#: Part of the normal force that one reading alone tells, from which on it is said: where that reading is cut by a half, so is a third of the force. A fifth of
+#: the clean frames of `palpate bench trust` say it, all of contacts of two or three shallow taxels, and five of eight single readings cut that nothing showed.
+HANGS = 0.4
 #: Taxels within so many pitches are neighbours, across too.
 BESIDE = 1.5
 #: Standard deviation of that one taxel's part of the force beside others, in parts of it and divided by `STATED`: it is there or not, and nothing tells.
@@ -40,7 +45,8 @@ class Frame:
     """One frame's result; ``sampled``: the contact was too large for matrices, and errors of its cells are those of samples. Its errors are
     then worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`); 2 where one
     taxel alone tells it. ``adrift``: drift may be part of its force. ``stated``: what it owes to a pad that is not known exactly.
-    ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: the part outside the outermost taxels, and the largest traction there over the largest of all.
+    ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: `Posterior.beyond`; ``unproven``: `quiet.unproven`;
+    ``hangs``: the part of the normal force that one reading alone tells, where no ends of its range are given.
     """
 
     traction: Floats
@@ -64,7 +70,9 @@ class Frame:
     adrift: bool = False
     stated: Stated | None = None
     alone: float = 0.0
-    beyond: tuple[float, float] = (0.0, 0.0)
+    beyond: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    unproven: bool = False
+    hangs: float = 0.0
 
     @property
     def known(self) -> Errors:
@@ -169,6 +177,22 @@ def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
         said.append(
             f"contact across the edge{where(across)}: more than {100.0 * MUCH:.0f} % of the load, or {100.0 * GOES_ON:.0f} % of the largest traction, was found outside the outermost "
             "taxels, where nothing is measured"
+        )
+    brink = sum(f.beyond[0] <= MUCH and f.beyond[1] <= GOES_ON and f.beyond[2] > AT_EDGE for f in frames)
+    if brink:
+        said.append(
+            f"contact at the edge{where(brink)}: the largest traction lies at the outermost taxels, and what goes on beyond them is not measured"
+        )
+    hanging = [f.hangs for f in frames if f.hangs > HANGS]
+    if hanging:
+        said.append(
+            f"one reading alone tells {100.0 * max(hanging):.0f} % of the normal force{where(len(hanging))}: nothing shows whether it is right, or at the end of "
+            "its range (limits= of the array says where that is)"
+        )
+    unproven = sum(f.unproven for f in frames)
+    if unproven:
+        said.append(
+            f"nothing was found{where(unproven)}, but noise explains the readings ill: contact may hide in them"
         )
     short = sum(not f.converged for f in frames)
     if short:

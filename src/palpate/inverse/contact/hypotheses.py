@@ -39,6 +39,7 @@ __all__ = [
     "rough",
     "rough_fit",
     "without_outliers",
+    "worth_of",
 ]
 
 Flags = npt.NDArray[np.bool_]
@@ -190,6 +191,30 @@ def quiet_levels(
     return [s for k, s in enumerate(starts) if not any(np.array_equal(s, before) for before in starts[:k])]
 
 
+def lowest_levels(
+    estimator: ConstrainedEstimator, data: Floats, observed: Flags, terms: Sequence[Nuisance], sign: int
+) -> list[Floats]:
+    """First sizes of offsets on a line whose contacts reach its ends, none or one: what neighbours between them read least, where contact of this sign
+    makes none read less than nothing and the ends read more.
+    """
+    if estimator.far or estimator.operator.surface.dimensions > 1:
+        return []
+    start = np.zeros(len(terms))
+    for i, term in enumerate(terms):
+        if term.kind != "offset":
+            continue
+        array, place = _touched(estimator, term)
+        here = observed[place]
+        points = array.points[array.valid.ravel()][here]
+        values = sign * data[place][here][np.argsort(points[:, 0])]
+        width = 2 * max(1, min(2, len(values) // 6))
+        if len(values) > 2 * width:
+            least = float(np.convolve(values, np.full(width, 1.0 / width), mode="valid").min())
+            ends = min(float(values[: width // 2].mean()), float(values[-(width // 2) :].mean()), 0.0)
+            start[i] = sign * least if least < ends + HALF * least else 0.0
+    return [start] if start.any() else []
+
+
 def edge_drift(estimator: ConstrainedEstimator, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
     """First sizes of offsets and ramps together, from the outermost taxels by least absolute deviations, which a contact across a part of the edge hardly
     moves (weighed least squares in turn; E. J. Schlossmacher, J. American Statistical Association 68, 1973, 857-859); 0 for other nuisances.
@@ -329,12 +354,16 @@ def hypothesis_of(
             # the likelier sign first: the other one is left where it cannot catch up
             ordered = list(dict.fromkeys(h.sign for h in sorted(tried, key=lambda h: -h.rough.gain)))
             for sign in ordered if doubt else (best.sign,):
-                for k, start in enumerate(levels):
+                for k, start in enumerate([*levels, *lowest_levels(estimator, data, observed, terms, sign)]):
                     more = _with_drift(estimator, data, observed, total, sign, start, usual, noise, tried)
                     if k > 0:
                         # the level of the wrong end leaves the other end loaded, and so does a ramp
-                        more = [h for h in more if not h.rough.ring > t.edge and not any(_alike(h, o) for o in tried)]
-                    tried.extend(more)
+                        more = [h for h in more if not h.rough.ring > t.edge]
+                    for h in more:
+                        # noise that is learned otherwise makes another solution of the same: the better one counts
+                        same = [o for o in tried if _alike(h, o)]
+                        if all(h.rough.gain > o.rough.gain for o in same):
+                            tried = [o for o in tried if not any(o is s for s in same)] + [h]
         tilted = edge_drift(estimator, data, observed, terms) if doubt and not usual.all() else levels[0]
         if (np.abs(tilted) * unit > t.nuisance * level)[~usual].any():
             every = np.ones_like(usual)
@@ -352,7 +381,7 @@ def hypothesis_of(
     # one that bends to every reading explains any; so does load all round with an offset against it, which leaves the rest free to push and to pull
     rivals = sorted(
         (h for h in tried if h.present.any() and h is not best and _may_be(h, t)),
-        key=lambda h: -_worth_of(h, t),
+        key=lambda h: -worth_of(h, t),
     )
     best = replace(best, rivals=tuple(rivals))
     return best if noise is None else replace(best, noise=noise)
@@ -372,7 +401,7 @@ def _with_drift(
     """The hypothesis with those of the nuisances ``sought`` that are there, if it is one, and may be better than what was ``tried``."""
     t, terms = estimator.thresholds, [term for term, here in zip(estimator.terms, sought) if here]
     # what is loaded all round, or bends to every reading, is refuted too often to leave others for it
-    beat = max((_worth_of(h, t) for h in tried if _may_be(h, t)), default=-math.inf)
+    beat = max((worth_of(h, t) for h in tried if _may_be(h, t)), default=-math.inf)
     solved = with_nuisance(estimator, data, observed, total, terms, sign, start[sought], noise, beat)
     if solved is None:
         return []
@@ -534,7 +563,7 @@ def _may_be(h: Hypothesis, t: Thresholds) -> bool:
     return h.rough.free >= FEWEST and h.rough.ring < t.ring
 
 
-def _worth_of(h: Hypothesis, t: Thresholds) -> float:
+def worth_of(h: Hypothesis, t: Thresholds) -> float:
     """The gain of a hypothesis, less what it needs."""
     return h.rough.gain - t.per_nuisance * int(h.present.sum()) - t.other_sign * (h.sign < 1)
 
@@ -543,8 +572,8 @@ def _best(tried: Sequence[Hypothesis], t: Thresholds) -> Hypothesis:
     """The best; one that needs more must gain more, and be surer than whether anything touches at all."""
 
     plain = [h for h in tried if h.sign != 0 and not h.present.any()]
-    simple = max(plain, key=lambda h: _worth_of(h, t))
-    best = max(tried, key=lambda h: _worth_of(h, t))
+    simple = max(plain, key=lambda h: worth_of(h, t))
+    best = max(tried, key=lambda h: worth_of(h, t))
     # that the whole edge of the array is loaded is what an offset looks like, and a contact larger than the array
     margin = t.undecided if simple.rough.ring > t.ring else t.contact
-    return best if best is simple or _worth_of(best, t) - _worth_of(simple, t) > margin else simple
+    return best if best is simple or worth_of(best, t) - worth_of(simple, t) > margin else simple

@@ -16,8 +16,11 @@ from palpate.sensing.nuisance import nuisances
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["drift_probability", "fit_of", "misfit_of"]
+__all__ = ["drift_probability", "fit_of", "louder", "misfit_of"]
 
+#: What is left is more than the noise that was given where it is so many standard errors of its root mean square larger, and by this factor at most: cells
+#: of a finite size leave more than the least noise, and hardly change the sums.
+SURE, MOST_LOUDER = 2.0, 3.0
 #: Directions that contact takes up but for this part of their square tell nothing of drift.
 TOLD = 1e-6
 
@@ -32,6 +35,22 @@ def fit_of(estimator: ConstrainedEstimator, run: Run) -> tuple[float, float]:
     residual[observed] = misfit
     fit = misfit_of(estimator, run, residual, taken, float(np.abs(y[observed]).max(initial=0.0)))
     return fit, float(np.sqrt(np.mean(misfit**2)))
+
+
+def louder(estimator: ConstrainedEstimator, run: Run, left: float) -> float:
+    """How many times as large as the noise that was given is what contact leaves, ``left`` in units of it (root mean square); 1 where it is no larger.
+
+    Errors of least squares grow by this ratio (R. T. Birge, Phys. Rev. 40, 1932, 207-227). Gains that spread leave more than noise and too little
+    for a misfit.
+    """
+    if not estimator.noise_known:
+        return 1.0
+    count, total = int(run.observed.sum()), sum(m.weight for m in run.members)
+    free = count - sum(m.weight / total * taken_by(m) for m in run.members)
+    if free < FEWEST:
+        return 1.0
+    ratio = left * math.sqrt(count / free)
+    return min(ratio, MOST_LOUDER) if ratio > 1.0 + SURE / math.sqrt(2.0 * free) else 1.0
 
 
 def misfit_of(estimator: ConstrainedEstimator, run: Run, residual: Floats, taken: float, largest: float) -> float:

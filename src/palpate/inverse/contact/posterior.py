@@ -11,7 +11,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.factors import Bordered, cholesky
-from palpate.inverse.contact.model import ContactModel, scattered
+from palpate.inverse.contact.model import ContactModel, dilated, scattered
 from palpate.inverse.contact.products import AT_SIZE, Products
 from palpate.inverse.estimate import Errors
 from palpate.inverse.linear.whitening import Readings
@@ -73,12 +73,17 @@ class Posterior:
         self.inside, self.outside, self.reach = inside, outside, reach
         self.ambiguity = ambiguity
 
-    def beyond(self, traction: Floats) -> tuple[float, float]:
-        """What lies outside the outermost taxels: the part of the load (sum of the traction's magnitude), and the largest there over the largest of all."""
+    def beyond(self, traction: Floats) -> tuple[float, float, float]:
+        """What lies outside the outermost taxels: the part of the load (sum of the traction's magnitude), and the largest there over the largest of all;
+        and the largest at them over the largest of all, 0 where the surface ends there.
+        """
         size = np.sqrt((traction**2).sum(axis=0)) * self.inside
-        there = size[self.outside]
-        return float(there.sum()) / max(float(size.sum()), 1e-300), float(there.max(initial=0.0)) / max(
-            float(size.max()), 1e-300
+        there, largest = size[self.outside], max(float(size.max()), 1e-300)
+        at = dilated(self.outside, 1) & ~self.outside
+        return (
+            float(there.sum()) / max(float(size.sum()), 1e-300),
+            float(there.max(initial=0.0)) / largest,
+            float(size[at].max(initial=0.0)) / largest,
         )
 
     def outside_parts(self, traction: Floats) -> dict[str, Floats]:

@@ -95,7 +95,7 @@ def with_rims(
         if not gains and h.sign:
             continue
         other.members.extend(rest)
-        found = free._framed(other, raw, ends, rng)
+        found = free.framed(other, raw, ends, rng)
         pressure = (h.sign or 1) * found.traction[-1]
         cancels = np.abs(found.traction).sum() > CANCEL * np.abs(frame.traction).sum()
         least = min(frame.fit, MISFIT) if h.sign and each is h else MISFIT

@@ -18,7 +18,15 @@ from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel
 from palpate.inverse.contact.quadratic import prior_factor
 from palpate.inverse.contact.rows import Rows
-from palpate.inverse.contact.variances import by_gains, face_of, owed_of, owed_of_sums, variance_of, variance_of_sums
+from palpate.inverse.contact.variances import (
+    by_gains,
+    face_of,
+    owed_of,
+    owed_of_sums,
+    told_by_each,
+    variance_of,
+    variance_of_sums,
+)
 from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.grids import Grid
 
@@ -184,8 +192,9 @@ class Summary:
         ]
         self._weights = np.array([m.weight for m in members])
         self.alike = False  # whether noise may be alike from taxel to taxel
+        self.louder = 1.0  # what is left of the readings over the noise that was given
         self.gain = 0.0  # what gains are taken to be known to
-        self.white: Floats = np.zeros(0)  # the readings, whitened
+        self.whites: list[Floats] = []  # the readings of each model, whitened
         self.doubted = 0.0  # part of the normal force that may not be there
 
     def _mixed(self, name: str) -> Quantity:
@@ -194,7 +203,7 @@ class Summary:
         within = np.stack([getattr(p, name)[1] for p in self._sure])
         mean = np.tensordot(self._weights, values, 1)
         at_size = name in SUMS and any(m.data.at_size for m in self.members)
-        within = (SUMS_AT_SIZE if at_size else 1.0) ** 2 * within
+        within = ((SUMS_AT_SIZE if at_size else 1.0) * self.louder) ** 2 * within
         return mean, np.tensordot(self._weights, within + (values - mean) ** 2, 1)
 
     def stated(self) -> Stated | None:
@@ -217,8 +226,17 @@ class Summary:
         """Variance of the net force (component sought,) by gains of which nothing is said."""
         if not self.gain or any(m.data.at_size for m in self.members):
             return None
-        each = [by_gains(p.model, p.totals, self.white) for p in self._sure]
+        each = [by_gains(p.model, p.totals, white) for p, white in zip(self._sure, self.whites)]
         return self.gain**2 * np.tensordot(self._weights, np.stack(each), 1)
+
+    def largest_part(self) -> float:
+        """The part of the normal force that one reading alone tells, by the leading model."""
+        first = self._sure[0]
+        total = first.totals[-1:]
+        force = float((total @ first.model.solution.traction.ravel())[0])
+        if any(m.data.at_size for m in self.members) or not force > 0.0:
+            return 0.0
+        return float(np.abs(told_by_each(first.model, total, self.whites[0])).max(initial=0.0)) / force
 
     def _everywhere(self, sought: Floats, fill: float = 0.0) -> Floats:
         """A field (component sought, *surface) with all components."""

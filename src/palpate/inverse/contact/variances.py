@@ -21,6 +21,7 @@ __all__ = [
     "shared_errors",
     "taken_by",
     "taken_of_each",
+    "told_by_each",
     "variance_of",
     "variance_of_sums",
 ]
@@ -35,14 +36,21 @@ def posterior_factor(solution: Solution, rows: Floats) -> Floats:
     return factor.half(face.columns(rows).T)
 
 
-def by_gains(model: ContactModel, rows: Floats, white: Floats) -> Floats:
-    """Variances of sums ``rows`` (row, component * cell) of a contact, of readings each of which is wrong by a part of itself with a standard deviation
-    of 1: sum over readings of (dF/dy y)^2, with dF/dy = A H^-1 rows' on the face of the contact. ``white``: the readings, whitened.
+def told_by_each(model: ContactModel, rows: Floats, white: Floats) -> Floats:
+    """What each reading has in sums ``rows`` (row, component * cell) of a contact, (reading, row): dF/dy y, with dF/dy = A H^-1 rows' on the face of the
+    contact. ``white``: the readings, whitened.
     """
     face, factor = face_of(model.solution)
     moved = factor.back(factor.half(face.columns(rows).T))
     told = model.data.matrix @ np.asarray(face.directions().T @ moved)
-    return np.asarray(((told * white[:, None]) ** 2).sum(axis=0))
+    return np.asarray(told * white[:, None])
+
+
+def by_gains(model: ContactModel, rows: Floats, white: Floats) -> Floats:
+    """Variances of sums ``rows`` of a contact, of readings each of which is wrong by a part of itself with a standard deviation of 1: sum over readings of
+    (dF/dy y)^2, as `told_by_each`.
+    """
+    return np.asarray((told_by_each(model, rows, white) ** 2).sum(axis=0))
 
 
 def face_of(solution: Solution) -> tuple[Face, Factor]:

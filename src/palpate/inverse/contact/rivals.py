@@ -1,0 +1,108 @@
+"""Hypotheses with nuisances that a frame was not taken for, where what it leaves speaks against the one that it was."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.frame import Frame, Run
+from palpate.inverse.contact.hypotheses import worth_of
+from palpate.inverse.contact.screening import Ceilings
+from palpate.inverse.fit import POOR_FIT
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.constrained import ConstrainedEstimator
+
+__all__ = ["DOUBTED", "with_rivals"]
+
+Flags = npt.NDArray[np.bool_]
+
+#: So many rivals take the place of a hypothesis that is refuted, where they explain the frame as well as one in so many good ones is.
+RIVALS, ACCEPTED = 2, 0.05
+#: Below this misfit probability, as of one good frame in ten, a rival that nearly gained as much is weighed with it.
+DOUBTED = 0.1
+#: One that has less weight than this is left out, and one that has all but this takes its place.
+SLIGHT = 0.05
+
+
+def with_rivals(
+    estimator: ConstrainedEstimator,
+    run: Run,
+    frame: Frame,
+    raw: Floats,
+    alive: Flags,
+    usable: Flags,
+    ends: Ceilings | None,
+    rng: np.random.Generator | None,
+) -> Frame:
+    """The frame, or that of a rival which explains what it leaves; where neither is sure, the mean of both with the errors of both.
+
+    The odds of two are those of their gains, exp(gain), times those of their misfit probabilities.
+    """
+    rivals = run.hypothesis.rivals
+    if frame.fit < POOR_FIT:
+        for rival in rivals[:RIVALS]:
+            # what is refuted gives way to what is not
+            other = estimator.framed(estimator.run_of(rival, raw, alive, usable, ends), raw, ends, rng)
+            if other.fit > ACCEPTED and other.contact:
+                return other
+    elif frame.fit < DOUBTED and frame.sign == run.hypothesis.sign and run.members:
+        for rival in rivals[:1]:
+            if rival.sign != run.hypothesis.sign:
+                continue
+            gained = worth_of(rival, estimator.thresholds) - worth_of(run.hypothesis, estimator.thresholds)
+            if _share(gained - math.log(frame.fit)) < SLIGHT:
+                continue
+            second = estimator.run_of(rival, raw, alive, usable, ends)
+            other = estimator.framed(second, raw, ends, rng)
+            weight = _share(gained + math.log(max(other.fit, 1e-300) / frame.fit)) if other.fit > ACCEPTED else 0.0
+            if other.contact and weight > SLIGHT:
+                return other if weight > 1.0 - SLIGHT else _mean(estimator, run, second, frame, other, weight, rng)
+    return frame
+
+
+def _share(log_odds: float) -> float:
+    return 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
+
+
+def _mean(
+    estimator: ConstrainedEstimator,
+    run: Run,
+    second: Run,
+    frame: Frame,
+    other: Frame,
+    weight: float,
+    rng: np.random.Generator | None,
+) -> Frame:
+    """The frame of the models of two runs, the second of which has this ``weight``."""
+    fit = (1.0 - weight) * frame.fit + weight * other.fit
+    part, more = _weighed(run, 1.0 - weight), _weighed(second, weight)
+    found = estimator.combined(part, frame.noise, fit, frame.residual, rng, more)
+    sign = -1 if run.hypothesis.sign < 0 else 1
+    sizes = (1.0 - weight) * frame.nuisance + weight * other.nuisance
+    between = weight * (1.0 - weight) * (frame.nuisance - other.nuisance) ** 2
+    within = (1.0 - weight) * frame.nuisance_std**2 + weight * other.nuisance_std**2
+    return replace(
+        frame,
+        traction=sign * found.traction,
+        errors=found.errors,
+        draws=None if found.draws is None else sign * found.draws,
+        fit=fit,
+        nuisance=sizes,
+        nuisance_std=np.sqrt(within + between),
+        sampled=found.sampled,
+        stated=found.stated,
+        alone=found.alone,
+        beyond=found.beyond,
+        hangs=found.hangs,
+        converged=frame.converged and other.converged,
+    )
+
+
+def _weighed(run: Run, part: float) -> Run:
+    return replace(run, members=[replace(m, weight=part * m.weight) for m in run.members])
