@@ -59,6 +59,10 @@ def level_operator(operator: Operator, ratio: int) -> Operator:
     )
 
 
+#: Cells of a contact along a ray up to which it is formed although all its components are not, and entries of their columns (200 MB).
+FEW_ALONG, ENTRIES_ALONG = 1200, 25_000_000
+
+
 class Level:
     """The operator and the differences on one grid."""
 
@@ -346,11 +350,22 @@ class Normal:
             given = self.given.part(picks) if isinstance(self.given, Later) else self.matrix.take(picks, axis=1)
         return Normal(self.level, self.cells[position], given, self.linear[:, position], known)
 
+    def as_matrix(self) -> Normal:
+        """The same, with a matrix where there are products."""
+        if not isinstance(self.given, Applied):
+            return self
+        rows = self.level.rows(self.cells, 1.0 / self.given.weight, self.given.observed)
+        return Normal(self.level, self.cells, rows.T, self.linear)
+
     def along(self, ray: Floats) -> Normal:
         """The same for traction that is ``ray`` (component,) times what is sought (1, cell)."""
-        if isinstance(self.given, Applied):
-            return Normal(self.level, self.cells, self.given.along(ray), (ray @ self.linear)[None])
         n = self.linear.shape[1]
+        if isinstance(self.given, Applied):
+            few = n <= FEW_ALONG and self.linear.size * len(self.given.weight) <= ENTRIES_ALONG
+            if few and self.level.ratio > 1:
+                # a third of the unknowns: a matrix is soon formed, and so are all models on parts of them; products are those of a finer grid
+                return self.as_matrix().along(ray)
+            return Normal(self.level, self.cells, self.given.along(ray), (ray @ self.linear)[None])
         matrix = sum(a * self.matrix[:, i * n : (i + 1) * n] for i, a in enumerate(ray))
         known = None
         if self.formed:

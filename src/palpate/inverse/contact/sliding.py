@@ -51,6 +51,7 @@ def log_evidence(data: Normal, penalty: Penalty) -> float:
 def expanded(one: ContactModel, data: Normal, ray: Floats, changes: Floats) -> ContactModel:
     """A model of the pressure as one of the traction, ``ray`` times it, as uncertain as the readings leave both."""
     part = data.part(np.searchsorted(data.cells, one.cells))
+    part = part if one.data.at_size else part.as_matrix()
     pressure = one.solution.traction[0]
     face = one.solution.face
     if face is None or one.solution.factor is None:
