@@ -68,7 +68,7 @@ def touches(draw: Any) -> pp.Touch:
     about = 1 if grid.dimensions == 1 else 3
     errors = Errors(
         **{
-            f.name: np.abs(some(*{"traction": full, "variance_reduction": full, "force": (n,), "moment": (about,), "center": (grid.dimensions,), "peak": ()}[f.name.removeprefix("outside_")]))
+            f.name: np.abs(some(*{"traction": full, "variance_reduction": full, "force": (n,), "moment": (about,), "center": (grid.dimensions,), "peak": ()}[f.name.removeprefix("outside_").removeprefix("beyond_")]))
             for f in fields(Errors)
         }
     )  # fmt: skip

@@ -116,6 +116,7 @@ def full(frames: int = 4) -> pp.Touch:
         center=some(2),
         peak=some(),
         outside_force=some(3),
+        beyond_force=some(3),
         outside_moment=some(3),
         outside_center=some(2),
         outside_peak=some(),

@@ -36,7 +36,7 @@ CASES = [
 
 @pytest.mark.parametrize(("make", "contact"), CASES)
 def test_room_for_gains_is_how_far_forces_scatter(make: Callable[..., pp.Skin], contact: Contact) -> None:
-    """Sixty arrays whose gains spread by 5 %. On areas forces scatter up to 1.7 times as far: the contact's cells and weights, which the room takes
+    """Sixty arrays whose gains spread by 5 %. On areas forces scatter up to twice as far: the contact's cells and weights, which the room takes
     as they are, change with the gains.
     """
     skin, rng = make(), np.random.default_rng(5)
@@ -50,7 +50,7 @@ def test_room_for_gains_is_how_far_forces_scatter(make: Callable[..., pp.Skin], 
     assert sought[-1]
     ratio = np.std(found, axis=0)[sought] / said[sought]
     assert (ratio > 0.7).all()
-    assert (ratio < 1.9).all()
+    assert (ratio < 2.2).all()
 
 
 @pytest.mark.parametrize(("make", "contact"), CASES)

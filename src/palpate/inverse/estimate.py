@@ -26,7 +26,8 @@ class Errors:
     ``traction`` (*batch, component, *surface) [Pa]; ``force`` (*batch, component) [N or N/m]; ``moment`` (*batch, 3 or 1);
     ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa]. ``variance_reduction`` is shaped like ``traction``: 1 - posterior over prior
     variance of each cell in contact, NaN elsewhere. Those named ``outside_...`` are not standard deviations: they are the part of
-    each quantity that comes from outside the outermost taxels, where nothing is measured; its relative error is a calibrated constant.
+    each quantity that comes from outside the outermost taxels, where nothing is measured; its relative error is a calibrated constant. Nor is
+    ``beyond_force`` (*batch, component): what contact that reaches the outermost taxels may have beyond them, away from zero; an interval of 95 % has room for it.
     """
 
     traction: Floats = field(metadata=per_frame("component", "*"))
@@ -40,6 +41,7 @@ class Errors:
     outside_moment: Floats = field(metadata=per_frame("about"))
     outside_center: Floats = field(metadata=per_frame("along"))
     outside_peak: Floats = field(metadata=per_frame())
+    beyond_force: Floats = field(metadata=per_frame("component"))
 
     def __post_init__(self) -> None:
         freeze(self)

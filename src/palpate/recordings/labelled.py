@@ -253,7 +253,9 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         raise InvalidInput(f"{name}: traction of shape {values.shape} does not lie on a surface of {grid.shape} cells.")
     errors = None
     if "errors_traction" in dataset:
-        errors = Errors(**{f.name: dataset[f"errors_{f.name}"].values for f in fields(Errors)})
+        parts = {f.name: dataset[f"errors_{f.name}"].values for f in fields(Errors) if f"errors_{f.name}" in dataset}
+        # written before contact beyond the outermost taxels was accounted for
+        errors = Errors(**{"beyond_force": np.zeros_like(parts["force"]), **parts})
     stated = None
     if "stated_traction" in dataset:
         stated = Stated(**{f.name: dataset[f"stated_{f.name}"].values for f in fields(Stated)})

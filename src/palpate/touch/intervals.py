@@ -103,6 +103,7 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
         value, deviation, outside, floor = uncalibrated(touch, known, of, friction)
         more = named(touch, of, value, friction)
+        beyond = errors(touch).beyond_force if of == "force" else 0.0
         # a pull is a push of the other sign, and so are its error bars
         pulls = pulling(touch)
         mirrored = pulls.any() and of not in ("slip_margin", "center_of_pressure")
@@ -113,23 +114,27 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
                 # that it pulls at all is in doubt where the model does not explain the readings
                 doubted = turned & np.reshape(np.asarray(touch.fit) < POOR_FIT, turned.shape)
                 floor = np.where(doubted, -math.inf, floor)
-        low, high = table[of].bounds(level, value, deviation, outside, floor, stated=more)
+        low, high = table[of].bounds(level, value, deviation, outside, floor, stated=more, beyond=beyond)
         if of == "force" and "shear_force" in table:
             # pressure only adds up, so that its sum is biased where that of shear is not
-            sides = table["shear_force"].bounds(level, value, deviation, outside, floor, stated=more, away=True)
+            sides = table["shear_force"].bounds(
+                level, value, deviation, outside, floor, stated=more, away=True, beyond=beyond
+            )
             for side, shear in zip((low, high), sides):
                 side[..., :-1] = shear[..., :-1]
         if touch.converged is not None and not touch.converged.all():
             # what an iteration still had to go may be to either side
             ended = touch.converged.reshape((*touch.converged.shape, *(1,) * (low.ndim - touch.converged.ndim)))
-            whole = replace(table[of], shift=0.0).bounds(level, value, deviation, outside, floor, stated=more)
+            whole = replace(table[of], shift=0.0).bounds(
+                level, value, deviation, outside, floor, stated=more, beyond=beyond
+            )
             low, high = np.where(ended, low, whole[0]), np.where(ended, high, whole[1])
         if touch.pushing is not None and not touch.pushing.all():
             # traction of either sign is neither biased, as pressure that only adds up is, nor bounded by zero
             both = ~touch.pushing & ~pulls
             free = both.reshape((*both.shape, *(1,) * (low.ndim - both.ndim)))
             either = replace(table[of], shift=0.0).bounds(
-                level, value, deviation, outside, np.asarray(-math.inf), stated=more
+                level, value, deviation, outside, np.asarray(-math.inf), stated=more, beyond=beyond
             )
             low, high = np.where(free, either[0], low), np.where(free, either[1], high)
         if touch.touching is not None and not touch.touching.all():
@@ -156,10 +161,11 @@ def exceeds(touch: Touch, limit: float, of: str) -> Floats:
         more = named(touch, of, value)
         if of == "force":
             value, deviation, outside, more = (part[..., -1] for part in (value, deviation, outside, more))
+        beyond = errors(touch).beyond_force[..., -1] if of == "force" else 0.0
         table = known.quantities[of]
-        found = table.above(limit, value, deviation, outside, more)
+        found = table.above(limit, value, deviation, outside, more, beyond)
         if touch.converged is not None and not touch.converged.all():
-            either = replace(table, shift=0.0).above(limit, value, deviation, outside, more)
+            either = replace(table, shift=0.0).above(limit, value, deviation, outside, more, beyond)
             found = np.where(touch.converged, found, either)
         return (found,)
 

@@ -80,12 +80,21 @@ class Calibration:
         """Half the width of the central interval of that level, in units of ``scale``."""
         return self._quantile(0.5 * (1.0 + level))
 
-    def above(self, limit: float, value: Floats, std: Floats, outside: Floats, stated: Floats | float = 0.0) -> Floats:
+    def above(
+        self,
+        limit: float,
+        value: Floats,
+        std: Floats,
+        outside: Floats,
+        stated: Floats | float = 0.0,
+        beyond: Floats | float = 0.0,
+    ) -> Floats:
         """Probability that the true value lies above ``limit``: that at which `bounds` ends there."""
         import scipy.special
 
         size, stated = np.hypot(self.scale * std, outside), np.asarray(stated)
         gap = np.asarray(limit - value - self.shift * std)
+        stated = np.hypot(stated, np.where(gap * np.sign(value) > 0, beyond, 0.0) / Calibration().quantile(0.95))
         # the normal deviation at which half the width of the interval is the gap, by halving
         low, high = np.zeros(np.shape(gap)), np.full(np.shape(gap), FARTHEST)
         for _ in range(HALVINGS):
@@ -107,12 +116,18 @@ class Calibration:
         *,
         stated: Floats | float = 0.0,
         away: bool = False,
+        beyond: Floats | float = 0.0,
     ) -> tuple[Floats, Floats]:
-        """Ends of the central interval, none below ``floor``; ``stated`` is a normal deviation by itself; with ``away`` the shift is away from zero."""
+        """Ends of the central interval, none below ``floor``; ``stated`` is a normal deviation by itself; with ``away`` the shift is away from zero;
+        ``beyond`` is what may come to it in an interval of 95 %, on the side away from zero alone.
+        """
         half = self.quantile(level) * np.hypot(self.scale * std, outside)
         half = np.hypot(half, Calibration().quantile(level) * stated)
         middle = value + std * (self.shift * np.sign(value) if away else self.shift)
-        return np.maximum(middle - half, floor), np.maximum(middle + half, floor)
+        plain = Calibration()
+        far = np.hypot(half, plain.quantile(level) / plain.quantile(0.95) * beyond)
+        below, above = np.where(np.asarray(value) < 0, far, half), np.where(np.asarray(value) > 0, far, half)
+        return np.maximum(middle - below, floor), np.maximum(middle + above, floor)
 
     def standardised(self, truth: Floats, value: Floats, std: Floats, outside: Floats) -> Floats:
         """(truth - value)/std, such that `bounds` for a value of 0 and a std of 1 hold it where the true ones hold the truth."""

@@ -152,7 +152,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         parameter, scale = evidence[1].parameter, evidence[1].scale
         ratio = self._ratio(self.taxels * c, self.effective_freedom(parameter), count * c)
         data, start = refined(ratio)
-        found = self._compact(data, start, first, y, observed, parameter, possible)
+        found = self._compact(data, first, y, noise, observed, parameter, possible)
         compact = self._compact_models(data, found)
         fields = 1.0 if found is None else 1.0 - found.weight
         if fields < 0.5:
@@ -189,14 +189,16 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield from compact
 
     def _compact(
-        self, data: Normal, start: Floats, first: Floats, y: Floats, observed: Flags, parameter: float, possible: int
+        self, data: Normal, first: Floats, y: Floats, noise: Floats, observed: Flags, parameter: float, possible: int
     ) -> Discs | None:
         """Discs that a contact of a few taxels may be (`palpate.inverse.contact.compact`); none where it is larger."""
         if not self.parts.compact or data.at_size:
             return None
         white = self.readings.white(y[observed], observed)
+        left = white - self.readings.white((self.explained_by(first) / noise)[observed], observed)
         share = min(float(np.count_nonzero(first[-1])) / self.taxels, 1.0)
-        return discs(self, data, first, start, white, share * self.effective_freedom(parameter), possible)
+        taken = share * self.effective_freedom(parameter)
+        return discs(self, data, first, white, float(left @ left), taken, possible)
 
     def _compact_models(self, data: Normal, found: Discs | None) -> Iterator[ContactModel]:
         """The models that are discs, with their weights."""

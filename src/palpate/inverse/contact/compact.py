@@ -153,14 +153,14 @@ def discs(
     estimator: ConstrainedEstimator,
     data: Normal,
     first: Floats,
-    start: Floats,
     white: Floats,
+    left: float,
     taken: float,
     possible: int,
 ) -> Discs | None:
     """The discs that explain the whitened readings ``white``; None where contact is no small one, or fields explain them better.
 
-    ``first`` is the first solution (component, *surface), ``start`` the same on the cells of ``data``, and ``taken`` the degrees of freedom that it takes;
+    ``first`` is the first solution (component, *surface), ``left`` the squares that it leaves, and ``taken`` the degrees of freedom that it takes;
     ``possible`` is how many cells of the surface a contact may lie on.
     """
     grid, c, n = data.level.grid, len(data.linear), len(data.cells)
@@ -171,7 +171,6 @@ def discs(
     if data.at_size or small > TAXELS[grid.dimensions] or free < c + 2 or n > LARGEST:
         return None
     matrix = np.asarray(data.matrix.T).reshape(c, n, len(white)).transpose(1, 0, 2).reshape(n, -1)
-    left = float(((white - data.matrix @ start.ravel()) ** 2).sum())
     detail = 0.0 if estimator.noise_known else (DETAIL * float(np.abs(white).max())) ** 2
     floor = detail * len(white)
 

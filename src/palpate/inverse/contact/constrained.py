@@ -37,7 +37,7 @@ from palpate.inverse.contact.parts import Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior, ambiguity_of
 from palpate.inverse.contact.products import AT_SIZE, Products, can_be_applied
 from palpate.inverse.contact.quadratic import Penalty
-from palpate.inverse.contact.quiet import explained_by_noise, uneven, unproven
+from palpate.inverse.contact.quiet import explained_by_noise, uneven, what_hides
 from palpate.inverse.contact.responses import Responses
 from palpate.inverse.contact.rims import with_rims
 from palpate.inverse.contact.rivals import DOUBTED, with_rivals
@@ -518,12 +518,8 @@ class ConstrainedEstimator:
             alone = np.where(shallow(self.operator.planes_of), data, 0.0)
             nothing = self._nothing(run.parameter, run.scale, run.data, left_out, alone)
             fit = misfit_of(self, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
-            unknown = unproven(self, run, fit)
-            if unknown:
-                # what noise explains ill may be contact that something hides, as large as the largest reading says
-                hidden = self.undetected(float(np.abs(run.data / self.readings.std).max(initial=0.0)), run.data)
-                nothing = replace(nothing, errors=hidden)
-            result = replace(nothing, pushed=run.pushed and h.sign == 1, fit=fit, unproven=unknown)
+            errors, unknown = what_hides(self, run, fit, nothing.known)
+            result = replace(nothing, errors=errors, pushed=run.pushed and h.sign == 1, fit=fit, unproven=unknown)
         else:
             run.doubtful = doubtful(self, run)
             run.drift = drift_probability(self, run)

@@ -27,8 +27,8 @@ STANDS_OUT = 4.0
 MUCH = 0.1
 #: Traction outside the outermost taxels, in parts of the largest, from which on the contact goes on there and nothing says how far (a convention).
 GOES_ON = 0.5
-#: Traction at the outermost taxels, in parts of the largest, from which on nothing says whether it has risen to its peak.
-AT_EDGE = 0.9
+#: Traction at the outermost taxels, in parts of the largest, from which on contact goes on beyond them (`Posterior.going_on`).
+AT_EDGE = 0.3
 #: Part of the normal force that one reading alone tells, from which on it is said: where that reading is cut by a half, so is a third of the force. A fifth of
 #: the clean frames of `palpate bench trust` say it, all of contacts of two or three shallow taxels, and five of eight single readings cut that nothing showed.
 HANGS = 0.4
@@ -45,7 +45,7 @@ class Frame:
     """One frame's result; ``sampled``: the contact was too large for matrices, and errors of its cells are those of samples. Its errors are
     then worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`); 2 where one
     taxel alone tells it. ``adrift``: drift may be part of its force. ``stated``: what it owes to a pad that is not known exactly.
-    ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: `Posterior.beyond`; ``unproven``: `quiet.unproven`;
+    ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: `Posterior.beyond`; ``unproven``: 1 where `quiet.unproven`, 2 where `quiet.could_be`;
     ``hangs``: the part of the normal force that one reading alone tells, where no ends of its range are given.
     """
 
@@ -71,7 +71,7 @@ class Frame:
     stated: Stated | None = None
     alone: float = 0.0
     beyond: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    unproven: bool = False
+    unproven: int = 0
     hangs: float = 0.0
 
     @property
@@ -181,7 +181,8 @@ def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
     brink = sum(f.beyond[0] <= MUCH and f.beyond[1] <= GOES_ON and f.beyond[2] > AT_EDGE for f in frames)
     if brink:
         said.append(
-            f"contact at the edge{where(brink)}: the largest traction lies at the outermost taxels, and what goes on beyond them is not measured"
+            f"contact at the edge{where(brink)}: at the outermost taxels traction is {100.0 * AT_EDGE:.0f} % of the largest or more, and how far it goes on "
+            "beyond them is not measured: the intervals have room for as far as it reaches inwards"
         )
     hanging = [f.hangs for f in frames if f.hangs > HANGS]
     if hanging:
@@ -189,7 +190,7 @@ def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
             f"one reading alone tells {100.0 * max(hanging):.0f} % of the normal force{where(len(hanging))}: nothing shows whether it is right, or at the end of "
             "its range (limits= of the array says where that is)"
         )
-    unproven = sum(f.unproven for f in frames)
+    unproven, pressed = (sum(f.unproven == kind for f in frames) for kind in (1, 2))
     if unproven:
         said.append(
             f"nothing was found{where(unproven)}, but noise explains the readings ill: contact may hide in them"
@@ -205,5 +206,10 @@ def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
         said.append(
             f"drift{where(drifting)}: a shift or a tilt of the displacements that the readings do not tell from contact may be part of the force: "
             "the intervals allow for one of a tenth of the largest reading (standard deviation). Where nothing drifts, say Skin(..., nuisance=[])"
+        )
+    if pressed:
+        said.append(
+            f"nothing was found{where(pressed)}, but contact all over so few taxels explains the readings as well as noise does, and the interval has room for it: "
+            "noise= of the array, where it is known, tells"
         )
     return tuple(said)

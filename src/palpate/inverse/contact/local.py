@@ -278,6 +278,7 @@ class LocalEstimator:
                 if nothing
                 else (center_rows(grid, pressure) * pressure * self.outside).reshape(len(places), -1).sum(axis=1)
             ),
+            beyond_force=np.zeros(len(grid.components)),
             outside_peak=np.asarray((np.abs(pressure) * self.outside).ravel()[int(pressure.argmax())]),
         )
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.factors import Bordered, cholesky
+from palpate.inverse.contact.frame import AT_EDGE
 from palpate.inverse.contact.model import ContactModel, dilated, scattered
 from palpate.inverse.contact.products import AT_SIZE, Products
 from palpate.inverse.estimate import Errors
@@ -50,6 +51,10 @@ def ambiguity_of(acting: Floats, usual: float, *, coupled: bool) -> tuple[float,
     return AMBIGUOUS_SHEAR, normal, AMBIGUOUS_CELLS * peak, peak
 
 
+#: Cells of more than this part of the largest traction are in contact.
+REACHED = 0.05
+
+
 class Posterior:
     """What follows from the weighed contact models of a frame: means, closed-form errors, samples.
 
@@ -86,6 +91,22 @@ class Posterior:
             float(size[at].max(initial=0.0)) / largest,
         )
 
+    def going_on(self, traction: Floats) -> tuple[Floats, Floats]:
+        """What may lie beyond the outermost taxels that nothing tells of: a net force (component,) and its place (axis,), zero where contact does not reach them.
+
+        The traction on the cells at them, gone on as far as contact reaches inwards: what is symmetric about the edge has as much again beyond.
+        """
+        grid, at = self.operator.surface, dilated(self.outside, 1) & ~self.outside
+        size = np.sqrt((traction**2).sum(axis=0)) * self.inside
+        loaded = size > REACHED * max(float(size.max()), 1e-300)
+        here = at & loaded
+        if not here.any() or float(size[at].max()) < AT_EDGE * float(size.max()):
+            return np.zeros(len(traction)), np.zeros(len(grid.shape))
+        inwards = float((loaded & ~self.outside).sum()) / float(here.sum())
+        force = grid.cell * inwards * traction[:, here].sum(axis=1)
+        places = np.meshgrid(*grid.axes, indexing="ij")[::-1]
+        return force, np.array([float(np.average(x[here], weights=size[here])) for x in places])
+
     def outside_parts(self, traction: Floats) -> dict[str, Floats]:
         """The part of traction (component, *grid), and of each number, that comes from cells beyond the outermost taxels."""
         grid = self.operator.surface
@@ -108,6 +129,7 @@ class Posterior:
             "outside_moment": np.abs(moment),
             "outside_center": np.abs(center),
             "outside_peak": np.asarray(outside[-1][top]),
+            "beyond_force": np.abs(self.going_on(traction)[0]),
         }
 
     def undetected(

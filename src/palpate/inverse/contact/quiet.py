@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,22 +11,28 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.frame import Run
-from palpate.inverse.contact.hypotheses import Hypothesis, Rough
+from palpate.inverse.contact.hypotheses import Hypothesis, Rough, rough
 from palpate.inverse.contact.sharp import heavy_tails
+from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import misfit_probability
 from palpate.inverse.linear.evidence import log_evidence
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["explained_by_noise", "uneven", "unproven"]
+__all__ = ["could_be", "explained_by_noise", "uneven", "unproven", "what_hides"]
 
 #: Log likelihood of heavy tails over Gaussian noise from which on a few readings stand out of what is taken for noise. Of 40 quiet frames with Gaussian noise
 #: none has more than 3, of 40 with Student's of 4 degrees of freedom 15; of four contacts on thin layers and lines that were taken for noise three have.
 HEAVY = 4.0
+#: Contact may be all that a short line reads: on no more than so many taxels, beginning with this part of the readings as noise, it explains them if it leaves
+#: this part of them.
+FEW_TAXELS, QUIETER, EXPLAINED = 25, 0.03, 0.35
 #: Misfit probability from which on it is taken as shown that noise is all there is. One quiet frame in ten has less, and wider intervals for it; so had
 #: three of four wide contacts on thin layers that were taken for noise (0.05 to 0.09), and a ball that two of 252 readings felt, over noise that was given (0.012).
 PROVEN = 0.1
+#: Half of an interval of 95 % in standard deviations.
+WIDE = 1.96
 
 Flags = npt.NDArray[np.bool_]
 
@@ -36,11 +43,11 @@ def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: 
     loud = uneven(estimator, data, observed, None)
     none = np.zeros(len(estimator.terms))
     flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
-    rough = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
+    nothing = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
     linear = estimator.orders[1]
     plain = estimator.evidence(linear, rows, None)
     if not plain.gain > limit + loud:
-        return Hypothesis(1, rough, none, none > 0)
+        return Hypothesis(1, nothing, none, none > 0)
     if not estimator.terms:
         return None
     shifts = estimator.shifts[:, : estimator.usual]
@@ -60,7 +67,7 @@ def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: 
     present = none > 0
     present[: estimator.usual] = np.abs(sizes) * unit > estimator.thresholds.nuisance * found.scale
     none[: estimator.usual] = sizes
-    return Hypothesis(1, rough, np.where(present, none, 0.0), present)
+    return Hypothesis(1, nothing, np.where(present, none, 0.0), present)
 
 
 def unproven(estimator: ConstrainedEstimator, run: Run, fit: float) -> bool:
@@ -74,6 +81,46 @@ def unproven(estimator: ConstrainedEstimator, run: Run, fit: float) -> bool:
     level = np.sqrt(np.bincount(channel, data**2, estimator.noise.count) / count)[channel]
     relative = np.divide(data, level, out=np.zeros_like(data), where=level > 0)
     return bool(len(data) and relative.any() and heavy_tails(relative, channel, len(data)) > HEAVY)
+
+
+def could_be(estimator: ConstrainedEstimator, run: Run) -> Floats | None:
+    """The net force (component,) of contact on most of a short line that explains what is taken for noise, where nobody gave the noise; None where there
+    is none.
+
+    A few taxels on a line, all of them pressed, read as noise has it, as each has two neighbours only. Contact that only pushes (or pulls) then leaves next
+    to nothing; so it does of noise that chance made like that, and no reading says which.
+    """
+    lines = estimator.operator.surface.dimensions == 1
+    if estimator.noise_known or not lines or estimator.taxels > FEW_TAXELS or not estimator.parts.sharp:
+        return None
+    white = estimator.readings.white((run.data / estimator.readings.std)[run.observed], run.observed)
+    total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
+    if not total > 0.0:
+        return None
+    grid = estimator.operator.surface
+    out = np.zeros(len(grid.components))
+    for sign in (1, -1) if -1 in estimator.signs else (1,):
+        found = rough(estimator, sign * run.data, run.observed, total, 0, QUIETER * total)
+        left = white - sign * estimator.readings.white(
+            (found.explained / estimator.readings.std)[run.observed], run.observed
+        )
+        if math.sqrt(float(np.mean(left**2))) < EXPLAINED * total:
+            force = grid.cell * np.abs(found.traction[:, estimator.inside.ravel()].sum(axis=1))
+            out[list(estimator.columns)] = np.maximum(out[list(estimator.columns)], force)
+    return out if out.any() else None
+
+
+def what_hides(estimator: ConstrainedEstimator, run: Run, fit: float, errors: Errors) -> tuple[Errors, int]:
+    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where `unproven`, 2 where `could_be`."""
+    why = 0
+    if unproven(estimator, run, fit):
+        # as large as the largest reading says
+        why, largest = 1, float(np.abs(run.data / estimator.readings.std).max(initial=0.0))
+        errors = estimator.undetected(largest, run.data)
+    force = could_be(estimator, run)
+    if force is not None:
+        why, errors = 2, replace(errors, force=np.maximum(errors.force, force / WIDE))
+    return errors, why
 
 
 def uneven(estimator: ConstrainedEstimator, data: Floats, observed: Flags, known: float | None) -> float:

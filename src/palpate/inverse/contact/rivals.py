@@ -44,18 +44,20 @@ def with_rivals(
 
     The odds of two are those of their gains, exp(gain), times those of their misfit probabilities.
     """
-    rivals = run.hypothesis.rivals
-    if frame.fit < POOR_FIT:
-        for rival in rivals[:RIVALS]:
-            # what is refuted gives way to what is not
+    h, rivals = run.hypothesis, run.hypothesis.rivals
+    # load all round with an offset against it leaves the rest free, and explains anything
+    anything = h.present.any() and h.rough.ring > estimator.thresholds.ring
+    if frame.fit < POOR_FIT or anything:
+        for rival in rivals[: 1 if anything else RIVALS]:
+            # what is refuted, or refutes nothing, gives way to what is not
             other = estimator.framed(estimator.run_of(rival, raw, alive, usable, ends), raw, ends, rng)
             if other.fit > ACCEPTED and other.contact:
                 return other
-    elif frame.fit < DOUBTED and frame.sign == run.hypothesis.sign and run.members:
+    elif frame.fit < DOUBTED and frame.sign == h.sign and run.members:
         for rival in rivals[:1]:
-            if rival.sign != run.hypothesis.sign:
+            if rival.sign != h.sign:
                 continue
-            gained = worth_of(rival, estimator.thresholds) - worth_of(run.hypothesis, estimator.thresholds)
+            gained = worth_of(rival, estimator.thresholds) - worth_of(h, estimator.thresholds)
             if _share(gained - math.log(frame.fit)) < SLIGHT:
                 continue
             second = estimator.run_of(rival, raw, alive, usable, ends)

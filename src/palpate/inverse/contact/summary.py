@@ -16,6 +16,7 @@ from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel
+from palpate.inverse.contact.parts import STATED
 from palpate.inverse.contact.quadratic import prior_factor
 from palpate.inverse.contact.rows import Rows
 from palpate.inverse.contact.variances import (
@@ -50,6 +51,8 @@ SUMS_AT_SIZE = 1.25
 #: Where noise may be alike from taxel to taxel, a net force is so many times less certain (correlation over two pitches does that to a mean over many
 #: taxels of a line), by this part of itself at most: what else a frame is not explained for has errors of its own.
 LOUDER, MOST_ALIKE = 2.0, 0.1
+#: Standard deviation of what lies beyond the outermost taxels, in parts of what `Posterior.going_on` says may: of two standard deviations, all of it.
+BEYOND = 0.5
 #: The quantities that are sums over the contact.
 SUMS = ("force", "moment", "center")
 
@@ -255,6 +258,12 @@ class Summary:
         out[-1] += (self.posterior.ambiguity[2] * mean[-1]) ** 2
         return self._everywhere(np.sqrt(out))
 
+    @cached_property
+    def _beyond(self) -> tuple[Floats, Floats]:
+        """Standard deviation of the net force (component,) by contact that goes on beyond the outermost taxels, for moment and centre; its place (axis,)."""
+        force, place = self.posterior.going_on(self.mean)
+        return BEYOND / STATED * np.abs(force), place
+
     def force(self) -> Floats:
         total, variance = self._mixed("force")
         hidden = np.full(len(total), self.posterior.ambiguity[0])
@@ -267,10 +276,22 @@ class Summary:
         return self._everywhere(np.sqrt(variance + least**2))
 
     def moment(self) -> Floats:
-        return np.asarray(np.sqrt(self._mixed("moment")[1]))
+        force, place = self._beyond
+        arms = np.zeros((3 if len(place) == 2 else 1, len(force)))
+        if len(place) == 2:
+            arms[0, -1], arms[1, -1] = place[1], -place[0]
+            if len(force) == 3:
+                arms[2, 0], arms[2, 1] = -place[1], place[0]
+        else:
+            arms[0, -1] = -place[0]
+        return np.asarray(np.sqrt(self._mixed("moment")[1] + (arms @ force) ** 2))
 
     def center(self) -> Floats:
-        return np.asarray(np.sqrt(self._mixed("center")[1]))
+        center, variance = self._mixed("center")
+        (*_, more), place = self._beyond
+        total = float(self._mixed("force")[0][-1])
+        part = more / (abs(total) + more) if more > 0.0 else 0.0
+        return np.asarray(np.sqrt(variance + (part * (place - center)) ** 2))
 
     def peak(self) -> Floats:
         mean, variance = self._mixed("peak")
@@ -287,7 +308,7 @@ class Summary:
     def of(self, name: str) -> Floats:
         """The field of `Errors` of that name."""
         give_way()
-        return np.asarray(self._outside[name] if name.startswith("outside_") else getattr(self, name)())
+        return np.asarray(self._outside[name] if name.startswith(("outside_", "beyond_")) else getattr(self, name)())
 
     def errors(self) -> Errors:
         """All of them."""

@@ -422,6 +422,9 @@ class Source:
         there = self.variances.outside.ravel()[top]
         return self._batched(np.abs(pressure[np.arange(self._count), top]) * there)
 
+    def beyond_force(self) -> Floats:
+        return self._batched(np.zeros((self._count, self._all.shape[1])))
+
     # -- helpers
 
     def _weights(self, values: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
