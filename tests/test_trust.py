@@ -128,6 +128,7 @@ def touch_of(frame: trust.Frame, factor: float = 1.0, half: float = 0.5, **field
         center=np.ones(1),
         peak=np.asarray(100.0),
         variance_reduction=np.full((2, grid.count), np.nan),
+        beyond_force=np.zeros(2),
         **{f"outside_{n}": np.zeros(s) for n, s in OUTSIDE.items()},
     )
     values = factor * cell_means(frame.load, grid)
