@@ -7,6 +7,7 @@ import pytest
 
 import palpate as pp
 from palpate.elastic.pad import Floats
+from palpate.recordings.labelled import touch_dataset, touch_of
 from palpate.uncertainty.calibration import Calibration
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.45)
@@ -42,7 +43,8 @@ def test_the_interval_of_a_punch_half_off_a_line_reaches_to_all_of_it(side: int,
         assert force[0] - low[0] > high[0] - force[0]
     # the moment knows of it too
     inner = skin.reconstruct(np.roll(readings, -7 * side, axis=1))
-    assert touch.errors.moment[0] > 2.0 * inner.errors.moment[0]  # type: ignore[union-attr]
+    assert inner.errors is not None
+    assert touch.errors.moment[0] > 2.0 * inner.errors.moment[0]
 
 
 def test_a_contact_that_ends_before_the_outermost_taxels_has_nothing_beyond() -> None:
@@ -99,3 +101,27 @@ def test_a_narrow_contact_on_a_short_line_is_no_disc() -> None:
     touch = pp.Skin(pad, array).reconstruct(readings)
     assert float(touch.fit) > 0.1
     assert float(touch.force[1]) == pytest.approx(853.0, rel=0.05)
+
+
+def test_a_touch_that_was_written_before_this_error_was_kept_is_read_without_it() -> None:
+    skin, readings, _ = _half_off(1, 0.0, seed=2)
+    touch = skin.reconstruct(readings)
+    older = touch_of(touch_dataset(touch).drop_vars("errors_beyond_force"))
+    assert touch.errors is not None
+    assert older.errors is not None
+    assert touch.errors.beyond_force.any()
+    assert not older.errors.beyond_force.any()
+    np.testing.assert_array_equal(older.errors.force, touch.errors.force)
+
+
+def test_the_part_of_the_force_that_one_reading_tells_is_how_the_force_follows_it() -> None:
+    """By a change of one per cent of that reading; the contact's cells, taken as they are, follow too."""
+    array = pp.LineArray(count=24, pitch=2e-3, depth=1.1e-3, channels=["stress_zz"], noise=30.0)
+    skin = pp.Skin(PAD, array)
+    readings = np.asarray(skin.sense(pp.solutions.hertz_line(half_width=1.6e-3, force=40.0)))
+    said = next(n for n in skin.reconstruct(readings).notes if n.startswith("one reading alone tells"))
+    part = float(said.split("tells ")[1].split(" %")[0]) / 100.0
+    more = readings.copy()
+    more[0, int(np.argmax(readings[0]))] *= 1.01
+    change = float(skin.reconstruct(more).force[1]) / float(skin.reconstruct(readings).force[1]) - 1.0
+    assert change / 0.01 == pytest.approx(part, rel=0.4)

@@ -253,9 +253,10 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         raise InvalidInput(f"{name}: traction of shape {values.shape} does not lie on a surface of {grid.shape} cells.")
     errors = None
     if "errors_traction" in dataset:
-        parts = {f.name: dataset[f"errors_{f.name}"].values for f in fields(Errors) if f"errors_{f.name}" in dataset}
-        # written before contact beyond the outermost taxels was accounted for
-        errors = Errors(**{"beyond_force": np.zeros_like(parts["force"]), **parts})
+        if "errors_beyond_force" not in dataset:
+            # written before contact beyond the outermost taxels was accounted for
+            dataset = dataset.assign(errors_beyond_force=0.0 * dataset["errors_force"])
+        errors = Errors(**{f.name: dataset[f"errors_{f.name}"].values for f in fields(Errors)})
     stated = None
     if "stated_traction" in dataset:
         stated = Stated(**{f.name: dataset[f"stated_{f.name}"].values for f in fields(Stated)})

@@ -284,7 +284,7 @@ class Summary:
                 arms[2, 0], arms[2, 1] = -place[1], place[0]
         else:
             arms[0, -1] = -place[0]
-        return np.asarray(np.sqrt(self._mixed("moment")[1] + (arms @ force) ** 2))
+        return np.asarray(np.sqrt(self._mixed("moment")[1] + (np.abs(arms) @ force) ** 2))
 
     def center(self) -> Floats:
         center, variance = self._mixed("center")
