@@ -103,18 +103,18 @@ def test_it_leads_to_the_same_optimum(friction: float | None, shape: tuple[int, 
     variances = [f.variances(found.face.rows(rows)) for f in (found.factor, expected.factor)]
     np.testing.assert_allclose(variances[0], variances[1], rtol=1e-6, atol=1e-9 * variances[1].max())
     sums = found.face.columns(np.random.default_rng(3).standard_normal((4, linear.size))).T
-    z = [f.half(sums) for f in (found.factor, expected.factor)]
-    np.testing.assert_allclose(z[0].T @ z[0], z[1].T @ z[1], rtol=1e-6, atol=1e-9 * (z[1] ** 2).sum())
-    for factor, half in zip((found.factor, expected.factor), z):
-        np.testing.assert_allclose(factor.back(half), found.factor.back(z[0]), rtol=1e-5, atol=1e-8)
     if not isinstance(found.factor, FewReadings) or not isinstance(expected.factor, Dense):
         raise AssertionError("each kind of matrix has a factor of its own")
+    z = [f.half(sums) for f in (found.factor, expected.factor)]
+    np.testing.assert_allclose(z[0].T @ z[0], z[1].T @ z[1], rtol=1e-6, atol=1e-9 * (z[1] ** 2).sum())
+    back = [f.inverse(sums) for f in (found.factor, expected.factor)]
+    np.testing.assert_allclose(back[0], back[1], rtol=1e-5, atol=1e-8)
     gram = unformed.scaled(found.face.scales).columns
     taken = expected.factor.trace(found.face.restrict(gram @ gram.T))
     assert found.factor.taken().sum() == pytest.approx(taken, rel=1e-7)
-    prior = prior_factor(penalty, found.face).half(sums)
+    prior = sums.T @ prior_factor(penalty, found.face).inverse(sums)
     reduced = found.face.restrict(penalty.scaled(found.face.scales).added(np.zeros((linear.size,) * 2)))
-    np.testing.assert_allclose(prior.T @ prior, sums.T @ np.linalg.solve(reduced, sums), rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(prior, sums.T @ np.linalg.solve(reduced, sums), rtol=1e-7, atol=1e-9)
 
 
 def test_a_few_more_unknowns_border_a_factor() -> None:
@@ -124,10 +124,10 @@ def test_a_few_more_unknowns_border_a_factor() -> None:
     inner: Factor = Dense(cholesky(full[:10, :10].copy()))
     factor = Bordered.of(inner, full[:10, 10:], full[10:, 10:])
     rows = rng.standard_normal((4, 12))
-    z = factor.half(rows.T)
+    found = rows @ factor.inverse(rows.T)
     expected = rows @ np.linalg.solve(full, rows.T)
-    np.testing.assert_allclose(z.T @ z, expected, rtol=1e-10)
-    np.testing.assert_allclose(factor.back(z), np.linalg.solve(full, rows.T), rtol=1e-10)
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
+    np.testing.assert_allclose(factor.inverse(rows.T), np.linalg.solve(full, rows.T), rtol=1e-10)
     np.testing.assert_allclose(factor.solve(rows[0]), np.linalg.solve(full, rows[0]), rtol=1e-10)
     i, j = np.nonzero(np.ones((4, 10)))
     sparse = Rows(i, j, rows[:, :10].ravel(), 4, rows[:, 10:])

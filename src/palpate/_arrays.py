@@ -1,7 +1,8 @@
 """The only door to array namespaces and Fourier transforms.
 
 Arrays go through in the caller's kind, dtype and device. Everything that is prepared is made once in NumPy, in double
-precision, and handed over with `from_numpy`. NumPy arrays are transformed by scipy.fft, which keeps float32.
+precision, and handed over with `from_numpy`. NumPy arrays are transformed by scipy.fft or ducc0
+(`palpate._transforms`), which keep float32.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._transforms import irfft2, rfft2
 from palpate.errors import InvalidInput
 
 __all__ = ["as_real", "device_of", "fftn", "from_numpy", "irfftn", "is_numpy", "namespace", "rfftn", "to_numpy"]
@@ -164,29 +166,25 @@ def rfftn(x: Any, shape: Sequence[int]) -> Any:
     """Real FFT over the last ``len(shape)`` axes, zero-padded to ``shape``. Rows of zeros are not transformed."""
     axes = tuple(range(-len(shape), 0))
     if is_numpy(x):
+        if len(shape) == 2:
+            return rfft2(x, shape)
         import scipy.fft
 
-        if len(shape) != 2:
-            return scipy.fft.rfftn(x, s=tuple(shape), axes=axes)
-        rows = scipy.fft.rfft(x, n=shape[1], axis=-1)
-        return scipy.fft.fft(rows, n=shape[0], axis=-2, overwrite_x=True)
+        return scipy.fft.rfftn(x, s=tuple(shape), axes=axes)
     return namespace(x).fft.rfftn(x, s=tuple(shape), axes=axes)
 
 
 def irfftn(x: Any, shape: Sequence[int], keep: Sequence[slice] | None = None, *, overwrite: bool = False) -> Any:
     """Inverse of `rfftn`; ``keep``: the part of the result that is wanted, one slice for each axis; ``overwrite``: ``x`` may be used up."""
     axes = tuple(range(-len(shape), 0))
+    if is_numpy(x) and len(shape) == 2:
+        return irfft2(x, shape, keep, overwrite=overwrite)
     if is_numpy(x):
         import scipy.fft
 
-        if len(shape) != 2:
-            full = scipy.fft.irfftn(x, s=tuple(shape), axes=axes)
-            return full if keep is None else full[(..., *keep)]
-        rows = scipy.fft.ifft(x, axis=-2, overwrite_x=overwrite)
-        if keep is None:
-            return scipy.fft.irfft(rows, n=shape[1], axis=-1)
-        return scipy.fft.irfft(rows[..., keep[0], :], n=shape[1], axis=-1)[..., keep[1]]
-    full = namespace(x).fft.irfftn(x, s=tuple(shape), axes=axes)
+        full = scipy.fft.irfftn(x, s=tuple(shape), axes=axes)
+    else:
+        full = namespace(x).fft.irfftn(x, s=tuple(shape), axes=axes)
     return full if keep is None else full[(..., *keep)]
 
 

@@ -288,4 +288,4 @@ def _taken(model: ContactModel) -> float:
     face, factor = model.solution.face, model.solution.factor
     if face is None or factor is None or not len(face.index):
         return 0.0
-    return float(np.trace(factor.back(factor.half(face.restrict(model.data.gram)))))
+    return float(np.trace(factor.inverse(face.restrict(model.data.gram))))

@@ -41,11 +41,8 @@ class Factor(Protocol):
     def solve(self, right: Floats) -> Floats:
         """H^-1 right, of (n,)."""
 
-    def half(self, right: Floats) -> Floats:
-        """Z = F right, of (n, k), where F'F = H^-1."""
-
-    def back(self, half: Floats) -> Floats:
-        """F' half, of (n, k)."""
+    def inverse(self, right: Floats) -> Floats:
+        """The same of (n, k)."""
 
     def variances(self, rows: Rows) -> Floats:
         """Diagonal of rows H^-1 rows', of rows (k, n)."""
@@ -99,11 +96,12 @@ class Dense:
 
         return np.asarray(lapack.dpotrs(self.lower, right, lower=1)[0]) if right.size else np.zeros(right.shape)
 
-    def half(self, right: Floats) -> Floats:
-        return _triangle(self.lower, right)
+    def inverse(self, right: Floats) -> Floats:
+        return _triangle(self.lower, _triangle(self.lower, right), transposed=True)
 
-    def back(self, half: Floats) -> Floats:
-        return _triangle(self.lower, half, transposed=True)
+    def half(self, right: Floats) -> Floats:
+        """Z = L^-1 right, so that Z'Z = right' H^-1 right."""
+        return _triangle(self.lower, right)
 
     @cached_property
     def _inverse(self) -> Floats:
@@ -364,14 +362,18 @@ class FewReadings:
         out.ravel(order="K")[:: len(out) + 1] += 1.0
         return out
 
+    def inverse(self, right: Floats) -> Floats:
+        return self.back(self.half(right))
+
     def half(self, right: Floats) -> Floats:
-        """By A. Andrews' square root (AIAA J. 6, 1968, 1165-1166): with 1 + B'B = L L', (1 - B L'^-1 (L + 1)^-1 B')' P^(-1/2)."""
+        """F right, where F'F = H^-1, by A. Andrews' square root (AIAA J. 6, 1968, 1165-1166): with 1 + B'B = L L', (1 - B L'^-1 (L + 1)^-1 B')' P^(-1/2)."""
         rows = np.concatenate([r.T for r in each_of(self.parts, self._split(right[self.order].T))]).T
         seen = _triangle(self.lower, self.b @ rows.T)
         seen = _triangle(self._raised, seen, transposed=True)
         return np.asarray((rows - seen.T @ self.b).T)
 
     def back(self, half: Floats) -> Floats:
+        """F' half."""
         seen = _triangle(self._raised, self.b @ half)
         seen = _triangle(self.lower, seen, transposed=True)
         out = np.empty_like(half)
@@ -446,37 +448,34 @@ class FewReadings:
 
 @dataclass(frozen=True)
 class Bordered:
-    """Of a factor's H with a few more unknowns: ``tie`` (n, k) is what is tied to them, as `Factor.half` has it, ``corner`` the lower
-    factor of what is left to them.
+    """Of a factor's H with a few more unknowns: ``moved`` (n, k) is H^-1 times what is tied to them, ``corner`` the lower factor of what is left to
+    them.
     """
 
     inner: Factor
-    tie: Floats
+    moved: Floats
     corner: Floats
 
     @classmethod
     def of(cls, inner: Factor, border: Floats, corner: Floats) -> Bordered:
         """``border`` (n, k) and ``corner`` (k, k) are the other blocks of H."""
-        tie = inner.half(border)
-        return cls(inner, tie, cholesky(corner - tie.T @ tie))
+        moved = inner.inverse(border)
+        tied = border.T @ moved
+        return cls(inner, moved, cholesky(corner - 0.5 * (tied + tied.T)))
 
-    def half(self, right: Floats) -> Floats:
-        n = len(self.tie)
-        upper = self.inner.half(right[:n])
-        return np.concatenate([upper, _triangle(self.corner, right[n:] - self.tie.T @ upper)])
-
-    def back(self, half: Floats) -> Floats:
-        n = len(self.tie)
-        lower = _triangle(self.corner, half[n:], transposed=True)
-        return np.concatenate([self.inner.back(half[:n] - self.tie @ lower), lower])
+    def inverse(self, right: Floats) -> Floats:
+        n = len(self.moved)
+        lower = _triangle(self.corner, right[n:] - self.moved.T @ right[:n])
+        lower = _triangle(self.corner, lower, transposed=True)
+        return np.concatenate([self.inner.inverse(right[:n]) - self.moved @ lower, lower])
 
     def solve(self, right: Floats) -> Floats:
-        return self.back(self.half(right[:, None]))[:, 0]
+        return self.inverse(right[:, None])[:, 0]
 
     def variances(self, rows: Rows) -> Floats:
         own = replace(rows, others=None)
         if rows.others is None or not rows.others.size:
             return self.inner.variances(own)
         # what is left to the others when the inner unknowns have had their part
-        left = rows.others - own.times(self.inner.back(self.tie))
+        left = rows.others - own.times(self.moved)
         return self.inner.variances(own) + (_triangle(self.corner, left.T) ** 2).sum(axis=0)

@@ -6,6 +6,7 @@ Solutions are by conjugate gradients, scaled by the diagonal; square roots by La
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,11 +21,10 @@ if TYPE_CHECKING:
 __all__ = ["SAMPLES", "Iterative"]
 
 #: One Newton step is solved to this part of its right side: the next one goes on from there. Samples are solved to this part of their size.
-STEP, SAMPLE = 1e-2, 2e-2
-#: Most steps of conjugate gradients, and of Lanczos' method.
-MOST, LANCZOS = 400, 80
-#: A square root has converged when a step changes it by less than this.
-ROOT = 1e-3
+#: What errors of sums are made of is solved to this one, by exact products.
+STEP, SAMPLE, SHARP = 1e-2, 2e-2, 1e-3
+#: Most steps of conjugate gradients.
+MOST = 400
 #: Samples that variances are made of, and where they are only to be added to squared gradients and smoothed.
 SAMPLES, FEW = 16, 8
 
@@ -40,6 +40,10 @@ class Iterative:
         if face.mixed:
             diagonal = np.einsum("idk,di->ki", face.basis**2, diagonal)
         self.diagonal = diagonal.ravel()[face.index] + more
+        self._small = (1.0 / np.sqrt(self.diagonal)).astype(np.float32)
+        component, cell = np.divmod(face.index, n)
+        #: Of each free direction that is a component, its place in the box.
+        self._places = component * math.prod(hessian.matrix.box.shape) + hessian.matrix.inside[cell]
         self._drawn: Floats = np.zeros((0, len(self.diagonal)))
         # cells last, and in either precision: the sums are then over memory that lies together
         turned = np.ascontiguousarray(face.basis.transpose(1, 2, 0)) if face.mixed else np.zeros((c, c, 0))
@@ -62,18 +66,41 @@ class Iterative:
         root = self._root_of_more[v.dtype]
         return out.reshape(len(v), -1)[:, face.index] + root * (root * v)
 
+    def _near(self, r: Any) -> Any:
+        """What is near H^-1 r, of (k, free) in single precision: by the circulant of H (`palpate.inverse.contact.circulant`)."""
+        circulant, matrix, face = self.hessian.circulant, self.hessian.matrix, self.face
+        c, n = self._shape
+        r = self._small * r
+        box = circulant.shape
+        if face.mixed:
+            whole = np.zeros((len(r), c * n), dtype=r.dtype)
+            whole[:, face.index] = r
+            x = np.einsum("dki,ski->sdi", self._turned[r.dtype], whole.reshape(-1, c, n))
+            y = np.zeros((len(r), c, math.prod(box)), dtype=r.dtype)
+            y[:, :, matrix.inside] = x
+        else:
+            y = np.zeros((len(r), c * math.prod(box)), dtype=r.dtype)
+            y[:, self._places] = r
+        out = circulant.apply(y.reshape(len(r), c, *box))
+        if face.mixed:
+            x = out.reshape(len(r), c, -1)[:, :, matrix.inside]
+            found = np.einsum("dki,sdi->ski", self._turned[r.dtype], x).reshape(len(r), -1)[:, face.index]
+        else:
+            found = out.reshape(len(r), -1)[:, self._places]
+        found *= self._small
+        return found
+
     def solve(self, right: Floats) -> Floats:
         found = self._solved(right[None], STEP)[0]
         # a step that overflows is none: the exact residual that follows tells
         return np.asarray(np.where(np.isfinite(found), found, 0.0))
 
-    def _solved(self, right: Floats, tolerance: float) -> Floats:
+    def _solved(self, right: Floats, tolerance: float, *, about: bool = True) -> Floats:
         """H^-1 right (k, free), in single precision, relative to the size of each; not a number where that overflows: errors are then not known."""
         with np.errstate(over="ignore", invalid="ignore"):
-            return self._descended(right, tolerance)
+            return self._descended(right, tolerance, about=about)
 
-    def _descended(self, right: Floats, tolerance: float) -> Floats:
-        inverse = (1.0 / self.diagonal).astype(np.float32)
+    def _descended(self, right: Floats, tolerance: float, *, about: bool) -> Floats:
         size = np.sqrt((right**2 / self.diagonal).sum(axis=1))
         there = np.flatnonzero(size > 0)
         out = np.zeros(right.shape)
@@ -82,26 +109,22 @@ class Iterative:
         r = (right[there] / size[there, None]).astype(np.float32)
         x = np.zeros_like(r)
         here = np.arange(len(there))
-        z = inverse * r
+        z = self._near(r)
         direction, rz = z.copy(), _dots(r, z)
+        small = tolerance**2 * rz
         for _ in range(MOST):
-            moved = self._apply(direction, about=True)
+            moved = self._apply(direction, about=about)
             curvature = _dots(direction, moved)
             good = curvature > 0
             step = np.where(good, rz / np.where(good, curvature, 1.0), 0.0)[:, None].astype(np.float32)
             x[here] += step * direction
             r = r - step * moved
-            z = inverse * r
+            z = self._near(r)
             new = _dots(r, z)
-            going = (new > tolerance**2) & good
+            going = (new > small) & good
             if not going.all():
-                here, r, z, direction, rz, new = (
-                    here[going],
-                    r[going],
-                    z[going],
-                    direction[going],
-                    rz[going],
-                    new[going],
+                here, r, z, direction, rz, new, small = (
+                    a[going] for a in (here, r, z, direction, rz, new, small)
                 )
                 if not len(here):
                     break
@@ -110,6 +133,9 @@ class Iterative:
         out[there] = x.astype(np.float64) * size[there, None]
         return out
 
+    def inverse(self, right: Floats) -> Floats:
+        return self._solved(right.T, SHARP, about=False).T
+
     def roughly(self, right: Floats) -> Floats:
         """H^-1 right, of (free, k), as well as samples are made."""
         return self._solved(right.T, SAMPLE).T
@@ -117,60 +143,6 @@ class Iterative:
     def squares(self, rows: Floats) -> Floats:
         """Diagonal of rows H^-1 rows', of (k, free): known to the square of what solutions are."""
         return np.asarray((rows * self._solved(rows, SAMPLE)).sum(axis=1))
-
-    # -- square roots: F = (D^-1/2 H D^-1/2)^-1/2 D^-1/2, with D the diagonal
-
-    def half(self, right: Floats) -> Floats:
-        scale = 1.0 / np.sqrt(self.diagonal)
-        return self._root((scale[:, None] * right).T).T
-
-    def back(self, half: Floats) -> Floats:
-        scale = 1.0 / np.sqrt(self.diagonal)
-        return np.asarray(scale[:, None] * self._root(half.T).T)
-
-    def _root(self, rows: Floats) -> Floats:
-        """(D^-1/2 H D^-1/2)^-1/2 of rows (k, free)."""
-        import scipy.linalg
-
-        size = np.sqrt((rows**2).sum(axis=1))
-        out = np.zeros(rows.shape)
-        there = np.flatnonzero(size > 0)
-        if not len(there) or not rows.shape[1]:
-            return out
-        scale = 1.0 / np.sqrt(self.diagonal)
-        v = rows[there] / size[there, None]
-        basis, before, beta = [v], np.zeros_like(v), np.zeros(len(v))
-        alphas: list[Floats] = []
-        betas: list[Floats] = []
-        last: Floats | None = None
-        for k in range(min(LANCZOS, rows.shape[1])):
-            w = scale * self._apply(scale * v) - beta[:, None] * before
-            alpha = (w * v).sum(axis=1)
-            w = w - alpha[:, None] * v
-            alphas.append(alpha)
-            beta = np.sqrt((w**2).sum(axis=1))
-            if k % 4 == 3 or (beta < 1e-12).all() or k + 1 == min(LANCZOS, rows.shape[1]):
-                weights = np.zeros((len(v), k + 1))
-                for i in range(len(v)):
-                    values, vectors = scipy.linalg.eigh_tridiagonal(
-                        np.array([a[i] for a in alphas]), np.array([b[i] for b in betas])
-                    )
-                    weights[i] = vectors @ (vectors[0] / np.sqrt(np.maximum(values, 1e-12)))
-                if last is not None:
-                    change = weights.copy()
-                    change[:, : last.shape[1]] -= last
-                    if (np.linalg.norm(change, axis=1) < ROOT * np.linalg.norm(weights, axis=1)).all():
-                        break
-                last = weights
-                if (beta < 1e-12).all():
-                    break
-            betas.append(beta)
-            before, v = v, w / np.maximum(beta, 1e-300)[:, None]
-            basis.append(v)
-        for i, b in enumerate(basis[: weights.shape[1]]):
-            out[there] += weights[:, i, None] * b
-        out[there] *= size[there, None]
-        return out
 
     # -- samples
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.frame import Run
-from palpate.inverse.contact.variances import posterior_factor, taken_by
+from palpate.inverse.contact.variances import covariance_of, taken_by
 from palpate.inverse.fit import FEWEST, MODEL_DETAIL, misfit_probability
 from palpate.sensing.nuisance import nuisances
 
@@ -110,9 +110,8 @@ def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
         each = np.concatenate([*(d[:, None] for d in drag), columns], axis=1)
         size = np.sqrt((each**2).sum(axis=0))
         each = each / np.where(size > 0, size, 1.0)
-        z = posterior_factor(m.solution, each.T @ matrix)
         along = each.T @ (y - matrix @ t.ravel())
-        covariance = each.T @ each - z.T @ z
+        covariance = each.T @ each - covariance_of(m.solution, each.T @ matrix)
         count, squares = _squares(covariance, along)
         fewer, without = _squares(covariance[:first, :first], along[:first])
         count, squares = count - fewer, max(squares - without, 0.0) / (1.0 + detail**2)

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from palpate._arrays import irfftn, rfftn
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.circulant import Circulant, folded, symbol_of_penalty, times
 from palpate.inverse.contact.factors import Factor
 from palpate.inverse.contact.iterative import Iterative
 from palpate.inverse.contact.quadratic import WORTH, Penalty, Quadratic, Unformed, work_of_few
@@ -170,6 +171,11 @@ class Box:
         """What two cells share, see `what_cells_share`."""
         return self._of_shape(self)
 
+    @cached_property
+    def folded(self) -> tuple[tuple[int, ...], list[Any]]:
+        """See `palpate.inverse.contact.circulant.folded`."""
+        return folded(self)
+
     def what_cells_share(self) -> Correlated | None:
         """Of each plane, the transform (channel, component, component, *k) of what influences of two cells have in common, were there taxels for
         ever, and its size; None where that is far from what there is: cells are finer than the pitch, or displacement is measured, which is felt
@@ -209,7 +215,7 @@ class Box:
         """(k, component, *box) of the same, by transforms (component, component, *k) of each plane."""
         total: Any = 0.0
         for size, spectrum in spectra:
-            out = _mixed(spectrum, rfftn(x, size))
+            out = times(spectrum, rfftn(x, size))
             total = total + irfftn(out, size, [slice(0, n) for n in self.shape], overwrite=True)
         return total
 
@@ -217,7 +223,7 @@ class Box:
         """Readings (k, reading) of (k, component, *box), in its precision."""
         parts = []
         for (plane, size, spectra, _), valid in zip(self.planes, self.valid):
-            rows = _mixed(spectra[x.dtype == np.float32], rfftn(x, size))
+            rows = times(spectra[x.dtype == np.float32], rfftn(x, size))
             taxels = [slice(0, (m - 1) * r + 1, r) for m, r in zip(plane.taxels, plane.ratios)]
             full = irfftn(rows, size, taxels, overwrite=True).reshape(len(x), -1)
             parts.append(full if len(valid) == full.shape[1] else full[:, valid])
@@ -244,21 +250,9 @@ class Box:
                 every: Any = (..., *(slice(None, None, r) for r in plane.ratios))
                 whole[every] = image
                 image = whole
-            out = _mixed(spectrum, rfftn(image, size))
+            out = times(spectrum, rfftn(image, size))
             total = total + irfftn(out, size, [slice(0, n) for n in self.shape], overwrite=True)
         return total
-
-
-def _mixed(spectrum: Any, waves: Any) -> Any:
-    """Spectra (to, from, *k) times transforms (n, from, *k)."""
-    out = np.empty((len(waves), *spectrum.shape[:1], *waves.shape[2:]), dtype=waves.dtype)
-    room = np.empty_like(waves[:, 0])
-    for i, row in enumerate(spectrum):
-        np.multiply(row[0], waves[:, 0], out=out[:, i])
-        for each, wave in zip(row[1:], waves.swapaxes(0, 1)[1:]):
-            np.multiply(each, wave, out=room)
-            out[:, i] += room
-    return out
 
 
 class Applied:
@@ -310,7 +304,7 @@ class Applied:
 
     def _copy(self) -> Applied:
         out = copy.copy(self)
-        for name in ("squares", "endless"):
+        for name in ("squares", "endless", "symbol"):
             out.__dict__.pop(name, None)
         return out
 
@@ -333,6 +327,20 @@ class Applied:
                 return None
             out.append((size, np.tensordot((weights[:, 0] ** 2).astype(np.float32), spectrum, 1)))
         return out
+
+    @cached_property
+    def symbol(self) -> tuple[tuple[int, ...], Any]:
+        """The size of the box's circulant, and the normal matrix on it (component, component, *k)."""
+        size, planes = self.box.folded
+        weight, total, start = np.where(self.observed, self.weight**2, 0.0), None, 0
+        for each, valid in zip(planes, self.box.valid):
+            rows = np.array_split(weight[start : start + len(valid)], len(each))
+            start += len(valid)
+            part = np.tensordot(np.array([r.mean() for r in rows], dtype=np.float32), each, 1)
+            total = part if total is None else total + part
+        if self.ray is not None:
+            total = np.einsum("i,ij...,j->...", self.ray, total, self.ray)[None, None]
+        return size, total
 
     def _near_an_edge(self) -> bool:
         places = np.unravel_index(self.cells, self.surface)
@@ -453,6 +461,21 @@ class Products:
 
     def diagonal(self) -> Floats:
         return (self.matrix.squares + self.penalty.diagonal()) * np.repeat(self.scales**2, len(self.matrix.cells))
+
+    @cached_property
+    def circulant(self) -> Circulant:
+        """What is next to the matrix scaled to a diagonal of one, far from edges."""
+        matrix, c = self.matrix, self.matrix.components
+        size, data = matrix.symbol
+        each = self.diagonal().reshape(c, -1)
+        scale = self.scales / np.sqrt(np.exp(np.log(each).mean(axis=1)))
+        symbol = data * (scale[:, None] * scale[None, :]).reshape(c, c, *(1,) * len(size))
+        places = np.stack(np.unravel_index(matrix.inside, matrix.box.shape))
+        stencils = symbol_of_penalty(self.penalty, places, size)
+        seen = matrix.squares.reshape(c, -1).mean(axis=1) * scale**2
+        for i in range(c):
+            symbol[i, i] += max(1.0 - float(seen[i]), 0.0) * stencils[i]
+        return Circulant(matrix.box.shape, size, symbol)
 
     def scaled(self, scales: Floats) -> Products:
         return Products(self.matrix, self.penalty, self.scales * scales)

@@ -17,7 +17,14 @@ from palpate.inverse.contact.iterative import Iterative
 from palpate.inverse.contact.model import ContactModel, scattered
 from palpate.inverse.contact.parts import STATED
 from palpate.inverse.contact.products import Applied
-from palpate.inverse.contact.variances import face_of, posterior_factor, shared_errors, variance_of_sums
+from palpate.inverse.contact.variances import (
+    carried,
+    covariance_of,
+    face_of,
+    seen_of,
+    shared_errors,
+    variance_of_sums,
+)
 from palpate.inverse.fit import POOR_FIT
 from palpate.sensing.grids import block_means
 from palpate.sensing.nuisance import nuisances
@@ -89,9 +96,8 @@ def change_of_nuisances(
 
 
 def _told(model: ContactModel, rows: Floats) -> Floats:
-    """S = B'B - Z'Z, what readings tell of unknowns that do ``rows`` B (reading, unknown), whitened, to them, besides contact on its face."""
-    z = posterior_factor(model.solution, rows.T @ model.data.matrix)
-    return np.asarray(rows.T @ rows - z.T @ z)
+    """S = B'B - B'A H^-1 A'B, what readings tell of unknowns that do ``rows`` B (reading, unknown), whitened, to them, besides contact on its face."""
+    return np.asarray(rows.T @ rows - covariance_of(model.solution, rows.T @ model.data.matrix))
 
 
 def _deviations(precision: Floats) -> Floats:
@@ -164,13 +170,14 @@ def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Run, 
     for one in (model, model.contact):
         if one is None:
             continue
-        z = posterior_factor(one.solution, columns.T @ one.data.matrix)
-        more = z @ _untold(columns, z, np.ones(columns.shape[1])) / STATED
+        face, rows = face_of(one.solution)[0], columns.T @ one.data.matrix
+        x = carried(one.solution, rows)
+        more = x @ _untold(columns.T @ columns - face.columns(rows) @ x, np.ones(columns.shape[1])) / STATED
         if one is (model.contact or model):
             total = np.zeros(one.solution.traction.shape)
             total[-1] = one.level.grid.cell
             rest = float(variance_of_sums(one, total.reshape(1, -1))[0])
-            drift = float(((more.T @ posterior_factor(one.solution, total.reshape(1, -1))) ** 2).sum())
+            drift = float(((face.columns(total.reshape(1, -1)) @ more) ** 2).sum())
             force = float((total * one.solution.traction).sum())
             run.adrift += model.weight * (drift > max(rest, (MUCH * force) ** 2))
         one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
@@ -198,9 +205,8 @@ def share_refuted(estimator: ConstrainedEstimator, run: Run, fit: float) -> None
             sums = np.zeros((len(t), *t.shape))
             for i, total in enumerate(sums):
                 total[i] = cell
-            deviation = np.sqrt(
-                ((more.T @ posterior_factor(one.solution, sums.reshape(len(t), -1))) ** 2).sum(axis=0)
-            ).max()
+            local = face_of(one.solution)[0].columns(sums.reshape(len(t), -1))
+            deviation = np.sqrt(((local @ more) ** 2).sum(axis=1)).max()
             load = cell * float(np.sqrt((t**2).sum(axis=0)).sum())
             more = more * min(1.0, proof * REFUTED * load / max(STATED * float(deviation), 1e-300))
             one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
@@ -210,21 +216,20 @@ def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float]
     """Add shear in one proportion b to the pressure all over the contact, q = b p, which penalties of gradients shrink as they do noise; what
     its error adds to the model's, as in `variances.shared_errors`.
 
-    On readings ``y``, whitened, b is told by what the model leaves: precision S = B'B - Z'Z with B = A p, and a prior with the
-    ``variances`` of shear over pressure. What the model is short of is (1 - H^-1 A'A) b p = H^-1 P b p, P being the penalty.
+    What the model is short of is (1 - H^-1 A'A) b p = H^-1 P b p, P being the penalty. On readings ``y``, whitened, b is told by what the model leaves:
+    precision S = B'B - B'A H^-1 A'B = B'A H^-1 P p with B = A p, and a prior with the ``variances`` of shear over pressure.
     """
     t, matrix = model.solution.traction, model.data.matrix
     ways = np.zeros((len(t) - 1, *t.shape))
     for i, way in enumerate(ways):
         way[i] = t[-1]
     seen = np.stack([matrix @ way.ravel() for way in ways], axis=1)
-    z = posterior_factor(model.solution, seen.T @ matrix)
-    root = _untold(seen, z, np.sqrt(np.asarray(variances)))
+    short = carried(model.solution, np.stack([model.penalty.product(way).ravel() for way in ways]))
+    told = seen.T @ seen_of(model, short)
+    root = _untold(0.5 * (told + told.T), np.sqrt(np.asarray(variances)))
     size = root @ root.T @ (seen.T @ (y - matrix @ t.ravel()))
-    short = posterior_factor(model.solution, np.stack([model.penalty.product(way).ravel() for way in ways]))
-    face, factor = face_of(model.solution)
     change = np.zeros(t.size)
-    change[face.index] = factor.back(short) @ size
+    change[face_of(model.solution)[0].index] = short @ size
     found = t + change.reshape(t.shape)
     if not pulls:
         found[-1] = np.maximum(found[-1], 0.0)
@@ -232,12 +237,10 @@ def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float]
     return np.asarray(short @ root)
 
 
-def _untold(seen: Floats, z: Floats, prior: Floats) -> Floats:
-    """K with K K' = (S + D^-2)^-1, what readings do not tell of unknowns besides the contact: S = B'B - Z'Z is what they tell, D the ``prior``
-    deviations. Of readings far beyond the noise (a converter at its end) rounding may leave directions of S below zero: of these they tell nothing.
+def _untold(told: Floats, prior: Floats) -> Floats:
+    """K with K K' = (S + D^-2)^-1, what readings do not tell of unknowns besides the contact: S is what they have ``told``, D the ``prior`` deviations. Of readings far beyond the noise (a converter at its end) rounding may leave directions of S below zero: of these they tell nothing.
     """
-    b, c = seen * prior, z * prior
-    values, vectors = np.linalg.eigh(b.T @ b - c.T @ c)
+    values, vectors = np.linalg.eigh(told * prior * prior[:, None])
     return np.asarray(prior[:, None] * vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
 
 
@@ -259,4 +262,4 @@ def state(model: ContactModel, columns: Floats, prior: Floats, gains: Floats) ->
     if rows:
         face, factor = face_of(model.solution)
         right = face.columns(np.concatenate(rows)).T
-        model.stated = factor.roughly(right) if isinstance(factor, Iterative) else factor.back(factor.half(right))
+        model.stated = factor.roughly(right) if isinstance(factor, Iterative) else factor.inverse(right)

@@ -16,8 +16,10 @@ from palpate.inverse.contact.quadratic import Formed
 from palpate.inverse.contact.rows import Rows
 
 __all__ = [
+    "carried",
+    "covariance_of",
     "face_of",
-    "posterior_factor",
+    "seen_of",
     "shared_errors",
     "taken_by",
     "taken_of_each",
@@ -27,23 +29,32 @@ __all__ = [
 ]
 
 
-def posterior_factor(solution: Solution, rows: Floats) -> Floats:
-    """Z (free, row) with Z'Z the posterior covariance of rows' x, on the face of the cone that the solution lies on.
-
-    ``rows`` (row, component * cell).
-    """
+def carried(solution: Solution, rows: Floats) -> Floats:
+    """H^-1 rows' (free, row), of ``rows`` (row, component * cell), on the face of the cone that the solution lies on."""
     face, factor = face_of(solution)
-    return factor.half(face.columns(rows).T)
+    return factor.inverse(face.columns(rows).T)
+
+
+def covariance_of(solution: Solution, rows: Floats) -> Floats:
+    """The posterior covariance (row, row) of rows' x there."""
+    face, factor = face_of(solution)
+    local = face.columns(rows)
+    found = local @ factor.inverse(local.T)
+    return np.asarray(0.5 * (found + found.T))
 
 
 def told_by_each(model: ContactModel, rows: Floats, white: Floats) -> Floats:
     """What each reading has in sums ``rows`` (row, component * cell) of a contact, (reading, row): dF/dy y, with dF/dy = A H^-1 rows' on the face of the
     contact. ``white``: the readings, whitened.
     """
-    face, factor = face_of(model.solution)
-    moved = factor.back(factor.half(face.columns(rows).T))
-    told = model.data.matrix @ np.asarray(face.directions().T @ moved)
+    told = seen_of(model, carried(model.solution, rows))
     return np.asarray(told * white[:, None])
+
+
+def seen_of(model: ContactModel, moved: Floats) -> Floats:
+    """What steps (free, k) in the free directions do to the readings, whitened, (reading, k)."""
+    face = face_of(model.solution)[0]
+    return np.asarray(model.data.matrix @ np.asarray(face.directions().T @ moved))
 
 
 def by_gains(model: ContactModel, rows: Floats, white: Floats) -> Floats:
@@ -80,23 +91,27 @@ def taken_of_each(model: ContactModel) -> Floats:
     if isinstance(factor, Bordered) and isinstance(factor.inner, Iterative):
         taken = factor.inner.taken()
         return taken + len(factor.corner) / max(len(taken), 1)
-    return np.asarray((posterior_factor(model.solution, model.data.matrix) ** 2).sum(axis=0))
+    local = face_of(model.solution)[0].columns(model.data.matrix).T
+    if isinstance(factor, Dense):
+        return np.asarray((factor.half(local) ** 2).sum(axis=0))
+    return np.asarray((local * factor.inverse(local)).sum(axis=0))
 
 
 def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats:
     """K (free, unknown): what a model owes to unknowns that act on many readings at once, so that K K' adds to its covariance.
 
     ``columns`` (reading, unknown) is what each does to the readings, whitened; ``prior`` (unknown,) its standard deviation. With
-    Z = L^-1 W'A' B on the face, an unknown change c of the readings changes the traction by -L^-T Z c. Where the deviation is infinite
-    the readings themselves must tell: S = (B'B - Z'Z)^-1. Where it is finite it is taken as it is: what the penalty alone says of it (how
+    X = H^-1 W'A' B on the face, an unknown change c of the readings changes the traction by -X c. Where the deviation is infinite
+    the readings themselves must tell: (B'B - B'A W X)^-1. Where it is finite it is taken as it is: what the penalty alone says of it (how
     large the traction may be was learned from these very readings) is no knowledge.
     """
-    z = posterior_factor(model.solution, columns.T @ model.data.matrix)
+    rows = columns.T @ model.data.matrix
+    x = carried(model.solution, rows)
     observed = np.isinf(prior)
-    out = z * np.where(observed, 0.0, prior)
+    out = x * np.where(observed, 0.0, prior)
     if observed.any():
-        b, found = columns[:, observed], z[:, observed]
-        precision = b.T @ b - found.T @ found
+        b, found = columns[:, observed], x[:, observed]
+        precision = b.T @ b - face_of(model.solution)[0].columns(rows[observed]) @ found
         values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
         # what the readings do not tell at all stays as wide as the readings themselves allow
         floor = 1e-6 * max(float(np.trace(b.T @ b)), 1e-300)
@@ -112,7 +127,7 @@ def variance_of(model: ContactModel, rows: Rows, *, few: bool = False) -> Floats
     local = face.rows(rows)
     out = factor.variances(local, few=few) if isinstance(factor, Iterative) else factor.variances(local)
     if model.shared is not None:
-        out = out + (local.times(factor.back(model.shared)) ** 2).sum(axis=1)
+        out = out + (local.times(model.shared) ** 2).sum(axis=1)
     return np.asarray(out)
 
 
@@ -132,11 +147,9 @@ def owed_of_sums(model: ContactModel, rows: Floats) -> Floats:
 
 def variance_of_sums(model: ContactModel, rows: Floats) -> Floats:
     """The same of rows that are not sparse."""
-    face, known = face_of(model.solution)
-    if isinstance(known, Iterative) and model.shared is None:
-        return known.squares(face.columns(rows))
-    factor = posterior_factor(model.solution, rows)
-    out = (factor**2).sum(axis=0)
+    face, factor = face_of(model.solution)
+    local = face.columns(rows)
+    out = factor.squares(local) if isinstance(factor, Iterative) else (local.T * factor.inverse(local.T)).sum(axis=0)
     if model.shared is not None:
-        out = out + ((model.shared.T @ factor) ** 2).sum(axis=0)
+        out = out + ((local @ model.shared) ** 2).sum(axis=1)
     return np.asarray(out)

@@ -1,0 +1,119 @@
+"""A preconditioner for normal matrices that are products: their circulant on the bounding box of the contact.
+
+Far from edges a normal matrix H = G'G + P is a convolution, which transforms make diagonal but for the components (T. F. Chan, SIAM J. Sci. Stat.
+Comput. 9, 1988, 766-771; restricted to the cells there are and scaled by their diagonal: H ~ D^1/2 R C R' D^1/2). Conjugate gradients then take a third to a
+fifth of the steps that they take with the diagonal alone, a half where local weights differ from cell to cell (`palpate.inverse.contact.iterative`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import irfftn, rfftn
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.quadratic import Penalty
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.products import Box
+
+__all__ = ["Circulant", "folded", "symbol_of_penalty", "times"]
+
+#: What is added to the diagonal of each wavevector, in parts of the largest: edges and changing weights keep others from being the smallest.
+RIDGE = 1e-3
+
+
+class Circulant:
+    """C^-1 on a box, of a symbol (component, component, *k) of what is scaled to a diagonal of one."""
+
+    def __init__(self, shape: tuple[int, ...], size: tuple[int, ...], symbol: Any) -> None:
+        self.shape, self.size = shape, size
+        c = len(symbol)
+        ridge = RIDGE * max(float(symbol[i, i].real.max()) for i in range(c))
+        for i in range(c):
+            symbol[i, i] += ridge
+        self.inverse = _inverse(symbol).astype(np.complex64)
+
+    def apply(self, x: Any) -> Any:
+        """C^-1 x, of (n, component, *box) in single precision."""
+        waves = times(self.inverse, rfftn(x, self.size))
+        return irfftn(waves, self.size, [slice(0, n) for n in self.shape], overwrite=True)
+
+
+def folded(box: Box) -> tuple[tuple[int, ...], list[Any]]:
+    """The size of a box's circulant, and of each plane conj(K_i) K_j (channel, component, component, *k): K is the transform of the influence of one cell as
+    it repeats with that size.
+    """
+    from scipy.fft import next_fast_len
+
+    size = tuple(next_fast_len(n, real=True) for n in box.shape)
+    out = []
+    for plane, _, _, _ in box.planes:
+        kernel = plane.kernel[:, list(box.columns)]
+        for axis, n in enumerate(size, start=2):
+            short = -kernel.shape[axis] % n
+            kernel = np.pad(kernel, [(0, short if a == axis else 0) for a in range(kernel.ndim)])
+            parts = (*kernel.shape[:axis], -1, n, *kernel.shape[axis + 1 :])
+            kernel = kernel.reshape(parts).sum(axis=axis)
+        waves = rfftn(kernel, size)
+        # of cells finer than the pitch only every so many places hold a taxel
+        rare = math.prod(plane.ratios)
+        out.append((np.conj(waves)[:, :, None] * waves[:, None] / rare).astype(np.complex64))
+    return size, out
+
+
+def symbol_of_penalty(penalty: Penalty, places: npt.NDArray[np.intp], size: Sequence[int]) -> Floats:
+    """Of each component, the mean over cells of the penalty scaled to a diagonal of one, (component, *k); ``places`` (axis, cell)."""
+    away = places[:, penalty.col] - places[:, penalty.row]
+    reach = int(np.abs(away).max(initial=0))
+    width = 2 * reach + 1
+    code = np.zeros(away.shape[1], dtype=np.intp)
+    for a in away:
+        code = code * width + a + reach
+    n = len(penalty.cells)
+    root = 1.0 / np.sqrt(np.maximum(penalty.diagonal().reshape(-1, n), 1e-300))
+    out = []
+    for value, r in zip(penalty.values, root):
+        stencil = np.bincount(code, value * r[penalty.row] * r[penalty.col], minlength=width ** len(size)) / n
+        whole = np.zeros(size)
+        for at in np.flatnonzero(stencil):
+            offset, rest = [], int(at)
+            for _ in size:
+                rest, o = divmod(rest, width)
+                offset.append(o - reach)
+            whole[tuple(o % m for o, m in zip(reversed(offset), size))] += stencil[at]
+        out.append(np.maximum(rfftn(whole, tuple(size)).real, 0.0))
+    return np.stack(out)
+
+
+def times(spectrum: Any, waves: Any) -> Any:
+    """Spectra (to, from, *k) times transforms (n, from, *k)."""
+    out = np.empty((len(waves), *spectrum.shape[:1], *waves.shape[2:]), dtype=waves.dtype)
+    room = np.empty_like(waves[:, 0])
+    for i, row in enumerate(spectrum):
+        np.multiply(row[0], waves[:, 0], out=out[:, i])
+        for each, wave in zip(row[1:], waves.swapaxes(0, 1)[1:]):
+            np.multiply(each, wave, out=room)
+            out[:, i] += room
+    return out
+
+
+def _inverse(symbol: Any) -> Any:
+    """Of Hermitian, positive definite (c, c, *k), for every k: by the last component and what is left of the others."""
+    c = len(symbol)
+    if c == 1:
+        return 1.0 / symbol
+    last = 1.0 / symbol[-1, -1]
+    column = symbol[:-1, -1] * last
+    inner = _inverse(symbol[:-1, :-1] - column[:, None] * symbol[-1, None, :-1])
+    out = np.empty_like(symbol)
+    out[:-1, :-1] = inner
+    side = -(inner * column[None]).sum(axis=1)
+    out[:-1, -1] = side
+    out[-1, :-1] = np.conj(side)
+    out[-1, -1] = last - (np.conj(column) * side).sum(axis=0)
+    return out
