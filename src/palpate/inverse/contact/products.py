@@ -47,11 +47,11 @@ FEW_NEAR, FEW_MISSING = 0.01, 8
 #: Combinations of readings that stand for all of them where each has an error of its own.
 SKETCH = 32
 #: Fewer unknowns than this are always solved with a matrix: exactly, so that mirror images have mirror images.
-FEWEST = 1200
+FEWEST = 600
 #: Products that solving, learning local weights and error bars take in all, and what one entry of a padded transform costs against one
-#: multiplication of a matrix product. Their product is 3.0e5: large balls on 24 x 24 x 3 (3.1e5) take 0.8 of the time with products, 0.2 with friction
-#: given, on 32 x 32 x 3 (9e5) 0.2; a ring on 32 x 32 x 1 (5.8e5) 1.3, balls on 20 x 20 x 3 (1.7e5) 1.7, two on 32 x 32 x 3 (2.0e5) 2.1.
-PRODUCTS, ENTRY = 5e3, 60.0
+#: multiplication of a matrix product. Round contacts take as long with a matrix as with products where the work is so much: on 16 x 16 x 3 to 64 x 64 x 3,
+#: with friction given and without, 1.0 to 1.1 of it at 1.5e3 entries, 0.4 to 0.5 at 3e3, 0.1 at 1.4e4, 0.04 at 4e4 (`ENTRY` entries are counted as one).
+PRODUCTS, ENTRY = 1.6e3, 60.0
 #: A first solution, which tells noise and region, takes so many. Where there are more readings than this, that counts, and fewer unknowns do.
 PRODUCTS_ONCE, MANY, FEWEST_OF_MANY = 3e2, 4096, 150
 #: Relative residual at which a solution by products counts as exact, a hundredth of what noise makes of it or less, and that of the

@@ -26,7 +26,7 @@ __all__ = ["expanded", "in_blocks", "ways_of_sliding"]
 Index = npt.NDArray[np.intp]
 
 #: Unknowns up to which a large contact is looked at for sliding: in blocks of cells, as what tells of it is as wide as the contact.
-MOST_UNKNOWNS = 900
+MOST_UNKNOWNS = 450
 #: Blocks that are multiplied at a time.
 AT_A_TIME = 32
 

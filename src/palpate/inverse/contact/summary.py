@@ -227,7 +227,7 @@ class Summary:
 
     def _by_gains(self) -> Floats | None:
         """Variance of the net force (component sought,) by gains of which nothing is said."""
-        if not self.gain or any(m.data.at_size for m in self.members):
+        if not self.gain:
             return None
         each = [by_gains(p.model, p.totals, white) for p, white in zip(self._sure, self.whites)]
         return self.gain**2 * np.tensordot(self._weights, np.stack(each), 1)
@@ -237,7 +237,7 @@ class Summary:
         first = self._sure[0]
         total = first.totals[-1:]
         force = float((total @ first.model.solution.traction.ravel())[0])
-        if any(m.data.at_size for m in self.members) or not force > 0.0:
+        if not force > 0.0:
             return 0.0
         return float(np.abs(told_by_each(first.model, total, self.whites[0])).max(initial=0.0)) / force
 
