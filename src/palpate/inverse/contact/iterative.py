@@ -67,28 +67,31 @@ class Iterative:
         return out.reshape(len(v), -1)[:, face.index] + root * (root * v)
 
     def _near(self, r: Any) -> Any:
-        """What is near H^-1 r, of (k, free) in single precision: by the circulant of H (`palpate.inverse.contact.circulant`)."""
-        circulant, matrix, face = self.hessian.circulant, self.hessian.matrix, self.face
+        """What is near H^-1 r, of (k, free) in single precision: by circulants of H (`palpate.inverse.contact.circulant`)."""
+        matrix, face = self.hessian.matrix, self.face
         c, n = self._shape
         r = self._small * r
-        box = circulant.shape
-        if face.mixed:
-            whole = np.zeros((len(r), c * n), dtype=r.dtype)
-            whole[:, face.index] = r
-            x = np.einsum("dki,ski->sdi", self._turned[r.dtype], whole.reshape(-1, c, n))
-            y = np.zeros((len(r), c, math.prod(box)), dtype=r.dtype)
-            y[:, :, matrix.inside] = x
-        else:
+        circulants = self.hessian.circulants
+        box = circulants[0][1].shape
+        if len(circulants) == 1 and not face.mixed:
             y = np.zeros((len(r), c * math.prod(box)), dtype=r.dtype)
             y[:, self._places] = r
-        out = circulant.apply(y.reshape(len(r), c, *box))
+            out = circulants[0][1].apply(y.reshape(len(r), c, *box))
+            return self._small * out.reshape(len(r), -1)[:, self._places]
+        whole = np.zeros((len(r), c * n), dtype=r.dtype)
+        whole[:, face.index] = r
+        x = whole.reshape(-1, c, n)
         if face.mixed:
-            x = out.reshape(len(r), c, -1)[:, :, matrix.inside]
-            found = np.einsum("dki,sdi->ski", self._turned[r.dtype], x).reshape(len(r), -1)[:, face.index]
-        else:
-            found = out.reshape(len(r), -1)[:, self._places]
-        found *= self._small
-        return found
+            x = np.einsum("dki,ski->sdi", self._turned[r.dtype], x)
+        found: Any = 0.0
+        for part, circulant in circulants:
+            y = np.zeros((len(r), c, math.prod(box)), dtype=r.dtype)
+            y[:, :, matrix.inside] = part * x
+            out = circulant.apply(y.reshape(len(r), c, *box))
+            found = found + part * out.reshape(len(r), c, -1)[:, :, matrix.inside]
+        if face.mixed:
+            found = np.einsum("dki,sdi->ski", self._turned[r.dtype], found)
+        return self._small * found.reshape(len(r), -1)[:, face.index]
 
     def solve(self, right: Floats) -> Floats:
         found = self._solved(right[None], STEP)[0]

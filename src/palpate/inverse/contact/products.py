@@ -35,6 +35,8 @@ __all__ = ["AT_SIZE", "FIRST_AT_SIZE", "Applied", "Boxes", "Products", "by_produ
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
+#: Where the readings tell of the cells this part of what they tell of most of them, on average, one circulant serves all: two take twice the time each.
+SEEN = 0.85
 #: Boxes are cut to multiples of this many cells, so that the rounds of a frame share them; so many are kept.
 STEP, KEPT = 8, 6
 #: A part of a contact has a box of its own where that has this part of the area at most.
@@ -463,19 +465,31 @@ class Products:
         return (self.matrix.squares + self.penalty.diagonal()) * np.repeat(self.scales**2, len(self.matrix.cells))
 
     @cached_property
-    def circulant(self) -> Circulant:
-        """What is next to the matrix scaled to a diagonal of one, far from edges."""
+    def circulants(self) -> list[tuple[Any, Circulant]]:
+        """Circulants that are next to the matrix scaled to a diagonal of one, and the root of the part that each has in the cells (cell,), in single
+        precision: of those that the readings tell of, and of those beyond the array that the penalty alone ties.
+        """
         matrix, c = self.matrix, self.matrix.components
         size, data = matrix.symbol
-        each = self.diagonal().reshape(c, -1)
-        scale = self.scales / np.sqrt(np.exp(np.log(each).mean(axis=1)))
-        symbol = data * (scale[:, None] * scale[None, :]).reshape(c, c, *(1,) * len(size))
+        squares, each = matrix.squares.reshape(c, -1), self.diagonal().reshape(c, -1)
+        told = squares.sum(axis=0)
+        told = np.minimum(told / max(float(np.median(told)), 1e-300), 1.0)
+        parts = [np.ones(len(told))] if told.mean() > SEEN else [told, 1.0 - told]
         places = np.stack(np.unravel_index(matrix.inside, matrix.box.shape))
         stencils = symbol_of_penalty(self.penalty, places, size)
-        seen = matrix.squares.reshape(c, -1).mean(axis=1) * scale**2
-        for i in range(c):
-            symbol[i, i] += max(1.0 - float(seen[i]), 0.0) * stencils[i]
-        return Circulant(matrix.box.shape, size, symbol)
+        out = []
+        for part in parts:
+            share = part / part.sum()
+            scale = self.scales / np.sqrt(np.exp(np.log(each) @ share))
+            seen = (squares @ share) * scale**2
+            whole = matrix.squares.reshape(c, -1).max(axis=1) * scale**2
+            symbol = data * (scale[:, None] * scale[None, :]).reshape(c, c, *(1,) * len(size))
+            if len(parts) > 1:
+                symbol = symbol * float(seen.sum() / whole.sum())
+            for i in range(c):
+                symbol[i, i] += max(1.0 - float(seen[i]), 0.0) * stencils[i]
+            out.append((np.sqrt(part).astype(np.float32), Circulant(matrix.box.shape, size, symbol)))
+        return out
 
     def scaled(self, scales: Floats) -> Products:
         return Products(self.matrix, self.penalty, self.scales * scales)
