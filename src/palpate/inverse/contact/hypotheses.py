@@ -349,10 +349,11 @@ def hypothesis_of(
         doubt = seen.any() or best.rough.ring > t.edge
         doubt |= _worth(estimator, best, data, total) and not _just_noise(estimator, best, data, observed, terms)
         # an offset of displacement on a half-space is explained by wide pressure, and nothing is left over
+        hopeless = _hopeless(estimator, tried)
         wide = estimator.far and estimator.problem.pad.thickness is None and best.rough.free < NARROW * observed.sum()
         if doubt or wide:
             # the likelier sign first: the other one is left where it cannot catch up
-            ordered = list(dict.fromkeys(h.sign for h in sorted(tried, key=lambda h: -h.rough.gain)))
+            ordered = _likelier_first(tried, hopeless)
             for sign in ordered if doubt else (best.sign,):
                 for k, start in enumerate([*levels, *lowest_levels(estimator, data, observed, terms, sign)]):
                     more = _with_drift(estimator, data, observed, total, sign, start, usual, noise, tried)
@@ -367,7 +368,7 @@ def hypothesis_of(
         tilted = edge_drift(estimator, data, observed, terms) if doubt and not usual.all() else levels[0]
         if (np.abs(tilted) * unit > t.nuisance * level)[~usual].any():
             every = np.ones_like(usual)
-            for sign in list(dict.fromkeys(h.sign for h in sorted(tried, key=lambda h: -h.rough.gain))):
+            for sign in _likelier_first(tried, hopeless):
                 tried.extend(_with_drift(estimator, data, observed, total, sign, tilted, every, noise, tried))
     if 0 in signs:
         free = _both(estimator, data, observed, total, none)
@@ -385,6 +386,22 @@ def hypothesis_of(
     )
     best = replace(best, rivals=tuple(rivals))
     return best if noise is None else replace(best, noise=noise)
+
+
+def _likelier_first(tried: Sequence[Hypothesis], hopeless: Sequence[int]) -> list[int]:
+    """The signs of what was tried, but for those that are ``hopeless``."""
+    ordered = dict.fromkeys(h.sign for h in sorted(tried, key=lambda h: -h.rough.gain))
+    return [sign for sign in ordered if sign not in hopeless]
+
+
+def _hopeless(estimator: ConstrainedEstimator, tried: Sequence[Hypothesis]) -> list[int]:
+    """Signs of contact that no offset saves, on large arrays: they gain less than half of what the best does, and that is no load all round, which is what
+    an offset would be taken for.
+    """
+    best = max(tried, key=lambda h: h.rough.gain)
+    if estimator.far or estimator.taxels < MANY or best.rough.ring > estimator.thresholds.edge:
+        return []
+    return [h.sign for h in tried if h.rough.gain < HALF * best.rough.gain]
 
 
 def _with_drift(
