@@ -23,7 +23,7 @@ def library() -> ModuleType | None:
         from ducc0 import fft
     except ImportError:
         return None
-    return fft  # type: ignore[no-any-return]
+    return fft
 
 
 def rfft2(x: Any, shape: Sequence[int]) -> Any:
@@ -53,7 +53,7 @@ def irfft2(x: Any, shape: Sequence[int], keep: Sequence[slice] | None, *, overwr
     if fast is None or x.dtype.char not in "FD" or x.shape[-2:] != (shape[0], shape[1] // 2 + 1):
         import scipy.fft
 
-        rows = scipy.fft.ifft(x, axis=-2, overwrite_x=overwrite)
+        rows = scipy.fft.ifft(x, axis=-2, overwrite_x=overwrite and x.flags.writeable)
         return scipy.fft.irfft(rows[..., kept[0], :], n=shape[1], axis=-1)[..., kept[1]]
     last = x.ndim - 1
     out = x if overwrite and x.flags.writeable else None

@@ -54,6 +54,8 @@ LINE_RATIOS, AREA_RATIOS = (5, 3), (3, 2, 1)
 LEAST_WEIGHT = 1e-3
 #: Local scales are made so much larger, in turn, where they would keep contact from explaining the readings.
 LARGER = (1.0, 4.0, 16.0, 64.0)
+#: More readings than this hold contact by themselves, and where it is.
+HOLD = 4096
 #: Standard deviations of what more is left by chance.
 LEFT_MORE = 4.0
 #: The part of the force that faint cells (`FAINT`) carry where they are doubted.
@@ -273,7 +275,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """
         pressure = member.solution.traction[-1]
         faint = pressure <= FAINT * pressure.max()
-        if member.data.at_size or not pressure[faint].sum() > MUCH * pressure.sum():
+        if not pressure[faint].sum() > MUCH * pressure.sum():
             return member
         position = np.flatnonzero(~faint)
         traction = member.solution.traction[:, position]
@@ -334,8 +336,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
 
         A model of fewer degrees of freedom leaves as many more squares of the noise, and by chance their deviation.
         """
-        if first.data.at_size or not self.parts.explains:
-            return True  # so many readings hold contact
+        if not self.parts.explains or len(self.readings.std) > HOLD:
+            return True
         more = member.squares - first.squares
         if not more > LEFT_MORE:
             return True

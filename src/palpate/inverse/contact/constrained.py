@@ -684,7 +684,6 @@ class ConstrainedEstimator:
             sampled,
             sliding=sum(m.weight for m in members if m.ray is not None),
             fit=fit,
-            sampled=large,
             small=how_small(members, self.operator.planes_of, run),
             stated=summary.stated(),
             alone=alone,

@@ -44,6 +44,9 @@ class Factor(Protocol):
     def inverse(self, right: Floats) -> Floats:
         """The same of (n, k)."""
 
+    def squares(self, rows: Floats) -> Floats:
+        """Diagonal of rows H^-1 rows', of an array (k, n)."""
+
     def variances(self, rows: Rows) -> Floats:
         """Diagonal of rows H^-1 rows', of rows (k, n)."""
 
@@ -102,6 +105,9 @@ class Dense:
     def half(self, right: Floats) -> Floats:
         """Z = L^-1 right, so that Z'Z = right' H^-1 right."""
         return _triangle(self.lower, right)
+
+    def squares(self, rows: Floats) -> Floats:
+        return np.asarray((self.half(rows.T) ** 2).sum(axis=0))
 
     @cached_property
     def _inverse(self) -> Floats:
@@ -365,6 +371,9 @@ class FewReadings:
     def inverse(self, right: Floats) -> Floats:
         return self.back(self.half(right))
 
+    def squares(self, rows: Floats) -> Floats:
+        return np.asarray((self.half(rows.T) ** 2).sum(axis=0))
+
     def half(self, right: Floats) -> Floats:
         """F right, where F'F = H^-1, by A. Andrews' square root (AIAA J. 6, 1968, 1165-1166): with 1 + B'B = L L', (1 - B L'^-1 (L + 1)^-1 B')' P^(-1/2)."""
         rows = np.concatenate([r.T for r in each_of(self.parts, self._split(right[self.order].T))]).T
@@ -468,6 +477,11 @@ class Bordered:
         lower = _triangle(self.corner, right[n:] - self.moved.T @ right[:n])
         lower = _triangle(self.corner, lower, transposed=True)
         return np.concatenate([self.inner.inverse(right[:n]) - self.moved @ lower, lower])
+
+    def squares(self, rows: Floats) -> Floats:
+        n = len(self.moved)
+        left = rows[:, n:] - rows[:, :n] @ self.moved
+        return self.inner.squares(rows[:, :n]) + (_triangle(self.corner, left.T) ** 2).sum(axis=0)
 
     def solve(self, right: Floats) -> Floats:
         return self.inverse(right[:, None])[:, 0]

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.hypotheses import Hypothesis
-from palpate.inverse.contact.iterative import SAMPLES
 from palpate.inverse.contact.model import ContactModel
 from palpate.inverse.contact.parts import STATED
 from palpate.inverse.contact.summary import Summary
@@ -42,8 +41,7 @@ Flags = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame's result; ``sampled``: the contact was too large for matrices, and errors of its cells are those of samples. Its errors are
-    then worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`); 2 where one
+    """One frame's result. Errors of a contact too large for matrices are worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`); 2 where one
     taxel alone tells it. ``adrift``: drift may be part of its force. ``stated``: what it owes to a pad that is not known exactly.
     ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: `Posterior.beyond`; ``unproven``: 1 where `quiet.unproven`, 2 where `quiet.could_be`;
     ``hangs``: the part of the normal force that one reading alone tells, where no ends of its range are given.
@@ -65,7 +63,6 @@ class Frame:
     nuisance: Floats = field(default_factory=lambda: np.zeros(0))
     nuisance_std: Floats = field(default_factory=lambda: np.zeros(0))
     at_limit: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    sampled: bool = False
     small: int = 0
     adrift: bool = False
     stated: Stated | None = None
@@ -146,17 +143,13 @@ def told_alone(planes: Sequence[Array], run: Run, pressure: Floats, grid: Grid) 
 
 
 def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
-    """What is approximated in frames whose contact is too large for matrices, and what few taxels do not tell."""
+    """What few taxels do not tell."""
 
     def where(count: int) -> str:
         return f" in {count} of {len(frames)} frames" if batch else ""
 
-    large, small, alone = (sum(n) for n in zip(*((f.sampled, f.small > 0, f.small > 1) for f in frames)))
+    small, alone = (sum(n) for n in zip(*((f.small > 0, f.small > 1) for f in frames)))
     said = []
-    if large:
-        said.append(
-            f"large contact{where(large)}: the errors of its cells are those of {SAMPLES} samples and known to about 10 %, the others to 1 %"
-        )
     if small:
         said.append(
             f"small contact{where(small)}: few taxels feel it, so that its size and its place between them, and its force with them, are known "

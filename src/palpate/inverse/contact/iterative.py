@@ -126,9 +126,8 @@ class Iterative:
             new = _dots(r, z)
             going = (new > small) & good
             if not going.all():
-                here, r, z, direction, rz, new, small = (
-                    a[going] for a in (here, r, z, direction, rz, new, small)
-                )
+                here, rz, new, small = here[going], rz[going], new[going], small[going]
+                r, z, direction = r[going], z[going], direction[going]
                 if not len(here):
                     break
             direction = z + (new / rz)[:, None].astype(np.float32) * direction

@@ -51,8 +51,8 @@ SKETCH = 32
 #: Fewer unknowns than this are always solved with a matrix: exactly, so that mirror images have mirror images.
 FEWEST = 600
 #: Products that solving, learning local weights and error bars take in all, and what one entry of a padded transform costs against one
-#: multiplication of a matrix product. Round contacts take as long with a matrix as with products where the work is so much: on 16 x 16 x 3 to 64 x 64 x 3,
-#: with friction given and without, 1.0 to 1.1 of it at 1.5e3 entries, 0.4 to 0.5 at 3e3, 0.1 at 1.4e4, 0.04 at 4e4 (`ENTRY` entries are counted as one).
+#: multiplication of a matrix product. Of the time that round contacts take with a matrix they take with products, on 16 x 16 x 3 to 64 x 64 x 3, where the work
+#: is so many entries: at 1.5e3 1.0 to 1.1 of it (0.5 where friction is given), at 3e3 0.4 (0.1), at 1.4e4 0.1, at 4e4 0.04.
 PRODUCTS, ENTRY = 1.6e3, 60.0
 #: A first solution, which tells noise and region, takes so many. Where there are more readings than this, that counts, and fewer unknowns do.
 PRODUCTS_ONCE, MANY, FEWEST_OF_MANY = 3e2, 4096, 150
@@ -341,7 +341,7 @@ class Applied:
             part = np.tensordot(np.array([r.mean() for r in rows], dtype=np.float32), each, 1)
             total = part if total is None else total + part
         if self.ray is not None:
-            total = np.einsum("i,ij...,j->...", self.ray, total, self.ray)[None, None]
+            total = np.einsum("i,ij...,j->...", self.ray, np.asarray(total), self.ray)[None, None]
         return size, total
 
     def _near_an_edge(self) -> bool:

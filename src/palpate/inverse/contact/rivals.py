@@ -97,7 +97,6 @@ def _mean(
         fit=fit,
         nuisance=sizes,
         nuisance_std=np.sqrt(within + between),
-        sampled=found.sampled,
         stated=found.stated,
         alone=found.alone,
         beyond=found.beyond,

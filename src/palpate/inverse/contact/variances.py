@@ -91,10 +91,7 @@ def taken_of_each(model: ContactModel) -> Floats:
     if isinstance(factor, Bordered) and isinstance(factor.inner, Iterative):
         taken = factor.inner.taken()
         return taken + len(factor.corner) / max(len(taken), 1)
-    local = face_of(model.solution)[0].columns(model.data.matrix).T
-    if isinstance(factor, Dense):
-        return np.asarray((factor.half(local) ** 2).sum(axis=0))
-    return np.asarray((local * factor.inverse(local)).sum(axis=0))
+    return factor.squares(face_of(model.solution)[0].columns(model.data.matrix))
 
 
 def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats:
@@ -149,7 +146,7 @@ def variance_of_sums(model: ContactModel, rows: Floats) -> Floats:
     """The same of rows that are not sparse."""
     face, factor = face_of(model.solution)
     local = face.columns(rows)
-    out = factor.squares(local) if isinstance(factor, Iterative) else (local.T * factor.inverse(local.T)).sum(axis=0)
+    out = factor.squares(local)
     if model.shared is not None:
         out = out + ((local @ model.shared) ** 2).sum(axis=1)
     return np.asarray(out)
