@@ -643,7 +643,9 @@ class ConstrainedEstimator:
     ) -> Normal:
         # what readings hardly tell apart is too badly conditioned for products
         kept = self.rounds.kept
-        return level.normal(cells, y, noise, observed, kept, products=not self.ambiguous, once=once)
+        return level.normal(
+            cells, y, noise, observed, kept, products=not self.ambiguous, once=once, slides=self.finds_sliding
+        )
 
     def combined(
         self,

@@ -1,7 +1,6 @@
 """What is asked of a factor (`palpate.inverse.contact.factors.Factor`) of a normal matrix that is known by products alone.
 
-Solutions are by conjugate gradients, scaled by the diagonal; square roots by Lanczos' method (Y. Saad, SIAM J. Numer. Anal. 29, 1992,
-209-228); variances are those of samples: H x = G'e + P^(1/2) e with e white has the covariance H^-1 (G. Papandreou, A. Yuille, NIPS 23, 2010).
+Solutions are by conjugate gradients that begin with the circulant of the matrix (`palpate.inverse.contact.circulant`); variances are those of samples: H x = G'e + P^(1/2) e with e white has the covariance H^-1 (G. Papandreou, A. Yuille, NIPS 23, 2010).
 """
 
 from __future__ import annotations

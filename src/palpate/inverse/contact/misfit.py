@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.frame import Run
-from palpate.inverse.contact.variances import covariance_of, taken_by
+from palpate.inverse.contact.variances import carried, face_of, taken_by
 from palpate.inverse.fit import FEWEST, MODEL_DETAIL, misfit_probability
 from palpate.sensing.nuisance import nuisances
 
@@ -22,8 +22,9 @@ __all__ = ["drift_probability", "fit_of", "louder", "misfit_of"]
 #: of a finite size leave more than the least noise, and hardly change the sums.
 SURE, MOST_LOUDER = 2.0, 3.0
 #: Directions that contact takes up but for this part of their square tell nothing of drift.
-#: The same of large contacts, whose solutions are known to less. It is not asked of more readings than this: a drift leaves its mark on so many.
-TOLD, TOLD_AT_SIZE, MANY = 1e-6, 1e-3, 4096
+#: The same of large contacts, whose solutions are known to less. Of more readings than this each model costs a tenth of a frame, and none is asked where one
+#: before found this probability or more.
+TOLD, TOLD_AT_SIZE, MANY, PLAIN = 1e-6, 1e-3, 4096, 0.05
 
 
 def fit_of(estimator: ConstrainedEstimator, run: Run) -> tuple[float, float]:
@@ -92,9 +93,10 @@ def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
     """
     import scipy.special
 
-    many = int(run.observed.sum()) > MANY
-    if not run.members or (many and any(m.data.at_size for m in run.members)):
+    if not run.members:
         return math.nan
+    many = int(run.observed.sum()) > MANY
+    members = sorted(run.members, key=lambda m: -m.weight) if many else run.members
     observed, known = run.observed, estimator.noise_known
     drifts = np.stack([t.rows for t in nuisances(estimator.operator.planes_of, ("offset", "ramp"))], axis=1)
     columns = np.concatenate([run.doubtful[0], drifts / run.noise[:, None]], axis=1)
@@ -102,7 +104,9 @@ def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
     y = estimator.readings.white((run.data / run.noise)[observed], observed)
     detail = math.hypot(MODEL_DETAIL, estimator.problem.doubts.stated_gain) * float(np.abs(y).max(initial=0.0))
     chances = []
-    for m in run.members:
+    for m in members:
+        if many and max(chances, default=0.0) > PLAIN:
+            break
         t, matrix = m.solution.traction, m.data.matrix
         ways = np.zeros((len(t) - 1, *t.shape))
         for i, way in enumerate(ways):
@@ -112,8 +116,14 @@ def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
         each = np.concatenate([*(d[:, None] for d in drag), columns], axis=1)
         size = np.sqrt((each**2).sum(axis=0))
         each = each / np.where(size > 0, size, 1.0)
-        along = each.T @ (y - matrix @ t.ravel())
-        covariance = each.T @ each - covariance_of(m.solution, each.T @ matrix)
+        rows, misfit = each.T @ matrix, y - matrix @ t.ravel()
+        along, face = each.T @ misfit, face_of(m.solution)[0]
+        local, moved = face.columns(rows), carried(m.solution, rows)
+        if m.data.at_size:
+            # what the solution is short of, for being solved to a tolerance
+            slope = misfit @ matrix - m.penalty.product(t).ravel()
+            along = along - moved.T @ face.columns(slope[None])[0]
+        covariance = each.T @ each - local @ moved
         least = TOLD_AT_SIZE if m.data.at_size else TOLD
         count, squares = _squares(covariance, along, least)
         fewer, without = _squares(covariance[:first, :first], along[:first], least)

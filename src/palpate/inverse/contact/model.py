@@ -96,11 +96,13 @@ class Level:
         *,
         products: bool = False,
         once: bool = False,
+        slides: bool = False,
     ) -> Normal:
         """The normal equations of some cells, for readings ``y`` in units of the noise; ``kept`` is that of `Rounds`;
-        ``products``: large contacts need no matrix; ``once``: they are solved once.
+        ``products``: large contacts need no matrix; ``once``, ``slides``: as for `by_products`.
         """
-        if products and by_products(self.operator, cells, len(self.columns), int(observed.sum()), once=once):
+        count = int(observed.sum())
+        if products and by_products(self.operator, cells, len(self.columns), count, once=once, slides=slides):
             applied = Applied(self.boxes, self.readings, self.grid.shape, cells, noise, observed)
             linear = self.readings.white(y[observed], observed) @ applied
             return Normal(self, cells, applied, linear.reshape(-1, len(cells)))

@@ -54,6 +54,9 @@ FEWEST = 600
 #: multiplication of a matrix product. Of the time that round contacts take with a matrix they take with products, on 16 x 16 x 3 to 64 x 64 x 3, where the work
 #: is so many entries: at 1.5e3 1.0 to 1.1 of it (0.5 where friction is given), at 3e3 0.4 (0.1), at 1.4e4 0.1, at 4e4 0.04.
 PRODUCTS, ENTRY = 1.6e3, 60.0
+#: The same where contact may slide as a whole: with a matrix it is solved on finer cells, which pays (balls and blocks that slide on a bonded gel: 0.44 of the
+#: clairvoyant filter's error, without 0.58).
+FEWEST_SLIDING, PRODUCTS_SLIDING = 1200, 5e3
 #: A first solution, which tells noise and region, takes so many. Where there are more readings than this, that counts, and fewer unknowns do.
 PRODUCTS_ONCE, MANY, FEWEST_OF_MANY = 3e2, 4096, 150
 #: Relative residual at which a solution by products counts as exact, a hundredth of what noise makes of it or less, and that of the
@@ -65,12 +68,17 @@ MATRIX = 2e9
 FACTORS = 3.0
 
 
-def by_products(operator: Operator, cells: Index, components: int, readings: int, *, once: bool = False) -> bool:
-    """Whether products serve the contact sooner than matrices, formed or left as readings and penalty: by the work of each."""
+def by_products(
+    operator: Operator, cells: Index, components: int, readings: int, *, once: bool = False, slides: bool = False
+) -> bool:
+    """Whether products serve the contact sooner than matrices, formed or left as readings and penalty: by the work of each. ``once``: it is solved once;
+    ``slides``: it may slide as a whole.
+    """
     unknowns = components * len(cells)
     # of so many readings not even the columns of a few cells are quickly made
     once = once and readings > MANY
-    if unknowns < (FEWEST_OF_MANY if once else FEWEST) or not can_be_applied(operator):
+    fewest, products = (FEWEST_SLIDING, PRODUCTS_SLIDING) if slides and not once else (FEWEST, PRODUCTS)
+    if unknowns < (FEWEST_OF_MANY if once else fewest) or not can_be_applied(operator):
         return False
     box = box_of(cells, operator.surface.shape)
     row = min(b.stop - b.start for b in box) if len(box) > 1 else 1
@@ -80,7 +88,7 @@ def by_products(operator: Operator, cells: Index, components: int, readings: int
     for plane in operator.planes:
         size = [(m - 1) * r + b.stop - b.start for m, r, b in zip(plane.taxels, plane.ratios, box)]  # type: ignore[attr-defined]
         padded += math.prod(size) * (components + plane.rows)  # type: ignore[attr-defined]
-    return (PRODUCTS_ONCE if once else PRODUCTS) * ENTRY * padded < formed
+    return (PRODUCTS_ONCE if once else products) * ENTRY * padded < formed
 
 
 def can_be_applied(operator: Operator) -> bool:
