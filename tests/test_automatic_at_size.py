@@ -49,8 +49,10 @@ def noisy(skin: pp.Skin, traction: Any, part: float = 0.02, seed: int = 0) -> tu
 def without_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything without matrices."""
     monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
-    monkeypatch.setattr(products, "FEWEST", 10)
-    monkeypatch.setattr(products, "PRODUCTS", 0.0)
+    for name in ("FEWEST", "FEWEST_SLIDING"):
+        monkeypatch.setattr(products, name, 10)
+    for name in ("PRODUCTS", "PRODUCTS_SLIDING"):
+        monkeypatch.setattr(products, name, 0.0)
     # the least error of a large contact's force is a bound, not what products leave
     monkeypatch.setattr(summary, "MODEL_FORCE_AT_SIZE", summary.MODEL_FORCE)
     monkeypatch.setattr(summary, "SUMS_AT_SIZE", 1.0)
@@ -156,6 +158,23 @@ def test_inverses_of_small_hermitian_matrices(components: int) -> None:
     symbol = np.einsum("ik...,jk...->ij...", half, np.conj(half)) + 0.1 * np.eye(components)[..., None, None]
     expected = np.moveaxis(np.linalg.inv(np.moveaxis(symbol, (0, 1), (-2, -1))), (-2, -1), (0, 1))
     np.testing.assert_allclose(circulant._inverse(symbol), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_an_offset_under_a_ball_that_covers_the_array_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was read as 3 to 4 % of the force, which was said to be known to 0.7 %."""
+    without_matrices(monkeypatch)
+    skin = skin_of(24)
+    clean, _ = noisy(skin, ball(skin, 9e-3, 1e-3), seed=4)
+    fit = float(skin.reconstruct(clean).fit)
+    assert fit > 0.05
+    shifted = clean.copy()
+    shifted[2] += 0.015 * np.abs(clean).max()
+    touch = skin.reconstruct(shifted)
+    assert float(touch.fit) < 1e-4
+    true = 1e3 * 2.0 / 3.0 * np.pi * 9e-3**2
+    low, high = touch.interval(0.95, "force")
+    assert low[2] <= true <= high[2]
+    assert any("the model does not explain" in n for n in touch.notes)
 
 
 def framed(skin: pp.Skin, readings: Any, friction: float | None) -> Any:

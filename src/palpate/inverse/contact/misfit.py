@@ -103,7 +103,7 @@ def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
     columns = estimator.readings.white(columns[observed], observed)
     y = estimator.readings.white((run.data / run.noise)[observed], observed)
     detail = math.hypot(MODEL_DETAIL, estimator.problem.doubts.stated_gain) * float(np.abs(y).max(initial=0.0))
-    chances = []
+    chances: list[float] = []
     for m in members:
         if many and max(chances, default=0.0) > PLAIN:
             break
@@ -121,8 +121,12 @@ def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
         local, moved = face.columns(rows), carried(m.solution, rows)
         if m.data.at_size:
             # what the solution is short of, for being solved to a tolerance
-            slope = misfit @ matrix - m.penalty.product(t).ravel()
-            along = along - moved.T @ face.columns(slope[None])[0]
+            slope = (misfit @ matrix).reshape(t.shape)
+            if m.ray is None:
+                slope = slope - m.penalty.product(t)
+            else:  # the penalty of what slides is that of its pressure
+                slope[-1:] -= m.penalty.product(t[-1:])
+            along = along - moved.T @ face.columns(slope.reshape(1, -1))[0]
         covariance = each.T @ each - local @ moved
         least = TOLD_AT_SIZE if m.data.at_size else TOLD
         count, squares = _squares(covariance, along, least)
