@@ -1,6 +1,7 @@
 """What is asked of a factor (`palpate.inverse.contact.factors.Factor`) of a normal matrix that is known by products alone.
 
-Solutions are by conjugate gradients that begin with the circulant of the matrix (`palpate.inverse.contact.circulant`); variances are those of samples: H x = G'e + P^(1/2) e with e white has the covariance H^-1 (G. Papandreou, A. Yuille, NIPS 23, 2010).
+Solutions are by conjugate gradients that begin with the circulant of the matrix (`palpate.inverse.contact.circulant`), in single precision;
+variances are those of samples: H x = G'e + P^(1/2) e with e white has the covariance H^-1 (G. Papandreou, A. Yuille, NIPS 23, 2010).
 """
 
 from __future__ import annotations
@@ -44,11 +45,10 @@ class Iterative:
         #: Of each free direction that is a component, its place in the box.
         self._places = component * math.prod(hessian.matrix.box.shape) + hessian.matrix.inside[cell]
         self._drawn: Floats = np.zeros((0, len(self.diagonal)))
-        # cells last, and in either precision: the sums are then over memory that lies together
-        turned = np.ascontiguousarray(face.basis.transpose(1, 2, 0)) if face.mixed else np.zeros((c, c, 0))
-        kinds = [np.dtype(t) for t in (np.float32, np.float64)]
-        self._turned: dict[Any, Any] = {t: turned.astype(t) for t in kinds}
-        self._root_of_more: dict[Any, Any] = {t: np.sqrt(more).astype(t) for t in kinds}
+        # cells last: the sums are then over memory that lies together
+        turned = face.basis.transpose(1, 2, 0) if face.mixed else np.zeros((c, c, 0))
+        self._turned = np.ascontiguousarray(turned, dtype=np.float32)
+        self._root_of_more = np.sqrt(more).astype(np.float32)
 
     def _apply(self, v: Any, *, about: bool = False) -> Any:
         """(k, free); ``about`` as for `Products.many`: a Newton step is followed by an exact residual, and errors need no more."""
@@ -57,12 +57,12 @@ class Iterative:
         whole[:, face.index] = v
         x = whole.reshape(len(v), *self._shape)
         if face.mixed:
-            x = np.einsum("dki,ski->sdi", self._turned[v.dtype], x)
+            x = np.einsum("dki,ski->sdi", self._turned, x)
         out = self.hessian.many(x, about=about)
         if face.mixed:
-            out = np.einsum("dki,sdi->ski", self._turned[v.dtype], out)
+            out = np.einsum("dki,sdi->ski", self._turned, out)
         # a root at a time: what is as good as fixed is beyond single precision
-        root = self._root_of_more[v.dtype]
+        root = self._root_of_more
         return out.reshape(len(v), -1)[:, face.index] + root * (root * v)
 
     def _near(self, r: Any) -> Any:
@@ -81,7 +81,7 @@ class Iterative:
         whole[:, face.index] = r
         x = whole.reshape(-1, c, n)
         if face.mixed:
-            x = np.einsum("dki,ski->sdi", self._turned[r.dtype], x)
+            x = np.einsum("dki,ski->sdi", self._turned, x)
         found: Any = 0.0
         for part, circulant in circulants:
             y = np.zeros((len(r), c, math.prod(box)), dtype=r.dtype)
@@ -89,7 +89,7 @@ class Iterative:
             out = circulant.apply(y.reshape(len(r), c, *box))
             found = found + part * out.reshape(len(r), c, -1)[:, :, matrix.inside]
         if face.mixed:
-            found = np.einsum("dki,sdi->ski", self._turned[r.dtype], found)
+            found = np.einsum("dki,sdi->ski", self._turned, found)
         return self._small * found.reshape(len(r), -1)[:, face.index]
 
     def solve(self, right: Floats) -> Floats:
