@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import as_real, from_numpy, namespace, to_numpy
-from palpate._memory import SHARE, available, require
+from palpate._memory import SHARE, SMALL, available, require
 from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats, Pad, isotropic_constants
 from palpate.elastic.viscoelastic import CreepFilter
@@ -187,6 +187,8 @@ def check_frames(readings: Any, planes: Sequence[Array], surface: Grid, draws: i
         FRAME_READINGS * count + FRAME_CELLS * cells
     )
     each += 8.0 * draws * cells
+    if frames * each < SMALL:
+        return  # what is free stands in a dozen files: a third of a fast frame
     free = available()
     fewer = 0 if free is None else int(SHARE * free / (MOST * each))
     fewer -= fewer % 10 ** (len(str(fewer)) - 1)
