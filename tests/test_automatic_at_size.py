@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.contact import circulant, products, summary
+from palpate.inverse.contact import circulant, hypotheses, products, summary
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.faces import Face, straight
 from palpate.inverse.contact.iterative import Iterative
@@ -175,6 +175,33 @@ def test_an_offset_under_a_ball_that_covers_the_array_is_said(monkeypatch: pytes
     low, high = touch.interval(0.95, "force")
     assert low[2] <= true <= high[2]
     assert any("the model does not explain" in n for n in touch.notes)
+
+
+@pytest.mark.parametrize(
+    ("ring", "gains", "left_out"),
+    [(0.1, (100.0, 40.0), [-1]), (0.1, (100.0, 60.0), []), (0.5, (100.0, 40.0), []), (0.1, (-1.0, -3.0), [])],
+)
+def test_signs_that_no_offset_saves(ring: float, gains: tuple[float, float], left_out: list[int]) -> None:
+    """Neither where the edge is loaded all round, as an offset would be, nor where nothing explains the readings."""
+    estimator = AdaptiveEstimator(skin_of(20).problem(), cone_of(("x", "y", "z"), None))
+    nothing = np.zeros(0)
+    tried = [
+        hypotheses.Hypothesis(sign, hypotheses.Rough(gain, 1.0, 1.0, nothing, nothing, ring), nothing)
+        for sign, gain in zip((1, -1), gains)
+    ]
+    assert hypotheses._hopeless(estimator, tried) == left_out
+    assert hypotheses._likelier_first(tried, left_out) == [s for s in (1, -1) if s not in left_out]
+
+
+def test_a_pull_with_an_offset_on_a_large_array() -> None:
+    skin = skin_of(20)
+    pulled = -ball(skin, 4e-3, 1e-3)
+    readings, _ = noisy(skin, pulled, seed=2)
+    readings[2] += 0.2 * np.abs(readings).max()
+    touch = skin.reconstruct(readings)
+    true = float(pulled[2].sum()) * skin.surface.cell
+    assert float(touch.force[2]) == pytest.approx(true, rel=0.1)
+    assert any("offset of stress_zz" in n for n in touch.notes)
 
 
 def framed(skin: pp.Skin, readings: Any, friction: float | None) -> Any:

@@ -60,9 +60,9 @@ def test_parts_of_arrays_and_what_cannot_be_written() -> None:
 
 @pytest.mark.usefixtures("library")
 def test_cut_before() -> None:
-    """A size smaller than the array cuts it, as NumPy's own transforms do."""
+    """A size smaller than the array cuts it."""
     x = np.random.default_rng(2).standard_normal((2, 9, 11))
-    np.testing.assert_allclose(rfftn(x, (6, 8)), np.fft.rfftn(x, s=(6, 8), axes=(1, 2)), atol=1e-12)
+    np.testing.assert_allclose(rfftn(x, (6, 8)), scipy.fft.rfftn(x[:, :6, :8], axes=(1, 2)), atol=1e-12)
 
 
 def test_a_frame_is_the_same_with_either(monkeypatch: pytest.MonkeyPatch) -> None:

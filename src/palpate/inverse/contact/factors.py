@@ -375,7 +375,9 @@ class FewReadings:
         return np.asarray((self.half(rows.T) ** 2).sum(axis=0))
 
     def half(self, right: Floats) -> Floats:
-        """F right, where F'F = H^-1, by A. Andrews' square root (AIAA J. 6, 1968, 1165-1166): with 1 + B'B = L L', (1 - B L'^-1 (L + 1)^-1 B')' P^(-1/2)."""
+        """F right, where F'F = H^-1, by A. Andrews' square root (AIAA J. 6, 1968, 1165-1166): with 1 + B'B = L L',
+        (1 - B L'^-1 (L + 1)^-1 B')' P^(-1/2).
+        """
         rows = np.concatenate([r.T for r in each_of(self.parts, self._split(right[self.order].T))]).T
         seen = _triangle(self.lower, self.b @ rows.T)
         seen = _triangle(self._raised, seen, transposed=True)

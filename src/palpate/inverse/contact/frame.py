@@ -41,8 +41,8 @@ Flags = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame's result. Errors of a contact too large for matrices are worked out when they are asked for. ``small``: it may be a disc of about a pitch or less (`palpate.inverse.contact.compact`); 2 where one
-    taxel alone tells it. ``adrift``: drift may be part of its force. ``stated``: what it owes to a pad that is not known exactly.
+    """One frame's result. Errors of a contact too large for matrices are worked out when they are asked for. ``small``: it may be a disc of about a
+    pitch or less (`palpate.inverse.contact.compact`); 2 where one taxel alone tells it. ``adrift``: drift may be part of its force. ``stated``: what it owes to a pad that is not known exactly.
     ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: `Posterior.beyond`; ``unproven``: 1 where `quiet.unproven`, 2 where `quiet.could_be`;
     ``hangs``: the part of the normal force that one reading alone tells, where no ends of its range are given.
     """

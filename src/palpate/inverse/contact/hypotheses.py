@@ -399,7 +399,8 @@ def _hopeless(estimator: ConstrainedEstimator, tried: Sequence[Hypothesis]) -> l
     an offset would be taken for.
     """
     best = max(tried, key=lambda h: h.rough.gain)
-    if estimator.far or estimator.taxels < MANY or best.rough.ring > estimator.thresholds.edge:
+    explains = best.rough.gain > 0.0 and not best.rough.ring > estimator.thresholds.edge
+    if estimator.far or estimator.taxels < MANY or not explains:
         return []
     return [h.sign for h in tried if h.rough.gain < HALF * best.rough.gain]
 

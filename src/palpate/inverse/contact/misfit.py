@@ -21,8 +21,8 @@ __all__ = ["drift_probability", "fit_of", "louder", "misfit_of"]
 #: What is left is more than the noise that was given where it is so many standard errors of its root mean square larger, and by this factor at most: cells
 #: of a finite size leave more than the least noise, and hardly change the sums.
 SURE, MOST_LOUDER = 2.0, 3.0
-#: Directions that contact takes up but for this part of their square tell nothing of drift.
-#: The same of large contacts, whose solutions are known to less. Of more readings than this each model costs a tenth of a frame, and none is asked where one
+#: Directions that contact takes up but for this part of their square tell nothing of drift; the same of large contacts, whose solutions are known to less.
+#: Of more readings than this each model costs a tenth of a frame, and none is asked where one
 #: before found this probability or more.
 TOLD, TOLD_AT_SIZE, MANY, PLAIN = 1e-6, 2e-5, 4096, 0.05
 #: More readings than this tell of drifts as small as what a penalty leaves of a contact that covers them: those of `MODEL_DETAIL` of the largest reading are no
@@ -92,7 +92,8 @@ def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
     44, 1948, 50-57), or F where noise was learned. Contact takes up nearly all of a drift, and what is left is too small and too smooth for tests
     of size and of neighbours. The model that it explains least counts: in the others it may be what they smooth.
 
-    Taken out first (their Schur complement) is what a pad may do that is not known exactly, and shear in one proportion to the pressure, which the penalty keeps small.
+    Taken out first (by the Schur complement) is what a pad may do that is not known exactly, and shear in one proportion to the pressure, which
+    the penalty keeps small. Of more than `LOUD` readings the covariance is S + S D^2 S: drifts of a size D are no misfit.
     """
     import scipy.special
 

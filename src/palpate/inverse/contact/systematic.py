@@ -238,7 +238,9 @@ def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float]
 
 
 def _untold(told: Floats, prior: Floats) -> Floats:
-    """K with K K' = (S + D^-2)^-1, what readings do not tell of unknowns besides the contact: S is what they have ``told``, D the ``prior`` deviations. Of readings far beyond the noise (a converter at its end) rounding may leave directions of S below zero: of these they tell nothing."""
+    """K with K K' = (S + D^-2)^-1, what readings do not tell of unknowns besides the contact: S is what they have ``told``, D the ``prior``
+    deviations. Of readings far beyond the noise (a converter at its end) rounding may leave directions of S below zero: of these they tell nothing.
+    """
     values, vectors = np.linalg.eigh(told * prior * prior[:, None])
     return np.asarray(prior[:, None] * vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
 
