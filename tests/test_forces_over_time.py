@@ -15,7 +15,7 @@ import palpate as pp
 from command_line import run
 from palpate._plot import arrow_cells, nice, plot_forces
 from palpate.archives.numbers import Numbers
-from palpate.archives.rested import Rest
+from palpate.sensing.zero import Rest
 from palpate.grasp import Event
 from palpate.live.session import Session
 from palpate.recordings import read_touch, write_recording, write_touch

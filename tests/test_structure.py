@@ -34,6 +34,7 @@ ROOMS = [
     "tracking",
     "recordings",
     "network",
+    "_skin_properties",
     "skin",
     "archives",
     "simulation",

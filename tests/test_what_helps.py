@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.archives.rested import Rest
+from palpate.sensing.zero import Rest
 from palpate.sensing.zero import MOVED, moved
 from palpate.status import Status
 from palpate.tracking import iteration

@@ -10,16 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy
+from palpate._skin_properties import SkinProperties
 from palpate.elastic.pad import Floats, Pad, check_pad
 from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.contact.methods import Constrained
 from palpate.inverse.method import Method, Prepared
 from palpate.inverse.observability import (
-    Observability,
     check_observable,
-    observability,
-    observable_components,
     without_mean,
 )
 from palpate.inverse.problem import Kept, Problem
@@ -31,14 +29,14 @@ from palpate.sensing.contacts import contact_readings, sampled
 from palpate.sensing.grids import Grid
 from palpate.sensing.limits import check_creep, cut, taken_as_they_are
 from palpate.sensing.nuisance import check_nuisance
-from palpate.sensing.operator import Boundary, Operator
+from palpate.sensing.operator import Boundary
 from palpate.sensing.readings import Layout, checked_traction, creeping, frame_times, joined_planes, with_creep
 from palpate.sensing.surface import default_surface
 from palpate.sensing.uncertainty import Uncertainty
+from palpate.sensing.zero import Rest, rest_frames
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
 from palpate.tracking.tracker import Tracker, check_settings, check_sought
-from palpate.uncertainty import Case
 
 if TYPE_CHECKING:
     from palpate.recordings.recording import Recording
@@ -47,9 +45,11 @@ __all__ = ["Skin"]
 
 #: Methods prepared that are kept; what they share is kept by `Problem`.
 PREPARED = 8
+#: Zeros whose skins are kept.
+RESTS = 2
 
 
-class Skin:
+class Skin(SkinProperties):
     """An elastic pad with sensing elements in or under it; what is expensive is prepared on first use and kept.
 
     Parameters
@@ -132,6 +132,7 @@ class Skin:
         )
         self._problem.uncertainty.check(self._elastic)
         self._methods = Kept(entries=PREPARED)
+        self._rests = Kept(entries=RESTS)
         self._default: tuple[str, ...] | None = None
 
     # -- what it is ----------------------------------------------------------------------------------------------------
@@ -173,133 +174,6 @@ class Skin:
         pad, planes, surface, boundary = read_skin(path, recording)
         return cls(pad, planes, surface=surface, boundary=boundary, uncertainty=read_uncertainty(path))
 
-    @property
-    def pad(self) -> Pad:
-        """The elastic body.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])).pad is pad
-        True
-        """
-        return self._pad
-
-    @property
-    def planes(self) -> tuple[Array, ...]:
-        """The arrays, one per plane.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> planes = [pp.LineArray(count=11, pitch=1e-3, depth=d, channels=["stress_zz"]) for d in (1e-3, 2e-3)]
-        >>> [plane.depth for plane in pp.Skin(pad, planes).planes]
-        [0.001, 0.002]
-        """
-        return self._planes
-
-    @property
-    def surface(self) -> Grid:
-        """Where traction is sought.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])).surface
-        LineGrid(count=15, spacing=0.001, center=0.0)
-        """
-        return self._surface
-
-    @property
-    def boundary(self) -> str:
-        """ "free" or "periodic".
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> array = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
-        >>> pp.Skin(pad, array).boundary, pp.Skin(pad, array, boundary="periodic").boundary
-        ('free', 'periodic')
-        """
-        return self._boundary
-
-    @property
-    def uncertainty(self) -> Uncertainty:
-        """How well pad and sensors are known.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> array = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
-        >>> pp.Skin(pad, array, uncertainty=pp.Uncertainty(depth=0.1)).uncertainty.depth
-        0.1
-        """
-        return self._problem.uncertainty
-
-    @property
-    def operator(self) -> Operator:
-        """The linear operator from traction to readings, with its adjoint.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
-        >>> skin.operator.dense().shape  # readings, and two components in 15 cells
-        (11, 30)
-        """
-        return self._problem.operator
-
-    @property
-    def components(self) -> tuple[str, ...]:
-        """What `reconstruct` seeks by default, the traction components that these channels can tell apart.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> one = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
-        >>> two = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"])
-        >>> pp.Skin(pad, one).components, pp.Skin(pad, two).components
-        (('z',), ('x', 'z'))
-        """
-        if self._default is None:
-            self._default = observable_components(self._elastic, self._planes)
-        return self._default
-
-    def observability(self, wavelength: npt.ArrayLike, *, components: Sequence[str] | None = None) -> Observability:
-        """How well each ``wavelength`` [m] of the traction is seen: the condition of its matrix.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
-        >>> seen = skin.observability([1e-3, 10e-3])
-        >>> seen.condition.round(1).tolist()
-        [159.9, 3.3]
-        """
-        return observability(self._elastic, self._planes, wavelength, self._names(components))
-
-    def case(self, components: Sequence[str] | None = None) -> Case:
-        """What the constants of its error bars must be for.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
-        >>> str(skin.case())
-        'line, stress, half-space'
-        """
-        problem = self._problem.seeking(self._names(components))
-        return Case.of(self._elastic, self._planes, problem.components, ambiguous=problem.ambiguous)
-
     def masked(self, working: npt.ArrayLike | Sequence[npt.ArrayLike]) -> Skin:
         """The same skin without the taxels where ``working`` is False; of several planes, one mask for each.
 
@@ -334,6 +208,36 @@ class Skin:
         """
         return self._with(self._elastic, self._planes)
 
+    def at_rest(self, rest: Rest | npt.ArrayLike) -> Skin:
+        """The skin for readings from which a zero was taken: its noise is that of the frames at rest, and offsets of stress and strain are no more sought.
+
+        Parameters
+        ----------
+        rest : array (frame, channel, *array), or palpate.sensing.zero.Rest
+            Readings while nothing touches. Five frames or more tell the noise too; noise that the array states is kept.
+
+        Raises
+        ------
+        InvalidInput
+            No frames, or frames of another shape.
+        Unsupported
+            Planes of different shapes: their frames do not fit one array. Take the zero from the readings yourself, and state the noise of each array.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+        >>> frames = 500.0 + 2.0 * np.random.default_rng(0).standard_normal((50, 1, 11))
+        >>> [round(n, 1) for n in skin.at_rest(frames).planes[0].noise]
+        [2.0]
+        """
+        found = rest if isinstance(rest, Rest) else Rest.of(rest_frames(rest, self._planes))
+        out = self._with(self._pad, found.taken_from(self._planes))
+        out._problem.zeroed = True
+        return out
+
     def _with(self, pad: Pad, planes: Sequence[Array]) -> Skin:
         """On the same surface, so that results stay comparable."""
         out = Skin(
@@ -345,6 +249,7 @@ class Skin:
             uncertainty=self._problem.uncertainty,
         )
         out._given = out._problem.fixed = self._given
+        out._problem.zeroed = self._problem.zeroed
         return out
 
     # -- forward -------------------------------------------------------------------------------------------------------
@@ -433,12 +338,14 @@ class Skin:
         components: Sequence[str] | None = None,
         rng: np.random.Generator | None = None,
         time: npt.ArrayLike | None = None,
+        zero: npt.ArrayLike | None = None,
         **options: Any,
     ) -> Touch:
         """Traction on the surface from readings.
 
         With nothing but readings, the noise and the prior are learned from the frame, pressure is kept from pulling, and
-        error bars come with the result (`Touch.std`, `Touch.interval`).
+        error bars come with the result (`Touch.std`, `Touch.interval`). On a real sensor give frames at rest (``zero``): what
+        exceeds their noise is contact, or readings that the pad's model does not explain, but never "no contact".
 
         Parameters
         ----------
@@ -455,6 +362,8 @@ class Skin:
         time : array (frame,), optional
             Time of each frame [s] of readings (frame, channel, *array); labels the result. Needed where the pad creeps
             (`Viscoelastic`), to take the creep out.
+        zero : array (frame, channel, *array), optional
+            Frames at rest. Their mean is taken from the readings; five or more also tell the noise (`at_rest`).
         **options
             Options of the method, as its class takes and explains them: ``friction`` and ``draws`` of `Adaptive`, ``order``, ``rule``
             and ``parameter`` (a number, or the name of a rule) of `Tikhonov`, ``length`` of `Hilgers`, ``spectrum`` of `Wiener`, and
@@ -485,6 +394,17 @@ class Skin:
         >>> skin.reconstruct(readings, method="tikhonov").force.round().tolist()  # (x, z) [N/m]
         [3.0, 10.0]
         """
+        if zero is not None:
+            rest = Rest.of(rest_frames(zero, self._planes))
+            less = joined_planes(readings, self._planes) if isinstance(readings, list | tuple) else readings
+            return self._zeroed(rest).reconstruct(
+                less - from_numpy(rest.zero, less),
+                method=method,
+                components=components,
+                rng=rng,
+                time=time,
+                **options,
+            )
         chosen = method_asked(method, options)
         if rng is not None and "draws" not in chosen.options():
             raise Unsupported(f'method="{chosen.name}" does not take rng: it draws no samples.')
@@ -527,8 +447,16 @@ class Skin:
             nuisance_std=estimate.nuisance_std,
             nuisance_names=estimate.nuisance_names,
             at_limit=estimate.at_limit,
+            discrepancy=estimate.discrepancy,
+            force_bounds=estimate.force_bounds,
             reading_names={row: self._layout.reading_name(row) for row in estimate.left_out()},
         )
+
+    def _zeroed(self, rest: Rest) -> Skin:
+        """`at_rest`, kept for the next frames of the same zero."""
+        key = (rest.zero.tobytes(), b"" if rest.noise is None else rest.noise.tobytes())
+        found: Skin = self._rests.get(key, lambda: self.at_rest(rest))
+        return found
 
     def prepare(
         self, *, method: str | Method | None = None, components: Sequence[str] | None = None, **options: Any
@@ -662,16 +590,6 @@ class Skin:
             rate=rate,
             label=self._layout.reading_name,
         )
-
-    def _names(self, components: Sequence[str] | None) -> tuple[str, ...]:
-        if components is None:
-            return self.components
-        accepted = self._surface.components
-        if isinstance(components, str) or not components or any(c not in accepted for c in components):
-            raise InvalidInput(f"components must be a list of names among {', '.join(accepted)}; got {components!r}.")
-        if len(set(components)) < len(components):
-            raise InvalidInput(f"components names one twice: {', '.join(components)}; name each once.")
-        return tuple(c for c in accepted if c in components)
 
     def problem(self, *, components: Sequence[str] | None = None) -> Problem:
         """What a method is prepared for: operator, surface and the components sought. What methods share is kept with it.

@@ -74,6 +74,25 @@ class Status(enum.IntEnum):
         "a coarser surface or a larger parameter helps; please report the frame",
         False,
     )
+    UNEXPLAINED = (
+        8,
+        "unexplained",
+        "the pad's model does not explain these readings",
+        "check pad, depth, units, axes and signs of the channels, and broken taxels; press with a known force to check the unit",
+    )
+
+    UNDECIDED = (
+        9,
+        "undecided",
+        "noise or an offset explains these readings, and so may contact",
+        "give frames at rest (--baseline 30, zero=), or the noise of the array (noise=)",
+    )
+    OVERLOAD = (
+        10,
+        "overload",
+        "readings lie at the end of their range: the load is at least this, and nothing tells how much more",
+        "press less, or choose a larger range of the sensor",
+    )
 
     @classmethod
     def of(cls, label: str) -> Status:

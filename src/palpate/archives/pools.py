@@ -19,7 +19,6 @@ from palpate.errors import InvalidInput, Unsupported
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-    from palpate.archives.rested import AtRest
     from palpate.skin import Skin
 
 __all__ = ["Pool", "in_order", "pool_of"]
@@ -95,7 +94,7 @@ def _later(pool: Pool, task: Task) -> Callable[[], Solved]:
         return broken
 
 
-def pool_of(skin: Skin | AtRest, options: dict[str, Any], *, workers: int, scheduler: str | None) -> Pool:
+def pool_of(skin: Skin, options: dict[str, Any], *, workers: int, scheduler: str | None) -> Pool:
     """The pool that is asked for.
 
     Raises
@@ -125,7 +124,7 @@ def pool_of(skin: Skin | AtRest, options: dict[str, Any], *, workers: int, sched
 
 
 class _Here(Pool):
-    def __init__(self, skin: Skin | AtRest, options: dict[str, Any]) -> None:
+    def __init__(self, skin: Skin, options: dict[str, Any]) -> None:
         self._skin, self._options = skin, options
 
     def submit(self, task: Task) -> Callable[[], Solved]:
@@ -135,7 +134,7 @@ class _Here(Pool):
 class _Threads(Pool):
     """Threads of this process: for methods that spend their time in large products, and where memory is short."""
 
-    def __init__(self, skin: Skin | AtRest, options: dict[str, Any], workers: int) -> None:
+    def __init__(self, skin: Skin, options: dict[str, Any], workers: int) -> None:
         self._skin, self._options, self.width = skin, options, 2 * workers
         self._stack = ExitStack()
         limits = _one_thread_each()

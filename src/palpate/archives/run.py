@@ -15,7 +15,6 @@ from palpate._memory import require
 from palpate._threads import SMALL, cores
 from palpate.archives.numbers import Numbers
 from palpate.archives.pools import in_order, pool_of
-from palpate.archives.rested import Rest
 from palpate.archives.work import Task, Told, fingerprint
 from palpate.elastic import Viscoelastic
 from palpate.elastic.pad import Floats
@@ -28,7 +27,7 @@ from palpate.recordings.recording import Recording
 from palpate.recordings.touchstream import Collected
 from palpate.recordings.zarrstream import begun
 from palpate.sensing.readings import Creep, Layout, joined_planes
-from palpate.sensing.zero import OFFSETS, STANDS, Levels
+from palpate.sensing.zero import OFFSETS, STANDS, Levels, Rest
 from palpate.touch import Touch
 from palpate.touch.counted import Counted
 from palpate.touch.outcome import Outcome
@@ -174,7 +173,7 @@ def reconstruct_recording(
         Solve and write this frame alone; -1 is the last. Default: all frames.
     baseline : int
         Frames at the start in which nothing touches: their mean (`palpate.sensing.zero.zero_of`) is the zero that is taken from all readings.
-        From five on, and where the array's noise is not given, they also tell the noise by which frames without contact are known.
+        Five or more also tell the noise, where the array's is not given.
         0 (default): the readings are zero already. Readings that evidently are not (raw counts) are said in ``remarks``.
     provenance : mapping of str to str
         Kept as attributes of the result.
@@ -246,9 +245,8 @@ def reconstruct_recording(
         settings: dict[str, Any] = {"method": chosen, "components": components}
         rest = Rest.of(source.frames(0, baseline).readings) if baseline else None
         zero = None if rest is None else rest.zero
-        elastic = elastic if rest is None else rest.zeroed(elastic)
-        split = rest.at_rest(elastic) if rest is not None and chosen.by_frame and len(elastic.planes) == 1 else None
-        pool = pool_of(split or elastic, settings, workers=workers, scheduler=scheduler)
+        elastic = elastic if rest is None else elastic.at_rest(rest)
+        pool = pool_of(elastic, settings, workers=workers, scheduler=scheduler)
         stack.enter_context(pool)
         levels, layout = Levels(), Layout(elastic.planes, elastic.pad)
 

@@ -18,7 +18,6 @@ from palpate.touch.outcome import Outcome
 from palpate.touch.table import columns
 
 if TYPE_CHECKING:
-    from palpate.archives.rested import AtRest
     from palpate.elastic.pad import Floats
     from palpate.recordings.zarrpieces import Place
     from palpate.skin import Skin
@@ -66,7 +65,7 @@ class Solved:
     told: Told
 
 
-def solve(skin: Skin | AtRest, options: dict[str, Any], task: Task) -> Solved:
+def solve(skin: Skin, options: dict[str, Any], task: Task) -> Solved:
     """The touches of a task's frames, as they are written."""
     piece = piece_of(skin.reconstruct(task.readings, time=task.time, **options))
     told = Told.of(piece.touch())
@@ -74,7 +73,7 @@ def solve(skin: Skin | AtRest, options: dict[str, Any], task: Task) -> Solved:
     return Solved(piece if written is None else written, told)
 
 
-def packed(skin: Skin | AtRest, options: dict[str, Any]) -> bytes:
+def packed(skin: Skin, options: dict[str, Any]) -> bytes:
     """Skin and options on their way to another process.
 
     Raises
@@ -96,7 +95,7 @@ def solve_packed(job: bytes, task: Task) -> Solved:
 
 
 @functools.lru_cache(maxsize=2)
-def _unpacked(job: bytes) -> tuple[Skin | AtRest, dict[str, Any]]:
+def _unpacked(job: bytes) -> tuple[Skin, dict[str, Any]]:
     version, skin, options = pickle.loads(job)
     if version != palpate.__version__:
         raise Unsupported(

@@ -99,7 +99,10 @@ class Estimate:
     is 1 where traction was found as a push, -1 as a pull, 2 as a push with pull about it, 0 where it does both. ``fit`` (*batch) is the misfit probability
     (`palpate.inverse.fit`), ``nuisance`` and
     ``nuisance_std`` (*batch, term) the sizes of what readings hold besides contact, ``nuisance_names`` the label and unit of each, ``at_limit``
-    (*batch, reading) the readings at an end of their range.
+    (*batch, reading) the readings at an end of their range. ``discrepancy`` (*batch) is the share of the readings that the pad's model leaves unexplained, and
+    ``unexplained`` (*batch) where no contact explains them; ``undecided`` (*batch) where noise or an offset does, and contact may; ``overload`` (*batch) where readings at the end of
+    their range leave the load without an upper end. ``force_bounds`` (*batch, component, 2) are net
+    forces that the readings do not rule out besides, NaN where there are none.
     """
 
     traction: Any
@@ -125,6 +128,11 @@ class Estimate:
     nuisance_names: tuple[tuple[str, str], ...] = ()
     at_limit: npt.NDArray[np.bool_] | None = None
     stated: Stated | None = None
+    discrepancy: Floats | None = None
+    unexplained: npt.NDArray[np.bool_] | None = None
+    undecided: npt.NDArray[np.bool_] | None = None
+    overload: npt.NDArray[np.bool_] | None = None
+    force_bounds: Floats | None = None
 
     def status(self) -> npt.NDArray[np.int8] | None:
         """What became of each frame (*batch), as codes of `palpate.Status`; None where nothing tells the batch."""
@@ -141,6 +149,13 @@ class Estimate:
             other = np.zeros(np.shape(code), dtype=bool) if self.method is None else self.method != "adaptive"
             pulls = np.zeros(np.shape(code), dtype=bool) if self.sign is None else (self.sign < 0) | (self.sign > 1)
             code[~self.pushed & ~other & ~pulls] = Status.NOT_PUSHING
+        for flags, status in (
+            (self.unexplained, Status.UNEXPLAINED),
+            (self.undecided, Status.UNDECIDED),
+            (self.overload, Status.OVERLOAD),
+        ):
+            if flags is not None:
+                code[flags] = status
         return code
 
     def left_out(self) -> list[int]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import replace
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from palpate._recall import Recall, digest
+from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import Unsupported
 from palpate.inverse.linear.matrix_free.system import System
@@ -94,6 +97,8 @@ class Problem:
         What readings hold besides contact and noise (`palpate.sensing.nuisance`); None: the readings decide.
     uncertainty : Uncertainty
         How well pad and sensors are known.
+    zeroed : bool
+        Whether a zero was taken from the readings: stress and strain then have no offsets.
     """
 
     def __init__(
@@ -109,6 +114,7 @@ class Problem:
         uncertainty: Uncertainty | None = None,
         kept: Kept | None = None,
         recall: Recall | None = None,
+        zeroed: bool = False,
     ) -> None:
         check_surface(planes, surface)
         self.pad, self.planes, self.surface, self.boundary = pad, tuple(planes), surface, boundary
@@ -120,6 +126,7 @@ class Problem:
         self.common_std = self.uncertainty.common(self.planes)
         self.kept = Kept() if kept is None else kept
         self.recall = recall
+        self.zeroed = zeroed
 
     def seeking(self, components: Sequence[str]) -> Problem:
         """The same problem with other components sought; it shares what does not depend on them."""
@@ -134,6 +141,30 @@ class Problem:
             uncertainty=self.uncertainty,
             kept=self.kept,
             recall=self.recall,
+            zeroed=self.zeroed,
+        )
+
+    def with_even_noise(self) -> Problem:
+        """The same problem with one noise for all channels of a kind: its root mean square where it is given, else 1 in the unit of the channel.
+
+        What a pad's model leaves unexplained is spread so (`palpate.inverse.contact.discrepancy`).
+        """
+        squares: dict[str, list[float]] = {}
+        for array in self.planes:
+            for channel, std in zip(array.channels, array.noise_std or (1.0,) * len(array.channels)):
+                squares.setdefault(find_channel(channel).kind.unit, []).append(std**2)
+        level = {unit: math.sqrt(sum(values) / len(values)) for unit, values in squares.items()}
+        planes = [replace(a, noise=[level[find_channel(c).kind.unit] for c in a.channels]) for a in self.planes]
+        return Problem(
+            self.pad,
+            planes,
+            self.surface,
+            self.boundary,
+            self.components,
+            fixed=self.fixed,
+            nuisance=self.nuisance,
+            uncertainty=self.uncertainty,
+            zeroed=self.zeroed,
         )
 
     @property

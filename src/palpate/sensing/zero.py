@@ -1,16 +1,37 @@
-"""The zero of readings: the mean of frames in which nothing touches, and whether readings look as if they had none."""
+"""Frames at rest: the zero of the readings and their noise; and whether readings look as if no zero had been taken."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
-from palpate.errors import InvalidInput
+from palpate.errors import InvalidInput, Unsupported
 
-__all__ = ["FRAMES", "MOVED", "OFFSETS", "STANDS", "STILL", "Levels", "far_frames", "moved", "zero_of"]
+if TYPE_CHECKING:
+    from palpate.sensing.arrays import Array
+
+__all__ = [
+    "FRAMES",
+    "MOVED",
+    "OFFSETS",
+    "STANDS",
+    "STILL",
+    "Levels",
+    "Rest",
+    "far_frames",
+    "moved",
+    "rest_frames",
+    "zero_of",
+]
+
+#: Frames at rest from which on they tell the noise too: with 5, and some hundred readings that share it, it is known to a few per cent.
+FRAMES_FOR_NOISE = 5
 
 #: A frame that is so many times as far from the median of the frames as half of them are is no zero: a glitch, or a touch. (Noise: up to
 #: 1.5 times, of twenty readings; a drift in the meantime: twice.)
@@ -131,6 +152,91 @@ def far_frames(frames: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]
         sizes = np.sqrt((away**2).mean(axis=1))
     typical = float(np.median(sizes))
     return np.asarray(sizes > FAR * typical) if typical > 0 else np.zeros(len(frames), dtype=bool)
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What frames at rest tell: the zero and the noise.
+
+    Attributes
+    ----------
+    zero : array (channel, *array)
+        Mean of the frames.
+    noise : array (channel,) or None
+        Standard deviation of a frame less the zero, of each channel; None if the frames do not tell it (fewer than five, or all the same).
+    wanders : bool
+        Whether the readings drift, or something begins to touch (`moved`).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.sensing.zero import Rest
+    >>> frames = 500.0 + np.random.default_rng(0).standard_normal((30, 1, 4, 4))
+    >>> rest = Rest.of(frames)
+    >>> rest.zero.shape, round(float(rest.noise[0]), 1), rest.wanders
+    ((1, 4, 4), 1.0, False)
+    """
+
+    zero: Floats
+    noise: Floats | None
+    wanders: bool
+
+    @classmethod
+    def of(cls, frames: Floats) -> Rest:
+        """From frames (frame, channel, *array)."""
+        frames = np.asarray(frames, dtype=np.float64)
+        flat = frames.reshape(*frames.shape[:2], -1)
+        kept = flat[~far_frames(flat.reshape(len(flat), -1))]
+        zero = zero_of(frames)
+        if len(kept) < FRAMES_FOR_NOISE:
+            return cls(zero, None, False)
+        there = np.isfinite(kept)
+        away = np.where(there, kept - zero.reshape(1, *flat.shape[1:]), 0.0)
+        # about the mean, not from frame to frame: a sensor that smooths its readings moves slowly
+        freedom = np.maximum(there.sum(axis=(0, 2)) - there.any(axis=0).sum(axis=1), 1)
+        std = np.sqrt(np.nansum(away**2, axis=(0, 2)) / freedom)
+        known = bool(np.isfinite(std).all() and (std > 0).all())
+        noise = std * math.sqrt(1.0 + 1.0 / len(kept)) if known else None
+        index = np.repeat(np.arange(flat.shape[1]), flat.shape[2])
+        return cls(zero, noise, moved(flat.reshape(len(flat), -1), index))
+
+    def taken_from(self, planes: Sequence[Array]) -> list[Array]:
+        """The arrays for readings less the zero: their noise is that of the frames at rest where none is stated, and the ends of their ranges are as much lower."""
+        out, at = [], 0
+        for plane in planes:
+            part = slice(at, at + len(plane.channels))
+            at = part.stop
+            found = plane.rezeroed(self.zero[part])
+            if self.noise is not None and plane.noise is None:
+                found = replace(found, noise=[float(n) for n in self.noise[part]])
+            out.append(found)
+        return out
+
+
+def rest_frames(rest: Any, planes: Sequence[Array]) -> Floats:
+    """Frames (frame, channel, *array) at rest of these arrays, checked.
+
+    Raises
+    ------
+    InvalidInput
+        No frames, or frames of another shape.
+    Unsupported
+        Arrays of different shapes.
+    """
+    shapes = {p.shape for p in planes}
+    if len(shapes) > 1:
+        raise Unsupported(
+            "planes of different shapes have no common frames: take the zero from the readings yourself, and give noise= to each array."
+        )
+    frames = np.asarray(to_numpy(rest), dtype=np.float64)
+    expected = (sum(len(p.channels) for p in planes), *shapes.pop())
+    if frames.shape == expected:
+        frames = frames[None]
+    if frames.shape[1:] != expected or not len(frames):
+        raise InvalidInput(
+            f"zero must hold frames at rest of shape (frame, {', '.join(map(str, expected))}); got {frames.shape}."
+        )
+    return frames
 
 
 class Levels:

@@ -147,6 +147,12 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
         return low, high
 
     low, high = _each_method(touch, bounds)
+    if touch.force_bounds is not None and of in ("force", "peak_pressure"):
+        ends = np.asarray(touch.force_bounds, dtype=np.float64)
+        if of == "force":
+            low, high = np.fmin(low, ends[..., 0]), np.fmax(high, ends[..., 1])
+        else:
+            low, high = low, np.where(np.isinf(ends[..., -1, 1]), math.inf, high)
     return low, high
 
 
@@ -198,12 +204,37 @@ def uncalibrated(
 def named(touch: Touch, of: str, value: Floats, friction: float | None = None) -> Floats:
     """What is owed to a pad that is not known exactly (standard deviation of a quantity, here of this ``value``): no constant of the method scales it."""
     common = np.zeros(np.shape(value)) if of == "center_of_pressure" else touch.common_std * np.abs(value)
+    if touch.discrepancy is not None and np.any(touch.discrepancy):
+        common = np.hypot(common, _by_discrepancy(touch, of, value))
     if touch.stated is None:
         return np.asarray(common)
     if of == "slip_margin":
         return np.hypot(common, _slip(touch, touch.stated, float(friction or 0.0))[1])
     name = {"center_of_pressure": "center", "peak_pressure": "peak"}.get(of, of)
     return np.hypot(common, getattr(touch.stated, name))
+
+
+def _by_discrepancy(touch: Touch, of: str, value: Floats) -> Floats:
+    """Standard deviation of a quantity by what the pad's model leaves unexplained: that part of it, of the load for a component of the force, of the
+    contact's radius (root mean square) for its centre.
+    """
+    share = np.asarray(touch.discrepancy, dtype=np.float64)
+    share = share.reshape((*share.shape, *(1,) * (np.ndim(value) - share.ndim)))
+    if of not in ("force", "center_of_pressure"):
+        return np.asarray(share * np.abs(value))
+    d = touch.surface.dimensions
+    size = np.sqrt((to_numpy(touch.values).astype(np.float64) ** 2).sum(axis=-1 - d))
+    axes = tuple(range(-d, 0))
+    total = size.sum(axis=axes)[..., None]
+    if of == "force":
+        return np.asarray(share * total * touch.surface.cell)
+    spreads = []
+    for i, along in enumerate(reversed(touch.surface.axes)):  # x, then y
+        place = along.reshape(-1, *(1,) * i)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            mean = (size * place).sum(axis=axes) / total[..., 0]
+            spreads.append((size * place**2).sum(axis=axes) / total[..., 0] - mean**2)
+    return np.asarray(share * np.sqrt(np.maximum(np.nan_to_num(np.stack(spreads, axis=-1)), 0.0)))
 
 
 def _slip(touch: Touch, found: Errors | Stated, friction: float) -> tuple[Floats, Floats]:

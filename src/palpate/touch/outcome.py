@@ -21,6 +21,8 @@ __all__ = ["ROUGH", "ROUGHLY", "Nuisance", "Outcome", "pulling"]
 #: Half of the 95 % interval of the net force, in parts of the load, above which the force is said to be known roughly only: it may then be off by
 #: as much as is called wrong (`palpate.bench.trust.judge.WRONG`).
 ROUGH = 0.3
+#: Share of the readings that a pad's model leaves unexplained, from which on it is said.
+SAID = 0.05
 #: How that note begins.
 ROUGHLY = "the net force is known roughly only"
 
@@ -80,6 +82,8 @@ class Outcome:
     worst_fit: float = 1.0
     rough: int = 0
     roughest: float = 0.0
+    discrepant: int = 0
+    discrepancy: float = 0.0
 
     @classmethod
     def of(cls, touch: Touch) -> Outcome:
@@ -126,6 +130,7 @@ class Outcome:
             worst,
             int(np.count_nonzero(parts > ROUGH)),
             float(np.max(parts, initial=0.0)),
+            *_discrepancy(touch),
         )
 
     def __add__(self, other: Outcome) -> Outcome:
@@ -149,6 +154,8 @@ class Outcome:
             min(self.worst_fit, other.worst_fit),
             self.rough + other.rough,
             max(self.roughest, other.roughest),
+            self.discrepant + other.discrepant,
+            max(self.discrepancy, other.discrepancy),
         )
 
     def plain(self) -> dict[str, Any]:
@@ -214,6 +221,11 @@ class Outcome:
                     f"the whole edge of the array is loaded{some(n.hidden)}: the {n.label} cannot be told from contact; up to "
                     f"{n.hidden_std:.2g} {n.unit} of it is in the error bars. Where it does not drift, say Skin(..., nuisance=[])"
                 )
+        if self.discrepant:
+            up_to = "up to " if self.batch else ""
+            said.append(
+                f"the pad's model leaves {up_to}{self.discrepancy:.0%} of these readings unexplained{some(self.discrepant)}; intervals allow for it"
+            )
         if self.rough:
             up_to = "up to " if self.batch else ""
             said.append(
@@ -226,6 +238,14 @@ class Outcome:
                 "wrong, or taxels broken; the error bars do not know of this"
             )
         return said
+
+
+def _discrepancy(touch: Touch) -> tuple[int, float]:
+    """Frames with contact that the pad's model does not explain exactly, and the largest share that it leaves."""
+    if touch.discrepancy is None:
+        return 0, 0.0
+    share = np.nan_to_num(np.asarray(touch.discrepancy, dtype=np.float64))
+    return int(np.count_nonzero(share >= SAID)), float(np.max(share, initial=0.0))
 
 
 def pulling(touch: Touch) -> npt.NDArray[np.bool_]:

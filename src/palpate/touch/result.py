@@ -66,6 +66,11 @@ class Touch(Numbers):
         Standard deviations that the estimate owes to a pad and sensors that are not known exactly (`palpate.Uncertainty`).
     common_std : float
         Relative standard deviation of what all results are proportional to: the scale of the readings, and the modulus where all of them follow it.
+    discrepancy : array (*batch) or None
+        Share of the readings (root mean square) that the pad's model leaves unexplained, as learned from the frame; every interval allows for it.
+    force_bounds : array (*batch, component, 2) or None
+        Net forces that the readings do not rule out besides, such as an offset that could be load, or a load beyond the range of the readings (inf): the
+        interval of the force reaches them. NaN where there are none.
     converged : array (*batch) of bool or None
         Whether the optimisation reached its tolerance.
     touching : array (*batch) of bool or None
@@ -162,6 +167,8 @@ class Touch(Numbers):
     view: View | None = None
     stated: Stated | None = field(default=None, metadata=per_frame())
     common_std: float = 0.0
+    discrepancy: Floats | None = field(default=None, metadata=per_frame(missing=0.0))
+    force_bounds: Floats | None = field(default=None, metadata=per_frame("component", "bound"))
 
     def __post_init__(self) -> None:
         expected = (len(self.surface.components), *self.surface.shape)

@@ -8,8 +8,9 @@ what `palpate.inverse.contact.adaptive` starts from and what `palpate.tracking` 
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import cached_property
 from typing import Any
@@ -18,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from palpate._arrays import from_numpy
 from palpate._threads import few_threads
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
@@ -27,12 +27,14 @@ from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.edges import outside_taxels, ring_of
-from palpate.inverse.contact.frame import BROKEN, MUCH, Frame, Run, how_small, said_of, told_alone
+from palpate.inverse.contact.frame import BROKEN, MUCH, Frame, Run, how_small, told_alone
+from palpate.inverse.contact.gathered import gathered
 from palpate.inverse.contact.hypotheses import Hypothesis, exceeded, hypothesis_of, rough_fit, without_outliers
-from palpate.inverse.contact.later import ContactErrors
-from palpate.inverse.contact.misfit import drift_probability, fit_of, louder, misfit_of
+from palpate.inverse.contact.misfit import drift_probability, fit_of, louder, misfit_of, proportional_part
 from palpate.inverse.contact.model import LARGEST_KEPT, ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
+from palpate.inverse.contact.offsets import goes_on_all_round, offset_as_load
+from palpate.inverse.contact.overload import in_range
 from palpate.inverse.contact.parts import Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior, ambiguity_of
 from palpate.inverse.contact.products import AT_SIZE, Products, can_be_applied
@@ -48,7 +50,7 @@ from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share, share_refuted
 from palpate.inverse.contact.variances import taken_by
 from palpate.inverse.contact.windows import Windows
-from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of, frames_of
+from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.fit import POOR_FIT, neighbours
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.inverse.linear.matrix_free.path import LinearModel, contact_at_size
@@ -163,10 +165,13 @@ class ConstrainedEstimator:
         self.ambiguous = problem.ambiguous
         kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else DEFAULT_NUISANCES
         self.terms = nuisances(operator.planes_of, kinds) if self.parts.nuisances else []
+        if problem.zeroed:
+            # the zero took the offsets of stress and strain out; an image may still have moved
+            self.terms = [t for t in self.terms if t.kind == "rotation" or t.unit == "m"]
         #: Those that noise alone may stand about; a ramp that nobody named is sought with contact alone, where offsets leave doubt.
         self.usual = len(self.terms)
         if self.terms and problem.nuisance is None:
-            self.terms += nuisances(operator.planes_of, ("ramp",))
+            self.terms += [t for t in nuisances(operator.planes_of, ("ramp",)) if not problem.zeroed or t.unit == "m/m"]
         windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
         self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows)
         self.ring = ring_of(self.outside)
@@ -272,64 +277,23 @@ class ConstrainedEstimator:
         frames = []
         for f in frames_of(readings, self.operator):
             with few_threads(self._widest, len(self.readings.std)), self.rounds:
-                frames.append(self.frame(f, rng))
+                frames.append(in_range(self, f, rng))
                 if math.prod(batch) > 1:
                     frames[-1] = replace(frames[-1], errors=frames[-1].known)
 
-        def stacked(parts: Sequence[Floats]) -> Floats:
-            whole = np.stack(parts)
-            if whole.ndim > self.operator.surface.dimensions + 1:  # a field
-                whole = self._cut(whole)
-            return np.asarray(whole.reshape((*batch, *whole.shape[1:])))
+        return gathered(self, frames, batch, like)
 
-        def numbers(name: str, kind: type = np.float64) -> npt.NDArray[Any]:
-            return np.array([getattr(f, name) for f in frames], dtype=kind).reshape(batch)
-
-        if len(frames) == 1 and isinstance(frames[0].errors, Summary):
-            errors: Errors = ContactErrors.of(frames[0].errors, self._cut, np.zeros(batch, dtype=np.intp))
-        else:
-            errors = Errors.gathered([f.known for f in frames], stacked)
-        values = np.stack([self._cut(f.traction) for f in frames])
-        sampled = None
-        if self.draws:
-            sampled = np.stack([self._cut(f.draws) for f in frames if f.draws is not None])
-            sampled = sampled.reshape((*batch, *sampled.shape[1:]))
-        outliers = np.stack([f.outliers for f in frames])
-        noise = np.stack([f.noise for f in frames]).reshape((*batch, -1))
-        return Estimate(
-            from_numpy(values.reshape((*batch, *values.shape[1:])), like),
-            numbers("parameter"),
-            noise,
-            numbers("residual"),
-            errors,
-            numbers("converged", bool),
-            numbers("contact", bool),
-            outliers.reshape((*batch, -1)),
-            sampled,
-            pushed=numbers("pushed", bool),
-            resolution=np.array([self.resolution(f.parameter) for f in frames]).reshape(batch),
-            sliding=numbers("sliding") if self.finds_sliding else None,
-            said=said_of(frames, batch),
-            noise_std=noise * np.concatenate(self.scales),
-            fit=numbers("fit"),
-            sign=numbers("sign", int),
-            nuisance=np.stack([f.nuisance for f in frames]).reshape((*batch, -1)) if self.terms else None,
-            nuisance_std=np.stack([f.nuisance_std for f in frames]).reshape((*batch, -1)) if self.terms else None,
-            nuisance_names=tuple((t.label, t.unit) for t in self.terms),
-            at_limit=np.stack([f.at_limit for f in frames]).reshape((*batch, -1)) if self.parts.screening else None,
-            stated=self._stated(frames, stacked),
+    @cached_property
+    def even_noise(self) -> ConstrainedEstimator:
+        """The same estimator with one noise for all channels of a kind (`Problem.with_even_noise`)."""
+        problem = self.problem.with_even_noise()
+        out = type(self)(
+            problem, self.cone, parameter=self.parameter, draws=self.draws, parts=self.parts, thresholds=self.thresholds
         )
+        out.signs = self.signs
+        return out
 
-    def _stated(self, frames: Sequence[Frame], stacked: Callable[[Sequence[Floats]], Floats]) -> Stated | None:
-        """What the frames owe to a pad that is not known exactly, zero where nothing touches."""
-        known = next((f.stated for f in frames if f.stated is not None), None)
-        if known is None:
-            return None
-        none = Stated(**{f.name: np.zeros_like(getattr(known, f.name)) for f in fields(Stated)})
-        each = [f.stated or none for f in frames]
-        return Stated(**{f.name: stacked([getattr(s, f.name) for s in each]) for f in fields(Stated)})
-
-    def _cut(self, field: Floats) -> Floats:
+    def cut(self, field: Floats) -> Floats:
         """The part of a field (..., *grid) that lies on the surface."""
         place: tuple[Any, ...] = (..., *self.window)
         return np.asarray(field[place])
@@ -338,11 +302,9 @@ class ConstrainedEstimator:
         """Contact in one frame of readings, (channel, *array) per plane."""
         data = self.noise.unlike(self.readings.flat(self.operator.observed(readings)))
         alive = self.noise.alive(data)
-        ends = None
+        ends = self.ends(readings, data)
         if self.parts.screening:
             alive &= ~silent(data, self.noise.index, self.pairs)
-            given = None if self.given_ends is None else at_ends(self.readings.flat(readings), self.given_ends)
-            ends = ceilings(data, self.noise.index, self.pairs, given)
         usable = alive.copy()
         filled = data
         if self.parts.screening:
@@ -372,11 +334,37 @@ class ConstrainedEstimator:
         frame = with_rims(self, run, frame, *screened, ends, rng) or frame
         return with_rivals(self, run, frame, data, alive, screened[1], ends, rng)
 
+    def ends(self, readings: Sequence[Floats], data: Floats) -> Ceilings | None:
+        """Readings at the end of their range, as stated or as the frame shows it; None where nothing is screened."""
+        if not self.parts.screening:
+            return None
+        given = None if self.given_ends is None else at_ends(self.readings.flat(readings), self.given_ends)
+        return ceilings(data, self.noise.index, self.pairs, given)
+
+    def as_they_are(self) -> ConstrainedEstimator:
+        """The same estimator, for which no reading is at the end of its range, broken, or off by an offset."""
+        out = copy.copy(self)
+        out.parts = replace(self.parts, screening=False, outliers=False)
+        out.given_ends, out.terms, out.usual = None, [], 0
+        out.__dict__.pop("shifts", None)
+        even = out.__dict__.pop("even_noise", None)
+        if even is not None:
+            out.__dict__["even_noise"] = even.as_they_are()
+        return out
+
     @cached_property
     def shifts(self) -> Floats:
         """The nuisances over the readings (reading, term)."""
         n = len(self.readings.std)
         return np.stack([t.rows for t in self.terms], axis=1) if self.terms else np.zeros((n, 0))
+
+    @cached_property
+    def even_press(self) -> Floats:
+        """Readings (reading, component sought) under an even traction of 1 Pa that reaches far beyond the array."""
+        grid = self.operator.surface
+        size = len(self.columns), int(np.prod(grid.shape))
+        each = [np.where(np.arange(size[0])[:, None] == i, np.ones(size), 0.0) for i in range(size[0])]
+        return np.stack([self.explained_by(t) for t in each], axis=1)
 
     def run_of(self, h: Hypothesis, raw: Floats, alive: Flags, usable: Flags, ends: Ceilings | None) -> Run:
         """One hypothesis, solved."""
@@ -525,7 +513,7 @@ class ConstrainedEstimator:
             run.drift = drift_probability(self, run)
             for m in run.members:
                 share(self, m, run, deviation, at_limit)
-            fit, left = fit_of(self, run)
+            fit, left, free = fit_of(self, run)
             if fit < POOR_FIT:
                 share_refuted(self, run, fit)
             result = self.combined(run, each, fit, left, rng)
@@ -539,8 +527,21 @@ class ConstrainedEstimator:
                 outliers=left_out,
                 pushed=pushed,
                 adrift=run.adrift > 0.5,
+                free=free,
+                discrepancy=proportional_part(self, run),
             )
-        return replace(result, sign=h.sign, nuisance=h.sizes, nuisance_std=deviation, at_limit=at_limit)
+        bounds = offset_as_load(self, h, result.traction)
+        if bounds is None:
+            bounds = goes_on_all_round(self, result.traction, h.sign)
+        return replace(
+            result,
+            sign=h.sign,
+            nuisance=h.sizes,
+            nuisance_std=deviation,
+            at_limit=at_limit,
+            undecided=bounds is not None and not result.contact,
+            bounds=result.bounds if bounds is None else bounds,
+        )
 
     @cached_property
     def pairs(self) -> tuple[Index, Index]:
@@ -570,8 +571,12 @@ class ConstrainedEstimator:
         noise = np.full(self.noise.count, scale)
         return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)
 
+    def unexplained(self, data: Floats) -> Frame:
+        """A frame that no contact explains: nothing is known."""
+        return self._unexplained(data, np.zeros(len(data), dtype=bool), 0.0)
+
     def _unexplained(self, data: Floats, outliers: Flags, chance: float) -> Frame:
-        """A frame that nothing explains which is known of contact, on channels that need it: nothing is known."""
+        """A frame that nothing explains which is known of contact: nothing is known."""
         nothing = self._nothing(math.nan, math.nan, data, outliers)
         unknown = {f.name: np.full_like(getattr(nothing.known, f.name), math.nan) for f in fields(Errors)}
         gap, terms = math.nan * nothing.traction, np.full(len(self.terms), math.nan)
@@ -584,6 +589,7 @@ class ConstrainedEstimator:
             fit=chance,
             nuisance=terms,
             nuisance_std=terms,
+            at_limit=np.zeros(len(data), dtype=bool),
         )
 
     def fit(

@@ -44,7 +44,9 @@ class Frame:
     """One frame's result. Errors of a contact too large for matrices are worked out when they are asked for. ``small``: it may be a disc of about a
     pitch or less (`palpate.inverse.contact.compact`); 2 where one taxel alone tells it. ``adrift``: drift may be part of its force. ``stated``: what it owes to a pad that is not known exactly.
     ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: `Posterior.beyond`; ``unproven``: 1 where `quiet.unproven`, 2 where `quiet.could_be`;
-    ``hangs``: the part of the normal force that one reading alone tells, where no ends of its range are given.
+    ``hangs``: the part of the normal force that one reading alone tells, where no ends of its range are given. ``discrepancy``: share of the readings that the pad's model leaves
+    unexplained; ``unexplained``: nothing explains the readings; ``undecided``: noise or an offset explains them, and so may
+    contact; ``overload``: so many readings lie at the end of their range that the load has no upper end; ``bounds`` (component, 2): net forces that the readings do not rule out besides, NaN where there are none; ``free``: degrees of freedom that contact left to noise.
     """
 
     traction: Floats
@@ -70,6 +72,12 @@ class Frame:
     beyond: tuple[float, float, float] = (0.0, 0.0, 0.0)
     unproven: int = 0
     hangs: float = 0.0
+    discrepancy: float = 0.0
+    unexplained: bool = False
+    undecided: bool = False
+    overload: bool = False
+    bounds: Floats = field(default_factory=lambda: np.full((1, 2), math.nan))
+    free: float = math.nan
 
     @property
     def known(self) -> Errors:

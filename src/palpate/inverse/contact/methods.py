@@ -209,6 +209,9 @@ class AutomaticEstimator:
             return replace(found, method=method)
         # a pull as a whole is a push of the other sign, and solved as such; so is a push with pull about it
         pulls = ~found.pushed & (found.sign >= 0) & (found.sign < 2)
+        for answered in (found.unexplained, found.undecided, found.overload):
+            if answered is not None:
+                pulls &= ~answered
         if not pulls.any():
             return replace(found, method=method)
         if pulls.all():

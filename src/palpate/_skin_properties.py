@@ -1,0 +1,168 @@
+"""What a skin is made of and what it can see: the properties of `palpate.Skin`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy.typing as npt
+
+from palpate.elastic.pad import Pad
+from palpate.errors import InvalidInput
+from palpate.inverse.observability import Observability, observability, observable_components
+from palpate.inverse.problem import Problem
+from palpate.sensing.arrays import Array
+from palpate.sensing.grids import Grid
+from palpate.sensing.operator import Boundary, Operator
+from palpate.sensing.uncertainty import Uncertainty
+from palpate.uncertainty import Case
+
+__all__ = ["SkinProperties"]
+
+
+class SkinProperties:
+    """Pad, arrays and surface of a skin, and what its channels can tell."""
+
+    _pad: Pad
+    _elastic: Pad
+    _planes: tuple[Array, ...]
+    _surface: Grid
+    _boundary: Boundary
+    _problem: Problem
+    _default: tuple[str, ...] | None
+
+    @property
+    def pad(self) -> Pad:
+        """The elastic body.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])).pad is pad
+        True
+        """
+        return self._pad
+
+    @property
+    def planes(self) -> tuple[Array, ...]:
+        """The arrays, one per plane.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> planes = [pp.LineArray(count=11, pitch=1e-3, depth=d, channels=["stress_zz"]) for d in (1e-3, 2e-3)]
+        >>> [plane.depth for plane in pp.Skin(pad, planes).planes]
+        [0.001, 0.002]
+        """
+        return self._planes
+
+    @property
+    def surface(self) -> Grid:
+        """Where traction is sought.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])).surface
+        LineGrid(count=15, spacing=0.001, center=0.0)
+        """
+        return self._surface
+
+    @property
+    def boundary(self) -> Boundary:
+        """ "free" or "periodic".
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> array = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
+        >>> pp.Skin(pad, array).boundary, pp.Skin(pad, array, boundary="periodic").boundary
+        ('free', 'periodic')
+        """
+        return self._boundary
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """How well pad and sensors are known.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> array = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
+        >>> pp.Skin(pad, array, uncertainty=pp.Uncertainty(depth=0.1)).uncertainty.depth
+        0.1
+        """
+        return self._problem.uncertainty
+
+    @property
+    def operator(self) -> Operator:
+        """The linear operator from traction to readings, with its adjoint.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+        >>> skin.operator.dense().shape  # readings, and two components in 15 cells
+        (11, 30)
+        """
+        return self._problem.operator
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """What `reconstruct` seeks by default, the traction components that these channels can tell apart.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> one = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
+        >>> two = pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"])
+        >>> pp.Skin(pad, one).components, pp.Skin(pad, two).components
+        (('z',), ('x', 'z'))
+        """
+        if self._default is None:
+            self._default = observable_components(self._elastic, self._planes)
+        return self._default
+
+    def observability(self, wavelength: npt.ArrayLike, *, components: Sequence[str] | None = None) -> Observability:
+        """How well each ``wavelength`` [m] of the traction is seen: the condition of its matrix.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> seen = skin.observability([1e-3, 10e-3])
+        >>> seen.condition.round(1).tolist()
+        [159.9, 3.3]
+        """
+        return observability(self._elastic, self._planes, wavelength, self._names(components))
+
+    def case(self, components: Sequence[str] | None = None) -> Case:
+        """What the constants of its error bars must be for.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> str(skin.case())
+        'line, stress, half-space'
+        """
+        problem = self._problem.seeking(self._names(components))
+        return Case.of(self._elastic, self._planes, problem.components, ambiguous=problem.ambiguous)
+
+    def _names(self, components: Sequence[str] | None) -> tuple[str, ...]:
+        if components is None:
+            return self.components
+        accepted = self._surface.components
+        if isinstance(components, str) or not components or any(c not in accepted for c in components):
+            raise InvalidInput(f"components must be a list of names among {', '.join(accepted)}; got {components!r}.")
+        if len(set(components)) < len(components):
+            raise InvalidInput(f"components names one twice: {', '.join(components)}; name each once.")
+        return tuple(c for c in accepted if c in components)

@@ -1,0 +1,151 @@
+"""What a pad's model leaves unexplained: a term of the noise, in proportion to the readings.
+
+A real pad has edges, gains that differ, a lattice or a stiffening rubber, and follows no elastic model to better than some per cent. So
+
+    readings = A t + noise + discrepancy,    discrepancy ~ N(0, share^2 * mean square of the readings),
+
+and ``share`` is learned from the frame: the smallest of a few shares with which contact explains the readings. It widens every interval twice: as
+noise of that size, independent from reading to reading, and as an error that all readings share (`Touch.discrepancy`), since what a model does
+wrong at one taxel it does wrong at the next.
+
+"No contact" is a claim about noise. Only noise that the user gave, or that frames at rest showed, proves it: what exceeds such noise is contact or
+unexplained, and on few readings noise that was learned from the frame itself proves nothing.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.frame import Frame
+from palpate.inverse.estimate import Errors, Stated
+from palpate.inverse.fit import POOR_FIT
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.constrained import ConstrainedEstimator
+
+__all__ = ["explained"]
+
+#: Shares that are tried in turn.
+SHARES = (0.02, 0.05, 0.1, 0.2, 0.3)
+#: A contact that leaves more than this part of the readings tells nothing of them (a convention).
+MOST = 0.5
+#: What a pad's model leaves unexplained before a frame says more, and how many readings that counts for. Published recordings of six real skins
+#: with a force sensor beside them leave 2 to 30 % (`benchmarks/real.py`).
+PRIOR, PRIOR_WEIGHT = 0.15, 4.0
+#: Noise of a zero that is so many times smaller than the smallest share is not tried by itself first.
+FAINT = 3.0
+#: Readings so many standard deviations from zero are no noise (2e-9 of Gaussian noise; `Thresholds.outlier`).
+FAR = 6.0
+#: Readings up to which noise that was learned from the frame itself does not prove that nothing touches.
+FEW = 50
+
+#: Fields of the errors and of a frame that do not grow with the readings.
+_FIXED = ("center", "outside_center", "variance_reduction")
+
+
+def explained(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
+    """One frame with the smallest share that explains it; see the module."""
+    zeroed = estimator.problem.zeroed
+    data = estimator.readings.flat(estimator.operator.observed(readings))
+    if not estimator.noise_known:
+        plain = estimator.frame(readings, rng)
+        return plain if plain.contact or len(data) > FEW or not np.any(data) else _undecided(plain)
+    ratio = data / estimator.readings.std
+    if zeroed and _rms(ratio) * SHARES[0] > FAINT:
+        return _with_shares(estimator, readings, data, None, rng)
+    plain = estimator.frame(readings, rng)
+    if plain.contact:
+        if _explains(plain):
+            return replace(plain, discrepancy=_posterior(0.0, plain.free)) if zeroed else plain
+    elif not plain.fit < POOR_FIT or np.abs(ratio[~plain.outliers]).max(initial=0.0) < FAR:
+        return plain
+    return _with_shares(estimator, readings, data, plain, rng)
+
+
+def _undecided(frame: Frame) -> Frame:
+    """A frame of few readings that noise explains which nobody gave: contact may be in them, as large as the largest reading allows."""
+    force = 1.96 * frame.known.force
+    return replace(frame, traction=math.nan * frame.traction, undecided=True, bounds=np.stack([-force, force], axis=-1))
+
+
+def _explains(frame: Frame) -> bool:
+    """Whether the contact that was found explains a frame."""
+    return not frame.fit < POOR_FIT and (frame.pushed or frame.sign < 0 or frame.sign > 1)
+
+
+def _with_shares(
+    estimator: ConstrainedEstimator,
+    readings: Sequence[Floats],
+    data: Floats,
+    plain: Frame | None,
+    rng: np.random.Generator | None,
+) -> Frame:
+    """The frame with the first of the shares that explains it, else what comes nearest."""
+    level = estimator.even_noise
+    ratio = _rms(data / level.readings.std)
+    share: float | None = SHARES[0]
+    best: tuple[float, Frame] | None = None
+    while share is not None:
+        factor = math.hypot(1.0, share * ratio)
+        found = _at_noise(level, readings, factor, rng)
+        left = found.residual * _rms(found.noise) / max(ratio, 1e-300) if found.contact else 1.0
+        if found.contact and _explains(found):
+            return replace(found, discrepancy=_posterior(max(left, 0.0), found.free))
+        if found.contact and (best is None or left < best[0]):
+            best = left, found
+        larger = [s for s in SHARES if s > share]
+        share = next((s for s in larger if s >= 0.9 * left), None) if found.contact else next(iter(larger), None)
+    linear = 0 in estimator.signs and plain is not None and not plain.pushed
+    if linear and plain is not None:
+        return replace(plain, discrepancy=PRIOR)
+    if best is not None and best[0] < MOST:
+        left, found = best
+        return replace(found, discrepancy=_posterior(left, found.free), unexplained=True)
+    return replace(estimator.unexplained(data), unexplained=True)
+
+
+def _at_noise(
+    estimator: ConstrainedEstimator, readings: Sequence[Floats], factor: float, rng: np.random.Generator | None
+) -> Frame:
+    """A frame with ``factor`` times the noise that the estimator was prepared for: the problem is linear, so the readings are divided instead."""
+    scaled = copy.copy(estimator)
+    if estimator.given_ends is not None:
+        scaled.given_ends = (estimator.given_ends[0] / factor, estimator.given_ends[1] / factor)
+    found = scaled.frame([r / factor for r in readings], rng)
+    errors = found.known
+    changed = {f.name: getattr(errors, f.name) for f in fields(Errors)}
+    stated = found.stated
+    if stated is not None:
+        stated = Stated(**{f.name: _grown(f.name, getattr(stated, f.name), factor) for f in fields(Stated)})
+    return replace(
+        found,
+        traction=found.traction * factor,
+        errors=Errors(**{name: _grown(name, value, factor) for name, value in changed.items()}),
+        parameter=found.parameter / factor**2,
+        noise=found.noise * factor,
+        draws=None if found.draws is None else found.draws * factor,
+        nuisance=found.nuisance * factor,
+        nuisance_std=found.nuisance_std * factor,
+        stated=stated,
+    )
+
+
+def _grown(name: str, value: Floats, factor: float) -> Floats:
+    return value if name in _FIXED else value * factor
+
+
+def _posterior(left: float, free: float) -> float:
+    """The share, from what is left of the readings (part of their root mean square) with so many degrees of freedom, and the prior."""
+    free = max(free, 0.0) if math.isfinite(free) else 0.0
+    return math.sqrt((PRIOR_WEIGHT * PRIOR**2 + free * left**2) / (PRIOR_WEIGHT + free))
+
+
+def _rms(values: Floats) -> float:
+    return math.sqrt(float(np.mean(np.square(values)))) if np.size(values) else 0.0

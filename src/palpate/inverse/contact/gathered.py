@@ -1,0 +1,87 @@
+"""The frames of a batch, put together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import from_numpy
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.frame import Frame, said_of
+from palpate.inverse.contact.later import ContactErrors
+from palpate.inverse.contact.summary import Summary
+from palpate.inverse.estimate import Errors, Estimate, Stated
+
+if TYPE_CHECKING:
+    from palpate.inverse.contact.constrained import ConstrainedEstimator
+
+__all__ = ["gathered"]
+
+
+def gathered(estimator: ConstrainedEstimator, frames: Sequence[Frame], batch: tuple[int, ...], like: Any) -> Estimate:
+    """One estimate of all frames, with the batch axes first; traction in the kind of array that ``like`` is."""
+
+    def stacked(parts: Sequence[Floats]) -> Floats:
+        whole = np.stack(parts)
+        if whole.ndim > estimator.operator.surface.dimensions + 1:  # a field
+            whole = estimator.cut(whole)
+        return np.asarray(whole.reshape((*batch, *whole.shape[1:])))
+
+    def numbers(name: str, kind: type = np.float64) -> npt.NDArray[Any]:
+        return np.array([getattr(f, name) for f in frames], dtype=kind).reshape(batch)
+
+    if len(frames) == 1 and isinstance(frames[0].errors, Summary):
+        errors: Errors = ContactErrors.of(frames[0].errors, estimator.cut, np.zeros(batch, dtype=np.intp))
+    else:
+        errors = Errors.gathered([f.known for f in frames], stacked)
+    values = np.stack([estimator.cut(f.traction) for f in frames])
+    sampled = None
+    if estimator.draws:
+        sampled = np.stack([estimator.cut(f.draws) for f in frames if f.draws is not None])
+        sampled = sampled.reshape((*batch, *sampled.shape[1:]))
+    outliers = np.stack([f.outliers for f in frames])
+    noise = np.stack([f.noise for f in frames]).reshape((*batch, -1))
+    return Estimate(
+        from_numpy(values.reshape((*batch, *values.shape[1:])), like),
+        numbers("parameter"),
+        noise,
+        numbers("residual"),
+        errors,
+        numbers("converged", bool),
+        numbers("contact", bool),
+        outliers.reshape((*batch, -1)),
+        sampled,
+        pushed=numbers("pushed", bool),
+        resolution=np.array([estimator.resolution(f.parameter) for f in frames]).reshape(batch),
+        sliding=numbers("sliding") if estimator.finds_sliding else None,
+        said=said_of(frames, batch),
+        noise_std=noise * np.concatenate(estimator.scales),
+        fit=numbers("fit"),
+        sign=numbers("sign", int),
+        nuisance=np.stack([f.nuisance for f in frames]).reshape((*batch, -1)) if estimator.terms else None,
+        nuisance_std=np.stack([f.nuisance_std for f in frames]).reshape((*batch, -1)) if estimator.terms else None,
+        nuisance_names=tuple((t.label, t.unit) for t in estimator.terms),
+        at_limit=np.stack([f.at_limit for f in frames]).reshape((*batch, -1)) if estimator.parts.screening else None,
+        stated=_stated(frames, stacked),
+        discrepancy=numbers("discrepancy"),
+        unexplained=numbers("unexplained", bool),
+        undecided=numbers("undecided", bool),
+        overload=numbers("overload", bool),
+        force_bounds=np.stack(
+            [np.broadcast_to(f.bounds, (len(estimator.operator.surface.components), 2)) for f in frames]
+        ).reshape((*batch, -1, 2)),
+    )
+
+
+def _stated(frames: Sequence[Frame], stacked: Callable[[Sequence[Floats]], Floats]) -> Stated | None:
+    """What the frames owe to a pad that is not known exactly, zero where nothing touches."""
+    known = next((f.stated for f in frames if f.stated is not None), None)
+    if known is None:
+        return None
+    none = Stated(**{f.name: np.zeros_like(getattr(known, f.name)) for f in fields(Stated)})
+    each = [f.stated or none for f in frames]
+    return Stated(**{f.name: stacked([getattr(s, f.name) for s in each]) for f in fields(Stated)})
