@@ -15,11 +15,10 @@ import palpate as pp
 from command_line import run
 from palpate._plot import arrow_cells, nice, plot_forces
 from palpate.archives.numbers import Numbers
-from palpate.sensing.zero import Rest
 from palpate.grasp import Event
 from palpate.live.session import Session
 from palpate.recordings import read_touch, write_recording, write_touch
-from palpate.sensing.zero import FRAMES, STANDS, Levels, zero_of
+from palpate.sensing.zero import FRAMES, STANDS, Levels, Rest, zero_of
 from palpate.touch import Forces
 from palpate.touch.rounding import decimals, said
 from palpate.touch.table import table_words
@@ -89,7 +88,7 @@ def test_a_table_holds_what_the_touch_says(touch: pp.Touch) -> None:
         table["slip_margin (Pa)"], touch.slip_margin(0.5)
     )  # with the friction it was found with
     np.testing.assert_array_equal(table["contact_width (m)"], touch.contact_area())
-    assert table["status"].tolist() == ["no contact", "no contact", "solved", "solved"]
+    assert table["status"].tolist() == ["undecided", "undecided", "solved", "solved"]
     assert touch.table(level=0.5)["force_z_high (N/m)"][3] < table["force_z_high (N/m)"][3]
 
 
@@ -245,10 +244,6 @@ def test_rest_tells_noise_and_drift() -> None:
     rest = Rest.of(frames)
     assert rest.noise is not None
     np.testing.assert_allclose(rest.noise, 1.0, atol=0.15)
-    assert rest.quiet(frames - rest.zero).all()
-    pressed = frames - rest.zero
-    pressed[:, 0, 1, 1] += 9.0
-    assert not rest.quiet(pressed).any()
     assert Rest.of(frames + np.linspace(0, 20, 20)[:, None, None, None]).wanders
     assert Rest.of(frames[:2]).noise is None
     assert Rest.of(np.full((9, 1, 3), 7.0)).noise is None  # no noise to be seen
@@ -334,7 +329,7 @@ def test_what_is_said_of_frames_is_kept(touch: pp.Touch) -> None:
     forces.add(replace(touch[1], assumptions=("always",)))
     assert forces.notes[:2] == ("always", "once (in 1 of 2 frames)")
     forces.add(replace(touch[2], assumptions=("always",), fit=np.array(1e-4)))
-    assert "no contact in 2 of 3 frames: noise alone explains the readings" in forces.notes
+    assert any(n.startswith("undecided in 2 of 3 frames: noise or an offset explains") for n in forces.notes)
     assert any(n.startswith("the model does not explain the readings in 1 of 3 frames") for n in forces.notes)
 
 

@@ -11,7 +11,10 @@ PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
 
 
 def test_a_load_between_shallow_taxels_that_noise_hides_is_inside_the_interval() -> None:
-    """3 x 3 taxels 0.46 pitches deep under a ball between four of them: "no contact" with 0.02 N at most, where there were 0.1 N."""
+    """3 x 3 taxels 0.46 pitches deep under a ball between four of them: "no contact" with 0.02 N at most, where there were 0.1 N.
+
+    Nobody gave the noise, so that few readings cannot prove that nothing touches.
+    """
     array = pp.AreaArray(shape=(3, 3), pitch=4.7e-3, depth=2.2e-3, channels=["stress_zz"])
     skin = pp.Skin(PAD, array)
     fine = pp.Skin(PAD, array, surface=pp.AreaGrid(shape=(36, 36), spacing=0.5e-3))
@@ -19,7 +22,7 @@ def test_a_load_between_shallow_taxels_that_noise_hides_is_inside_the_interval()
     rng = np.random.default_rng(0)
     touch = skin.reconstruct(clean + 0.3 * np.abs(clean).max() * rng.standard_normal((20, *clean.shape)))
     low, high = touch.interval(0.95, of="force")
-    empty = np.asarray(touch.status) == pp.Status.NO_CONTACT
+    empty = np.asarray(touch.status) == pp.Status.UNDECIDED
     assert empty.sum() >= 5  # else it shows nothing
     assert ((low[..., 2] <= 0.1) & (high[..., 2] >= 0.1))[empty].mean() >= 0.9
 

@@ -28,5 +28,8 @@ def test_codes_are_those_of_files_already_written() -> None:
         "frozen",
         "missing",
         "failed",
+        "unexplained",
+        "undecided",
+        "overload",
     ]
     assert [s for s in Status if not s.known] == [Status.MISSING, Status.FAILED]

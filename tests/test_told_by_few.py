@@ -72,7 +72,8 @@ def test_nothing_touches_and_one_reading_is_broken(shape: tuple[int, int], kind:
         readings = 10.0 * rng.standard_normal((3, *shape))
         readings[tuple(rng.integers(n) for n in readings.shape)] = level
         touch = skin.reconstruct(readings)
-        assert touch.status == pp.Status.NO_CONTACT
+        # 48 readings do not prove that their noise is all there is
+        assert touch.status == (pp.Status.NO_CONTACT if shape == (8, 8) else pp.Status.UNDECIDED)
         assert np.abs(touch.interval(0.95, "force")).max() < 5e-3
 
 
@@ -96,7 +97,7 @@ def test_what_noise_explains_ill_may_be_contact() -> None:
     """A contact of 12 N/m across the edge of a thin layer that reads as noise does one time in twelve."""
     frame = make_frame("clean", 55, seed=2203)
     touch = frame.skin.reconstruct(frame.readings, friction=frame.friction)
-    assert touch.status == pp.Status.NO_CONTACT
+    assert touch.status == pp.Status.UNDECIDED
     assert 0.01 < float(touch.fit) < 0.1
     assert np.abs(touch.interval(0.95, "force")[1][1]) > 0.8 * frame.load.force[1]
 

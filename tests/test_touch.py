@@ -145,6 +145,8 @@ def full(frames: int = 4) -> pp.Touch:
         fit=some(),
         nuisance=some(2) - 0.5,
         nuisance_std=some(2),
+        discrepancy=0.1 * some(),
+        force_bounds=np.where(some(3, 2) > 0.5, np.nan, some(3, 2)),
         nuisance_names=(("offset of stress_zz", "Pa"), ("rotation about z", "rad")),
         at_limit=some(36) > 0.9,
         drag=some(2),
@@ -176,7 +178,9 @@ def test_a_frame_keeps_every_field() -> None:
 def test_notes_are_those_of_the_frames() -> None:
     touch = full()
     notes = "\n".join(touch.notes)
-    assert "no contact in 2 of 4 frames: noise alone explains the readings" in notes
+    # noise explains one of the two frames without contact, and the other ill
+    assert "no contact in 1 of 4 frames: noise alone explains the readings" in notes
+    assert "nothing was found in 1 of 4 frames, but the readings do not look like noise" in notes
     assert "only pushes does not explain the readings in 1 of 4 frames" in notes
     assert not any("no contact" in n for n in touch.frame(0).notes)
     assert any(n.startswith("no contact: ") for n in touch.frame(1).notes)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.sensing.zero import Rest
-from palpate.sensing.zero import MOVED, moved
+from palpate.sensing.zero import MOVED, Rest, moved
 from palpate.status import Status
 from palpate.tracking import iteration
 from remedies.noted import MISSING, line, readings, tracked

@@ -66,12 +66,11 @@ class Numbers:
                 left = left[self._file.write(left) :]
 
     def untouched(self) -> Any:
-        """Whether nothing touches in each frame."""
+        """Whether nothing was found to touch in each frame."""
         if self._file is not None:
-            return self._status == Status.NO_CONTACT
-        return np.concatenate(
-            [np.asarray(self._parts[s]["status"]) == Status.NO_CONTACT.label for s in sorted(self._parts)]
-        )
+            return np.isin(self._status, [Status.NO_CONTACT, Status.UNDECIDED])
+        labels = [Status.NO_CONTACT.label, Status.UNDECIDED.label]
+        return np.concatenate([np.isin(self._parts[s]["status"], labels) for s in sorted(self._parts)])
 
     def table(self) -> pandas.DataFrame:
         """One row a frame; columns of many frames stay in the file until they are looked at."""

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import to_numpy
-from palpate.inverse.fit import POOR_FIT
+from palpate.inverse.fit import POOR_FIT, PROVEN
 from palpate.status import Status
 
 if TYPE_CHECKING:
@@ -84,6 +84,7 @@ class Outcome:
     roughest: float = 0.0
     discrepant: int = 0
     discrepancy: float = 0.0
+    unlike_noise: int = 0
 
     @classmethod
     def of(cls, touch: Touch) -> Outcome:
@@ -93,11 +94,12 @@ class Outcome:
             codes, counts = np.unique(touch.status, return_counts=True)
             status = {int(c): int(n) for c, n in zip(codes, counts)}
         pulls = pulling(touch)
+        answered = _in(touch, Status.UNEXPLAINED, Status.UNDECIDED, Status.OVERLOAD)
         linear = unexplained = rims = 0
         if touch.pushing is not None:
             by_line = (touch.methods != "adaptive") & (touch.methods != "constrained") & ~touch.pushing
             linear = int(np.count_nonzero(by_line))
-            neither = ~touch.pushing & ~by_line & ~pulls
+            neither = ~touch.pushing & ~by_line & ~pulls & ~answered
             both = neither & (False if touch.status is None else touch.status == int(Status.SOLVED))
             rims, unexplained = int(np.count_nonzero(both)), int(np.count_nonzero(neither & ~both))
         left_out: dict[int, str] = {}
@@ -110,7 +112,8 @@ class Outcome:
             at_limit, most = int(np.count_nonzero(ends.any(axis=1))), int(ends.sum(axis=1).max())
         poor, worst = 0, 1.0
         if touch.fit is not None:
-            here = np.asarray(touch.fit) < POOR_FIT
+            nothing = _in(touch, Status.NO_CONTACT)
+            here = (np.asarray(touch.fit) < POOR_FIT) & ~answered & ~nothing
             poor = int(np.count_nonzero(here))
             worst = float(np.min(np.asarray(touch.fit)[here])) if poor else 1.0
         parts = _uncertainty(touch)
@@ -131,6 +134,7 @@ class Outcome:
             int(np.count_nonzero(parts > ROUGH)),
             float(np.max(parts, initial=0.0)),
             *_discrepancy(touch),
+            0 if touch.fit is None else int(np.count_nonzero((np.asarray(touch.fit) < PROVEN) & nothing)),
         )
 
     def __add__(self, other: Outcome) -> Outcome:
@@ -156,6 +160,7 @@ class Outcome:
             max(self.roughest, other.roughest),
             self.discrepant + other.discrepant,
             max(self.discrepancy, other.discrepancy),
+            self.unlike_noise + other.unlike_noise,
         )
 
     def plain(self) -> dict[str, Any]:
@@ -186,10 +191,18 @@ class Outcome:
             status = Status.coded(code)
             if status in (Status.SOLVED, Status.NOT_PUSHING):
                 continue
+            if status is Status.NO_CONTACT:
+                count -= self.unlike_noise
+                if not count:
+                    continue
             # what did not converge says itself what helps: a tracker, a rule and a constrained method need something different
             own = status is Status.NOT_CONVERGED
             remedy = f"; {status.remedy}" if status.remedy and not self.batch and not own else ""
             said.append(f"{status.label}{some(count)}: {status.meaning}{remedy}")
+        if self.unlike_noise:
+            said.append(
+                f"nothing was found{some(self.unlike_noise)}, but the readings do not look like noise: check pad, units and signs, or take the zero anew"
+            )
         if self.pulls:
             said.append(f"the readings pull as a whole{some(self.pulls)}: adhesion, or a wrong sign of the readings?")
         for count, what in (
@@ -235,9 +248,16 @@ class Outcome:
             how = "" if self.batch else f" (fit {self.worst_fit:.1g})"
             said.append(
                 f"the model does not explain the readings{some(self.poor)}{how}: pad, depth, units, axes and signs of the channels may be "
-                "wrong, or taxels broken; the error bars do not know of this"
+                "wrong, or taxels broken"
             )
         return said
+
+
+def _in(touch: Touch, *statuses: Status) -> npt.NDArray[np.bool_]:
+    """Frames (*batch) of these statuses."""
+    if touch.status is None:
+        return np.zeros(touch.batch, dtype=bool)
+    return np.isin(np.asarray(touch.status), [int(s) for s in statuses])
 
 
 def _discrepancy(touch: Touch) -> tuple[int, float]:

@@ -287,14 +287,16 @@ class ConstrainedEstimator:
     def even_noise(self) -> ConstrainedEstimator:
         """The same estimator with one noise for all channels of a kind (`Problem.with_even_noise`)."""
         problem = self.problem.with_even_noise()
-        out = type(self)(
+        out = ConstrainedEstimator(
             problem, self.cone, parameter=self.parameter, draws=self.draws, parts=self.parts, thresholds=self.thresholds
         )
-        out.signs = self.signs
+        out.signs = tuple(sign for sign in self.signs if sign)
         return out
 
     def cut(self, field: Floats) -> Floats:
-        """The part of a field (..., *grid) that lies on the surface."""
+        """The part of a field (..., *grid) that lies on the surface; a field of the surface's own grid is all of it."""
+        if field.shape[-self.surface.dimensions :] == self.surface.shape:
+            return field
         place: tuple[Any, ...] = (..., *self.window)
         return np.asarray(field[place])
 
@@ -328,7 +330,7 @@ class ConstrainedEstimator:
             chance = rough_fit(self, h, filled, usable)
             everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > self.thresholds.everywhere
             if chance < self.thresholds.structured_chance or everywhere:
-                return self._unexplained(data, ~usable, chance)
+                return self.unexplained(data, ~usable, chance)
         run = self.run_of(h, filled, alive, usable, ends)
         frame = self.framed(run, data, ends, rng)
         frame = with_rims(self, run, frame, *screened, ends, rng) or frame
@@ -571,12 +573,8 @@ class ConstrainedEstimator:
         noise = np.full(self.noise.count, scale)
         return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)
 
-    def unexplained(self, data: Floats) -> Frame:
+    def unexplained(self, data: Floats, outliers: Flags, chance: float) -> Frame:
         """A frame that no contact explains: nothing is known."""
-        return self._unexplained(data, np.zeros(len(data), dtype=bool), 0.0)
-
-    def _unexplained(self, data: Floats, outliers: Flags, chance: float) -> Frame:
-        """A frame that nothing explains which is known of contact: nothing is known."""
         nothing = self._nothing(math.nan, math.nan, data, outliers)
         unknown = {f.name: np.full_like(getattr(nothing.known, f.name), math.nan) for f in fields(Errors)}
         gap, terms = math.nan * nothing.traction, np.full(len(self.terms), math.nan)

@@ -191,11 +191,7 @@ def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
             f"one reading alone tells {100.0 * max(hanging):.0f} % of the normal force{where(len(hanging))}: nothing shows whether it is right, or at the end of "
             "its range (limits= of the array says where that is)"
         )
-    unproven, pressed = (sum(f.unproven == kind for f in frames) for kind in (1, 2))
-    if unproven:
-        said.append(
-            f"nothing was found{where(unproven)}, but noise explains the readings ill: contact may hide in them"
-        )
+    pressed = sum(f.unproven == 2 for f in frames)
     short = sum(not f.converged for f in frames)
     if short:
         said.append(

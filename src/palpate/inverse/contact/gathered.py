@@ -26,9 +26,8 @@ def gathered(estimator: ConstrainedEstimator, frames: Sequence[Frame], batch: tu
     """One estimate of all frames, with the batch axes first; traction in the kind of array that ``like`` is."""
 
     def stacked(parts: Sequence[Floats]) -> Floats:
-        whole = np.stack(parts)
-        if whole.ndim > estimator.operator.surface.dimensions + 1:  # a field
-            whole = estimator.cut(whole)
+        fields = parts[0].ndim > estimator.operator.surface.dimensions
+        whole = np.stack([estimator.cut(part) for part in parts] if fields else parts)
         return np.asarray(whole.reshape((*batch, *whole.shape[1:])))
 
     def numbers(name: str, kind: type = np.float64) -> npt.NDArray[Any]:

@@ -14,7 +14,7 @@ from palpate.inverse.contact.frame import Run
 from palpate.inverse.contact.hypotheses import Hypothesis, Rough, rough
 from palpate.inverse.contact.sharp import heavy_tails
 from palpate.inverse.estimate import Errors
-from palpate.inverse.fit import misfit_probability
+from palpate.inverse.fit import PROVEN, misfit_probability
 from palpate.inverse.linear.evidence import log_evidence
 
 if TYPE_CHECKING:
@@ -28,9 +28,6 @@ HEAVY = 4.0
 #: Contact may be all that a short line reads: on no more than so many taxels, beginning with this part of the readings as noise, it explains them if it leaves
 #: this part of them.
 FEW_TAXELS, QUIETER, EXPLAINED = 25, 0.03, 0.35
-#: Misfit probability from which on it is taken as shown that noise is all there is. One quiet frame in ten has less, and wider intervals for it; so had
-#: three of four wide contacts on thin layers that were taken for noise (0.05 to 0.09), and a ball that two of 252 readings felt, over noise that was given (0.012).
-PROVEN = 0.1
 #: Half of an interval of 95 % in standard deviations.
 WIDE = 1.96
 
