@@ -146,6 +146,7 @@ def full(frames: int = 4) -> pp.Touch:
         nuisance=some(2) - 0.5,
         nuisance_std=some(2),
         discrepancy=0.1 * some(),
+        strain=0.1 * some(),
         force_bounds=np.where(some(3, 2) > 0.5, np.nan, some(3, 2)),
         nuisance_names=(("offset of stress_zz", "Pa"), ("rotation about z", "rad")),
         at_limit=some(36) > 0.9,

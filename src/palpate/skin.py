@@ -22,7 +22,7 @@ from palpate.inverse.observability import (
 )
 from palpate.inverse.problem import Kept, Problem
 from palpate.inverse.registry import method_asked, method_named
-from palpate.inverse.words import notes
+from palpate.inverse.words import notes, surface_strain
 from palpate.recordings.prepared import read_prepared, write_prepared
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.contacts import contact_readings, sampled
@@ -449,6 +449,7 @@ class Skin(SkinProperties):
             at_limit=estimate.at_limit,
             discrepancy=estimate.discrepancy,
             force_bounds=estimate.force_bounds,
+            strain=surface_strain(self._problem, estimate.traction),
             reading_names={row: self._layout.reading_name(row) for row in estimate.left_out()},
         )
 

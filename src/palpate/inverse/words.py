@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+
+from palpate._arrays import to_numpy
 from palpate.inverse.method import Method
 from palpate.inverse.observability import blind_to_force, presses, without_mean
 from palpate.inverse.problem import Problem
 from palpate.sensing.uncertainty import MODULUS, scale_free
 
-__all__ = ["notes"]
+__all__ = ["notes", "surface_strain"]
 
 _SPOKEN = {"x": "shear along x", "y": "shear along y", "z": "pressure"}
 
@@ -52,6 +55,13 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
         )
     found.extend(getattr(prepared, "notes", ()))
     return tuple(found)
+
+
+def surface_strain(problem: Problem, traction: Any) -> Any:
+    """Largest strain at the surface (*batch), roughly: the peak of ``traction`` (*batch, component, *surface) over Young's modulus of the pad there."""
+    size = np.sqrt((to_numpy(traction).astype(np.float64) ** 2).sum(axis=-1 - problem.surface.dimensions))
+    peak = size.max(axis=tuple(range(-problem.surface.dimensions, 0)))
+    return np.asarray(peak * problem.pad.compliance(0.0)[2, 2])
 
 
 def _spoken(components: Iterable[str]) -> str:

@@ -17,6 +17,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import POOR_FIT
+from palpate.status import Status
 from palpate.touch.outcome import pulling
 from palpate.uncertainty import Calibration, Constants, constants
 
@@ -175,7 +176,11 @@ def exceeds(touch: Touch, limit: float, of: str) -> Floats:
             found = np.where(touch.converged, found, either)
         return (found,)
 
-    return _each_method(touch, chance)[0]
+    found = _each_method(touch, chance)[0]
+    if touch.status is not None:
+        # nothing tells how large an overload is
+        found = np.where(np.asarray(touch.status) == int(Status.OVERLOAD), 1.0, found)
+    return found
 
 
 def uncalibrated(

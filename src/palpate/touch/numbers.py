@@ -186,7 +186,9 @@ class Numbers:
         0.002
         """
         xp = namespace(self.values)
-        return self._integral(xp.astype(self.contact(threshold=threshold), self.values.dtype))
+        here = xp.astype(self.contact(threshold=threshold), self.values.dtype)
+        # NaN where the traction is not known
+        return self._integral(xp.where(xp.isnan(self._component("z")), self._component("z"), here))
 
     def slip_margin(self, friction: float, *, threshold: float = 0.1) -> Any:
         """Grasp stability (*batch) [Pa]: the smallest friction * p - |q| over the contact.

@@ -23,6 +23,8 @@ __all__ = ["ROUGH", "ROUGHLY", "Nuisance", "Outcome", "pulling"]
 ROUGH = 0.3
 #: Share of the readings that a pad's model leaves unexplained, from which on it is said.
 SAID = 0.05
+#: Strain from which on linear elasticity is no more to be trusted (a convention of rubber: stress of a neo-Hookean bar is then off by a third).
+LARGE_STRAIN = 0.3
 #: How that note begins.
 ROUGHLY = "the net force is known roughly only"
 
@@ -85,6 +87,8 @@ class Outcome:
     discrepant: int = 0
     discrepancy: float = 0.0
     unlike_noise: int = 0
+    strained: int = 0
+    strain: float = 0.0
 
     @classmethod
     def of(cls, touch: Touch) -> Outcome:
@@ -135,6 +139,7 @@ class Outcome:
             float(np.max(parts, initial=0.0)),
             *_discrepancy(touch),
             0 if touch.fit is None else int(np.count_nonzero((np.asarray(touch.fit) < PROVEN) & nothing)),
+            *_strain(touch),
         )
 
     def __add__(self, other: Outcome) -> Outcome:
@@ -161,6 +166,8 @@ class Outcome:
             self.discrepant + other.discrepant,
             max(self.discrepancy, other.discrepancy),
             self.unlike_noise + other.unlike_noise,
+            self.strained + other.strained,
+            max(self.strain, other.strain),
         )
 
     def plain(self) -> dict[str, Any]:
@@ -234,6 +241,14 @@ class Outcome:
                     f"the whole edge of the array is loaded{some(n.hidden)}: the {n.label} cannot be told from contact; up to "
                     f"{n.hidden_std:.2g} {n.unit} of it is in the error bars. Where it does not drift, say Skin(..., nuisance=[])"
                 )
+        if self.strained:
+            up_to = "up to " if self.batch else ""
+            size = (
+                "the peak pressure is above Young's modulus of the pad: check the unit of the readings and the modulus"
+                if self.strain > 1.0
+                else f"strain of {up_to}{self.strain:.2f}: beyond linear elasticity, which holds to about {LARGE_STRAIN:g}"
+            )
+            said.append(f"{size}{some(self.strained)}")
         if self.discrepant:
             up_to = "up to " if self.batch else ""
             said.append(
@@ -258,6 +273,14 @@ def _in(touch: Touch, *statuses: Status) -> npt.NDArray[np.bool_]:
     if touch.status is None:
         return np.zeros(touch.batch, dtype=bool)
     return np.isin(np.asarray(touch.status), [int(s) for s in statuses])
+
+
+def _strain(touch: Touch) -> tuple[int, float]:
+    """Frames whose strain is too large for linear elasticity, and the largest."""
+    if touch.strain is None:
+        return 0, 0.0
+    strain = np.nan_to_num(np.asarray(touch.strain, dtype=np.float64))
+    return int(np.count_nonzero(strain > LARGE_STRAIN)), float(np.max(strain, initial=0.0))
 
 
 def _discrepancy(touch: Touch) -> tuple[int, float]:

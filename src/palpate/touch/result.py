@@ -71,6 +71,8 @@ class Touch(Numbers):
     force_bounds : array (*batch, component, 2) or None
         Net forces that the readings do not rule out besides, such as an offset that could be load, or a load beyond the range of the readings (inf): the
         interval of the force reaches them. NaN where there are none.
+    strain : array (*batch) or None
+        Largest strain at the surface, roughly: peak traction over Young's modulus of the pad there.
     converged : array (*batch) of bool or None
         Whether the optimisation reached its tolerance.
     touching : array (*batch) of bool or None
@@ -169,6 +171,7 @@ class Touch(Numbers):
     common_std: float = 0.0
     discrepancy: Floats | None = field(default=None, metadata=per_frame(missing=0.0))
     force_bounds: Floats | None = field(default=None, metadata=per_frame("component", "bound"))
+    strain: Floats | None = field(default=None, metadata=per_frame())
 
     def __post_init__(self) -> None:
         expected = (len(self.surface.components), *self.surface.shape)
