@@ -13,13 +13,14 @@ from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.labels import is_labelled
+from palpate.sensing.times import as_seconds
 
 __all__ = ["Recording", "checked_time"]
 
 
 def checked_time(time: Any, count: int) -> Floats:
     """Times of ``count`` frames [s], finite and increasing; None: frame numbers."""
-    found = np.arange(count, dtype=np.float64) if time is None else np.asarray(time, dtype=np.float64)
+    found = np.arange(count, dtype=np.float64) if time is None else as_seconds(time)
     if found.shape != (count,) or not np.isfinite(found).all():
         raise InvalidInput(f"time must be {count} finite seconds; got shape {found.shape}.")
     if np.any(np.diff(found) <= 0):

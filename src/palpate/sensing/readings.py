@@ -23,6 +23,7 @@ from palpate.errors import InvalidInput
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.labels import is_labelled, labelled_readings, labelled_time, labelled_traction
+from palpate.sensing.times import as_seconds
 
 __all__ = [
     "Creep",
@@ -275,7 +276,7 @@ def frame_times(
         time = labelled_time(readings)
         if time is None:
             return None
-    found = np.asarray(time, dtype=np.float64)
+    found = as_seconds(time)
     d = len(planes[0].shape)
     frames = tuple(parts[0].shape[: -1 - d])
     if len(frames) != 1 or found.shape != frames:
