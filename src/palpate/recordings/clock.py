@@ -63,16 +63,17 @@ _NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """Times of frames [s], increasing; the order in which they stand (None: as received); and what was done, in words ("": nothing)."""
+    """Times of frames [s], increasing; the order in which they stand (None: as received); what was done, in words ("": nothing); and to which file."""
 
     time: Floats
     order: Ints | None = None
     note: str = ""
+    source: str = ""
 
     def tell(self) -> None:
         """Say the note."""
         if self.note:
-            warnings.warn(self.note, UncheckedInput, stacklevel=3)
+            warnings.warn(f"{self.source}: {self.note}", UncheckedInput, stacklevel=3)
 
     def meta(self) -> dict[str, str]:
         """The note as an entry of a recording's ``meta``."""
@@ -137,7 +138,7 @@ def read_clock(
     [7.0, 7.5, 8.0, 8.5, 9.0, 9.5]
 
     >>> clock.note
-    'run.csv: the clock began anew 1 time (first: frame 3 is at 0 s after 8 s). All 6 frames are kept in their order, and time goes on.'
+    'the clock began anew 1 time (first: frame 3 is at 0 s after 8 s). All 6 frames are kept in their order, and time goes on.'
     """
     dated = np.asarray(stamps).dtype.kind in "mMO"
     values = as_seconds(stamps) if dated else np.array(stamps, dtype=np.float64)
@@ -153,10 +154,10 @@ def read_clock(
         values = values if order is None else values[order]
         log = log if log is None or order is None else None
     time = values if _plain(values, log) else _mended(values, log, count, source, (remedy, untimed), words)
-    note = f"{source}: {'; '.join(words)}." if words else ""
+    note = f"{'; '.join(words)}." if words else ""
     if words and time is not values and len(time) > 1:
         note += f" All {len(time)} frames are kept{'' if sort else ' in their order'}, and time goes on."
-    return Clock(time, order, note)
+    return Clock(time, order, note, source)
 
 
 def stored_clock(values: Any, units: Any, source: str) -> Clock:
