@@ -24,7 +24,7 @@ from palpate.errors import InvalidInput, UncheckedInput
 from palpate.recordings.dates import TimeCells
 from palpate.sensing.times import LATEST, as_seconds, epoch_unit
 
-__all__ = ["Clock", "read_clock", "stored_clock", "unit_of_name"]
+__all__ = ["Clock", "LiveClock", "read_clock", "stored_clock", "unit_of_name"]
 
 Ints = npt.NDArray[np.int64]
 
@@ -32,6 +32,8 @@ Ints = npt.NDArray[np.int64]
 LEAP = 10.0
 #: The recorder's clock and the stamps may part by so many seconds within one step: what waits in a network is recorded late.
 LATE = 1.0
+#: Time between frames whose stamps are replaced by a clock (a simulated one) that has not moved [s].
+STILL = 1e-6
 #: A step ahead by more than this [s] and `FAR_STEPS` usual ones is a clock that was set, not a pause.
 FAR, FAR_STEPS = 30 * 86400.0, 1000.0
 #: What an explanation costs: a stamp that is wrong, a jump within a clock, a clock that began anew.
@@ -158,6 +160,34 @@ def read_clock(
     if words and time is not values and len(time) > 1:
         note += f" All {len(time)} frames are kept{'' if sort else ' in their order'}, and time goes on."
     return Clock(time, order, note, source)
+
+
+class LiveClock:
+    """Times of frames that come now, where the future is not known: a stamp that is empty (0) or repeated is replaced by this machine's clock.
+
+    A clock that goes back is left to whoever tells senders and their sessions apart (`palpate.network.Admission`).
+
+    Examples
+    --------
+    >>> from palpate.recordings.clock import LiveClock
+    >>> clock = LiveClock()
+    >>> [clock.next(stamp, now) for stamp, now in ((7.0, 0.0), (7.0, 0.25), (7.0, 0.5), (8.0, 1.0))]  # whole seconds
+    [7.0, 7.25, 7.5, 8.0]
+    """
+
+    def __init__(self) -> None:
+        self._stamp = self._time = self._now = -np.inf
+        self._replaced = False
+
+    def next(self, stamp: float, now: float) -> float:
+        """The time of the next frame [s]."""
+        again = stamp == self._stamp
+        time = now if stamp == 0.0 else self._time + (now - self._now) if again else stamp
+        replaced = again or stamp == 0.0
+        if (replaced or self._replaced) and 0.0 <= self._time - time < LATE:
+            time = self._time + STILL
+        self._stamp, self._time, self._now, self._replaced = stamp, time, now, replaced
+        return time
 
 
 def stored_clock(values: Any, units: Any, source: str) -> Clock:

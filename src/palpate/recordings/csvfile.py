@@ -86,7 +86,7 @@ class Csv(Format):
                 raise InvalidInput(_TRUNCATED.format(path=path))
             if not ended:
                 warn_of_a_cut(path, lines[-1])
-        recording = _table(path, body, head.positions, head.meta)
+        recording = _table(path, body, head)
         if not salvage:
             return confirm_recording(recording, expected, path, _EDITED)
         lost = "the last line is torn and lost" if torn else "every line is whole"
@@ -246,23 +246,26 @@ class _Columns:
         readings[self.index] = np.array([number(v, where) for v in values[1:]]) * self.factors[1:]
         return seconds, readings
 
-    def time(self, path: Path, stamps: Sequence[float]) -> Clock:
-        """One time of all lines."""
+    def time(self, path: Path, stamps: Sequence[float], expected: str | None) -> Clock:
+        """One time of all lines; of a file with a checksum, which has no other, it is confirmed and not mended with a word."""
         values = self.clock.settled(np.array(stamps, dtype=np.float64))
-        return read_clock(values, source=str(path), remedy="sort its lines by their first column")
+        clock = read_clock(values, source=str(path), remedy="sort its lines by their first column")
+        if expected is not None:
+            return Clock(clock.time)
+        clock.tell()
+        return clock
 
 
-def _table(path: Path, body: list[tuple[int, str]], positions: Any, meta: dict[str, str]) -> Recording:
+def _table(path: Path, body: list[tuple[int, str]], head: _Head) -> Recording:
     columns = _Columns.of(path, *body[0])
     frames = [columns.frame(line, f"{path}, line {count}") for count, line in body[1:]]
-    clock = columns.time(path, [time for time, _ in frames])
-    clock.tell()
+    clock = columns.time(path, [time for time, _ in frames], head.expected)
     return Recording(
         readings=np.stack([readings for _, readings in frames]),
         channels=columns.channels,
         time=clock.time,
-        positions=positions,
-        meta={**meta, **clock.meta()},
+        positions=head.positions,
+        meta={**head.meta, **clock.meta()},
     )
 
 
@@ -296,8 +299,7 @@ def _spooled(path: Path, held: Any) -> OpenRecording:
         raise InvalidInput(_NO_FRAMES.format(path=path))
     head.check_end(path)
     spooled = _Spooled(held, columns.shape)
-    clock = columns.time(path, times)
-    clock.tell()
+    clock = columns.time(path, times, head.expected)
     meta = {**head.meta, **clock.meta()}
     first = Recording(
         readings=spooled[0:1], channels=columns.channels, time=clock.time[:1], positions=head.positions, meta=meta
