@@ -65,7 +65,26 @@ _NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """Times of frames [s], increasing; the order in which they stand (None: as received); what was done, in words ("": nothing); and to which file."""
+    """One time for the frames of a recording (`read_clock`).
+
+    Attributes
+    ----------
+    time : array (frame,)
+        Seconds, increasing.
+    order : array (frame,) or None
+        The order in which the frames stand; None: as received.
+    note : str
+        What was done, in words; empty where nothing was.
+    source : str
+        What messages call the recording.
+
+    Examples
+    --------
+    >>> from palpate.recordings import read_clock
+    >>> clock = read_clock([0.0, 0.5, 1.0])
+    >>> clock.note, clock.meta(), clock.tell()
+    ('', {}, None)
+    """
 
     time: Floats
     order: Ints | None = None
@@ -100,7 +119,7 @@ def unit_of_name(name: str) -> float | None:
 def read_clock(
     stamps: Any,
     *,
-    source: str,
+    source: str = "the recording",
     recorded: Any = None,
     unit: float | None = 1.0,
     count: float | None = None,
@@ -115,7 +134,7 @@ def read_clock(
     stamps : array (frame,)
         As received; NaN where a frame has none. Numbers times ``unit`` are seconds; dates are taken as they are.
     source : str
-        What the note begins with.
+        What messages call it.
     recorded : array (frame,), optional
         Seconds at which the frames were recorded, by another clock.
     unit : float, optional
@@ -134,8 +153,8 @@ def read_clock(
 
     Examples
     --------
-    >>> from palpate.recordings.clock import read_clock
-    >>> clock = read_clock([7.0, 7.5, 8.0, 0.0, 0.5, 1.0], source="run.csv")  # the sensor was started again
+    >>> from palpate.recordings import read_clock
+    >>> clock = read_clock([7.0, 7.5, 8.0, 0.0, 0.5, 1.0])  # the sensor was started again
     >>> clock.time.tolist()
     [7.0, 7.5, 8.0, 8.5, 9.0, 9.5]
 

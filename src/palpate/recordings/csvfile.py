@@ -182,6 +182,7 @@ class _Columns:
     shape: tuple[int, ...]
     index: tuple[Any, ...]
     factors: list[float]
+    unit: str  # of the time, where it is no date
     clock: TimeCells
 
     @classmethod
@@ -205,9 +206,7 @@ class _Columns:
             raise InvalidInput(f'{start}: no column of readings, like "stress_zz[0;1] (Pa)", follows the time.')
         channels: list[str] = []
         places: list[tuple[int, ...]] = []
-        unit = columns[0]["unit"]
-        # a time without a unit is a date; where it is not, the first number is refused
-        factors = [np.nan if unit is None else convert_factor(unit, "s", f"{path}: time")]
+        factors = [1.0]
         for match, title in zip(columns[1:], header[1:]):
             name = match["name"]
             if match["index"] is None or not is_channel(name):
@@ -228,7 +227,8 @@ class _Columns:
             raise InvalidInput(
                 f"{path}: {len(places)} columns do not fill {len(channels)} channels of {shape[1:]} taxels once each."
             )
-        return cls(tuple(channels), shape, tuple(np.array(places).T), factors, TimeCells(str(path)))
+        unit = columns[0]["unit"] or ""
+        return cls(tuple(channels), shape, tuple(np.array(places).T), factors, unit, TimeCells(str(path)))
 
     def frame(self, line: str, where: str) -> tuple[float, Floats]:
         """Time and readings (channel, *array) of a line."""
@@ -239,9 +239,7 @@ class _Columns:
             )
         seconds = self.clock.value(values[0], where)
         if seconds is None:
-            if np.isnan(self.factors[0]):
-                convert_factor("", "s", f"{where}: time")
-            seconds = number(values[0], where) * self.factors[0]
+            seconds = number(values[0], where) * convert_factor(self.unit, "s", f"{where}: time")
         readings = np.full(self.shape, np.nan)
         readings[self.index] = np.array([number(v, where) for v in values[1:]]) * self.factors[1:]
         return seconds, readings

@@ -55,7 +55,7 @@ def read_mapped(path: Path, mapping: TableMapping) -> Recording:
             roles["unnamed frame"] = [i for i, n in enumerate(titles.names) if is_frame(n)][:1]
         return [i for places in roles.values() for i in places]
 
-    table = read_table_text(path, wanted, lambda: roles.get("time", ()))
+    table = read_table_text(path, wanted, lambda: roles.get("time") or roles.get("unnamed frame", ()))
     parts: dict[str, Floats] = {}
     start = 0
     for role, places in roles.items():

@@ -25,7 +25,10 @@ def checked_time(time: Any, count: int) -> Floats:
         raise InvalidInput(f"time must be {count} finite seconds; got shape {found.shape}.")
     if np.any(np.diff(found) <= 0):
         first = int(np.argmax(np.diff(found) <= 0)) + 1
-        raise InvalidInput(f"time must increase; frame {first} is at {found[first]:g} s after {found[first - 1]:g} s.")
+        raise InvalidInput(
+            f"time must increase; frame {first} is at {found[first]:g} s after {found[first - 1]:g} s. "
+            "Where a clock began anew or stamps are wrong, palpate.recordings.read_clock(time).time goes on."
+        )
     return found
 
 
@@ -40,7 +43,7 @@ class Recording:
     channels : sequence of str
         Names from `palpate.AREA_CHANNELS`.
     time : array (time,), optional
-        Seconds, increasing; default: frame numbers.
+        Seconds, increasing, or dates and differences of times (``datetime64``, ``timedelta64``, those of pandas); default: frame numbers.
     positions : array (taxel, 2) or (taxel,), optional
         Positions (x, y) [m] of scattered taxels; only with one array axis.
     meta : mapping of str to str

@@ -105,7 +105,7 @@ class _Recorder(abc.ABC):
     def touch(self, touch: Touch, time: float | None = None) -> None:
         """What was found in one frame."""
         row: dict[str, Any] = {
-            "time": float(touch.time) if time is None else time,  # type: ignore[arg-type]
+            "time": as_second(touch.time if time is None else time),
             "traction": to_numpy(touch.values),
             "force": to_numpy(touch.force),
             "touching": int(bool(True if touch.touching is None else touch.touching)),

@@ -284,7 +284,9 @@ def frame_times(
             f"time must have one entry for each frame of (frame, channel, *array); got {found.shape} for {frames}."
         )
     if not np.isfinite(found).all() or np.any(np.diff(found) <= 0):
-        raise InvalidInput("time must be finite and increase from frame to frame.")
+        raise InvalidInput(
+            "time must be finite and increase from frame to frame. Where a clock began anew or stamps are wrong, palpate.recordings.read_clock(time).time goes on."
+        )
     return found
 
 
