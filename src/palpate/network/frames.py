@@ -24,7 +24,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.sensing.times import LATEST, as_second
+from palpate.sensing.times import as_second
 
 __all__ = [
     "HEAD",
@@ -83,10 +83,7 @@ def frame_from_bytes(data: bytes) -> tuple[int, float, Floats]:
         if is_big_endian(data):
             raise InvalidInput("a frame of big-endian numbers; send them little-endian.")
         raise InvalidInput(f"a frame of {channels} x {rows} x {columns} floats has {needed} bytes; got {len(data)}.")
-    if not (math.isfinite(time) and abs(time) <= LATEST):
-        raise InvalidInput(
-            f"the time of a frame must be seconds within 2**33 of 0; got {time:g}. Is it in nanoseconds?"
-        )
+    as_second(time, "the time of a frame")
     values = np.frombuffer(data, dtype="<f4", offset=HEAD.size).reshape(channels, rows, columns)
     return sequence, time, np.asarray(values, dtype=np.float64)
 

@@ -413,7 +413,8 @@ def _explained(
         chain.append(run)
         run = best[run][1]
     kept = np.zeros(len(values), dtype=bool)
-    times, shift, said = values.copy(), 0.0, {}
+    times, shift = values.copy(), 0.0
+    said: dict[str, tuple[int, str]] = {}
     for run in reversed(chain):
         _, _, how, extra = best[run]
         shift += extra

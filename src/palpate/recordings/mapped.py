@@ -55,7 +55,7 @@ def read_mapped(path: Path, mapping: TableMapping) -> Recording:
             roles["unnamed frame"] = [i for i, n in enumerate(titles.names) if is_frame(n)][:1]
         return [i for places in roles.values() for i in places]
 
-    table = read_table_text(path, wanted, lambda: roles.get("time") or roles.get("unnamed frame", ()))
+    table = read_table_text(path, wanted, lambda: roles.get("time", roles.get("unnamed frame", [])))
     parts: dict[str, Floats] = {}
     start = 0
     for role, places in roles.items():
@@ -148,9 +148,7 @@ def _factors(mapping: TableMapping, titles: Titles, roles: dict[str, list[int]])
         unit = said.pop()
         if unit in known and unit is not None:
             if np.isfinite(factor) and not np.isclose(factor, known[unit], rtol=1e-9):
-                raise InvalidInput(
-                    f"{titles.source}: the title {title!r} says {unit}, but a 1 is said to be {factor:g} {si}; leave out the one that is wrong."
-                )
+                raise _contradiction(titles, title, unit, factor, si)
             factor = known[unit]
         elif not np.isfinite(factor):
             key = "position_unit" if role in ("x", "y") else "unit"
@@ -177,10 +175,14 @@ def _time_unit(mapping: TableMapping, table: Table, roles: dict[str, list[int]])
         and titles.unit(places[0]) is not None
         and named not in (None, mapping.time_scale)
     ):
-        raise InvalidInput(
-            f"{titles.source}: the title {title!r} says {named:g} s, but a 1 is said to be {mapping.time_scale:g} s; leave out the one that is wrong."
-        )
+        raise _contradiction(titles, title, f"{named:g} s", mapping.time_scale, "s")
     return mapping.time_scale if mapping.time_scale is not None else named
+
+
+def _contradiction(titles: Titles, title: str, said: str, factor: float, si: str) -> InvalidInput:
+    return InvalidInput(
+        f"{titles.source}: the title {title!r} says {said}, but a 1 is said to be {factor:g} {si}; leave out the one that is wrong."
+    )
 
 
 def _example(si: str) -> str:
