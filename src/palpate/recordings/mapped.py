@@ -148,7 +148,7 @@ def _factors(mapping: TableMapping, titles: Titles, roles: dict[str, list[int]])
         unit = said.pop()
         if unit in known and unit is not None:
             if np.isfinite(factor) and not np.isclose(factor, known[unit], rtol=1e-9):
-                raise _contradiction(titles, title, unit, factor, si)
+                _refuse_two_units(titles, title, unit, factor, si)
             factor = known[unit]
         elif not np.isfinite(factor):
             key = "position_unit" if role in ("x", "y") else "unit"
@@ -175,12 +175,12 @@ def _time_unit(mapping: TableMapping, table: Table, roles: dict[str, list[int]])
         and titles.unit(places[0]) is not None
         and named not in (None, mapping.time_scale)
     ):
-        raise _contradiction(titles, title, f"{named:g} s", mapping.time_scale, "s")
+        _refuse_two_units(titles, title, f"{named:g} s", mapping.time_scale, "s")
     return mapping.time_scale if mapping.time_scale is not None else named
 
 
-def _contradiction(titles: Titles, title: str, said: str, factor: float, si: str) -> InvalidInput:
-    return InvalidInput(
+def _refuse_two_units(titles: Titles, title: str, said: str, factor: float, si: str) -> None:
+    raise InvalidInput(
         f"{titles.source}: the title {title!r} says {said}, but a 1 is said to be {factor:g} {si}; leave out the one that is wrong."
     )
 
