@@ -96,6 +96,15 @@ def test_a_pause_is_no_jump() -> None:
     assert "1 time " in clock.note
 
 
+def test_what_is_recorded_late_keeps_its_stamps() -> None:
+    """A network that stands still for 5 s and then delivers all at once."""
+    late = np.r_[EVEN[:5], np.full(15, 5.1) + 1e-4 * np.arange(15)]
+    for stamps in (EVEN, 1e9 + EVEN):
+        clock = read_clock(stamps, recorded=late)
+        np.testing.assert_array_equal(clock.time, stamps)
+        assert clock.note == ""
+
+
 def test_one_stamp_in_ten_wrong_is_found() -> None:
     rng = np.random.default_rng(3)
     true = STEP * np.arange(1000)

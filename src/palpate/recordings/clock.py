@@ -30,7 +30,8 @@ Ints = npt.NDArray[np.int64]
 
 #: A step of up to so many usual ones is no jump.
 LEAP = 10.0
-#: The recorder's clock and the stamps may part by so many seconds within one step: what waits in a network is recorded late.
+#: Stamps may go by so many seconds more than the recorder's clock within one step: what has waited in a network is recorded all at once. They may go
+#: by less, without end: what waits is recorded late.
 LATE = 1.0
 #: Time between frames whose stamps are replaced by a clock (a simulated one) that has not moved [s].
 STILL = 1e-6
@@ -309,7 +310,7 @@ def _jumps(steps: Any, frames: Any, usual: float, recorded: Any) -> Any:
     """Where a step of so many frames is not one of a single clock without a pause; ``recorded``: the same step by the recorder's clock."""
     steps = np.asarray(steps, dtype=np.float64)
     if recorded is not None:
-        return (steps <= 0) | (np.abs(steps - recorded) > np.maximum(0.5 * recorded, max(LEAP * usual, LATE)))
+        return (steps <= 0) | (steps - recorded > np.maximum(0.5 * recorded, max(LEAP * usual, LATE)))
     return (steps <= 0) | (steps > np.maximum(FAR, FAR_STEPS * usual * np.asarray(frames)))
 
 
