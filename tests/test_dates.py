@@ -119,3 +119,20 @@ def test_dates_that_may_be_meant_in_two_ways_are_refused(tmp_path: Path) -> None
         table(tmp_path, ["12:00:00", "5"])
     with pytest.raises(pp.InvalidInput, match="stands among dates"):
         table(tmp_path, ["2017-07-30 12:00:00", "12:00:01"])
+
+
+def test_dates_are_no_readings(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("t;S0;S1\n0;2017-07-30;1\n1;2017-07-31;2\n")
+    with pytest.raises(pp.InvalidInput, match="the column 'S0' holds dates or times of day, and stress_zz is a number"):
+        read_recording(tmp_path / "t.csv", mapping=TableMapping(time="t", channels=CHANNELS, scale=1.0))
+
+
+def test_lines_of_several_dates_are_several_frames(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("time,id,p\n12:00:00,0,1\n12:00:00,1,2\n12:00:01,0,3\n12:00:01,1,4\n")
+    said = {"marker": "id", "channels": {"stress_zz": "p"}, "scale": 1.0}
+    with pytest.raises(pp.InvalidInput, match="holds 2 different values: these are several frames. Name it"):
+        read_recording(tmp_path / "t.csv", mapping=TableMapping(**said))
+    assert read_recording(tmp_path / "t.csv", mapping=TableMapping(time="time", **said)).time.tolist() == [
+        43200.0,
+        43201.0,
+    ]

@@ -33,6 +33,10 @@ _DATE = re.compile(rf"\s*(?:{_DAY})(?:(?:[T_ ]\s*|-|,\s*)(?:{_TIME}){_ZONE})?\s*
 _OF_DAY = re.compile(rf"\s*(?:(?P<days>\d+)\s*days?,?\s*)?(?:{_TIME.rsplit('|', 1)[0]})\s*", re.ASCII)
 
 
+#: What a date has and a number has not, besides colons.
+_SIGNS = re.compile(r"[-/.].*[-/.]|[T_ ]")
+
+
 def is_date(cell: str) -> bool:
     """Whether a cell is a date or a time of day.
 
@@ -68,7 +72,7 @@ class TimeCells:
     def value(self, cell: str, where: str) -> float | None:
         """Seconds of a date or time of day; None for a cell that is neither."""
         text = cell.strip()
-        if not text[:1].isdigit() or text.isdecimal():
+        if not (text[:1].isdigit() and (":" in text or _SIGNS.search(text))):
             return None
         match = _DATE.fullmatch(text)
         kind = "dates" if match is not None else "times of day"

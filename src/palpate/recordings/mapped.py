@@ -55,7 +55,13 @@ def read_mapped(path: Path, mapping: TableMapping) -> Recording:
             roles["unnamed frame"] = [i for i, n in enumerate(titles.names) if is_frame(n)][:1]
         return [i for places in roles.values() for i in places]
 
-    table = read_table_text(path, wanted, lambda: roles.get("time", roles.get("unnamed frame", [])))
+    table = read_table_text(path, wanted)
+    for role, places in roles.items():
+        if role not in ("time", "unnamed frame") and table.dated & set(places):
+            title = table.titles.names[min(table.dated & set(places))]
+            raise InvalidInput(
+                f"{path}: the column {title!r} holds dates or times of day, and {role} is a number; name another column."
+            )
     parts: dict[str, Floats] = {}
     start = 0
     for role, places in roles.items():
@@ -164,7 +170,7 @@ def _time_unit(mapping: TableMapping, table: Table, roles: dict[str, list[int]])
     """Seconds in a 1 of the time: the mapping, or the title; None where nothing says it. Dates are seconds already."""
     places = roles.get("time", [])
     titles = table.titles
-    if table.dated:
+    if table.dated & set(places):
         if mapping.time_scale is not None:
             raise InvalidInput(f"{titles.source}: its times are dates or times of day: leave out time_unit.")
         return 1.0

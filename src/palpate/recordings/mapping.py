@@ -154,7 +154,16 @@ class TopicMapping:
         return found * unit
 
     def stamped(self, message: Any, recorded: float) -> tuple[float, float | None]:
-        """The stamp of a message as it stands there, and the seconds in a 1; None where nothing says it."""
+        """The stamp of a message as it stands there, and the seconds in a 1; None where nothing says it.
+
+        Examples
+        --------
+        >>> from types import SimpleNamespace
+        >>> from palpate.recordings import TopicMapping
+        >>> mapping = TopicMapping(topic="/skin", channels=["stress_zz"], stamp="time_us")
+        >>> mapping.stamped(SimpleNamespace(time_us=2_500_000), 3.0)
+        (2500000.0, 1e-06)
+        """
         if not self.stamp:
             return recorded, 1.0
         found = at(message, self.stamp)

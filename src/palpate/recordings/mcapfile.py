@@ -108,8 +108,7 @@ class McapRecorder:
         """One frame (channel, *array) at ``time`` [s]."""
         kind, data = self._encoder.readings(time, values)
         if self._open and not self._frames:
-            facts = {"shape": json.dumps(np.shape(values)[1:])}
-            self._guarded(lambda: self._writer.add_metadata(SHAPE, facts))
+            self._describe(SHAPE, {"shape": json.dumps(np.shape(values)[1:])})
         self._add(kind, data, time)
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
@@ -140,9 +139,17 @@ class McapRecorder:
         """Where the picture lies: once, and again where it changes."""
         described = None if touch.view is None else touch.view.described()
         if self._open and described is not None and described != self._view:
-            facts = {"view": json.dumps(described)}
-            self._guarded(lambda: self._writer.add_metadata(VIEW, facts))
+            self._describe(VIEW, {"view": json.dumps(described)})
             self._view = described
+
+    def _describe(self, name: str, facts: dict[str, str]) -> None:
+        """A metadata record, which is no chunk: it goes to the disk by itself, so that a chunk that does counts its frames."""
+
+        def act() -> None:
+            self._writer.add_metadata(name, facts)
+            self._file.commit()
+
+        self._guarded(act)
 
     def _add(self, kind: Kind, data: bytes, time: float) -> None:
         if not self._open:

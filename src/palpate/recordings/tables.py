@@ -121,17 +121,15 @@ def _read_h5_vectors(path: Path, names: Sequence[str]) -> Floats:
 
 def _read_columns(path: Path, columns: Sequence[str]) -> Floats:
     unnamed: list[str] = []
-    places: list[int] = []
 
     def wanted(titles: Titles) -> list[int]:
         for name in columns:
             if list(columns).count(name) > 1:
                 raise InvalidInput(f"the column {name} is named twice; name one for each of x, y and the channels.")
         unnamed.extend([n for n in titles.names if is_frame(n) and n not in columns][:1])
-        places.extend(titles.find(n) for n in (*columns, *unnamed))
-        return places
+        return [titles.find(n) for n in (*columns, *unnamed)]
 
-    values = read_table_text(path, wanted, lambda: places[len(columns) :]).values.T
+    values = read_table_text(path, wanted).values.T
     if unnamed:
         check_one_frame(path, unnamed[0], values[-1])
     check_apart(path, values[:2].T, unit="")

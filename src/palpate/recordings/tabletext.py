@@ -7,7 +7,7 @@ import math
 import operator
 import re
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
@@ -104,10 +104,8 @@ class Table:
     dated: frozenset[int] = frozenset()
 
 
-def read_table_text(
-    path: Path, wanted: Callable[[Titles], Sequence[int]], times: Callable[[], Sequence[int]] = tuple
-) -> Table:
-    """Read the columns that ``wanted`` picks, by their places; those of ``times``, asked after it, may hold dates.
+def read_table_text(path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
+    """Read the columns that ``wanted`` picks, by their places; dates and times of day become seconds.
 
     Separators are commas, semicolons, tabs or blanks; decimals have a point, or a comma where that does not separate. Lines that begin with # or %
     are comments; the last of them may hold the titles.
@@ -133,15 +131,17 @@ def read_table_text(
     separator, titles, above = _layout(path, head, comment)
     body = chain(head[1:] if above else head, lines)
     places = list(wanted(titles))
-    clocks = {i: TimeCells(str(path)) for i, place in enumerate(places) if place in set(times())}
+    clocks = [TimeCells(str(path)) for _ in places]
     values, at = _numbers(path, body, separator, len(titles.names), places, clocks)
     if not at:
         raise InvalidInput(f"{path}: no lines of numbers follow the titles {titles.listed()}.")
     if not tail.ended:
         warn_of_a_cut(path, tail.last)
-    for i, clock in clocks.items():
-        values[:, i] = clock.settled(values[:, i])
-    return Table(titles, values, np.array(at), frozenset(places[i] for i, clock in clocks.items() if clock.kind))
+    for i, clock in enumerate(clocks):
+        if clock.kind:
+            values[:, i] = clock.settled(values[:, i])
+    dated = frozenset(place for place, clock in zip(places, clocks) if clock.kind)
+    return Table(titles, values, np.array(at), dated)
 
 
 class _Tail:
@@ -230,9 +230,9 @@ def _numeric(cell: str, separator: str | None) -> bool:
 
 
 def _numbers(
-    path: Path, body: Any, separator: str | None, count: int, places: Sequence[int], clocks: Mapping[int, TimeCells]
+    path: Path, body: Any, separator: str | None, count: int, places: Sequence[int], clocks: Sequence[TimeCells]
 ) -> tuple[Floats, Sequence[int]]:
-    """The cells at ``places`` of every line, and the numbers of the lines; ``clocks``: which of them are times."""
+    """The cells at ``places`` of every line, and the numbers of the lines; ``clocks`` read the dates of each column."""
     values, at = array("d"), array("q")
     decimals = _Decimals(path, separator != ",")
     pick = operator.itemgetter(*places) if len(places) > 1 else lambda row: (row[places[0]],)
@@ -251,7 +251,7 @@ def _numbers(
         cells = pick(row)
         values.extend(
             decimals.plain(cells, line_number)
-            or [decimals.value(c, line_number, clocks.get(i)) for i, c in enumerate(cells)]
+            or [decimals.value(c, line_number, clocks[i]) for i, c in enumerate(cells)]
         )
     decimals.check()
     return np.frombuffer(values).reshape(-1, len(places)) if at else np.zeros((0, len(places))), at
@@ -279,8 +279,8 @@ class _Decimals:
             self._point = (line, next(c for c in cells if "." in c).strip())
         return found if math.isfinite(sum(found)) else None
 
-    def value(self, cell: str, line: int, clock: TimeCells | None = None) -> float:
-        seconds = None if clock is None else clock.value(cell, f"{self._path}, line {line}")
+    def value(self, cell: str, line: int, clock: TimeCells) -> float:
+        seconds = clock.value(cell, f"{self._path}, line {line}")
         if seconds is not None:
             return seconds
         if self._commas and "," in cell:
