@@ -29,20 +29,20 @@ def changed(at: int, value: float, stamps: Any = EVEN) -> Any:
 
 #: stamps, the first time, and words of the note; all frames are 20 ms apart
 JOINED: dict[str, tuple[Any, float, str]] = {
-    "a clock that begins anew": (np.r_[1000 + EVEN[:10], EVEN[:10]], 1000.0, "began anew 1 time .first: frame 10 is at 0 s after 1000.18 s"),
-    "and again": (np.r_[5 + EVEN[:7], EVEN[:7], EVEN[:6]], 5.0, "began anew 2 times"),
-    "a clock that is set back by a little": (np.r_[EVEN[:10], 0.1 + EVEN[:10]], 0.0, "began anew 1 time"),
-    "short episodes": (np.tile(EVEN[:4], 5), 0.0, "began anew 4 times"),
+    "a clock that begins anew": (np.r_[1000 + EVEN[:10], EVEN[:10]], 1000.0, "restarted 1 time .first: frame 10 is at 0 s after 1000.18 s"),
+    "and again": (np.r_[5 + EVEN[:7], EVEN[:7], EVEN[:6]], 5.0, "restarted 2 times"),
+    "a clock that is set back by a little": (np.r_[EVEN[:10], 0.1 + EVEN[:10]], 0.0, "restarted 1 time"),
+    "short episodes": (np.tile(EVEN[:4], 5), 0.0, "restarted 4 times"),
     "a clock that is set": (np.r_[12 + EVEN[:10], 1.7e9 + EVEN[:10]], 12.0, "set ahead 1 time"),
-    "a counter of 16 bits in milliseconds": ((65400 + 20 * N) % 65536 * 1e-3, 65.4, "of 65.536 s, went round 1 time"),
-    "a counter of 32 bits in microseconds": ((2**32 - 100_000 + 20_000 * N) % 2**32 * 1e-6, 4294.867296, "of 4294.97 s, went round"),
-    "midnight": ((DAY - 0.1 + EVEN) % DAY, DAY - 0.1, "of 86400 s, went round"),
-    "a stamp that is far ahead": (changed(9, 3.15e7), 0.0, "1 far from their neighbours"),
-    "a stamp that is far back": (changed(9, -1e6), 0.0, "1 far from their neighbours"),
+    "a counter of 16 bits in milliseconds": ((65400 + 20 * N) % 65536 * 1e-3, 65.4, "wrapped .period 65.536 s."),
+    "a counter of 32 bits in microseconds": ((2**32 - 100_000 + 20_000 * N) % 2**32 * 1e-6, 4294.867296, "wrapped .period 4294.97 s."),
+    "midnight": ((DAY - 0.1 + EVEN) % DAY, DAY - 0.1, "wrapped .period 86400 s."),
+    "a stamp that is far ahead": (changed(9, 3.15e7), 0.0, "1 outlier"),
+    "a stamp that is far back": (changed(9, -1e6), 0.0, "1 outlier"),
     "a stamp that no clock shows": (changed(9, -1e300), 0.0, "1 missing"),
     "missing stamps": (changed(9, np.nan, changed(0, np.nan)), 0.0, "2 missing"),
-    "stamps that are not filled for a while": (np.where((N > 6) & (N < 12), 0.0, LOG), 1.7e9, "1 far from their neighbours, 4 repeated"),
-    "stamps that are filled late": (np.where(N < 3, 0.0, LOG), 1.7e9, "1 far from their neighbours, 2 repeated"),
+    "stamps that are not filled for a while": (np.where((N > 6) & (N < 12), 0.0, LOG), 1.7e9, "1 outlier, 4 repeated"),
+    "stamps that are filled late": (np.where(N < 3, 0.0, LOG), 1.7e9, "1 outlier, 2 repeated"),
     "a stamp twice": (changed(9, EVEN[8]), 0.0, "1 repeated"),
 }  # fmt: skip
 
@@ -222,11 +222,11 @@ def written(folder: Path, source: str) -> tuple[Path, Any]:
 )
 def test_every_source_keeps_the_frames_after_a_restart(tmp_path: Path, source: str) -> None:
     path, mapping = written(tmp_path, source)
-    with pytest.warns(UncheckedInput, match="began anew 1 time .*All 20 frames are kept in their order"):
+    with pytest.warns(UncheckedInput, match="restarted 1 time .*All 20 frames are kept in their order"):
         found = read_recording(path, mapping=mapping)
     np.testing.assert_array_equal(found.readings, readings())
     np.testing.assert_allclose(found.time - found.time[0], EVEN, atol=1e-9)
-    assert "began anew" in found.meta["clock"]
+    assert "restarted" in found.meta["clock"]
 
 
 def test_the_zero_is_taken_from_the_frames_at_rest_and_the_press_after_a_restart_is_read(tmp_path: Path) -> None:
@@ -242,7 +242,7 @@ def test_the_zero_is_taken_from_the_frames_at_rest_and_the_press_after_a_restart
     lines = [",".join(map(repr, [float(t), *map(float, f.ravel())])) for t, f in zip(RESTARTED, frames)]
     (tmp_path / "r.csv").write_text("\n".join([titles, *lines, ""]))
     mapping = TableMapping(time="t", channels={"stress_zz": "S{}"}, scale=1.0, shape=(6, 5))
-    with pytest.warns(UncheckedInput, match="began anew"):
+    with pytest.warns(UncheckedInput, match="restarted"):
         found = read_recording(tmp_path / "r.csv", mapping=mapping)
     with skin.track(baseline=8) as tracker:
         forces = [float(tracker.step(r, t).force[2]) for r, t in zip(found.readings, found.time)]
@@ -281,8 +281,8 @@ def bag(folder: Path, stamps: Any, kind: str = "sensor_msgs/msg/Image", log: Any
 
 
 BAGS: dict[str, tuple[Any, float, str]] = {
-    "began anew": (np.r_[10**12 + 20_000_000 * N[:10], 20_000_000 * N[:10]], 1000.0, "began anew 1 time"),
-    "one far": (np.where(N == 9, 31_500_000, 0) * 10**9 + 10**18 + 20_000_000 * N, 1e9, "1 far from their neighbours: replaced by the time"),
+    "restarted": (np.r_[10**12 + 20_000_000 * N[:10], 20_000_000 * N[:10]], 1000.0, "restarted 1 time"),
+    "one far": (np.where(N == 9, 31_500_000, 0) * 10**9 + 10**18 + 20_000_000 * N, 1e9, "1 outlier: replaced by the time"),
     "never filled": (0 * N, 1.7e9, "all 20 stamps are 0 s: replaced by the time"),
     "whole seconds": (0 * N + 1_700_000_000 * 10**9, 1.7e9, "all 20 stamps are 1.7e.09 s: replaced by the time"),
 }  # fmt: skip

@@ -2,8 +2,8 @@
 
 Frames keep the order in which they were received, and none is dropped. Stamps that increase are taken as they are. Otherwise
 
-- a clock that goes back and on from there has begun anew, and one that goes back by a whole period of its counter has wrapped: time goes on;
-- stamps far from their neighbours, missing ones and repeated ones (whole seconds, drivers that never fill them) are replaced by the time at which
+- a clock that goes back and on from there was restarted, and one that goes back by a whole period of its counter has wrapped: time goes on;
+- outliers, missing stamps and repeated ones (whole seconds, drivers that never fill them) are replaced by the time at which
   the frame was recorded, where the source knows that, and else by the rate;
 - numbers without a unit are dates or advance as the recorder's clock does in one unit, or they are taken as seconds.
 
@@ -37,8 +37,8 @@ LATE = 1.0
 STILL = 1e-6
 #: A step ahead by more than this [s] and `FAR_STEPS` usual ones is a clock that was set, not a pause.
 FAR, FAR_STEPS = 30 * 86400.0, 1000.0
-#: What an explanation costs: a stamp that is wrong, a jump within a clock, a clock that began anew.
-COSTS = {"wrong": 1.0, "jump": 1.0, "wrap": 1.0, "anew": 2.5}
+#: What an explanation costs: a wrong stamp, a jump within a clock, a wrap, a restart.
+COSTS = {"wrong": 1.0, "jump": 1.0, "wrap": 1.0, "restart": 2.5}
 #: Runs of stamps that may be wrong between two that are right.
 RUNS = 12
 #: Stamps on each side of a step back that may be wrong though they fit their neighbours.
@@ -160,7 +160,7 @@ def read_clock(
     [7.0, 7.5, 8.0, 8.5, 9.0, 9.5]
 
     >>> clock.note
-    'the clock began anew 1 time (first: frame 3 is at 0 s after 8 s). All 6 frames are kept in their order, and time goes on.'
+    'the clock restarted 1 time (first: frame 3 is at 0 s after 8 s). All 6 frames are kept in their order, and time goes on.'
     """
     dated = np.asarray(stamps).dtype.kind in "mMO"
     values = as_seconds(stamps) if dated else np.array(stamps, dtype=np.float64)
@@ -364,7 +364,7 @@ def _mended(
     kept, times = _explained(values[first], first, usual, trusted, count, words)
     wrong = len(first) - int(kept.sum())
     anchors, at_anchors = first[kept], times[kept]
-    lost = [(number - len(index), "missing"), (wrong, "far from their neighbours"), (repeated, "repeated")]
+    lost = [(number - len(index), "missing"), (wrong, "outlier" if wrong == 1 else "outliers"), (repeated, "repeated")]
     if any(n for n, _ in lost):
         some = ", ".join(f"{n} {what}" for n, what in lost if n)
         words.append(f"of {number} stamps {some}: replaced by {by}")
@@ -387,7 +387,7 @@ def _mended(
 def _explained(
     values: Floats, frames: Ints, usual: float, log: Floats | None, count: float | None, words: list[str]
 ) -> tuple[npt.NDArray[np.bool_], Floats]:
-    """Which stamps are right, and their times when a clock that begins anew goes on: the cheapest explanation."""
+    """Which stamps are right, and their times when a clock that restarts goes on: the cheapest explanation."""
     gaps = np.diff(frames)
     steps = np.diff(values)
     recorded = None if log is None else np.diff(log[frames])
@@ -445,7 +445,7 @@ def _joined(
         fits = [p for p in periods if 0 < step + p <= _SHORT * usually and p >= _LONG * usually]
         period = min(fits, key=lambda p: abs(step + p - usually), default=None)
         if period is not None and not _jumps(step + period, gap, usual, recorded):
-            return f"the counter of the clock, of {period:g} s, went round", period, COSTS["wrap"]
+            return f"the clock wrapped (period {period:g} s)", period, COSTS["wrap"]
     go_on = recorded if recorded is not None else usually
-    anew = ("the clock began anew" if step <= 0 else "the clock was set ahead"), go_on - step, COSTS["anew"]
+    anew = ("the clock restarted" if step <= 0 else "the clock was set ahead"), go_on - step, COSTS["restart"]
     return anew if jumps else ("", 0.0, COSTS["jump"])

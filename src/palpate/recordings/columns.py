@@ -63,7 +63,7 @@ class TableMapping:
     shape : (int, int), optional
         Rows and columns of taxels that are an area. With x and y, these must be its grid.
     sort : bool
-        Put the frames in the order of their times. Default: as they stand in the table; a clock that begins anew goes on.
+        Put the frames in the order of their times. Default: as they stand in the table; a clock that restarts goes on.
 
     Raises
     ------

@@ -275,7 +275,7 @@ def _long(path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floa
 def _frames_of(key: Floats, marker: Ints, markers: int, sort: bool) -> tuple[Floats, Ints]:
     """The number of each frame, and the frame of each line.
 
-    Where each frame stands in one piece, frames keep the order of the table, and a number that comes again is another frame: the counter began anew.
+    Where each frame stands in one piece, frames keep the order of the table, and a number that comes again is another frame: the counter restarted.
     Lines in any other order are put together by the number of their frame.
     """
     first = np.diff(key, prepend=np.nan) != 0

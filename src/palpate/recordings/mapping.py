@@ -54,7 +54,7 @@ class TopicMapping:
         Seconds in a 1 of a stamp that is a number. Without it the name may say the unit (``time_us``), a date since 1970 tells it by its size, and other whole
         numbers by how fast they advance; else they are seconds.
     sort : bool
-        Put the frames in the order of their stamps. Default: as they were recorded; a clock that begins anew goes on.
+        Put the frames in the order of their stamps. Default: as they were recorded; a clock that restarts goes on.
     definitions : str
         Folder of message definitions (package/msg/Name.msg), for bags that carry none.
 

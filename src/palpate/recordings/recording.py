@@ -27,7 +27,7 @@ def checked_time(time: Any, count: int) -> Floats:
         first = int(np.argmax(np.diff(found) <= 0)) + 1
         raise InvalidInput(
             f"time must increase; frame {first} is at {found[first]:g} s after {found[first - 1]:g} s. "
-            "Where a clock began anew or stamps are wrong, palpate.recordings.read_clock(time).time goes on."
+            "Where the clock restarted or stamps are wrong, palpate.recordings.read_clock(time).time goes on."
         )
     return found
 

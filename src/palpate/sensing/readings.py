@@ -285,7 +285,7 @@ def frame_times(
         )
     if not np.isfinite(found).all() or np.any(np.diff(found) <= 0):
         raise InvalidInput(
-            "time must be finite and increase from frame to frame. Where a clock began anew or stamps are wrong, palpate.recordings.read_clock(time).time goes on."
+            "time must be finite and increase from frame to frame. Where the clock restarted or stamps are wrong, palpate.recordings.read_clock(time).time goes on."
         )
     return found
 
