@@ -142,6 +142,16 @@ def test_numbers_without_a_unit() -> None:
     days = read_clock(42946.5 + EVEN / DAY, unit=None)
     np.testing.assert_allclose(days.time, 1501416000.0 + EVEN, atol=1e-5)
     assert "days since 1900" in days.note
+    for begin, words in ((719529 + 42946.5 - 25569, "as MATLAB"), (42946.5, "as spreadsheets")):
+        slow = read_clock(begin + 2 * N / DAY, unit=None)  # a frame every 2 s
+        np.testing.assert_allclose(slow.time, 1501416000.0 + 2 * N, atol=1e-4)
+        assert words in slow.note
+    for begin, words in ((621355968000000000, "as .NET"), (116444736000000000, "as Windows")):
+        ticks = read_clock(begin + (LOG * 1e7).astype(np.int64), unit=None)
+        np.testing.assert_allclose(ticks.time, LOG, atol=2e-5)
+        assert words in ticks.note
+    with pytest.raises(pp.InvalidInput, match=r"its times \(6e\+15\) are beyond 2\*\*33 s, and no date"):
+        read_clock(6e15 + 20 * N, unit=None)
     assert "say time_unit=ms" in read_clock(20 * N, unit=None).note
     assert read_clock(N, unit=None).note == ""
 

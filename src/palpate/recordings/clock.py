@@ -22,7 +22,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, UncheckedInput
 from palpate.recordings.dates import TimeCells
-from palpate.sensing.times import LATEST, as_seconds, epoch_unit
+from palpate.sensing.times import EPOCH, LATEST, as_seconds
 
 __all__ = ["Clock", "LiveClock", "read_clock", "stored_clock", "unit_of_name"]
 
@@ -52,6 +52,16 @@ _CLOCKS = (1.0, 60.0, 3600.0, 86400.0, 604800.0)
 _ALL = tuple(sorted((*_CLOCKS, *(c * p for c in _COUNTS for p in _PERIODS))))
 #: A period is at least so many usual steps, and a step across its end at most so many.
 _LONG, _SHORT = 30.0, 3.0
+#: How programs count dates: in words, seconds in a 1, and what 1970 is.
+_CALENDARS = (
+    ("milliseconds since 1970", 1e-3, 0.0),
+    ("microseconds since 1970", 1e-6, 0.0),
+    ("nanoseconds since 1970", 1e-9, 0.0),
+    ("steps of 100 ns since the year 1, as .NET counts them", 1e-7, 621355968000000000.0),
+    ("steps of 100 ns since 1601, as Windows counts them", 1e-7, 116444736000000000.0),
+    ("days since 1900, as spreadsheets count them", 86400.0, 25569.0),
+    ("days since the year 0, as MATLAB counts them", 86400.0, 719529.0),
+)
 #: Names of units, as they stand at the end of a name or in brackets.
 _NAMES = {
     1.0: ("s", "sec", "secs", "second", "seconds"),
@@ -247,23 +257,20 @@ def _in_seconds(values: Floats, unit: float | None, log: Floats | None, words: l
     """Seconds of numbers; what had to be recognised is said."""
     known = values[np.isfinite(values)]
     typical = float(np.median(np.abs(known))) if len(known) else 0.0
-    if typical * (unit or 1.0) > LATEST:
-        found = epoch_unit(typical)
-        if found is not None:
-            said = "" if unit is None else ", because in the unit that is said they lie beyond the year 2242"
-            words.append(f"its times ({typical:g}) are taken as {found[0]} since 1970{said}")
-            return values * found[1]
-        if unit is not None:
-            return values * unit
-    if unit is not None:
-        return values * unit
     steps = np.diff(known)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    if (
-        25569.0 < typical < 73051.0 and 0.0 < step < 2e-5
-    ):  # 1970 to 2100 in days since 1899-12-30; as seconds 50000 frames a second
-        words.append(f"its times ({typical:.6f}) are taken as days since 1900, as spreadsheets count them")
-        return (values - 25569.0) * 86400.0
+    beyond = typical * (unit or 1.0) > LATEST
+    for name, length, begin in _CALENDARS:
+        shown = EPOCH[0] <= (typical - begin) * length <= EPOCH[1]
+        # as seconds, days with such steps would be more than 20000 frames a second
+        if shown and (beyond if length < 1.0 else unit is None and 0.0 < step < 5e-5):
+            said = "" if unit is None else ", because in the unit that is said they lie beyond the year 2242"
+            words.append(f"its times ({typical:.12g}) are taken as {name}{said}")
+            return (values - begin) * length
+    if beyond:
+        words.append(f"its times ({typical:.12g}) are beyond 2**33 s, and no date in a unit that is known")
+    if unit is not None or beyond:
+        return values * (unit or 1.0)
     if log is not None and len(values) > 1:
         usual = _usual(values)
         if usual is None:
@@ -354,6 +361,7 @@ def _mended(
             return log
         if number == 1 and known.any() and abs(values[0]) <= LATEST:
             return values
+        alike = "; ".join([*words, alike])
         raise InvalidInput(f"{source}: {alike}, so that nothing tells when its frames were: {remedies[1]}.")
     repeated = len(index) - len(first)
     if repeated > number / 2 and log is not None:

@@ -13,12 +13,12 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.units import convert_factor
 
-__all__ = ["LATEST", "as_second", "as_seconds", "epoch_unit"]
+__all__ = ["EPOCH", "LATEST", "as_second", "as_seconds", "epoch_unit"]
 
 #: Times beyond this [s] cannot tell microseconds apart in double precision; milliseconds since 1970 that are taken for seconds are beyond it.
 LATEST = 2.0**33
-#: Seconds since 1970 between which a clock that tells the date stands: from 1990 to 2100.
-_EPOCH = 6.3e8, 4.1e9
+#: Seconds since 1970 between which a clock that tells the date stands: from 2001 to 2100.
+EPOCH = 9.8e8, 4.1e9
 
 
 def as_seconds(time: Any, what: str = "time") -> Floats:
@@ -98,7 +98,7 @@ def epoch_unit(value: float) -> tuple[str, float] | None:
     (('milliseconds', 0.001), None)
     """
     units = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
-    return next(((n, u) for n, u in units.items() if _EPOCH[0] <= value * u <= _EPOCH[1]), None)
+    return next(((n, u) for n, u in units.items() if EPOCH[0] <= value * u <= EPOCH[1]), None)
 
 
 def _dated(time: Any, what: str) -> Floats | None:
