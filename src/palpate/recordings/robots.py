@@ -243,7 +243,7 @@ def _losses(path: Path, mapping: TopicMapping | None, taken: int) -> str:
         frames = round(torn / max(path.stat().st_size - torn, 1) * count)
         words.append(f"{torn} bytes from the damage on, some {frames} frames by their size")
     if count > taken:
-        words.append(f"{count - taken} frames that cannot be read or do not follow in time")
+        words.append(f"{count - taken} frames that cannot be read")
     return f"{' and '.join(words)} are lost" if words else "nothing is lost"
 
 
