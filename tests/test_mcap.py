@@ -234,3 +234,66 @@ def test_touch_as_mcap(tmp_path: Path) -> None:
     touch = skin.reconstruct(skin.sense(solutions.hertz_point(radius=2e-3, force=1.0)))
     write_touch(touch, tmp_path / "touch.mcap")
     assert set(topics(tmp_path / "touch.mcap")) == {"/palpate/touch", "/palpate/wrench"}
+
+
+@pytest.mark.parametrize("shape", [(1, 12), (12, 1), (12,), (1, 1), (1,)], ids=str)
+def test_the_axes_of_a_frame_are_kept(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    """A message of one row may be taxels in any place, or an area of one row."""
+    before = pp.Recording(readings=np.ones((3, 1, *shape)), channels=("stress_zz",))
+    write_recording(before, tmp_path / "a.mcap")
+    assert read_recording(tmp_path / "a.mcap").readings.shape == before.readings.shape
+
+
+def test_double_precision_is_kept_where_single_rounds(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    rounded = rng.normal(size=(3, 1, 4)).astype(np.float32)
+    for name, values, kind in (
+        ("single", rounded, np.float32),
+        ("counts", np.float64([[[1.0, 2.0, 65535.0]]]), np.float32),
+        ("double", rng.normal(size=(3, 1, 4)), np.float64),
+        ("huge and tiny", np.array([[[1e300, -1e-300, np.nan]]]), np.float64),
+    ):
+        path = tmp_path / f"{name}.mcap"
+        write_recording(pp.Recording(readings=values, channels=("stress_zz",)), path)
+        found = read_recording(path).readings
+        np.testing.assert_array_equal(found, values)
+        assert found.dtype == kind, name
+
+
+def test_readings_that_are_not_finite_are_missing(tmp_path: Path) -> None:
+    """As they are for a tracker, whose stream goes on."""
+    with McapRecorder(tmp_path / "a.mcap", ["stress_zz"]) as out:
+        out.readings(0.0, np.array([[1.0, np.inf, -np.inf]]))
+    np.testing.assert_array_equal(read_recording(tmp_path / "a.mcap").readings, [[[1.0, np.nan, np.nan]]])
+
+
+def test_times_since_1970_come_back_to_the_last_bit(tmp_path: Path) -> None:
+    time = 1.7e9 + 0.123456789 + 0.02 * np.arange(50)
+    before = pp.Recording(readings=np.zeros((50, 1, 2)), channels=("stress_zz",), time=time)
+    write_recording(before, tmp_path / "a.mcap")
+    np.testing.assert_array_equal(read_recording(tmp_path / "a.mcap").time, time)
+
+
+@pytest.mark.parametrize(
+    ("time", "words"),
+    [
+        ([0.0, 1e-10, 2e-10], "frames 0 and 1 are 1e-10 s apart; write .nc"),
+        ([-1.0, 0.0, 1.0], "from 0 on"),
+        ([2.2e9, 2.3e9, 2.4e9], r"below 2\*\*31 s; got 2.2e\+09"),
+    ],
+)
+def test_times_that_messages_cannot_keep_are_refused_before_anything_is_written(
+    tmp_path: Path, time: list[float], words: str
+) -> None:
+    before = pp.Recording(readings=np.zeros((3, 1, 2)), channels=("stress_zz",), time=time)
+    with pytest.raises(pp.InvalidInput, match=words):
+        write_recording(before, tmp_path / "a.mcap")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_milliseconds_since_1970_are_said_and_kept(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time (s),stress_zz[0] (Pa)\n1700000000000,1\n1700000000010,3\n")
+    with pytest.warns(pp.errors.UncheckedInput, match="taken as milliseconds since 1970"):
+        found = read_recording(tmp_path / "a.csv")
+    write_recording(found, tmp_path / "a.mcap")
+    np.testing.assert_allclose(read_recording(tmp_path / "a.mcap").time, [1.7e9, 1.7e9 + 0.01], atol=1e-6)

@@ -579,7 +579,6 @@ def test_a_long_table_is_read_line_by_line(folder: Path, tmp_path: Path, monkeyp
     own = text.splitlines(keepends=True)
     for harmed, what in (
         ("".join(own[:-1]), "is truncated: its last line, the checksum"),
-        (text.replace("0.01,", "0.02,", 1), "time must increase"),
         (text.replace("e", "x", 40), "first column must be"),
         ("".join(own[:3]), "no frames"),
         (text + "\0", "NUL"),
@@ -589,9 +588,10 @@ def test_a_long_table_is_read_line_by_line(folder: Path, tmp_path: Path, monkeyp
             pass
     changed = own.copy()
     changed[5] = changed[5].replace(changed[5].split(",")[2], "1.5")
-    (tmp_path / "r.csv").write_text("".join(changed))
-    with open_recording(tmp_path / "r.csv") as opened, pytest.raises(pp.InvalidInput, match="delete its last line"):
-        opened.survey()
+    for lines in ("".join(changed), text.replace("0.01,", "0.02,", 1)):
+        (tmp_path / "r.csv").write_text(lines)
+        with open_recording(tmp_path / "r.csv") as opened, pytest.raises(pp.InvalidInput, match="delete its last line"):
+            opened.survey()
     (tmp_path / "r.csv").write_text("".join(own[2:-1])[:-1])  # another program's, perhaps cut
     with pytest.warns(pp.errors.UncheckedInput, match="no line break"), open_recording(tmp_path / "r.csv") as opened:
         assert len(opened) == FRAMES

@@ -113,7 +113,7 @@ def _real_numpy(x: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
         x = x.astype(np.float64)
     elif kind != "f":
         remedy = {
-            "b": "readings are not True or False",
+            "b": "True and False are no numbers",
             "c": "take x.real if the imaginary part is nothing but rounding",
             "O": "take x.astype(float) if its entries are numbers",
             "V": "take one field, x['name']",

@@ -155,12 +155,6 @@ REMEDIES = [
         "or drop it: x.drop_vars(", spread, placed(taxel=range(5, 17)), placed(taxel=range(5, 17)).drop_vars("taxel")
     ),
     value(
-        "the coordinate time must be seconds",
-        lambda x: SKIN.reconstruct(x, **FAST),
-        xr.concat([labelled("channel", "x")] * 2, dim="time").assign_coords(time=["a", "b"]),
-        xr.concat([labelled("channel", "x")] * 2, dim="time").assign_coords(time=[0.0, 0.1]),
-    ),
-    value(
         "got the dimension {} besides",
         lambda x: SKIN.reconstruct(x, **FAST),
         labelled("channel", "x").expand_dims("y"),
@@ -368,11 +362,26 @@ REMEDIES = [
         room="tracking.tracker",
     ),
     value(
-        "time must be a finite number of seconds",
+        "must be a finite number of seconds; got",
         lambda t: SKIN.track().step(PRESS, t),
-        np.nan,
-        0.0,
-        room="tracking.tracker",
+        True,
+        np.timedelta64(20, "ms"),
+        room="sensing.times",
+        right=lambda touch: float(touch.time) == 0.02,
+    ),
+    value(
+        "seconds within 2**33 of 0; got",
+        lambda t: SKIN.track().step(PRESS, t),
+        1.7e12,
+        1.7e12 / 1000,
+        room="sensing.times",
+    ),
+    value(
+        "which has no length: give it a unit",
+        lambda t: SKIN.track().step(PRESS, t),
+        np.timedelta64(20),
+        np.timedelta64(20).astype("timedelta64[ms]"),
+        right=lambda touch: float(touch.time) == 0.02,
     ),
     value(
         "std must not be negative",

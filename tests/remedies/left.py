@@ -11,7 +11,6 @@ import pytest
 
 import palpate as pp
 from palpate import simulation
-from palpate.network import frame_bytes, frame_from_bytes
 from palpate.paper.algorithm import transform
 from palpate.paper.formulas import hooke
 from palpate.recordings import TopicMapping, read_recording, write_recording
@@ -48,18 +47,6 @@ def archived(workers: int) -> Any:
         workers=workers,
         overwrite=True,
     )
-
-
-def at(time: float) -> bytes:
-    """A frame as a driver of another language sends it, which writes its own time."""
-    import struct
-
-    from palpate.network.frames import HEAD
-
-    held = frame_bytes(1, 12345.5, PRESS)
-    begin = held.index(struct.pack("<d", 12345.5))
-    assert begin < HEAD.size
-    return held[:begin] + struct.pack("<d", time) + held[begin + 8 :]
 
 
 def scene(kind: str = "dots") -> Any:
@@ -249,12 +236,6 @@ REMEDIES = [
         lambda method: pp.Skin(PAD, area(shape=(66, 66))).reconstruct(np.zeros((1, 66, 66)), method=method),
         "linear",
         "dft",
-    ),
-    value(
-        "time of a frame must be seconds within 2**33 of 0; got {}. Is it in nanoseconds?",
-        lambda time: frame_from_bytes(at(time)),
-        1.7e18,
-        1.7e18 * 1e-9,
     ),
     value("samples must be one row of odd length", transform, np.ones(8), np.ones(9)),
     value(

@@ -361,6 +361,18 @@ REMEDIES = [
         given=lambda: pytest.importorskip("mcap"),
         right=right,
     ),
+    Remedy(
+        "MCAP keeps whole nanoseconds, and frames",
+        lambda: write_recording(
+            pp.Recording(readings=np.stack([PRESS] * 2), channels=BOTH, time=[0.0, 1e-10]), "s.mcap"
+        ),
+        lambda: (
+            write_recording(pp.Recording(readings=np.stack([PRESS] * 2), channels=BOTH, time=[0.0, 1e-10]), "s.nc"),
+            read_recording("s.nc"),
+        )[1],
+        given=lambda: pytest.importorskip("mcap"),
+        right=lambda got: got.time.tolist() == [0.0, 1e-10],
+    ),
     # other copies of what is damaged
     damaged("does not agree with its checksum", "r.csv", swapped, "recordings.checked"),
     damaged("cannot be read as NPZ", "r.npz", cut, "recordings.npz"),

@@ -129,14 +129,6 @@ REMEDIES = [
         right=holds,
     ),
     value(
-        "the time of a frame must be seconds within 2**33 of 0; got {}.",
-        lambda t: frame_from_bytes(frame_bytes(0, t, FRAME)),
-        1.7e18,
-        1.7e9,
-        right=lambda got: got[1] == 1.7e9,
-        room="network.frames",
-    ),
-    value(
         "not a palpate frame: it does not begin with PLPF",
         frame_from_bytes,
         b"PLP1" + frame_bytes(0, 0.0, FRAME)[4:],
@@ -162,7 +154,7 @@ REMEDIES = [
         room="network.admission",
     ),
     # messages of robots
-    message("images must be 32FC1, 32FC3, ... (floats)", image("rgb8"), image()),
+    message("images must be 32FC1, 32FC3, 64FC1, ... (floats)", image("rgb8"), image()),
     message("floats has {} bytes; it is truncated", image(held=9), image()),
     message("the Grid has no field", grid("pressure"), grid("p"), fields=["p"]),
     message("bytes a cell and {} a row has", grid(held=9), grid()),

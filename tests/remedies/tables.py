@@ -24,6 +24,7 @@ NAMED = "frame=frame,marker=id,x=x,y=y,displacement_x=dx,displacement_y=dy"
 MAP = NAMED + ",pixel=1mm"
 WIDE = "t,S1,S2\n0,1,2\n1,3,4\n"
 TAXELS = "time=t,stress_zz=S{},unit=25Pa"
+DATED = "t,S1\n2017-07-30 12:06:34,1\n2017-07-30 12:06:35,4\n"
 
 
 def read(text: str | bytes, said: str, shape: Any = None) -> Any:
@@ -204,21 +205,46 @@ REMEDIES = [
     table("Name the column of their numbers as marker", MOVING, PLACES.replace("marker=id,", ""), say=PLACES, last=0.0),
     table("these are several frames. Name it: frame=", LONG, MAP.replace("frame=frame,", ""), say=MAP, last=2e-3),
     table(
-        "frame {} has no time",
-        "frame,t,id,p\n0,0,1,1\n1,,1,4\n",
-        "frame=frame,time=t,marker=id,stress_zz=p,unit=25Pa",
-        new="frame,t,id,p\n0,0,1,1\n1,0.5,1,4\n",
-        last=100.0,
-    ),
-    table(
         "Leave out time and give rate",
         "frame,t,id,p\n0,0,1,1\n0,9,2,1\n1,10,1,4\n1,19,2,4\n",
         "frame=frame,time=t,marker=id,stress_zz=p,unit=25Pa",
         say="frame=frame,marker=id,stress_zz=p,unit=25Pa,rate=1",
         last=100.0,
     ),
+    # times
     table(
-        "or give rate in place of time", "t,S1\n0,1\n0,4\n", TAXELS, say="stress_zz=S{},unit=25Pa,rate=1", last=100.0
+        "so that nothing tells when its frames were",
+        "t,S1\n0,1\n0,4\n",
+        TAXELS,
+        say="stress_zz=S{},unit=25Pa,rate=50",
+        last=100.0,
+    ),
+    table(
+        "so that its frames are not in the order of time",
+        "t,S1\n3,4\n2,3\n1,2\n0,1\n",
+        TAXELS,
+        say=TAXELS + ",sort=true",
+        last=100.0,
+    ),
+    table("sort must be true or false", WIDE, f"{TAXELS},sort=yes", say=f"{TAXELS},sort=true", last=100.0),
+    table(
+        "name the column time or frame too",
+        WIDE,
+        "stress_zz=S{},unit=25Pa,sort=true",
+        say=f"{TAXELS},sort=true",
+        last=100.0,
+    ),
+    table("are dates or times of day: leave out time_unit", DATED, TAXELS + ",time_unit=ms", say=TAXELS, last=100.0),
+    table("and some are numbers; write all in one way", DATED + "5,4\n", TAXELS, new=DATED, last=100.0),
+    table("stands among", DATED + "12:06:36,4\n", TAXELS, new=DATED + "2017-07-30 12:06:36,4\n", last=100.0),
+    table("is no date or time", DATED + "2017-07-32,4\n", TAXELS, new=DATED, last=100.0),
+    table("the month or the day first", "t,S1\n1/2/2017,1\n2/2/2017,4\n", TAXELS, new=DATED, last=100.0),
+    table(
+        "save the column with hours, minutes and seconds",
+        "t,S1\n12:06,1\n12:07,4\n",
+        TAXELS,
+        new="t,S1\n12:06:00,1\n12:07:00,4\n",
+        last=100.0,
     ),
     table(
         "no marker has a",
@@ -294,6 +320,5 @@ REMEDIES = [
         last=50.0,
     ),
     table("leave out the one that is wrong", "t,S1 (kPa)\n0,4\n", TAXELS, say="time=t,stress_zz=S{}", last=4000.0),
-    table(", line {}: no {}.", "t,S1\n0,1\n,4\n", TAXELS, new="t,S1\n0,1\n1,4\n", last=100.0),
     table("nothing says what a 1 in the column", WIDE, "time=t,stress_zz=S{}", say=TAXELS, last=100.0),
 ]

@@ -24,10 +24,10 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.sensing.times import as_second
 
 __all__ = [
     "HEAD",
-    "LATEST",
     "MAGIC",
     "ZERO",
     "frame_bytes",
@@ -42,8 +42,6 @@ MAGIC, ZERO = b"PLPF", b"PLPZ"
 MOST = 10_000
 HEAD = struct.Struct("<4sIdHHH")
 _SWAPPED = struct.Struct(">4sIdHHH")
-#: Times beyond this [s] cannot tell microseconds apart in double precision; nanoseconds sent as seconds are beyond it.
-LATEST = 2.0**33
 
 
 def frame_bytes(sequence: int, time: float, readings: Any) -> bytes:
@@ -64,9 +62,7 @@ def frame_bytes(sequence: int, time: float, readings: Any) -> bytes:
     rows, columns = (1, values.shape[1]) if values.ndim == 2 else values.shape[1:]
     if max(len(values), rows, columns) >= 2**16:
         raise InvalidInput(f"a frame has at most 65535 channels, rows and columns; got {values.shape}.")
-    seconds = float(time)
-    if not abs(seconds) <= LATEST:
-        raise InvalidInput(f"the time of a frame must be seconds within 2**33 of 0; got {time!r}.")
+    seconds = as_second(time, "the time of a frame")
     head = HEAD.pack(MAGIC, int(sequence) % 2**32, seconds, len(values), rows, columns)
     return head + np.ascontiguousarray(values, dtype="<f4").tobytes()
 
@@ -87,10 +83,7 @@ def frame_from_bytes(data: bytes) -> tuple[int, float, Floats]:
         if is_big_endian(data):
             raise InvalidInput("a frame of big-endian numbers; send them little-endian.")
         raise InvalidInput(f"a frame of {channels} x {rows} x {columns} floats has {needed} bytes; got {len(data)}.")
-    if not (math.isfinite(time) and abs(time) <= LATEST):
-        raise InvalidInput(
-            f"the time of a frame must be seconds within 2**33 of 0; got {time:g}. Is it in nanoseconds?"
-        )
+    as_second(time, "the time of a frame")
     values = np.frombuffer(data, dtype="<f4", offset=HEAD.size).reshape(channels, rows, columns)
     return sequence, time, np.asarray(values, dtype=np.float64)
 

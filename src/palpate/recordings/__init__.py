@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from palpate.recordings.clock import Clock, read_clock
 from palpate.recordings.columns import TableMapping
 from palpate.recordings.formats import Format, open_recording, read_recording, write_recording
 from palpate.recordings.mapping import TopicMapping
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from palpate.recordings.skinfile import read_skin
 
 __all__ = [
+    "Clock",
     "Format",
     "Recorder",
     "Recording",
@@ -25,6 +27,7 @@ __all__ = [
     "TopicMapping",
     "open_recording",
     "read_camera",
+    "read_clock",
     "read_columns",
     "read_recording",
     "read_skin",

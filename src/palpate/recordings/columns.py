@@ -17,7 +17,7 @@ __all__ = ["TableMapping", "columns_of", "columns_of_text", "per_count"]
 #: What stands for the number of a taxel in the name of a column.
 NUMBER = "{}"
 _ROLES = ("frame", "time", "marker", "x", "y")
-_VALUES = ("unit", "position_unit", "pixel", "time_unit", "rate", "reference", "shape")
+_VALUES = ("unit", "position_unit", "pixel", "time_unit", "rate", "reference", "shape", "sort")
 #: Names that columns have in tables of others, for the mapping that an error suggests.
 _USUAL = {
     "frame": ("frame", "frames", "frame_number", "frame_id", "frame_no", "frameid", "image", "img", "picture", "slice"),
@@ -46,7 +46,8 @@ class TableMapping:
     x, y : str or sequence of str, optional
         Positions at rest, or, beside displacements, positions now: which of both is seen from the numbers, and refused where they are neither.
     frame, time : str, optional
-        Number of the frame, and its time. Without either a long table is one frame.
+        Number of the frame, and its time: numbers, dates (ISO 8601, or as spreadsheets write them) or times of day; or (date, time of day), two
+        columns. Without either a long table is one frame.
     marker : str, optional
         Number of the marker or taxel. Without it a place is a marker, which must not move.
     scale : float or sequence of float, optional
@@ -54,13 +55,15 @@ class TableMapping:
     position_scale : float or (float, float), optional
         Multiplies x and y to metres. Without it the titles must name units.
     time_scale : float, optional
-        Multiplies times to seconds. Without it the title may name the unit, else they are seconds.
+        Multiplies times to seconds. Without it the title may name the unit (``t (ms)``, ``time_us``), else they are seconds.
     rate : float, optional
         Frames a second, where there is no time. Without it and without time, frame numbers are taken for seconds.
     reference : int
         Frames at the start that say where markers are at rest, where there are no channels.
     shape : (int, int), optional
         Rows and columns of taxels that are an area. With x and y, these must be its grid.
+    sort : bool
+        Put the frames in the order of their times. Default: as they stand in the table; a clock that restarts goes on.
 
     Raises
     ------
@@ -99,7 +102,7 @@ class TableMapping:
     x: str | Sequence[str] | None = None
     y: str | Sequence[str] | None = None
     frame: str | None = None
-    time: str | None = None
+    time: str | Sequence[str] | None = None
     marker: str | None = None
     scale: float | Sequence[float] | None = None
     position_scale: float | tuple[float, float] | None = None
@@ -107,6 +110,7 @@ class TableMapping:
     rate: float | None = None
     reference: int = 1
     shape: tuple[int, int] | None = None
+    sort: bool = False
 
     def __post_init__(self) -> None:
         unknown = [c for c in self.channels if not is_channel(c)]
@@ -130,6 +134,10 @@ class TableMapping:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
+        if not isinstance(self.sort, bool):
+            raise InvalidInput(f"sort must be true or false; got {self.sort!r}.")
+        if self.sort and self.time is None and self.frame is None:
+            raise InvalidInput("sort puts frames in the order of their times: name the column time or frame too.")
         if self.rate is not None and self.time is not None:
             raise InvalidInput("rate and time both say when frames were; give one of them.")
         if isinstance(self.reference, bool) or not (isinstance(self.reference, int) and self.reference >= 1):
@@ -187,7 +195,7 @@ def columns_of(given: Mapping[str, Any], *, order: Sequence[str] = (), shape: An
         )
     for key, value in given.items():
         if key in ("frame", "time", "marker", "pixel", "position_unit", "time_unit"):
-            _check_text(key, value, several=key in ("pixel", "position_unit"))
+            _check_text(key, value, several=key in ("pixel", "position_unit", "time"))
         elif key in channels or key in ("x", "y", "unit"):
             _check_text(key, value, several=True)
     if set(order) == set(channels):
@@ -219,6 +227,7 @@ def columns_of(given: Mapping[str, Any], *, order: Sequence[str] = (), shape: An
         rate=_plain(given, "rate"),
         reference=_plain(given, "reference") or 1,
         shape=tuple(own_shape) if own_shape is not None else shape if channels else None,
+        sort=given.get("sort", False),
     )
 
 
@@ -271,6 +280,8 @@ def columns_of_text(text: str) -> dict[str, Any]:
                 given[name] = make(given[name])
             except (TypeError, ValueError) as error:
                 raise InvalidInput(f"--map: {name} must be a number; got {given[name]!r}.") from error
+    if "sort" in given:
+        given["sort"] = {"true": True, "false": False}.get(str(given["sort"]).lower(), given["sort"])
     if "shape" in given:
         match = re.fullmatch(r"(\d{1,6})x(\d{1,6})", str(given["shape"]).lower())
         if match is None:

@@ -11,7 +11,7 @@ import csv
 import json
 import re
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,12 +23,14 @@ from palpate.elastic.channels import channel_unit, is_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings.checked import CHECKSUM, confirm_recording, json_object, recording_checksum, with_losses
+from palpate.recordings.clock import Clock, read_clock
 from palpate.recordings.columns import TableMapping
+from palpate.recordings.dates import TimeCells
 from palpate.recordings.formats import Format
 from palpate.recordings.mapped import explained, read_mapped
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.opened import OpenRecording
-from palpate.recordings.recording import Recording, checked_time
+from palpate.recordings.recording import Recording
 from palpate.recordings.textlines import cells, lines_of, number, text_of, warn_of_a_cut
 from palpate.recordings.touchstream import Piece, TouchStream
 from palpate.touch import Forces
@@ -84,7 +86,7 @@ class Csv(Format):
                 raise InvalidInput(_TRUNCATED.format(path=path))
             if not ended:
                 warn_of_a_cut(path, lines[-1])
-        recording = _table(path, body, head.positions, head.meta)
+        recording = _table(path, body, head)
         if not salvage:
             return confirm_recording(recording, expected, path, _EDITED)
         lost = "the last line is torn and lost" if torn else "every line is whole"
@@ -180,6 +182,8 @@ class _Columns:
     shape: tuple[int, ...]
     index: tuple[Any, ...]
     factors: list[float]
+    unit: str  # of the time, where it is no date
+    clock: TimeCells
 
     @classmethod
     def of(cls, path: Path, count: int, line: str) -> _Columns:
@@ -202,7 +206,7 @@ class _Columns:
             raise InvalidInput(f'{start}: no column of readings, like "stress_zz[0;1] (Pa)", follows the time.')
         channels: list[str] = []
         places: list[tuple[int, ...]] = []
-        factors = [convert_factor(columns[0]["unit"] or "", "s", f"{path}: time")]
+        factors = [1.0]
         for match, title in zip(columns[1:], header[1:]):
             name = match["name"]
             if match["index"] is None or not is_channel(name):
@@ -223,7 +227,8 @@ class _Columns:
             raise InvalidInput(
                 f"{path}: {len(places)} columns do not fill {len(channels)} channels of {shape[1:]} taxels once each."
             )
-        return cls(tuple(channels), shape, tuple(np.array(places).T), factors)
+        unit = columns[0]["unit"] or ""
+        return cls(tuple(channels), shape, tuple(np.array(places).T), factors, unit, TimeCells(str(path)))
 
     def frame(self, line: str, where: str) -> tuple[float, Floats]:
         """Time and readings (channel, *array) of a line."""
@@ -232,21 +237,33 @@ class _Columns:
             raise InvalidInput(
                 f"{where}: {len(values)} values for {len(self.factors)} columns; the file may be truncated."
             )
-        numbers = [number(v, where) for v in values]
+        seconds = self.clock.value(values[0], where)
+        if seconds is None:
+            seconds = number(values[0], where) * convert_factor(self.unit, "s", f"{where}: time")
         readings = np.full(self.shape, np.nan)
-        readings[self.index] = np.array(numbers[1:]) * self.factors[1:]
-        return numbers[0] * self.factors[0], readings
+        readings[self.index] = np.array([number(v, where) for v in values[1:]]) * self.factors[1:]
+        return seconds, readings
+
+    def time(self, path: Path, stamps: Sequence[float], expected: str | None) -> Clock:
+        """One time of all lines; of a file with a checksum, which has no other, it is confirmed and not mended with a word."""
+        values = self.clock.settled(np.array(stamps, dtype=np.float64))
+        clock = read_clock(values, source=str(path), remedy="sort its lines by their first column")
+        if expected is not None:
+            return Clock(clock.time)
+        clock.tell()
+        return clock
 
 
-def _table(path: Path, body: list[tuple[int, str]], positions: Any, meta: dict[str, str]) -> Recording:
+def _table(path: Path, body: list[tuple[int, str]], head: _Head) -> Recording:
     columns = _Columns.of(path, *body[0])
     frames = [columns.frame(line, f"{path}, line {count}") for count, line in body[1:]]
+    clock = columns.time(path, [time for time, _ in frames], head.expected)
     return Recording(
         readings=np.stack([readings for _, readings in frames]),
         channels=columns.channels,
-        time=np.array([time for time, _ in frames]),
-        positions=positions,
-        meta=meta,
+        time=clock.time,
+        positions=head.positions,
+        meta={**head.meta, **clock.meta()},
     )
 
 
@@ -280,11 +297,12 @@ def _spooled(path: Path, held: Any) -> OpenRecording:
         raise InvalidInput(_NO_FRAMES.format(path=path))
     head.check_end(path)
     spooled = _Spooled(held, columns.shape)
-    checked = checked_time(times, len(times))
+    clock = columns.time(path, times, head.expected)
+    meta = {**head.meta, **clock.meta()}
     first = Recording(
-        readings=spooled[0:1], channels=columns.channels, time=checked[:1], positions=head.positions, meta=head.meta
+        readings=spooled[0:1], channels=columns.channels, time=clock.time[:1], positions=head.positions, meta=meta
     )
-    return OpenRecording(first, checked, spooled, head.expected, str(path), _EDITED)
+    return OpenRecording(first, clock.time, spooled, head.expected, str(path), _EDITED)
 
 
 class _Head:

@@ -368,7 +368,7 @@ def open_recording(path: str | Path, *, mapping: TopicMapping | TableMapping | N
 def write_recording(recording: Recording, path: str | Path) -> None:
     """Write a recording; the format follows the file name.
 
-    NetCDF, NPZ and Zarr keep every bit, CSV writes 17 digits, MCAP single precision and nanoseconds. All carry a checksum.
+    NetCDF, NPZ and Zarr keep every bit, CSV writes 17 digits, MCAP nanoseconds. All carry a checksum.
 
     Raises
     ------

@@ -16,8 +16,10 @@ from palpate._arrays import to_numpy
 from palpate.elastic.quantities import COMPONENTS
 from palpate.errors import InvalidInput
 from palpate.inverse.estimate import Errors, Stated
+from palpate.recordings.clock import read_clock
 from palpate.recordings.recording import Recording
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
+from palpate.sensing.times import as_seconds
 from palpate.sensing.view import View
 from palpate.status import Status
 from palpate.touch import Touch
@@ -136,12 +138,14 @@ def recording_of(dataset: xarray.Dataset, name: str = "the data set") -> Recordi
     if "positions" in dataset.variables:
         found = dataset["positions"]
         positions = found.transpose("taxel", ...).values if "taxel" in found.dims else found.values
+    clock = read_clock(as_seconds(dataset["time"], f"{name}: time"), source=name)
+    clock.tell()
     return Recording(
         readings=readings.transpose("time", "channel", *order).values,
         channels=tuple(text(c) for c in dataset["channel"].values),
-        time=dataset["time"].values,
+        time=clock.time,
         positions=positions,
-        meta=_meta(dataset.attrs.get("meta", "{}"), name),
+        meta={**_meta(dataset.attrs.get("meta", "{}"), name), **clock.meta()},
     )
 
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from palpate.elastic.channels import channel_unit
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, UncheckedInput
+from palpate.recordings.clock import Clock, read_clock, unit_of_name
 from palpate.recordings.columns import NUMBER, TableMapping, suggested
 from palpate.recordings.recording import Recording
 from palpate.recordings.tabletext import Table, Titles, first_titles, read_table_text
@@ -48,21 +49,45 @@ def read_mapped(path: Path, mapping: TableMapping) -> Recording:
     def wanted(titles: Titles) -> list[int]:
         for role, columns in _named(mapping).items():
             names, roles[role] = _places(titles, columns)
-            if names:
+            if names and role != "time":
                 labels.append(names)
         if not mapping.wide and mapping.frame is None and mapping.time is None:
             roles["unnamed frame"] = [i for i, n in enumerate(titles.names) if is_frame(n)][:1]
         return [i for places in roles.values() for i in places]
 
     table = read_table_text(path, wanted)
-    parts, start = {}, 0
+    for role, places in roles.items():
+        if role not in ("time", "unnamed frame") and table.dated & set(places):
+            title = table.titles.names[min(table.dated & set(places))]
+            raise InvalidInput(
+                f"{path}: the column {title!r} holds dates or times of day, and {role} is a number; name another column."
+            )
+    parts: dict[str, Floats] = {}
+    start = 0
     for role, places in roles.items():
         parts[role] = table.values[:, start : start + len(places)]
         start += len(places)
     factors = _factors(mapping, table.titles, roles)
+    unit = _time_unit(mapping, table, roles)
     parts = {role: values * factors.get(role, 1.0) for role, values in parts.items()}
+    if "time" in parts:  # a date and the time of the day
+        parts["time"] = parts["time"].sum(axis=1, keepdims=True)
     frames = _wide(path, table, mapping, parts, labels) if mapping.wide else _long(path, table, mapping, parts)
-    return _recording(path, mapping, frames)
+    rate = mapping.rate or 1.0
+    if frames.stamps is None:
+        return _recording(path, mapping, frames, Clock(np.arange(len(frames.number)) / rate))
+    counted = mapping.time is None
+    clock = read_clock(
+        frames.stamps / rate if counted else frames.stamps,
+        source=str(path),
+        unit=1.0 if counted else unit,
+        count=1.0 / rate if counted else None,
+        sort=mapping.sort,
+        remedy="add sort=true to --map, or sort = true to [columns] in the skin.toml",
+        untimed="leave out time and give rate, such as rate=50 in --map",
+    )
+    clock.tell()
+    return _recording(path, mapping, frames.ordered(clock.order), clock)
 
 
 @dataclass(eq=False)
@@ -70,11 +95,19 @@ class _Frames:
     """Everything by frame and marker."""
 
     number: Floats  # of each frame, as the table says it
-    time: Floats | None
+    stamps: Floats | None  # the time of each, as the table says it; None: they are counted
     marker: Floats  # number of each marker
     numbered: bool  # whether these are the table's own
     places: Floats | None  # (frame, marker, axis) [m]
     readings: Floats | None  # (frame, channel, marker)
+
+    def ordered(self, order: Ints | None) -> _Frames:
+        """The frames in another order."""
+        if order is None:
+            return self
+        parts = (None if a is None else a[order] for a in (self.number, self.stamps, self.places, self.readings))
+        number, stamps, places, readings = parts
+        return _Frames(self.number if number is None else number, stamps, self.marker, self.numbered, places, readings)
 
 
 def _named(mapping: TableMapping) -> dict[str, Any]:
@@ -106,7 +139,6 @@ def _factors(mapping: TableMapping, titles: Titles, roles: dict[str, list[int]])
         **{c: (float(s), channel_unit(c)) for c, s in zip(channels, scales)},
         "x": (float(place[0]), "m"),
         "y": (float(place[1]), "m"),
-        "time": (np.nan if mapping.time_scale is None else mapping.time_scale, "s"),
     }
     found = {}
     for role, (factor, si) in given.items():
@@ -122,20 +154,41 @@ def _factors(mapping: TableMapping, titles: Titles, roles: dict[str, list[int]])
         unit = said.pop()
         if unit in known and unit is not None:
             if np.isfinite(factor) and not np.isclose(factor, known[unit], rtol=1e-9):
-                raise InvalidInput(
-                    f"{titles.source}: the title {title!r} says {unit}, but a 1 is said to be {factor:g} {si}; leave out the one that is wrong."
-                )
+                _refuse_two_units(titles, title, unit, factor, si)
             factor = known[unit]
         elif not np.isfinite(factor):
-            if role != "time":
-                key = "position_unit" if role in ("x", "y") else "unit"
-                raise InvalidInput(
-                    f"{titles.source}: nothing says what a 1 in the column {title!r} means: give {key} (such as {_example(si)}), or pixel = the size of a pixel where positions "
-                    "and displacements are in pixels."
-                )
-            factor = 1.0
+            key = "position_unit" if role in ("x", "y") else "unit"
+            raise InvalidInput(
+                f"{titles.source}: nothing says what a 1 in the column {title!r} means: give {key} (such as {_example(si)}), or pixel = the size of a pixel where positions "
+                "and displacements are in pixels."
+            )
         found[role] = factor
     return found
+
+
+def _time_unit(mapping: TableMapping, table: Table, roles: dict[str, list[int]]) -> float | None:
+    """Seconds in a 1 of the time: the mapping, or the title; None where nothing says it. Dates are seconds already."""
+    places = roles.get("time", [])
+    titles = table.titles
+    if table.dated & set(places):
+        if mapping.time_scale is not None:
+            raise InvalidInput(f"{titles.source}: its times are dates or times of day: leave out time_unit.")
+        return 1.0
+    title = titles.names[places[0]] if places else ""
+    named = unit_of_name(title) if titles.titled else None
+    if (
+        mapping.time_scale is not None
+        and titles.unit(places[0]) is not None
+        and named not in (None, mapping.time_scale)
+    ):
+        _refuse_two_units(titles, title, f"{named:g} s", mapping.time_scale, "s")
+    return mapping.time_scale if mapping.time_scale is not None else named
+
+
+def _refuse_two_units(titles: Titles, title: str, said: str, factor: float, si: str) -> None:
+    raise InvalidInput(
+        f"{titles.source}: the title {title!r} says {said}, but a 1 is said to be {factor:g} {si}; leave out the one that is wrong."
+    )
 
 
 def _example(si: str) -> str:
@@ -166,17 +219,18 @@ def _long(path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floa
     elif mapping.time is not None and not np.isfinite(flat["time"]).all():
         raise InvalidInput(f"{path}: {int(np.isnan(flat['time']).sum())} lines have no time; take them out.")
     key = flat["frame"] if mapping.frame is not None else flat["time"] if mapping.time is not None else np.zeros(rows)
-    numbers, frame = np.unique(key, return_inverse=True)
+    count = len(np.unique(key))
     where = np.stack([flat[a] for a in "xy" if a in flat], axis=-1) if "x" in flat else None
     if mapping.marker is not None:
         _whole(path, table, flat["marker"], "marker")
         markers, marker = np.unique(flat["marker"], return_inverse=True)
     elif where is not None:
-        markers, marker = _by_place(path, table, where, len(numbers))
+        markers, marker = _by_place(path, table, where, count)
     else:
         raise InvalidInput(
             f"{path}: nothing says which marker a line belongs to: name marker (its number), or x and y."
         )
+    numbers, frame = _frames_of(key, marker, len(markers), mapping.sort)
     size = len(numbers) * len(markers)
     most = int(np.bincount(frame).max())
     if size > MOST_MISSING * rows and len(markers) > MOST_MISSING * most:
@@ -210,12 +264,29 @@ def _long(path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floa
     readings = [by_frame(flat[c]) for c in mapping.channels]
     return _Frames(
         numbers,
-        _times(path, mapping, numbers, None if "time" not in flat else by_frame(flat["time"])),
+        _stamps(path, mapping, numbers, None if "time" not in flat else by_frame(flat["time"])),
         markers,
         mapping.marker is not None,
         None if where is None else np.stack([by_frame(w) for w in where.T], axis=-1),
         np.stack(readings, axis=1) if readings else None,
     )
+
+
+def _frames_of(key: Floats, marker: Ints, markers: int, sort: bool) -> tuple[Floats, Ints]:
+    """The number of each frame, and the frame of each line.
+
+    Where each frame stands in one piece, frames keep the order of the table, and a number that comes again is another frame: the counter restarted.
+    Lines in any other order are put together by the number of their frame.
+    """
+    first = np.diff(key, prepend=np.nan) != 0
+    piece = np.cumsum(first) - 1
+    lines = np.bincount(piece)
+    numbers, frame = np.unique(key, return_inverse=True)
+    again = len(np.unique(frame * markers + marker)) < len(key)
+    apart = len(np.unique(piece * markers + marker)) == len(key) and 2 * lines.min() > markers
+    if not sort and (len(lines) == len(numbers) or (again and apart)):
+        return key[first], piece
+    return numbers, np.ravel(frame)
 
 
 def _by_place(path: Path, table: Table, where: Floats, frames: int) -> tuple[Floats, Ints]:
@@ -242,21 +313,18 @@ def check_one_frame(path: Path, title: str, values: Floats) -> None:
         )
 
 
-def _times(path: Path, mapping: TableMapping, numbers: Floats, time: Floats | None) -> Floats | None:
-    if mapping.frame is None:
-        return numbers if mapping.time is not None else None
-    if time is None:
-        return numbers / (mapping.rate or 1.0)
+def _stamps(path: Path, mapping: TableMapping, numbers: Floats, time: Floats | None) -> Floats | None:
+    """The time of each frame as the table says it; NaN where it does not."""
+    if time is None or mapping.frame is None:
+        return numbers if mapping.frame is not None or mapping.time is not None else None
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a frame without a time: said below
+        warnings.simplefilter("ignore", RuntimeWarning)  # a frame without a time
         low, high = np.nanmin(time, axis=1), np.nanmax(time, axis=1)
-    if not np.isfinite(low).all():
-        raise InvalidInput(f"{path}: frame {numbers[int(np.argmin(np.isfinite(low)))]:g} has no time.")
-    step = float(np.median(np.diff(low))) if len(low) > 1 else np.inf
-    if (high - low > 0.5 * abs(step)).any():
-        at = int(np.argmax(high - low))
+    step = float(np.nanmedian(np.abs(np.diff(low)))) if np.isfinite(low).sum() > 1 else np.inf
+    if (high - low > 0.5 * step).any():
+        at = int(np.nanargmax(high - low))
         raise InvalidInput(
-            f"{path}: the times of frame {numbers[at]:g} go from {low[at]:g} to {high[at]:g} s; a frame has one time. Leave out time and give rate."
+            f"{path}: the times of frame {numbers[at]:g} go from {low[at]:g} to {high[at]:g}; a frame has one time. Leave out time and give rate."
         )
     return np.asarray(low)
 
@@ -274,39 +342,21 @@ def _wide(
             raise InvalidInput(
                 f"{path}: the columns of x, y and the channels do not belong to the same taxels: {', '.join(odd)}. Name as many for each."
             )
-    numbers: Floats = np.arange(rows, dtype=np.float64)
-    for role in ("time", "frame"):
-        if role in parts:
-            numbers = parts[role][:, 0]
-            if not np.isfinite(numbers).all():
-                raise InvalidInput(f"{path}, line {int(table.lines[int(np.argmin(np.isfinite(numbers)))])}: no {role}.")
-    if mapping.frame is not None:
-        _whole(path, table, numbers, "frame")
-    order = np.argsort(numbers, kind="stable")
-    same = np.flatnonzero(np.diff(numbers[order]) == 0)
-    if len(same):
-        a, b = (int(table.lines[i]) for i in order[same[0] : same[0] + 2])
-        what = "frame" if mapping.frame is not None else "time"
-        raise InvalidInput(
-            f"{path}, lines {a} and {b} have the same {what} {numbers[order[same[0]]]:g}. Take one out, or give rate in place of time."
-        )
-    where = np.stack([parts[a] for a in "xy" if a in parts], axis=-1)[order] if "x" in parts else None
-    readings = np.stack([parts[c] for c in mapping.channels], axis=1)[order] if mapping.channels else None
-    time = parts["time"][order] if "time" in parts else None
-    numbers = numbers[order]
-    if mapping.frame is None and mapping.time is None:
-        times: Floats | None = numbers / (mapping.rate or 1.0)
-    else:
-        times = _times(path, mapping, numbers, time)
+    if "frame" in parts:
+        _whole(path, table, parts["frame"][:, 0], "frame")
+    stamps = next((parts[role][:, 0] for role in ("time", "frame") if role in parts), None)
+    numbers = parts["frame"][:, 0] if "frame" in parts else np.arange(rows, dtype=np.float64)
+    where = np.stack([parts[a] for a in "xy" if a in parts], axis=-1) if "x" in parts else None
+    readings = np.stack([parts[c] for c in mapping.channels], axis=1) if mapping.channels else None
     counted = all(n.isdecimal() for n in names)
     markers = np.array(names, dtype=np.float64) if counted else np.arange(len(names), dtype=np.float64)
-    return _Frames(numbers, times, markers, counted, where, readings)
+    return _Frames(numbers, stamps, markers, counted, where, readings)
 
 
 # -- what both become --------------------------------------------------------------------------------------------------
 
 
-def _recording(path: Path, mapping: TableMapping, frames: _Frames) -> Recording:
+def _recording(path: Path, mapping: TableMapping, frames: _Frames, clock: Clock) -> Recording:
     positions = None
     channels = tuple(mapping.channels)
     if frames.places is not None:
@@ -322,12 +372,13 @@ def _recording(path: Path, mapping: TableMapping, frames: _Frames) -> Recording:
     meta = {
         "source": path.name,
         "table": f"{len(readings)} frames of {readings.shape[2]} markers, {missing} of {len(readings) * readings.shape[2]} missing",
+        **clock.meta(),
     }
     if mapping.shape is not None:
         readings, positions = _as_area(path, mapping.shape, readings, positions), None
     elif positions is not None and positions.shape[1] == 1:
         positions = positions[:, 0]
-    return Recording(readings=readings, channels=channels, time=frames.time, positions=positions, meta=meta)
+    return Recording(readings=readings, channels=channels, time=clock.time, positions=positions, meta=meta)
 
 
 def _at_rest(path: Path, mapping: TableMapping, frames: _Frames) -> tuple[Floats, Any]:

@@ -14,6 +14,9 @@ import numpy as np
 from palpate.elastic.channels import CHANNELS, is_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.recordings.clock import unit_of_name
+from palpate.recordings.dates import TimeCells
+from palpate.sensing.times import LATEST, epoch_unit
 
 __all__ = ["TopicMapping"]
 
@@ -47,6 +50,11 @@ class TopicMapping:
     stamp : str
         Where the message says when it was taken, e.g. "header.stamp" or "sensors[0].time"; without it the time at which it was
         recorded counts.
+    stamp_scale : float, optional
+        Seconds in a 1 of a stamp that is a number. Without it the name may say the unit (``time_us``), a date since 1970 tells it by its size, and other whole
+        numbers by how fast they advance; else they are seconds.
+    sort : bool
+        Put the frames in the order of their stamps. Default: as they were recorded; a clock that restarts goes on.
     definitions : str
         Folder of message definitions (package/msg/Name.msg), for bags that carry none.
 
@@ -74,6 +82,8 @@ class TopicMapping:
     shape: tuple[int, int] | None = None
     markers: bool = False
     stamp: str = ""
+    stamp_scale: float | None = None
+    sort: bool = False
     definitions: str = ""
 
     def __post_init__(self) -> None:
@@ -87,6 +97,10 @@ class TopicMapping:
         scale = np.atleast_1d(np.asarray(self.scale, dtype=np.float64))
         if scale.shape not in ((1,), (len(self.channels),)) or not (np.isfinite(scale).all() and (scale != 0).all()):
             raise InvalidInput(f"scale must be one number or one per channel, finite and not 0; got {self.scale!r}.")
+        if self.stamp_scale is not None and not (math.isfinite(self.stamp_scale) and self.stamp_scale > 0):
+            raise InvalidInput(f"stamp_scale must be a positive number of seconds; got {self.stamp_scale!r}.")
+        if (self.stamp_scale is not None or self.sort) and not self.stamp:
+            raise InvalidInput("stamp_scale and sort are about the stamps of messages: name stamp too.")
         if self.markers and tuple(self.channels[:2]) != ("displacement_x", "displacement_y"):
             raise InvalidInput(
                 f"markers are read as displacement_x, displacement_y (and displacement_z); got {', '.join(self.channels)}."
@@ -132,16 +146,37 @@ class TopicMapping:
         return np.asarray(values * scale.reshape(-1, *(1,) * (values.ndim - 1)))
 
     def time(self, message: Any, recorded: float) -> float:
-        """Seconds at which a message was taken."""
+        """Seconds at which a message was taken; a stamp without a unit is a date since 1970 by its size, or seconds."""
+        found, unit = self.stamped(message, recorded)
+        if unit is None:
+            date = epoch_unit(found)
+            unit = 1.0 if date is None else date[1]
+        return found * unit
+
+    def stamped(self, message: Any, recorded: float) -> tuple[float, float | None]:
+        """The stamp of a message as it stands there, and the seconds in a 1; None where nothing says it.
+
+        Examples
+        --------
+        >>> from types import SimpleNamespace
+        >>> from palpate.recordings import TopicMapping
+        >>> mapping = TopicMapping(topic="/skin", channels=["stress_zz"], stamp="time_us")
+        >>> mapping.stamped(SimpleNamespace(time_us=2_500_000), 3.0)
+        (2500000.0, 1e-06)
+        """
         if not self.stamp:
-            return recorded
+            return recorded, 1.0
         found = at(message, self.stamp)
-        if isinstance(found, int | float):
-            return float(found)
+        if isinstance(found, int | float) and not isinstance(found, bool):
+            named = unit_of_name(self.stamp) if self.stamp_scale is None else self.stamp_scale
+            return float(found), 1.0 if named is None and isinstance(found, float) and abs(found) <= LATEST else named
         for whole in _SECONDS:
             for part in _NANOS:
                 if hasattr(found, whole) and hasattr(found, part):
-                    return float(getattr(found, whole)) + 1e-9 * float(getattr(found, part))
+                    return (int(getattr(found, whole)) * 10**9 + int(getattr(found, part))) / 10**9, 1.0
+        date = TimeCells(self.topic).value(found, f"{self.topic}: {self.stamp}") if isinstance(found, str) else None
+        if date is not None:
+            return date, 1.0
         raise InvalidInput(
             f"{self.topic}: {self.stamp} is not a time: neither seconds nor a stamp of seconds and nanoseconds."
         )
@@ -179,16 +214,16 @@ def at(message: Any, path: str) -> Any:
 
 def _image(message: Any) -> Floats:
     """(channel, y, x) of an image of floats."""
-    matched = re.fullmatch(r"32FC(\d+)", message.encoding)
+    matched = re.fullmatch(r"(32|64)FC(\d+)", message.encoding)
     if matched is None:
-        raise InvalidInput(f"images must be 32FC1, 32FC3, ... (floats); got {message.encoding!r}.")
-    count, rows, columns = int(matched[1]), int(message.height), int(message.width)
+        raise InvalidInput(f"images must be 32FC1, 32FC3, 64FC1, ... (floats); got {message.encoding!r}.")
+    size, count, rows, columns = int(matched[1]) // 8, int(matched[2]), int(message.height), int(message.width)
     data = _bytes(message.data)
     need = int(message.step) * rows
-    if message.step < 4 * count * columns or data.size < need:
+    if message.step < size * count * columns or data.size < need:
         raise InvalidInput(f"an image of {columns} x {rows} x {count} floats has {data.size} bytes; it is truncated.")
-    kind = ">f4" if getattr(message, "is_bigendian", False) else "<f4"
-    lines = data[:need].reshape(rows, int(message.step))[:, : 4 * count * columns]
+    kind = f"{'>' if getattr(message, 'is_bigendian', False) else '<'}f{size}"
+    lines = data[:need].reshape(rows, int(message.step))[:, : size * count * columns]
     values = np.ascontiguousarray(lines).view(kind).reshape(rows, columns, count)
     return np.asarray(np.moveaxis(values, -1, 0), dtype=np.float64)
 

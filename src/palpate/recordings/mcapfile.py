@@ -1,6 +1,6 @@
 """MCAP: recordings written while they happen, and read from robots without ROS installed.
 
-Written (``pip install palpate[bags]``): the messages of `palpate.recordings.messages`. Readings are kept in single precision, time to the
+Written (``pip install palpate[bags]``): the messages of `palpate.recordings.messages`. Readings are kept as they are, time to the
 nanosecond. A chunk goes to the file when it is full, so that a process that is killed loses less than a chunk. Where the picture of a camera's
 touches lies is a metadata record before the first of them.
 
@@ -34,6 +34,8 @@ __all__ = ["McapRecorder", "own", "read_messages", "topics", "write_mcap"]
 
 #: Bytes after which a chunk is written: what a killed process can lose.
 CHUNK = 64 * 1024
+#: Name of the metadata record before the first readings that says their shape, which a message of one row does not tell: ``shape``, JSON.
+SHAPE = "palpate.shape"
 #: Name of the metadata record that says where the picture of the touches after it lies: ``view``, JSON that `View.restored` takes.
 VIEW = "palpate.view"
 
@@ -104,7 +106,10 @@ class McapRecorder:
 
     def readings(self, time: float, values: Any) -> None:
         """One frame (channel, *array) at ``time`` [s]."""
-        self._add(*self._encoder.readings(time, values), time)
+        kind, data = self._encoder.readings(time, values)
+        if self._open and not self._frames:
+            self._describe(SHAPE, {"shape": json.dumps(np.shape(values)[1:])})
+        self._add(kind, data, time)
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
         """What was found in one frame."""
@@ -134,9 +139,17 @@ class McapRecorder:
         """Where the picture lies: once, and again where it changes."""
         described = None if touch.view is None else touch.view.described()
         if self._open and described is not None and described != self._view:
-            facts = {"view": json.dumps(described)}
-            self._guarded(lambda: self._writer.add_metadata(VIEW, facts))
+            self._describe(VIEW, {"view": json.dumps(described)})
             self._view = described
+
+    def _describe(self, name: str, facts: dict[str, str]) -> None:
+        """A metadata record, which is no chunk: it goes to the disk by itself, so that a chunk that does counts its frames."""
+
+        def act() -> None:
+            self._writer.add_metadata(name, facts)
+            self._file.commit()
+
+        self._guarded(act)
 
     def _add(self, kind: Kind, data: bytes, time: float) -> None:
         if not self._open:
@@ -182,6 +195,14 @@ def write_mcap(recording: Recording, path: str | Path) -> None:
     """A whole recording (also `palpate convert`)."""
     if recording.time[0] < 0:
         raise InvalidInput("MCAP keeps times from 0 on; shift the recording's time.")
+    stamps = np.array([nanoseconds(t) for t in recording.time])
+    same = np.flatnonzero(np.diff(stamps) <= 0)
+    if len(same):
+        at = int(same[0])
+        apart = recording.time[at + 1] - recording.time[at]
+        raise InvalidInput(
+            f"MCAP keeps whole nanoseconds, and frames {at} and {at + 1} are {apart:.3g} s apart; write .nc, .h5 or .npz."
+        )
     with McapRecorder(path, recording.channels, positions=recording.positions, meta=recording.meta) as out:
         for time, values in zip(recording.time, recording.readings):
             out.readings(float(time), values)
@@ -213,7 +234,8 @@ def _damage() -> tuple[type[Exception], ...]:
 
 
 def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tuple[Any, Any, Any]]:
-    """(schema, channel, message) of a topic by time; with ``salvage`` in the file's order, up to the last whole chunk of a torn file.
+    """(schema, channel, message) of a topic by the time at which it was recorded; in the file's order with ``salvage``, up to the last whole
+    chunk of a torn file, and where palpate wrote it.
 
     Checksums of chunks, of the data and of the index are confirmed where the file has them.
     """
@@ -224,11 +246,9 @@ def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tu
     ours = not salvage and own(path) is not None
     with path.open("rb") as file:
         try:
-            if (
-                salvage or ours
-            ):  # the index is not needed; what is torn is read as far as it goes, the rest in the order of time
+            if salvage or ours:  # the index is not needed; what is torn is read as far as it goes
                 reader = mcap.reader.NonSeekingReader(file, validate_crcs=True, record_size_limit=limit)
-                yield from reader.iter_messages(topic, log_time_order=not salvage)
+                yield from reader.iter_messages(topic, log_time_order=False)
             else:
                 _confirm(file, limit)
                 file.seek(0)
@@ -298,7 +318,7 @@ def read_messages(path: Path, topic: str, *, salvage: bool = False) -> Iterator[
             raise InvalidInput(
                 f"{path}: a message of {topic} cannot be read ({_short(error)}); it is damaged."
             ) from error
-        yield message.log_time * 1e-9, decoded
+        yield message.log_time / 10**9, decoded
 
 
 class _Decoder:
@@ -356,23 +376,26 @@ def _sum(facts: Mapping[str, str]) -> int:
 
 
 def own(path: Path) -> dict[str, Any] | None:
-    """What palpate wrote down about its own file: channels, positions, meta."""
+    """What palpate wrote down about its own file: channels, positions, meta, and the shape of a frame without its channels."""
     _library()
     import mcap.records
     import mcap.stream_reader
 
+    facts: dict[str, Any] | None = None
     with path.open("rb") as file:
         try:
             for record in mcap.stream_reader.StreamReader(file, record_size_limit=path.stat().st_size).records:
                 if isinstance(record, mcap.records.Metadata) and record.name == "palpate":
-                    return _facts(record.metadata, path)
+                    facts = _facts(record.metadata, path)
+                elif isinstance(record, mcap.records.Metadata) and record.name == SHAPE and facts is not None:
+                    facts["shape"] = tuple(int(n) for n in json.loads(record.metadata["shape"]))
                 if isinstance(record, mcap.records.Message | mcap.records.Chunk):
-                    return None
+                    return facts
         except PalpateError:
             raise
         except _damage():  # the reading that follows says so
-            return None
-    return None
+            return facts
+    return facts
 
 
 def _facts(held: Mapping[str, str], path: Path) -> dict[str, Any]:

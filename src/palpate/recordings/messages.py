@@ -1,6 +1,7 @@
 """Readings, touches and events as the messages that robotics tools know.
 
-Readings are sensor_msgs/Image (32FC1, 32FC3, ... one plane of floats per channel, interleaved; scattered taxels are one row), touches are
+Readings are sensor_msgs/Image (32FC1, 32FC3, ... one plane of floats per channel, interleaved; 64FC1, ... where single precision would round them;
+scattered taxels are one row; values that are not finite are missing, NaN), touches are
 foxglove.Grid (pressure, shear, standard deviation of the pressure) and geometry_msgs/WrenchStamped (the sum of the traction: what presses on
 the pad, z into it; the moment about the surface's origin), events are foxglove.Log.
 """
@@ -18,6 +19,7 @@ from palpate._arrays import to_numpy
 from palpate._extras import missing
 from palpate.errors import InvalidInput
 from palpate.sensing.grids import AreaGrid
+from palpate.sensing.times import as_second
 from palpate.touch import Touch
 
 if TYPE_CHECKING:
@@ -41,11 +43,19 @@ class Kind:
     message_encoding: str
 
 
+#: Messages count seconds in 31 bits: they end in 2038.
+_END = 2**31
+
+
 def nanoseconds(time: float) -> int:
     """Whole nanoseconds of a time [s] from 0 on."""
-    if not (math.isfinite(time) and time >= 0):
-        raise InvalidInput(f"messages keep times from 0 on; got {time!r} s.")
-    return round(time * 1e9)
+    seconds = as_second(time)
+    if not 0 <= seconds < _END:
+        raise InvalidInput(
+            f"messages keep times from 0 on and below 2**31 s; got {seconds:g} s. Shift the time, or write .nc or .h5."
+        )
+    whole = math.floor(seconds)
+    return whole * 10**9 + round((seconds - whole) * 1e9)
 
 
 def ros_types() -> Any:
@@ -74,14 +84,19 @@ class Encoder:
                 f"a frame must have shape (channel, taxel) or (channel, y, x) with {len(self.channels)} channels; got {data.shape}."
             )
         rows, columns = (1, data.shape[1]) if data.ndim == 2 else data.shape[1:]
-        values = np.ascontiguousarray(np.moveaxis(data.reshape(len(data), rows, columns), 0, -1), dtype="<f4")
+        planes = np.moveaxis(data.reshape(len(data), rows, columns), 0, -1).astype(np.float64)
+        planes[~np.isfinite(planes)] = np.nan
+        with np.errstate(over="ignore", under="ignore"):
+            single = planes.astype("<f4")
+        exact = np.array_equal(single, planes, equal_nan=True)
+        values = np.ascontiguousarray(single if exact else planes.astype("<f8"))
         message = self._types.types[_IMAGE](
             header=self._header(time),
             height=rows,
             width=columns,
-            encoding=f"32FC{len(data)}",
+            encoding=f"{32 if exact else 64}FC{len(data)}",
             is_bigendian=0,
-            step=4 * len(data) * columns,
+            step=values.itemsize * len(data) * columns,
             data=values.view(np.uint8).reshape(-1),
         )
         return self._ros(READINGS, _IMAGE, message)

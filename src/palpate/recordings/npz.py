@@ -14,6 +14,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.errors import InvalidInput
 from palpate.recordings.checked import CHECKSUM, affordable, confirm_recording, json_object, recording_checksum
+from palpate.recordings.clock import Clock, stored_clock
 from palpate.recordings.formats import Format
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
@@ -65,12 +66,14 @@ class Npz(Format):
                 f"{path}: not a palpate recording: it lacks {', '.join(missing)} (it holds {', '.join(held) or 'nothing'})."
             )
         meta = json_object(str(held["meta"]), f"{path}: meta") if "meta" in held else {}
+        clock = Clock(held["time"]) if CHECKSUM in held else stored_clock(held["time"], None, str(path))
+        clock.tell()
         found = Recording(
             readings=held["readings"],
             channels=tuple(str(c) for c in np.atleast_1d(held["channel"])),
-            time=held["time"],
+            time=clock.time,
             positions=held.get("positions"),
-            meta={str(k): str(v) for k, v in meta.items()},
+            meta={**{str(k): str(v) for k, v in meta.items()}, **clock.meta()},
         )
         return confirm_recording(found, held.get(CHECKSUM), path)
 

@@ -13,18 +13,22 @@ from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.labels import is_labelled
+from palpate.sensing.times import as_seconds
 
 __all__ = ["Recording", "checked_time"]
 
 
 def checked_time(time: Any, count: int) -> Floats:
     """Times of ``count`` frames [s], finite and increasing; None: frame numbers."""
-    found = np.arange(count, dtype=np.float64) if time is None else np.asarray(time, dtype=np.float64)
+    found = np.arange(count, dtype=np.float64) if time is None else as_seconds(time)
     if found.shape != (count,) or not np.isfinite(found).all():
         raise InvalidInput(f"time must be {count} finite seconds; got shape {found.shape}.")
     if np.any(np.diff(found) <= 0):
         first = int(np.argmax(np.diff(found) <= 0)) + 1
-        raise InvalidInput(f"time must increase; frame {first} is at {found[first]:g} s after {found[first - 1]:g} s.")
+        raise InvalidInput(
+            f"time must increase; frame {first} is at {found[first]:g} s after {found[first - 1]:g} s. "
+            "Where the clock restarted or stamps are wrong, palpate.recordings.read_clock(time).time goes on."
+        )
     return found
 
 
@@ -39,7 +43,7 @@ class Recording:
     channels : sequence of str
         Names from `palpate.AREA_CHANNELS`.
     time : array (time,), optional
-        Seconds, increasing; default: frame numbers.
+        Seconds, increasing, or dates and differences of times (``datetime64``, ``timedelta64``, those of pandas); default: frame numbers.
     positions : array (taxel, 2) or (taxel,), optional
         Positions (x, y) [m] of scattered taxels; only with one array axis.
     meta : mapping of str to str

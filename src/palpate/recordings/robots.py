@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, PalpateError
 from palpate.recordings import mcapfile
 from palpate.recordings.checked import with_losses
+from palpate.recordings.clock import Clock, read_clock
 from palpate.recordings.formats import Format
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.messages import READINGS, ros_types
@@ -81,7 +83,7 @@ def _bag_messages(path: Path, mapping: TopicMapping) -> Iterator[tuple[float, An
                 "(package/msg/Name.msg) as definitions."
             )
         for connection, stamp, raw in reader.messages(connections=connections):
-            yield stamp * 1e-9, reader.deserialize(raw, connection.msgtype)
+            yield stamp / 10**9, reader.deserialize(raw, connection.msgtype)
     except PalpateError:
         raise
     except Exception as error:  # whatever torn bytes raise in a decoder
@@ -119,12 +121,25 @@ def frames(
 
     Without a ``mapping`` those that palpate wrote. A message that does not fit raises `InvalidInput`.
     """
-    for time, values, _ in _frames(Path(path), mapping, salvage):
-        yield time, values
+    for stamp, values in _frames(Path(path), mapping, salvage):
+        yield stamp.time, values
 
 
-def _frames(path: Path, mapping: TopicMapping | None, salvage: bool) -> Iterator[tuple[float, Floats, Floats | None]]:
-    """The same, with the markers' positions at rest."""
+@dataclass
+class _Stamp:
+    """When a frame was taken: by its message, and by the recorder; and where its markers are at rest."""
+
+    mapping: TopicMapping
+    message: Any
+    recorded: float
+    rest: Floats | None
+
+    @property
+    def time(self) -> float:
+        return self.mapping.time(self.message, self.recorded)
+
+
+def _frames(path: Path, mapping: TopicMapping | None, salvage: bool) -> Iterator[tuple[_Stamp, Floats]]:
     if not path.is_file() and not is_bag(path):
         raise InvalidInput(f"{path}: no such file.")
     if mapping is None:
@@ -149,7 +164,7 @@ def _frames(path: Path, mapping: TopicMapping | None, salvage: bool) -> Iterator
                     f"{mapping.topic}: {values[0].size} markers follow {rest[0].size}; each message must hold all of them, in one order."
                 )
             values = values - rest
-        yield mapping.time(message, recorded), values, rest
+        yield _Stamp(mapping, message, recorded, rest), values
     if not any_found:
         raise InvalidInput(f"{path} has no topic {mapping.topic}; it has {_listed(path)}.")
 
@@ -159,34 +174,65 @@ def _listed(path: Path) -> str:
 
 
 def read_robot(path: str | Path, mapping: TopicMapping | None = None, *, salvage: bool = False) -> Recording:
-    """A recording from an MCAP file or a bag; frames out of order or at the same time as another are left out.
+    """A recording from an MCAP file or a bag: every frame, in the order in which they were recorded (`palpate.recordings.clock`).
 
     Palpate's own files need no ``mapping``. ``salvage`` reads a torn MCAP file as far as it goes.
     """
     found = Path(path)
     known = _own(found) if mapping is None and (found.is_file() or is_bag(found)) else None
-    times: list[float] = []
+    stamps: list[tuple[float, float | None]] = []
+    recorded: list[float] = []
     parts: list[Floats] = []
     rest: Floats | None = None
-    for time, values, rest in _frames(found, mapping, salvage):  # noqa: B007
-        if times and time <= times[-1]:
-            continue
+    for stamp, values in _frames(found, mapping, salvage):
         if parts and values.shape != parts[0].shape:
             raise InvalidInput(f"{path}: a frame of shape {values.shape} follows frames of {parts[0].shape}.")
-        times.append(time)
+        stamps.append(stamp.mapping.stamped(stamp.message, stamp.recorded))
+        recorded.append(stamp.recorded)
+        rest = stamp.rest
         parts.append(values)
+    clock = _clock(found, mapping, stamps, recorded)
+    clock.tell()
     channels = tuple(mapping.channels) if mapping is not None else tuple(map(str, (known or {})["channels"]))
-    readings = np.stack(parts).astype(np.float32)
+    readings = np.stack(parts)
+    if clock.order is not None:
+        readings = readings[clock.order]
+    with np.errstate(over="ignore", under="ignore"):
+        single = readings.astype(np.float32)
+    readings = single if np.array_equal(single, readings, equal_nan=True) else readings
     positions = None
+    shape = (known or {}).get("shape", ())
     if known is not None and "positions" in known:
         positions = np.asarray(known["positions"])
         readings = readings.reshape(len(readings), readings.shape[1], -1)
-    elif readings.ndim == 4 and readings.shape[2] == 1:
+    elif shape and np.prod(shape) == np.prod(readings.shape[2:]):
+        readings = readings.reshape(*readings.shape[:2], *shape)
+    elif readings.ndim == 4 and readings.shape[2] == 1 and (mapping is None or mapping.shape is None):
         readings = readings[:, :, 0]
     if rest is not None and readings.ndim == 3:
         positions = rest[:2].T
     meta = {str(k): str(v) for k, v in known["meta"].items()} if known is not None else {"source": found.name}
-    return Recording(readings=readings, channels=channels, time=np.array(times), positions=positions, meta=meta)
+    return Recording(
+        readings=readings, channels=channels, time=clock.time, positions=positions, meta={**meta, **clock.meta()}
+    )
+
+
+def _clock(
+    path: Path, mapping: TopicMapping | None, stamps: Sequence[tuple[float, float | None]], recorded: Sequence[float]
+) -> Clock:
+    """One time from the stamps of messages and the times at which they were recorded."""
+    units = {unit for _, unit in stamps}
+    unit = units.pop() if len(units) == 1 else 1.0
+    values = [s if unit == u or u is None else s * u for s, u in stamps]
+    stamped = mapping is not None and bool(mapping.stamp)
+    return read_clock(
+        values,
+        source=str(path),
+        unit=unit,
+        recorded=recorded if stamped else None,
+        sort=mapping is not None and mapping.sort,
+        untimed='name the stamp of its messages (stamp = "header.stamp" in [stream] of the skin.toml)',
+    )
 
 
 def _losses(path: Path, mapping: TopicMapping | None, taken: int) -> str:
@@ -197,7 +243,7 @@ def _losses(path: Path, mapping: TopicMapping | None, taken: int) -> str:
         frames = round(torn / max(path.stat().st_size - torn, 1) * count)
         words.append(f"{torn} bytes from the damage on, some {frames} frames by their size")
     if count > taken:
-        words.append(f"{count - taken} frames that cannot be read or do not follow in time")
+        words.append(f"{count - taken} frames that cannot be read")
     return f"{' and '.join(words)} are lost" if words else "nothing is lost"
 
 

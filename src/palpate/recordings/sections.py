@@ -116,6 +116,8 @@ def _mapping(skin: SkinFile, stream: StreamSection, folder: Path) -> TopicMappin
         shape=stream.shape if stream.shape is not None else _shape(skin),
         markers=stream.markers,
         stamp=stream.stamp,
+        stamp_scale=None if stream.stamp_unit is None else per_count(stream.stamp_unit, "time", "stamp_unit"),
+        sort=stream.sort,
         definitions=str(folder / stream.definitions) if stream.definitions else "",
     )
 

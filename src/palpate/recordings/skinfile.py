@@ -192,6 +192,8 @@ class StreamSection(_Strict):
     shape: tuple[Count, Count] | None = None
     markers: bool = False
     stamp: str = ""
+    stamp_unit: str | None = None
+    sort: bool = False
     definitions: str = ""
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.errors import InvalidInput
 from palpate.recordings.checked import CHECKSUM, confirm, confirm_recording, json_object, with_losses
+from palpate.recordings.clock import stored_clock
 from palpate.recordings.labelled import text
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording, checked_time
@@ -25,18 +26,17 @@ def stored_recording(held: Any, channels: Iterable[Any], path: Path, *, salvage:
     """
     counts = held["readings"].shape[0], held["time"].shape[0]
     count = min(counts)
-    time = held["time"][:count]
     if salvage:
-        whole = np.isfinite(time) & (np.diff(time, prepend=-np.inf) > 0)
+        whole = np.isfinite(held["time"][:count])
         count = int(np.argmin(whole)) if not whole.all() else count
-        time = time[:count]
+    time, told = _times(held, count, path)
     meta = json_object(text(held.attrs.get("meta", "{}")), f"{path}: meta")
     recording = Recording(
         readings=held["readings"][:count],
         channels=tuple(text(c) for c in channels),
         time=time,
         positions=held["positions"][...] if "positions" in held else None,
-        meta={str(k): str(v) for k, v in meta.items()},
+        meta={**{str(k): str(v) for k, v in meta.items()}, **told},
     )
     expected = held.attrs.get(CHECKSUM)
     if not salvage:
@@ -48,6 +48,16 @@ def stored_recording(held: Any, channels: Iterable[Any], path: Path, *, salvage:
         else "every frame is whole"
     )
     return with_losses(recording, expected, path, known)
+
+
+def _times(held: Any, count: int, path: Path) -> tuple[Any, dict[str, str]]:
+    """Times of the first ``count`` frames, and what is to be said of them; those with a checksum are what was written."""
+    values = np.asarray(held["time"][:count])
+    if held.attrs.get(CHECKSUM) is not None or not np.isfinite(values).all():
+        return values, {}
+    clock = stored_clock(values, held["time"].attrs.get("units"), str(path))
+    clock.tell()
+    return clock.time, clock.meta()
 
 
 class _Guarded:
@@ -67,13 +77,14 @@ def opened_recording(
     """The same, read piece by piece as long as what holds it stays open; ``readable`` translates what the library raises."""
     count = min(held["readings"].shape[0], held["time"].shape[0])
     meta = json_object(text(held.attrs.get("meta", "{}")), f"{path}: meta")
-    time = checked_time(held["time"][:count], count)
+    found, told = _times(held, count, path)
+    time = checked_time(found, count)
     head = Recording(
         readings=held["readings"][: min(1, count)],
         channels=tuple(text(c) for c in channels),
         time=time[:1],
         positions=held["positions"][...] if "positions" in held else None,
-        meta={str(k): str(v) for k, v in meta.items()},
+        meta={**{str(k): str(v) for k, v in meta.items()}, **told},
     )
     return OpenRecording(head, time, _Guarded(held["readings"], path, readable), held.attrs.get(CHECKSUM), str(path))
 

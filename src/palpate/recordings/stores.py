@@ -23,6 +23,7 @@ from palpate.elastic.channels import channel_unit
 from palpate.errors import InvalidInput
 from palpate.recordings.heldfile import Apart, HeldFile
 from palpate.recordings.labelled import CONVENTIONS, STATUS_FLAGS
+from palpate.sensing.times import as_second
 from palpate.status import Status
 from palpate.touch import Touch, intervals
 
@@ -66,13 +67,12 @@ class _Recorder(abc.ABC):
         meta: dict[str, str] | None = None,
         block: int = BLOCK,
     ) -> None:
-        self.path, self.channels, self.left_out = Path(path), tuple(channels), 0
+        self.path, self.channels = Path(path), tuple(channels)
         self._positions = None if positions is None else np.asarray(positions, dtype=np.float64)
         self._meta, self._block = dict(meta or {}), block
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._begun: set[str] = set()
         self._kept: dict[str, int] = {}
-        self._last = -np.inf
         self._shape: tuple[int, ...] | None = None
         self._open = True
         if self.path.exists():
@@ -88,7 +88,7 @@ class _Recorder(abc.ABC):
             raise
 
     def readings(self, time: float, values: Any) -> None:
-        """One frame (channel, *array) at ``time`` [s]; one that is not after the last is left out."""
+        """One frame (channel, *array) at ``time`` [s], as it comes: a clock that goes back is for the reader (`palpate.recordings.clock`)."""
         data = to_numpy(values)
         if len(data) != len(self.channels) or data.ndim not in (2, 3):
             raise InvalidInput(
@@ -96,16 +96,16 @@ class _Recorder(abc.ABC):
             )
         if self._shape not in (None, data.shape):
             raise InvalidInput(f"a frame of shape {data.shape} follows frames of {self._shape}.")
-        if not time > self._last:
-            self.left_out += 1
-            return
-        self._last, self._shape = time, data.shape
-        self._put("", {"time": time, "readings": data}, lambda: self._reading_layout(data))
+        if data.dtype.kind == "f" and np.isinf(data).any():  # no reading, as for a tracker
+            data = data.copy()
+            data[np.isinf(data)] = np.nan
+        self._shape = data.shape
+        self._put("", {"time": as_second(time), "readings": data}, lambda: self._reading_layout(data))
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
         """What was found in one frame."""
         row: dict[str, Any] = {
-            "time": float(touch.time) if time is None else time,  # type: ignore[arg-type]
+            "time": as_second(touch.time if time is None else time),
             "traction": to_numpy(touch.values),
             "force": to_numpy(touch.force),
             "touching": int(bool(True if touch.touching is None else touch.touching)),

@@ -17,6 +17,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.recordings.dates import TimeCells, is_date
 from palpate.recordings.textlines import lines_of, number, warn_of_a_cut
 
 __all__ = ["Table", "Titles", "first_titles", "read_table_text"]
@@ -95,15 +96,16 @@ def _bare(title: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Numbers (row, column) of those columns that were asked for, and the line in which each row stands."""
+    """Numbers (row, column) of those columns that were asked for, the line in which each row stands, and which columns hold dates."""
 
     titles: Titles
     values: Floats
     lines: Any
+    dated: frozenset[int] = frozenset()
 
 
 def read_table_text(path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
-    """Read the columns that ``wanted`` picks, by their places.
+    """Read the columns that ``wanted`` picks, by their places; dates and times of day become seconds.
 
     Separators are commas, semicolons, tabs or blanks; decimals have a point, or a comma where that does not separate. Lines that begin with # or %
     are comments; the last of them may hold the titles.
@@ -129,12 +131,17 @@ def read_table_text(path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Ta
     separator, titles, above = _layout(path, head, comment)
     body = chain(head[1:] if above else head, lines)
     places = list(wanted(titles))
-    values, at = _numbers(path, body, separator, len(titles.names), places)
+    clocks = [TimeCells(str(path)) for _ in places]
+    values, at = _numbers(path, body, separator, len(titles.names), places, clocks)
     if not at:
         raise InvalidInput(f"{path}: no lines of numbers follow the titles {titles.listed()}.")
     if not tail.ended:
         warn_of_a_cut(path, tail.last)
-    return Table(titles, values, np.array(at))
+    for i, clock in enumerate(clocks):
+        if clock.kind:
+            values[:, i] = clock.settled(values[:, i])
+    dated = frozenset(place for place, clock in zip(places, clocks) if clock.kind)
+    return Table(titles, values, np.array(at), dated)
 
 
 class _Tail:
@@ -213,7 +220,7 @@ def _trimmed(row: list[str], count: int | None = None) -> list[str]:
 
 def _numeric(cell: str, separator: str | None) -> bool:
     text = cell.replace(",", ".") if separator != "," else cell
-    if text.strip().lower() in _MISSING:
+    if text.strip().lower() in _MISSING or is_date(cell):
         return True
     try:
         number(text, "")
@@ -223,9 +230,9 @@ def _numeric(cell: str, separator: str | None) -> bool:
 
 
 def _numbers(
-    path: Path, body: Any, separator: str | None, count: int, places: Sequence[int]
+    path: Path, body: Any, separator: str | None, count: int, places: Sequence[int], clocks: Sequence[TimeCells]
 ) -> tuple[Floats, Sequence[int]]:
-    """The cells at ``places`` of every line, and the numbers of the lines."""
+    """The cells at ``places`` of every line, and the numbers of the lines; ``clocks`` read the dates of each column."""
     values, at = array("d"), array("q")
     decimals = _Decimals(path, separator != ",")
     pick = operator.itemgetter(*places) if len(places) > 1 else lambda row: (row[places[0]],)
@@ -242,7 +249,10 @@ def _numbers(
             )
         at.append(line_number)
         cells = pick(row)
-        values.extend(decimals.plain(cells, line_number) or [decimals.value(c, line_number) for c in cells])
+        values.extend(
+            decimals.plain(cells, line_number)
+            or [decimals.value(c, line_number, clocks[i]) for i, c in enumerate(cells)]
+        )
     decimals.check()
     return np.frombuffer(values).reshape(-1, len(places)) if at else np.zeros((0, len(places))), at
 
@@ -261,15 +271,18 @@ class _Decimals:
         whole = " ".join(cells)
         if _PLAIN.fullmatch(whole) is None:
             return None
-        if self._commas and self._point is None and "." in whole:
-            self._point = (line, next(c for c in cells if "." in c).strip())
         try:
             found = [float(c) for c in cells]
         except ValueError:
             return None
+        if self._commas and self._point is None and "." in whole:
+            self._point = (line, next(c for c in cells if "." in c).strip())
         return found if math.isfinite(sum(found)) else None
 
-    def value(self, cell: str, line: int) -> float:
+    def value(self, cell: str, line: int, clock: TimeCells) -> float:
+        seconds = clock.value(cell, f"{self._path}, line {line}")
+        if seconds is not None:
+            return seconds
         if self._commas and "," in cell:
             if self._comma is None:
                 self._comma = (line, cell.strip())

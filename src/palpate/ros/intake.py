@@ -19,13 +19,13 @@ from palpate.errors import InvalidInput
 from palpate.network.admission import Limits
 from palpate.network.waiting import FrameSource
 from palpate.recordings import TopicMapping
+from palpate.recordings.clock import LiveClock
+from palpate.sensing.times import LATEST
 
 __all__ = ["Header", "Intake", "readings_of"]
 
 #: Least time between two looks at which publishers there are [s].
 LOOK = 0.1
-#: Time between frames without a stamp where the clock (a simulated one) has not moved [s].
-STILL = 1e-6
 #: Publishers whose names and sequence numbers are kept.
 REMEMBERED = 64
 
@@ -104,7 +104,7 @@ class Intake(FrameSource):
         self._looked = -math.inf
         self._sequences: dict[str, int] = {}
         self._counted = 0
-        self._unstamped = -math.inf
+        self._clock = LiveClock()
 
     def frames(self) -> Iterator[tuple[int, float, Any]]:
         """(session, time [s], readings); `header` is that of the frame. Messages are read here, so that those left out cost nothing."""
@@ -150,17 +150,10 @@ class Intake(FrameSource):
         header = getattr(message, "header", None)
         stamp = getattr(header, "stamp", None)
         taken = 0 if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
-        if self._mapping.stamp:
-            time = self._mapping.time(message, now / 1e9)
-            if not math.isfinite(time):
-                raise InvalidInput(f"{self._mapping.topic}: {self._mapping.stamp} is {time}, which is no time.")
-        elif taken > 0:
-            time = taken / 1e9
-        else:  # drivers that leave the stamp empty
-            time = now / 1e9
-            if 0.0 <= self._unstamped - time < 1.0:
-                time = self._unstamped + STILL
-            self._unstamped = time
+        said = self._mapping.time(message, now / 1e9) if self._mapping.stamp else max(taken, 0) / 1e9
+        if not abs(said) <= LATEST:
+            raise InvalidInput(f"{self._mapping.topic}: {self._mapping.stamp} is {said}, which is no time.")
+        time = self._clock.next(said, now / 1e9)
         return time, Header(taken if taken > 0 else now, str(getattr(header, "frame_id", "")), came)
 
     def _count_lost(self, publisher: str, sequence: int) -> None:

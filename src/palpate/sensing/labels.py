@@ -19,6 +19,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.arrays import Array, LineArray, ScatteredArray
 from palpate.sensing.grids import Grid
+from palpate.sensing.times import as_seconds
 from palpate.units import convert_factor
 
 __all__ = ["is_labelled", "labelled_readings", "labelled_time", "labelled_traction"]
@@ -76,15 +77,9 @@ def labelled_time(x: Any) -> Floats | None:
     if set(x.dims) - {"time", "channel", "component", "taxel", "y", "x"}:
         return None  # more batch axes than time
     coordinate = x.coords["time"]
-    if coordinate.dtype.kind in "mM":
-        first = coordinate.values[0] if coordinate.dtype.kind == "M" else np.timedelta64(0, "ns")
-        return np.asarray((coordinate.values - first) / np.timedelta64(1, "s"), dtype=np.float64)
-    if coordinate.dtype.kind not in "iuf":
-        raise InvalidInput(f"the coordinate time must be seconds; got dtype {coordinate.dtype}.")
-    unit = str(coordinate.attrs.get("units", "s"))
-    if unit == "frame":
+    if coordinate.attrs.get("units") == "frame":
         return None
-    return np.asarray(coordinate.values, dtype=np.float64) * convert_factor(unit, "s", "the coordinate time")
+    return as_seconds(coordinate, "the coordinate time")
 
 
 def _bare(x: Any) -> Any:

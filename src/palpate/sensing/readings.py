@@ -23,6 +23,7 @@ from palpate.errors import InvalidInput
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.labels import is_labelled, labelled_readings, labelled_time, labelled_traction
+from palpate.sensing.times import as_seconds
 
 __all__ = [
     "Creep",
@@ -275,7 +276,7 @@ def frame_times(
         time = labelled_time(readings)
         if time is None:
             return None
-    found = np.asarray(time, dtype=np.float64)
+    found = as_seconds(time)
     d = len(planes[0].shape)
     frames = tuple(parts[0].shape[: -1 - d])
     if len(frames) != 1 or found.shape != frames:
@@ -283,7 +284,9 @@ def frame_times(
             f"time must have one entry for each frame of (frame, channel, *array); got {found.shape} for {frames}."
         )
     if not np.isfinite(found).all() or np.any(np.diff(found) <= 0):
-        raise InvalidInput("time must be finite and increase from frame to frame.")
+        raise InvalidInput(
+            "time must be finite and increase from frame to frame. Where the clock restarted or stamps are wrong, palpate.recordings.read_clock(time).time goes on."
+        )
     return found
 
 

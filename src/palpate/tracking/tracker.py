@@ -24,6 +24,7 @@ from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.limits import ends_of
 from palpate.sensing.readings import Layout
+from palpate.sensing.times import as_second
 from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
@@ -315,7 +316,7 @@ class Tracker:
             In SI units. Values that are missing, not finite or out of range are left out in this frame where the others suffice, and
             for longer where it happens again and again (see `health`).
         time : float, optional
-            Time of the frame [s]. A time before that of the last frame is taken for a clock that has begun anew: contact is found
+            Time of the frame [s], or a ``datetime64``, ``timedelta64`` and the like. A time before that of the last frame is taken for a clock that has begun anew: contact is found
             afresh, the zero is kept, and the touch says so in its notes.
         std : array like ``reading``, optional
             Standard deviations of these readings, from a source that knows them frame by frame, such as the dots of a camera, which are less well
@@ -332,7 +333,7 @@ class Tracker:
         Raises
         ------
         InvalidInput
-            A reading or std of the wrong shape or kind, or a time that is not finite; the tracker is then as it was before.
+            A reading or std of the wrong shape or kind, or a time that is no finite number of seconds; the tracker is then as it was before.
 
         Examples
         --------
@@ -355,8 +356,7 @@ class Tracker:
         """`step`, before which work beside the stream gives way."""
         started = clock.perf_counter()
         flat, like = self._flat(reading)
-        if time is not None and not math.isfinite(time):
-            raise InvalidInput(f"time must be a finite number of seconds; got {time!r}.")
+        time = None if time is None else as_second(time)
         known = None if std is None else self._typical(std)
         frame = self._times.next(time)
         self._said = []
