@@ -101,6 +101,8 @@ def _with_shares(
         factor = math.hypot(1.0, share * ratio)
         found = _at_noise(level, readings, factor, rng)
         left = found.residual * _rms(found.noise) / max(ratio, 1e-300) if found.contact else 1.0
+        if found.contact:
+            found = replace(found, fit=_size_probability(found, len(data)))
         if found.contact and _explains(found):
             return replace(found, discrepancy=_posterior(max(left, 0.0), found.free))
         if found.contact and (best is None or left < best[0]):
@@ -140,6 +142,16 @@ def _at_noise(
         nuisance_std=found.nuisance_std * factor,
         stated=stated,
     )
+
+
+def _size_probability(frame: Frame, count: int) -> float:
+    """Misfit probability by the size of what is left alone: a discrepancy is alike among neighbours, so that whiteness tells nothing; NaN where contact follows
+    every reading."""
+    import scipy.special
+
+    if not frame.free >= 1.0:
+        return math.nan
+    return float(scipy.special.gammaincc(0.5 * frame.free, 0.5 * count * frame.residual**2))
 
 
 def _grown(name: str, value: Floats, factor: float) -> Floats:
