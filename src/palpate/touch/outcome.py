@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import to_numpy
-from palpate.inverse.fit import POOR_FIT, PROVEN
+from palpate.inverse.fit import DISCREPANCY, POOR_FIT, PROVEN
 from palpate.status import Status
 
 if TYPE_CHECKING:
@@ -251,8 +251,10 @@ class Outcome:
             said.append(f"{size}{some(self.strained)}")
         if self.discrepant:
             up_to = "up to " if self.batch else ""
+            assumed = self.discrepancy <= DISCREPANCY + 0.005
+            what = "may leave" if assumed else "leaves"
             said.append(
-                f"the pad's model leaves {up_to}{self.discrepancy:.0%} of these readings unexplained{some(self.discrepant)}; intervals allow for it"
+                f"the pad's model {what} {up_to}{self.discrepancy:.0%} of these readings unexplained{some(self.discrepant)}; intervals allow for it"
             )
         if self.rough:
             up_to = "up to " if self.batch else ""

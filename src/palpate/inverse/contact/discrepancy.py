@@ -25,7 +25,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.estimate import Errors, Stated
-from palpate.inverse.fit import POOR_FIT
+from palpate.inverse.fit import DISCREPANCY, POOR_FIT
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
@@ -36,9 +36,8 @@ __all__ = ["explained"]
 SHARES = (0.02, 0.05, 0.1, 0.2, 0.3)
 #: A contact that leaves more than this part of the readings tells nothing of them (a convention).
 MOST = 0.5
-#: What a pad's model leaves unexplained before a frame says more, and how many readings that counts for. Published recordings of six real skins
-#: with a force sensor beside them leave 2 to 30 % (`benchmarks/real.py`).
-PRIOR, PRIOR_WEIGHT = 0.15, 4.0
+#: How many readings `fit.DISCREPANCY` counts for.
+PRIOR_WEIGHT = 4.0
 #: Noise of a zero that is so many times smaller than the smallest share is not tried by itself first.
 FAINT = 3.0
 #: Readings so many standard deviations from zero are no noise (2e-9 of Gaussian noise; `Thresholds.outlier`).
@@ -111,7 +110,7 @@ def _with_shares(
         share = next((s for s in larger if s >= 0.9 * left), None) if found.contact else next(iter(larger), None)
     linear = 0 in estimator.signs and plain is not None and not plain.pushed
     if linear and plain is not None:
-        return replace(plain, discrepancy=PRIOR)
+        return replace(plain, discrepancy=DISCREPANCY)
     if best is not None and best[0] < MOST:
         left, found = best
         return replace(found, discrepancy=_posterior(left, found.free), unexplained=True)
@@ -161,7 +160,7 @@ def _grown(name: str, value: Floats, factor: float) -> Floats:
 def _posterior(left: float, free: float) -> float:
     """The share, from what is left of the readings (part of their root mean square) with so many degrees of freedom, and the prior."""
     free = max(free, 0.0) if math.isfinite(free) else 0.0
-    return math.sqrt((PRIOR_WEIGHT * PRIOR**2 + free * left**2) / (PRIOR_WEIGHT + free))
+    return math.sqrt((PRIOR_WEIGHT * DISCREPANCY**2 + free * left**2) / (PRIOR_WEIGHT + free))
 
 
 def _rms(values: Floats) -> float:
