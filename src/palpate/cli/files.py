@@ -110,9 +110,12 @@ def provenance(skin: str, recording: str = "") -> dict[str, str]:
 
 
 def command_line() -> str:
+    """What was typed, for the files that it made; secrets are hidden."""
     import shlex
 
-    return shlex.join(["palpate", *sys.argv[1:]])
+    from palpate.recordings.redaction import without_secrets
+
+    return shlex.join(["palpate", *without_secrets(sys.argv[1:])])
 
 
 def make_folder(path: Path) -> Path:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.recordings.formats import existing, find_format, into_place
+from palpate.recordings.redaction import without_secrets_in_meta
 
 if TYPE_CHECKING:
     from palpate.touch import Touch
@@ -35,6 +36,7 @@ def write_touch(touch: Touch, path: str | Path, *, provenance: Mapping[str, str]
     (2, 4)
     """
     record = {"method": touch.method, "notes": "\n".join(touch.notes), **touch.meta, **(provenance or {})}
+    record = without_secrets_in_meta(record)
     into_place(path, lambda known, name: known.write_touch(touch, name, record), task="write_touch")
 
 
