@@ -21,6 +21,7 @@ from palpate.elastic.layers import BondedLayers
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.fit import POOR_FIT
+from palpate.recordings.skinfile import skin_text
 from palpate.sensing.view import View
 from palpate.skin import Skin
 from palpate.units import UNKNOWN
@@ -141,7 +142,7 @@ def weigh(
 
 def _begun(skin: Path, folder: Path) -> Path:
     """The skin with a modulus to begin with where it says "unknown": displacements give forces over the modulus, whatever that is."""
-    text = skin.read_text(encoding="utf-8") if skin.is_file() else ""
+    text = skin_text(skin) if skin.is_file() else ""
     key = re.compile(r'^(\s*youngs_modulus\s*=\s*)("[^"\n]*"|\'[^\'\n]*\')', re.MULTILINE)
     values = [value.strip("\"'").strip().lower() for _, value in key.findall(text)]
     if UNKNOWN not in values:

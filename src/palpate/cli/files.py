@@ -80,8 +80,8 @@ def skin_files(skin_file: Path | None) -> list[Path]:
     if skin_file is None:
         return []
     try:
-        tables: Any = tomllib.loads(skin_file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        tables: Any = tomllib.loads(skin_text(skin_file))
+    except (InvalidInput, ValueError, RecursionError):
         return [skin_file]  # said where it is read
     planes = tables.get("plane", [])
     named = [p.get("positions_file") for p in planes if isinstance(p, dict)] if isinstance(planes, list) else []
@@ -89,7 +89,10 @@ def skin_files(skin_file: Path | None) -> list[Path]:
 
 
 def skin_text(skin_file: Path | None) -> str:
-    return "" if skin_file is None else skin_file.read_text(encoding="utf-8")
+    """What stands in a skin.toml, for the files that are made with it."""
+    from palpate.recordings.skinfile import skin_text as text_of_skin
+
+    return "" if skin_file is None else text_of_skin(skin_file)
 
 
 def provenance(skin: str, recording: str = "") -> dict[str, str]:

@@ -118,7 +118,7 @@ def _corners(path: Path, ending: str) -> Any:
     if ending in (".csv", ".txt"):
         return read_matrix(path)
     try:
-        held = json.loads(path.read_text(encoding="utf-8"))
+        held = json.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, OSError, RecursionError) as error:
         raise InvalidInput(f"{path}: cannot be read as JSON ({str(error)[:80]}).") from error
     for _ in range(4):

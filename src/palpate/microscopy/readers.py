@@ -17,7 +17,7 @@ from palpate.microscopy.matfile import read_hdf, read_mat
 from palpate.microscopy.names import POSITIONS, STDS, VECTORS, which
 from palpate.microscopy.pivtext import read_matrix, read_piv_text
 from palpate.recordings import Recording
-from palpate.units import UNITS
+from palpate.units import UNITS, plain_unit
 
 __all__ = ["READERS", "is_field", "read_field"]
 
@@ -94,6 +94,7 @@ def read_field(
     if not (np.isfinite(pixel) and pixel > 0):
         raise InvalidInput(f"pixel must be a positive number of metres; got {pixel!r}.")
     known = ("px", *UNITS["length"])
+    unit = None if unit is None else plain_unit(unit)
     if unit is not None and unit not in known:
         raise InvalidInput(f"unit must be one of {', '.join(known)}; got {unit!r}.")
     for path in paths:
