@@ -190,9 +190,7 @@ def test_a_skin_file_in_another_encoding_is_refused_by_name(tmp_path: Path, comm
     from command_line import run
 
     (tmp_path / "skin.toml").write_bytes(skin_text(9).encode() + "# \N{MICRO SIGN}".encode("latin-1"))
-    pp.recordings.write_recording(
-        pp.Recording(readings=np.zeros((2, 1, 9)), channels=["stress_zz"]), tmp_path / "r.nc"
-    )
+    pp.recordings.write_recording(pp.Recording(readings=np.zeros((2, 1, 9)), channels=["stress_zz"]), tmp_path / "r.nc")
     (tmp_path / "v.mp4").write_bytes(b"not looked at")
     arguments = {
         "simulate": ["simulate", "--skin", "skin.toml", "--force", "1 N/m", "--size", "2 mm", "--out", "s.nc"],

@@ -34,6 +34,7 @@ from palpate.errors import InvalidInput
 from palpate.inverse.drag import STICK
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.units import plain_number
 
 __all__ = ["Event", "GraspMonitor", "GraspState"]
 
@@ -95,7 +96,7 @@ class Event:
         if self.kind in ("contact", "unexplained") or not self.began:
             return text
         unit = {"excess pressure": " Pa", "excess force": " N", "pull": " N"}.get(self.kind, " of the friction limit")
-        return f"{text}: {self.value:.3g}{unit}, sure to {100 * self.probability:.0f} %"
+        return f"{text}: {plain_number(self.value, 3)}{unit}, sure to {100 * self.probability:.0f} %"
 
 
 @dataclass(frozen=True)

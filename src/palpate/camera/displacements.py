@@ -22,6 +22,7 @@ from palpate.recordings import Recording
 from palpate.recordings.camerasection import CameraSettings
 from palpate.sensing.lattice import typical_distance
 from palpate.sensing.view import Lens, View, grey
+from palpate.units import plain_number
 
 __all__ = ["Displacements", "Reading", "Stage", "view_of"]
 
@@ -217,7 +218,7 @@ class Displacements:
                     + (
                         f" ({one.fault})"
                         if one.fault
-                        else f": {'dots' if self.texture is None else 'places'} move by {np.nanmax(np.abs(one.displacement)):.2g} pixels"
+                        else f": {'dots' if self.texture is None else 'places'} move by {plain_number(np.nanmax(np.abs(one.displacement)), 2)} pixels"
                     )
                     + f". Nothing may touch the gel in the first {count} pictures: begin earlier, or give a smaller reference."
                 )

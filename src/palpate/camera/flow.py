@@ -17,6 +17,7 @@ from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, gradients
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.view import opencv
+from palpate.units import plain_number
 
 __all__ = ["Flow"]
 
@@ -77,7 +78,7 @@ class Flow(Followed):
         plain = self._reduced(whole)
         if not (np.isfinite(spacing) and spacing / self._step >= CLOSEST):
             raise InvalidInput(
-                f"places of a texture must be at least {CLOSEST * self._step:g} pixels apart in pictures {self._whole[0]} pixels wide; got {spacing:.3g}. "
+                f"places of a texture must be at least {CLOSEST * self._step:g} pixels apart in pictures {self._whole[0]} pixels wide; got {plain_number(spacing, 3)}. "
                 "Read it less densely, or film nearer."
             )
         apart = spacing / self._step

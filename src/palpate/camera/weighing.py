@@ -24,7 +24,7 @@ from palpate.inverse.fit import POOR_FIT
 from palpate.recordings.skinfile import skin_text
 from palpate.sensing.view import View
 from palpate.skin import Skin
-from palpate.units import UNKNOWN
+from palpate.units import UNKNOWN, plain_number, relative
 
 __all__ = ["Weighed", "weigh"]
 
@@ -63,12 +63,12 @@ class Weighed:
     fit: Floats
 
     def __str__(self) -> str:
-        said = f" ({self.factor:.3g} times what the skin says)" if math.isfinite(self.factor) else ""
+        said = f" ({plain_number(self.factor, 3)} times what the skin says)" if math.isfinite(self.factor) else ""
         lines = [
-            f"modulus         {1e-3 * self.youngs_modulus:.4g} kPa +- {100 * self.std / self.youngs_modulus:.2g} %{said}"
+            f"modulus         {plain_number(1e-3 * self.youngs_modulus, 4)} kPa {relative(self.std / self.youngs_modulus)}{said}"
         ]
         for i, (ratio, std, fit) in enumerate(zip(self.ratios, self.ratio_std, self.fit)):
-            lines.append(f"press {i}         {ratio:.3g} +- {std:.2g} times; fit {fit:.2g}")
+            lines.append(f"press {i}         {plain_number(ratio, 3)} +- {plain_number(std, 2)} times; fit {fit:.2g}")
         poor = [str(i) for i, fit in enumerate(self.fit) if fit < POOR_FIT]
         if poor:
             lines.append(
@@ -230,7 +230,7 @@ def _force(
     quiet = np.median([np.nanmedian(r.std) for _, r in taken]) if taken else 0.0
     if not most > 10.0 * quiet:
         raise InvalidInput(
-            f"{readings.pictures.name}: nothing presses in these pictures: the dots move by {1e6 * most:.2g} um at most. Show the gel at rest first, then the press."
+            f"{readings.pictures.name}: nothing presses in these pictures: the dots move by {plain_number(1e6 * most, 2)} um at most. Show the gel at rest first, then the press."
         )
     held = [reading for size, reading in taken if size > PRESSED * most]
     middle = [

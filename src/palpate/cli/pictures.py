@@ -14,7 +14,7 @@ import typer
 from palpate.cli.files import check_output, kept_rows, provenance, save_figure, skin_files, skin_text
 from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
-from palpate.units import UNKNOWN
+from palpate.units import UNKNOWN, plain_number
 
 __all__ = ["known_skin", "track_pictures"]
 
@@ -154,7 +154,9 @@ def _said(
     if np.isfinite(loads[:, -1]).any():
         at = int(np.nanargmax(loads[:, -1]))
         across = float(np.hypot(*loads[at, :2]))
-        typer.echo(f"largest force   {loads[at, -1]:.3g} N, across {across:.3g} N, at {times[at]:.3f} s")
+        typer.echo(
+            f"largest force   {plain_number(loads[at, -1], 3)} N, across {plain_number(across, 3)} N, at {times[at]:.3f} s"
+        )
     typer.echo(
         f"pictures        {len(taken)}, {what} lost {100 * float(np.mean(lost)):.1f} % (most in one: {100 * max(lost):.0f} %)"
     )

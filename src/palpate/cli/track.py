@@ -12,6 +12,7 @@ from palpate.cli.methods import tracker_options
 from palpate.cli.options import Columns, check_matching, check_picture, grasp_monitor, mapping_for
 from palpate.cli.progress import Bar, busy
 from palpate.errors import InvalidInput
+from palpate.units import plain_time
 
 #: Recordings of readings, which are none of pictures.
 RECORDED = (".nc", ".h5", ".hdf5", ".npz", ".csv", ".txt", ".tsv", ".dat", ".zarr", ".mcap", ".bag", ".db3")
@@ -192,5 +193,7 @@ def _zeros(wanted: list[float], time: Any) -> list[float]:
     first, last = float(time[0]), float(time[-1])
     for at in wanted:
         if not first <= at <= last:
-            raise InvalidInput(f"--zero-at {at:g} is not in the recording, which goes from {first:g} to {last:g} s.")
+            raise InvalidInput(
+                f"--zero-at {plain_time(at)} is not in the recording, which goes from {plain_time(first)} to {plain_time(last)} s."
+            )
     return sorted(wanted)

@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 from palpate.errors import InvalidInput
+from palpate.units import plain_number
 
 __all__ = [
     "AREA_CHANNELS",
@@ -139,7 +140,7 @@ STRESS = Kind(
     scale=lambda modulus, k: 1.0 + 0.0 * k,
     limit=lambda modulus, width: (
         _STRESS_LIMIT * modulus,
-        f"{_STRESS_LIMIT:g} times the pad's Young's modulus ({modulus:g} Pa)",
+        f"{_STRESS_LIMIT:g} times the pad's Young's modulus ({plain_number(modulus)} Pa)",
     ),
 )
 STRAIN = Kind(

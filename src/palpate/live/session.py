@@ -32,6 +32,7 @@ from palpate.skin import Skin
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.tracking import FRAMES_OF_ZERO, Tracker
+from palpate.units import plain_time
 
 __all__ = ["MAGIC", "Session", "packed", "recorded", "unpacked"]
 
@@ -322,7 +323,7 @@ class Session:
                 waited = max(clock.monotonic() - self._arrived, 1e-3)
                 if time < self._raw:
                     self.note(
-                        f"{self._now:.3f} s  the sensor's clock went back by {self._raw - time:.6g} s; the zero is kept"
+                        f"{self._now:.3f} s  the sensor's clock went back by {plain_time(self._raw - time)} s; the zero is kept"
                     )
                 self._shift = self._now + waited - time
             number = which

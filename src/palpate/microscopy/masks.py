@@ -14,6 +14,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.microscopy.fields import Field
 from palpate.microscopy.pivtext import read_matrix
+from palpate.units import plain_number
 
 __all__ = ["on_grid", "read_mask"]
 
@@ -182,7 +183,7 @@ def on_grid(
     inside = np.asarray(inside)
     if not (inside & field.valid).any():
         raise InvalidInput(
-            f"{name} holds no vector: they lie from pixel ({x[0]:.4g}, {y[0]:.4g}) to ({x[-1]:.4g}, {y[-1]:.4g}), one every {field.step:.3g}. Is it in "
+            f"{name} holds no vector: they lie from pixel ({plain_number(x[0], 4)}, {plain_number(y[0], 4)}) to ({plain_number(x[-1], 4)}, {plain_number(y[-1], 4)}), one every {plain_number(field.step, 3)}. Is it in "
             "pixels of this picture (x, y), and larger than the step?"
         )
     return inside

@@ -17,7 +17,7 @@ from palpate.microscopy.matfile import read_hdf, read_mat
 from palpate.microscopy.names import POSITIONS, STDS, VECTORS, which
 from palpate.microscopy.pivtext import read_matrix, read_piv_text
 from palpate.recordings import Recording
-from palpate.units import UNITS, plain_unit
+from palpate.units import UNITS, plain_number, plain_unit
 
 __all__ = ["READERS", "is_field", "read_field"]
 
@@ -372,7 +372,7 @@ def _field(
         ends = [s + (n - 1) * step for s, n in zip(start, values.shape[:0:-1])]
         if min(start) < -step or any(e > n - 1 + step for e, n in zip(ends, size)):
             raise InvalidInput(
-                f"{path}: the vectors reach from pixel ({start[0]:.4g}, {start[1]:.4g}) to ({ends[0]:.4g}, {ends[1]:.4g}), and the picture has "
+                f"{path}: the vectors reach from pixel ({plain_number(start[0], 4)}, {plain_number(start[1], 4)}) to ({plain_number(ends[0], 4)}, {plain_number(ends[1], 4)}), and the picture has "
                 f"{size[0]} x {size[1]} pixels: check the unit of the positions, the step, and which picture it is."
             )
     return Field(

@@ -13,6 +13,7 @@ from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.labels import is_labelled
+from palpate.units import plain_time
 
 __all__ = ["Recording", "checked_time"]
 
@@ -24,7 +25,9 @@ def checked_time(time: Any, count: int) -> Floats:
         raise InvalidInput(f"time must be {count} finite seconds; got shape {found.shape}.")
     if np.any(np.diff(found) <= 0):
         first = int(np.argmax(np.diff(found) <= 0)) + 1
-        raise InvalidInput(f"time must increase; frame {first} is at {found[first]:g} s after {found[first - 1]:g} s.")
+        raise InvalidInput(
+            f"time must increase; frame {first} is at {plain_time(found[first])} s after {plain_time(found[first - 1])} s."
+        )
     return found
 
 

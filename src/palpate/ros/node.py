@@ -22,6 +22,7 @@ from palpate.ros.intake import Intake
 from palpate.ros.outlet import TOPICS, Outlet
 from palpate.skin import Skin
 from palpate.tracking import FRAMES_OF_ZERO
+from palpate.units import plain_number
 
 __all__ = ["BUDGET", "Ros", "TouchNode", "diagnosed"]
 
@@ -335,8 +336,12 @@ class TouchNode:
         response.success = True
         response.message = f"the zero is taken anew from the next {frames} frames: nothing must touch"
         if state is not None and state.touching:
-            response.message += f"; but something did, with {float(state.force[-1]):.3g} N: it will count as zero"
-            self.session.note(f"a new zero was asked for while something touched, with {float(state.force[-1]):.3g} N")
+            response.message += (
+                f"; but something did, with {plain_number(float(state.force[-1]), 3)} N: it will count as zero"
+            )
+            self.session.note(
+                f"a new zero was asked for while something touched, with {plain_number(float(state.force[-1]), 3)} N"
+            )
         return response
 
     def _changed(self, parameters: Any) -> Any:

@@ -23,6 +23,7 @@ from palpate.errors import InvalidInput
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.labels import is_labelled, labelled_readings, labelled_time, labelled_traction
+from palpate.units import plain_number
 
 __all__ = [
     "Creep",
@@ -208,7 +209,7 @@ def check_size(values: Any, array: Array, limits: Sequence[tuple[float, str]]) -
         largest = float(xp.max(xp.abs(values[(..., i, *(slice(None),) * d)])))
         if largest > limit:
             raise InvalidInput(
-                f"{channel} reaches {largest:g} {channel_unit(channel)}, more than {what}: no elastic pad does that. Check the "
+                f"{channel} reaches {plain_number(largest)} {channel_unit(channel)}, more than {what}: no elastic pad does that. Check the "
                 f"units: readings are in {channel_unit(channel)}, lengths in m, moduli in Pa."
             )
 

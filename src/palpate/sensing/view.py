@@ -18,6 +18,7 @@ import numpy.typing as npt
 from palpate._extras import missing
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.units import plain_number
 
 __all__ = ["Lens", "View", "grey", "opencv"]
 
@@ -291,7 +292,7 @@ class View:
         left = np.abs(view.places(found) - known).max()
         if left > 0.05 * unit:
             raise InvalidInput(
-                f"pixels and places do not fit together: a point is off by {1e3 * left:.3g} mm. Are they in the same order?"
+                f"pixels and places do not fit together: a point is off by {plain_number(1e3 * left, 3)} mm. Are they in the same order?"
             )
         return view
 

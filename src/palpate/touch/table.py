@@ -16,6 +16,7 @@ from palpate.errors import InvalidInput, Unsupported
 from palpate.status import Status
 from palpate.touch.outcome import Outcome
 from palpate.touch.rounding import decimals, force_unit
+from palpate.units import plain_number
 
 if TYPE_CHECKING:
     import pandas
@@ -258,7 +259,7 @@ def _cell(value: float, low: float, high: float, n: int | None) -> str:
     if not math.isfinite(value):
         return "-"
     if n is None or not (math.isfinite(low) and math.isfinite(high)):
-        return f"{value:.4g}"
+        return f"{plain_number(value, 4)}"
     half = 0.5 * (high - low)
     if half < 0.5 * 10.0**-n:  # known far better than the column on the whole
         n = decimals(half)

@@ -40,6 +40,7 @@ from palpate.tracking.standing import Standing
 from palpate.tracking.times import FrameTime, FrameTimes
 from palpate.tracking.zero import Zero
 from palpate.uncertainty import Case
+from palpate.units import plain_time
 
 __all__ = ["FRAMES_OF_ZERO", "Tracker", "check_settings"]
 
@@ -383,7 +384,7 @@ class Tracker:
         self._restarted = AFTER_RESTART
         self._release()
         creep = "; the pad's creep is taken on as if without a pause" if self._filters is not None else ""
-        return f"the clock went back from {frame.before:g} s to {frame.now:g} s: contact is found afresh, the zero is kept{creep}"
+        return f"the clock went back from {plain_time(frame.before)} s to {plain_time(frame.now)} s: contact is found afresh, the zero is kept{creep}"
 
     def _typical(self, std: Any) -> float | None:
         """The typical one of standard deviations that a source states, in units of the readings' own; None where it states none."""
