@@ -12,6 +12,7 @@ import typer
 
 import palpate
 from palpate.cli.bench import bench_app
+from palpate.cli.command import Command
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
 from palpate.cli.examples import SHORT, example
@@ -60,9 +61,9 @@ def _root(
 _TAKING = {track: TrackerCommand, live: TrackerCommand, ros: RosCommand, reconstruct: MethodCommand}
 _COMMANDS = (demo, reconstruct, track, live, tfm, ros, convert, simulate, pad, sensors, weigh, paper)
 for _command in _COMMANDS:
-    app.command(cls=_TAKING.get(_command), short_help=SHORT[_command.__name__], epilog=example(_command.__name__))(
-        _command
-    )
+    app.command(
+        cls=_TAKING.get(_command, Command), short_help=SHORT[_command.__name__], epilog=example(_command.__name__)
+    )(_command)
 app.add_typer(bench_app, name="bench")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import typer
 
-from palpate.cli.files import check_output, kept_rows, provenance, save_figure, skin_files, skin_text
+from palpate.cli.files import check_outputs, kept_rows, provenance, save_figure, skin_files, skin_text
 from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
 from palpate.units import UNKNOWN, plain_number
@@ -65,9 +65,7 @@ def track_pictures(
     skin_file = known_skin(skin_file)
     kind = None if out is None else file_format(out, task="write_touch")
     inputs = [source, *skin_files(skin_file)]
-    for path in (out, picture, plot_forces):
-        if path is not None:
-            check_output(path, inputs=inputs, force=force)
+    check_outputs({"--out": out, "--picture": picture, "--plot-forces": plot_forces}, inputs=inputs, force=force)
     for path in (picture, plot_forces):
         if path is not None:
             check_picture(path)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.cli.files import Force, check_output, kept_rows, provenance, save_figure, skin_files, skin_text
+from palpate.cli.files import Force, check_outputs, kept_rows, provenance, save_figure, skin_files, skin_text
 from palpate.cli.methods import tracker_options
 from palpate.cli.options import Columns, check_matching, check_picture, grasp_monitor, mapping_for
 from palpate.cli.progress import Bar, busy
@@ -123,9 +123,8 @@ def track(
     kind = None if out is None else file_format(out, task="write_touch")
     if plot_forces is not None:
         check_picture(plot_forces)
-    for path in (out, plot_forces):
-        if path is not None:
-            check_output(path, inputs=[recording_file, *skin_files(skin_file)], force=force)
+    inputs = [recording_file, *skin_files(skin_file)]
+    check_outputs({"--out": out, "--plot-forces": plot_forces}, inputs=inputs, force=force)
     options = tracker_options(ctx)
     recording = read_recording(recording_file, mapping=mapping_for(recording_file, skin_file, columns))
     skin = Skin.from_file(skin_file, recording=recording)
