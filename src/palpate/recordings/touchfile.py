@@ -18,7 +18,8 @@ __all__ = ["read_touch", "write_touch"]
 def write_touch(touch: Touch, path: str | Path, *, provenance: Mapping[str, str] | None = None) -> None:
     """Write traction with coordinates and units, net force, and ``provenance`` (skin, command, version).
 
-    NetCDF (.nc, .h5) opens in xarray; .npz holds the same arrays; .csv forces over time, one line a frame (`Touch.table`), without maps; .mcap a
+    NetCDF (.nc, .h5) opens in xarray; .npz holds the same arrays under the same names (traction, std, force with force_low and force_high at 95 %,
+    status, fit, ...; status_label says each status in words, record is JSON of ``provenance``); .csv forces over time, one line a frame (`Touch.table`), without maps; .mcap a
     foxglove.Grid and a WrenchStamped per frame, in single precision; .zarr is a store for xarray.
 
     Examples
