@@ -17,8 +17,9 @@ class Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the words of the command line; the library alone would keep the last value in silence."""
         _, _, given = self.make_parser(ctx).parse_args(args=list(args))
-        for param in given:
-            single = param.param_type_name == "option" and not (param.multiple or param.is_flag or param.count)
-            if single and sum(other is param for other in given) > 1:
-                raise InvalidInput(f"{param.opts[0]} is given more than once, and has one value: give it once.")
+        option: Any
+        for option in given:
+            single = option.param_type_name == "option" and not (option.multiple or option.is_flag or option.count)
+            if single and sum(other is option for other in given) > 1:
+                raise InvalidInput(f"{option.opts[0]} is given more than once, and has one value: give it once.")
         return super().parse_args(ctx, args)

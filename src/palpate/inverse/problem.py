@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any, TypeVar, cast
@@ -10,6 +9,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from palpate._recall import Recall, digest
+from palpate._threads import Lock
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import Unsupported
 from palpate.inverse.linear.matrix_free.system import System
@@ -37,7 +37,7 @@ class Kept:
     def __init__(self, entries: int = MOST_ENTRIES, nbytes: int = MOST_BYTES) -> None:
         self.entries, self.nbytes = entries, nbytes
         self._things: OrderedDict[Hashable, Any] = OrderedDict()
-        self._lock = threading.Lock()
+        self._lock = Lock()
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """What is kept under ``key``, made where it is not."""

@@ -384,7 +384,7 @@ class Tracker:
         self._restarted = AFTER_RESTART
         self._release()
         creep = "; the pad's creep is taken on as if without a pause" if self._filters is not None else ""
-        return f"the clock went back from {plain_time(frame.before)} s to {plain_time(frame.now)} s: contact is found afresh, the zero is kept{creep}"
+        return f"the clock went back from {plain_time(frame.before or 0.0)} s to {plain_time(frame.now)} s: contact is found afresh, the zero is kept{creep}"
 
     def _typical(self, std: Any) -> float | None:
         """The typical one of standard deviations that a source states, in units of the readings' own; None where it states none."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ import numpy.typing as npt
 import scipy.sparse
 
 from palpate._arrays import from_numpy
-from palpate._threads import few_threads
+from palpate._threads import cached_property, few_threads
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported

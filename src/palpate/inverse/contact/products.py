@@ -11,13 +11,13 @@ import copy
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import irfftn, rfftn
+from palpate._threads import cached_property
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.circulant import Circulant, folded, symbol_of_penalty, times
