@@ -406,7 +406,7 @@ class Applied:
             # of rays, as if components were told apart: it only makes iterations short
             whole = copy.copy(self)
             whole.ray = None
-            each = Applied.squares.func(whole).reshape(len(self.ray), -1)  # type: ignore[attr-defined]
+            each = Applied.squares.func(whole).reshape(len(self.ray), -1)
             return np.asarray((self.ray**2) @ each)
         rows = np.where(self.observed, self.weight**2, 0.0)[None]
         found = self.box.adjoint(rows, squared=True).reshape(len(self.box.columns), -1)[:, self.inside]
