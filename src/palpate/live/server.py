@@ -39,7 +39,7 @@ BUDGET = 0.02
 
 STATIC = Path(__file__).parent / "static"
 #: What the page is made of, besides itself; uPlot draws the charts (MIT licence, beside it).
-PARTS = ("live.js", "map.js", "charts.js", "live.css", "uplot/uplot.js", "uplot/uplot.css")
+PARTS = ("live.js", "map.js", "readings.js", "charts.js", "live.css", "uplot/uplot.js", "uplot/uplot.css")
 KINDS = {"js": "text/javascript", "css": "text/css"}
 #: Largest message that a page may send [bytes].
 LARGEST = 1024
