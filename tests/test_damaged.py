@@ -199,7 +199,7 @@ def test_a_skin_file_in_another_encoding_is_refused_by_name(tmp_path: Path, comm
     }.get(command, [command, "r.nc", "--skin", "skin.toml"])
     done = run(*arguments, cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr == "error: skin.toml: cannot be read as text in UTF-8; save it in UTF-8.\n"
+    assert done.stderr == "error: skin.toml: cannot be read as text in UTF-8 (invalid start byte); save it in UTF-8.\n"
 
 
 def test_text_in_another_encoding(tmp_path: Path) -> None:

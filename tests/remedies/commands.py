@@ -475,6 +475,19 @@ REMEDIES = [
         slow=True,
     ),
     row(
+        "{} and {} both write {}: give one of them another name",
+        "reconstruct r.nc --skin skin.toml --plot a.png --plot-forces a.png",
+        "reconstruct r.nc --skin skin.toml --plot a.png --plot-forces b.png",
+        room="cli.files",
+        right=lambda _: Path("a.png").is_file() and Path("b.png").is_file(),
+    ),
+    row(
+        "{} is given more than once, and has one value: give it once",
+        "reconstruct r.nc --skin skin.toml --method dft --method tikhonov",
+        "reconstruct r.nc --skin skin.toml --method tikhonov",
+        room="cli.command",
+    ),
+    row(
         "--out writes the skin.toml of one sensor: name it",
         "sensors --out s.toml",
         "sensors gelsight_mini --out s.toml",

@@ -336,10 +336,9 @@ def skin_text(found: Path) -> str:
         raise InvalidInput(f"{found} is a folder; give a skin.toml.")
     try:
         return found.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InvalidInput(f"{found}: cannot be read ({error.strerror}).") from error
-    except UnicodeDecodeError as error:
-        raise InvalidInput(f"{found}: cannot be read as text in UTF-8; save it in UTF-8.") from error
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else error.reason
+        raise InvalidInput(f"{found}: cannot be read as text in UTF-8 ({why}); save it in UTF-8.") from error
 
 
 def validated(text: str, name: str) -> SkinFile:
