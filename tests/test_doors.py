@@ -428,7 +428,7 @@ def test_a_token_is_in_no_recording(
     assert done.returncode == 0, done.stderr
     command = read_recording(tmp_path / f"r.{ending}").meta["command"]
     assert command.startswith("palpate live --demo --record")
-    assert "***" in command
+    assert "HIDDEN" in command
     assert not holding(b"S3CRET", tmp_path)
 
 

@@ -29,12 +29,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from palpate._arrays import to_numpy
+from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.drag import STICK
 from palpate.status import Status
 from palpate.touch import Touch
-from palpate.units import plain_number
 
 __all__ = ["Event", "GraspMonitor", "GraspState"]
 
@@ -232,7 +232,7 @@ class GraspMonitor:
         >>> touch = pp.Touch(np.array([[0.0, 100.0, 0.0], [0.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
         >>> monitor = pp.GraspMonitor(friction=0.5, max_pressure=800.0)
         >>> [str(event) for event in monitor.update(touch)]
-        ['0.000 s  contact began', '0.000 s  excess pressure began: 1e+03 Pa, sure to 100 %']
+        ['0.000 s  contact began', '0.000 s  excess pressure began: 1000 Pa, sure to 100 %']
 
         >>> round(monitor.state.utilisation, 3)  # Q / (mu P)
         0.2

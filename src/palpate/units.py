@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 
 from palpate.errors import InvalidInput
 
-__all__ = ["UNITS", "Units", "convert_factor", "parse_quantity", "plain_number", "plain_time", "plain_unit", "relative"]
+__all__ = ["UNITS", "Factors", "convert_factor", "parse_quantity", "plain_unit"]
 
 #: What a file says in place of a quantity that must be measured first.
 UNKNOWN = "unknown"
@@ -27,7 +27,7 @@ def plain_unit(text: str) -> str:
     return written_out.replace("\N{GREEK SMALL LETTER MU}", "u").strip()
 
 
-class Units(Mapping[str, float]):
+class Factors(Mapping[str, float]):
     """Factors to SI by unit, found under every spelling that `plain_unit` reads.
 
     Examples
@@ -51,16 +51,16 @@ class Units(Mapping[str, float]):
 
 
 #: kind -> unit -> factor to SI
-UNITS: dict[str, Units] = {
-    "length": Units({"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254}),
-    "pressure": Units(
+UNITS: dict[str, Factors] = {
+    "length": Factors({"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254}),
+    "pressure": Factors(
         {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/mm^2": 1e6, "psi": 6894.757293168}
     ),
-    "strain": Units({"1": 1.0, "%": 1e-2, "ustrain": 1e-6}),
-    "angle": Units({"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180}),
-    "time": Units({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}),
-    "force": Units({"N": 1.0, "mN": 1e-3, "kN": 1e3}),
-    "force per length": Units({"N/m": 1.0, "N/mm": 1e3, "mN/mm": 1.0}),
+    "strain": Factors({"1": 1.0, "%": 1e-2, "ustrain": 1e-6}),
+    "angle": Factors({"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180}),
+    "time": Factors({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}),
+    "force": Factors({"N": 1.0, "mN": 1e-3, "kN": 1e3}),
+    "force per length": Factors({"N/m": 1.0, "N/mm": 1e3, "mN/mm": 1.0}),
 }
 
 #: Lengths below this [m] cannot be meant, and their squares are lost in double precision.
@@ -103,44 +103,6 @@ def parse_quantity(text: object, kind: str, what: str) -> float:
     if kind == "length" and 0 < abs(value) < SMALLEST_LENGTH:
         raise InvalidInput(f"{what} = {text!r} is far below the size of an atom; check its unit.")
     return value
-
-
-def plain_number(value: float, digits: int = 6) -> str:
-    """A number rounded to so many digits and written without an exponent, as people read it; below 1e-4 and from 1e15 on it keeps one.
-
-    Examples
-    --------
-    >>> plain_number(423.7, 2), plain_number(29740.0, 3), plain_number(0.012345, 2), plain_number(3e-9, 2)
-    ('420', '29700', '0.012', '3e-09')
-    """
-    text = f"{value:.{digits}g}"
-    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e15 else text
-
-
-def plain_time(seconds: float) -> str:
-    """A time to the microsecond, without an exponent also where it counts from 1970.
-
-    Examples
-    --------
-    >>> plain_time(1764091629.25), plain_time(0.1 + 0.2), plain_time(4.0)
-    ('1764091629.25', '0.3', '4')
-    """
-    return f"{seconds:.6f}".rstrip("0").rstrip(".") if abs(seconds) < 1e15 else f"{seconds:g}"
-
-
-def relative(share: float) -> str:
-    """A relative deviation in words: per cent up to as much as the number itself, then a factor.
-
-    Examples
-    --------
-    >>> relative(0.076), relative(4.24), relative(float("nan"))
-    ('+- 7.6 %', '+- 4.2 times as much', '(uncertainty not known)')
-    """
-    if not math.isfinite(share):
-        return "(uncertainty not known)"
-    if share > 1.0:
-        return f"+- {plain_number(share, 2)} times as much"
-    return f"+- {plain_number(100.0 * share, 2)} %"
 
 
 def convert_factor(unit: str, si: str, what: str) -> float:

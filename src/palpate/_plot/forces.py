@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate._extras import require
+from palpate._numbers import plain_time
 from palpate._plot.style import COLUMN, INK, journal, scaled
-from palpate.units import plain_time
 
 if TYPE_CHECKING:
     import pandas

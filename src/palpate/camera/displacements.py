@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._numbers import plain_number
 from palpate.camera.dots import fault_of
 from palpate.camera.flow import Flow
 from palpate.camera.markers import Markers
@@ -22,7 +23,6 @@ from palpate.recordings import Recording
 from palpate.recordings.camerasection import CameraSettings
 from palpate.sensing.lattice import typical_distance
 from palpate.sensing.view import Lens, View, grey
-from palpate.units import plain_number
 
 __all__ = ["Displacements", "Reading", "Stage", "view_of"]
 

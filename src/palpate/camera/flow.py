@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._numbers import plain_number
 from palpate.camera.dots import levelled
 from palpate.camera.matching import Neighbours
 from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, gradients_of, mean_picture, white_of, windows_of
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.view import opencv
-from palpate.units import plain_number
 
 __all__ = ["Flow"]
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import to_numpy
+from palpate._numbers import plain_number, relative
 from palpate.camera.displacements import Displacements, Reading
 from palpate.camera.touches import Touches, camera_of, gel_skin
 from palpate.elastic.half_space import HalfSpace
@@ -24,7 +25,7 @@ from palpate.inverse.fit import POOR_FIT
 from palpate.recordings.skinfile import skin_text
 from palpate.sensing.view import View
 from palpate.skin import Skin
-from palpate.units import UNKNOWN, plain_number, relative
+from palpate.units import UNKNOWN
 
 __all__ = ["Weighed", "weigh"]
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate._numbers import plain_number
 from palpate.errors import InvalidInput
-from palpate.units import plain_number
 
 if TYPE_CHECKING:
     from palpate.grasp import GraspMonitor

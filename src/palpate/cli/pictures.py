@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import typer
 
+from palpate._numbers import plain_number
 from palpate.cli.files import check_outputs, kept_rows, provenance, save_figure, skin_files, skin_text
 from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
-from palpate.units import UNKNOWN, plain_number
+from palpate.units import UNKNOWN
 
 __all__ = ["known_skin", "track_pictures"]
 

@@ -7,12 +7,12 @@ from typing import Annotated, Any
 
 import typer
 
+from palpate._numbers import plain_time
 from palpate.cli.files import Force, check_outputs, kept_rows, provenance, save_figure, skin_files, skin_text
 from palpate.cli.methods import tracker_options
 from palpate.cli.options import Columns, check_matching, check_picture, grasp_monitor, mapping_for
 from palpate.cli.progress import Bar, busy
 from palpate.errors import InvalidInput
-from palpate.units import plain_time
 
 #: Recordings of readings, which are none of pictures.
 RECORDED = (".nc", ".h5", ".hdf5", ".npz", ".csv", ".txt", ".tsv", ".dat", ".zarr", ".mcap", ".bag", ".db3")

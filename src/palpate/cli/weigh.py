@@ -22,10 +22,11 @@ def weigh(
     friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
 ) -> None:
     """Set the modulus of a gel by presses with known forces: every force is proportional to it."""
+    from palpate._numbers import plain_number
     from palpate.camera import is_pictures
     from palpate.camera import weigh as weighed
     from palpate.cli.pictures import known_skin
-    from palpate.units import parse_quantity, plain_number
+    from palpate.units import parse_quantity
 
     if len(force) not in (1, len(videos)):
         raise InvalidInput(

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Protocol
 
+from palpate._numbers import plain_number
 from palpate.errors import InvalidInput
-from palpate.units import plain_number
 
 __all__ = [
     "AREA_CHANNELS",

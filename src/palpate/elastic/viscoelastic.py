@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from palpate._numbers import plain_time
 from palpate.elastic.layers import BondedLayers
 from palpate.elastic.pad import Complexes, Floats, Pad
 from palpate.errors import InvalidInput, Unsupported
-from palpate.units import plain_time
 
 __all__ = ["CreepFilter", "Viscoelastic"]
 

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import to_numpy
+from palpate._numbers import plain_time
 from palpate._threads import few_threads
 from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import Event, GraspMonitor
@@ -34,7 +35,6 @@ from palpate.skin import Skin
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.tracking import FRAMES_OF_ZERO, Tracker
-from palpate.units import plain_time
 
 __all__ = ["MAGIC", "Session", "packed", "recorded", "unpacked"]
 

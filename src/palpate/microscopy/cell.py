@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.microscopy.fields import Field
@@ -17,7 +18,6 @@ from palpate.microscopy.inversion import Inverted, inverted
 from palpate.microscopy.masks import on_grid, read_mask
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.touch import Touch
-from palpate.units import plain_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

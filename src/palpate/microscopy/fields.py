@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._numbers import plain_number
 from palpate.errors import InvalidInput
 from palpate.recordings import Recording
 from palpate.sensing.arrays import AreaArray
-from palpate.units import plain_number
 
 __all__ = ["Field", "mended"]
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.microscopy.fields import Field
 from palpate.microscopy.pivtext import read_matrix
-from palpate.units import plain_number
 
 __all__ = ["on_grid", "read_mask"]
 

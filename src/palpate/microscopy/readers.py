@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate._extras import missing
+from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.microscopy.fields import EVEN, Field
@@ -17,7 +18,7 @@ from palpate.microscopy.matfile import read_hdf, read_mat
 from palpate.microscopy.names import POSITIONS, STDS, VECTORS, which
 from palpate.microscopy.pivtext import read_matrix, read_piv_text
 from palpate.recordings import Recording
-from palpate.units import UNITS, plain_number, plain_unit
+from palpate.units import UNITS, plain_unit
 
 __all__ = ["READERS", "is_field", "read_field"]
 

@@ -17,10 +17,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from palpate._numbers import plain_time
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.network.frames import HEAD, MAGIC, frame_from_bytes, is_big_endian
-from palpate.units import plain_time
 
 __all__ = ["REFUSALS", "Admission", "Limits"]
 

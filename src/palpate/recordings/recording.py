@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import as_real
+from palpate._numbers import plain_time
 from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.labels import is_labelled
-from palpate.units import plain_time
 
 __all__ = ["Recording", "checked_time"]
 

@@ -10,7 +10,7 @@ __all__ = ["HIDDEN", "without_secrets", "without_secrets_in_meta"]
 #: Options whose values are secrets.
 SECRET = ("--token",)
 #: What stands in a file in their place.
-HIDDEN = "***"
+HIDDEN = "HIDDEN"
 
 
 def without_secrets(arguments: Sequence[str]) -> list[str]:
@@ -19,10 +19,10 @@ def without_secrets(arguments: Sequence[str]) -> list[str]:
     Examples
     --------
     >>> without_secrets(["palpate", "live", "--token", "S3CRET", "--demo"])
-    ['palpate', 'live', '--token', '***', '--demo']
+    ['palpate', 'live', '--token', 'HIDDEN', '--demo']
 
     >>> without_secrets(["palpate", "live", "--token=S3CRET"])
-    ['palpate', 'live', '--token=***']
+    ['palpate', 'live', '--token=HIDDEN']
     """
     found: list[str] = []
     hide_next = False
@@ -44,7 +44,7 @@ def without_secrets_in_meta(meta: Mapping[str, str]) -> dict[str, str]:
     Examples
     --------
     >>> without_secrets_in_meta({"command": "palpate live --demo --token S3CRET", "operator": "A. B."})
-    {'command': 'palpate live --demo --token ***', 'operator': 'A. B.'}
+    {'command': 'palpate live --demo --token HIDDEN', 'operator': 'A. B.'}
     """
     return {key: _redacted(value) if isinstance(value, str) else value for key, value in meta.items()}
 

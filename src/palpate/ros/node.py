@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate._numbers import plain_number
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import GraspMonitor
@@ -22,7 +23,6 @@ from palpate.ros.intake import Intake
 from palpate.ros.outlet import TOPICS, Outlet
 from palpate.skin import Skin
 from palpate.tracking import FRAMES_OF_ZERO
-from palpate.units import plain_number
 
 __all__ = ["BUDGET", "Ros", "TouchNode", "diagnosed"]
 

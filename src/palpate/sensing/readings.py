@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from palpate._arrays import as_real, from_numpy, namespace, to_numpy
 from palpate._memory import SHARE, SMALL, available, require
+from palpate._numbers import plain_number
 from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats, Pad, isotropic_constants
 from palpate.elastic.viscoelastic import CreepFilter
@@ -23,7 +24,6 @@ from palpate.errors import InvalidInput
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.labels import is_labelled, labelled_readings, labelled_time, labelled_traction
-from palpate.units import plain_number
 
 __all__ = [
     "Creep",

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._extras import missing
+from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.units import plain_number
 
 __all__ = ["Lens", "View", "grey", "opencv"]
 

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import to_numpy
+from palpate._numbers import plain_number
 from palpate.inverse.fit import POOR_FIT
 from palpate.status import Status
-from palpate.units import plain_number
 
 if TYPE_CHECKING:
     from palpate.touch.result import Touch

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate._arrays import to_numpy
+from palpate._numbers import plain_number
 from palpate._plot import column_size, scaled
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.status import Status
 from palpate.touch.outcome import Outcome
 from palpate.touch.rounding import decimals, force_unit
-from palpate.units import plain_number
 
 if TYPE_CHECKING:
     import pandas

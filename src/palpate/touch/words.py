@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate._arrays import to_numpy
+from palpate._numbers import plain_number
 from palpate._plot import scaled
 from palpate.elastic.pad import Floats
 from palpate.touch.outcome import Outcome
 from palpate.touch.rounding import force_unit, said
-from palpate.units import plain_number
 
 if TYPE_CHECKING:
     from palpate.touch.result import Touch

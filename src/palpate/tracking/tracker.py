@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import from_numpy
+from palpate._numbers import plain_time
 from palpate._threads import WIDEST, few_threads
 from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import CreepFilter
@@ -40,7 +41,6 @@ from palpate.tracking.standing import Standing
 from palpate.tracking.times import FrameTime, FrameTimes
 from palpate.tracking.zero import Zero
 from palpate.uncertainty import Case
-from palpate.units import plain_time
 
 __all__ = ["FRAMES_OF_ZERO", "Tracker", "check_settings"]
 

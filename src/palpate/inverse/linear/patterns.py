@@ -21,13 +21,13 @@ from typing import Any
 
 import numpy as np
 
+from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.parameter import TINY, candidates
 from palpate.inverse.linear.spectrum import Spectrum
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.nuisance import Nuisance, nuisances
 from palpate.sensing.operator import Operator
-from palpate.units import plain_number
 
 __all__ = ["Patterns", "Removed", "Weighed"]
 
