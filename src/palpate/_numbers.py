@@ -27,7 +27,7 @@ def plain_time(seconds: float) -> str:
     >>> plain_time(1764091629.25), plain_time(0.1 + 0.2), plain_time(4.0)
     ('1764091629.25', '0.3', '4')
     """
-    return f"{seconds:.6f}".rstrip("0").rstrip(".") if abs(seconds) < 1e15 else f"{seconds:g}"
+    return f"{round(seconds, 6) + 0.0:.6f}".rstrip("0").rstrip(".") if abs(seconds) < 1e15 else f"{seconds:g}"
 
 
 def relative(share: float) -> str:
