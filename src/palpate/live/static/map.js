@@ -150,8 +150,12 @@ function paintTaxels(x, layout, colour) {
         x.globalAlpha = 0.8;
         const round = plane.round && !e.line;
         haloed(
-          x, plane.names[i], round ? cx - wide / 2 : cx - w / 2 + 2 * r, round ? cy - (small * r) / 2 : cy - h / 2 + 2 * r,
-          colour, "--soft",
+          x,
+          plane.names[i],
+          round ? cx - wide / 2 : cx - w / 2 + 2 * r,
+          round ? cy - (small * r) / 2 : cy - h / 2 + 2 * r,
+          colour,
+          "--soft",
         );
         x.globalAlpha = 1;
       }
