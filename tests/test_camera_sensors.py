@@ -169,3 +169,41 @@ def test_the_commands(tmp_path: Path) -> None:
     assert "35 dots" in by_name.stdout, by_name.stderr
     unknown = run("track", "still.mp4", "--skin", "digit", cwd=tmp_path)
     assert "palpate sensors digit --out gel.toml" in unknown.stderr
+
+
+def told(std: float) -> Weighed:
+    return Weighed(
+        youngs_modulus=3e5,
+        std=std,
+        factor=1.0,
+        ratios=np.array([1.0]),
+        ratio_std=np.array([std / 3e5]),
+        agreement=float("nan"),
+        fit=np.array([0.5]),
+    )
+
+
+@pytest.mark.parametrize(
+    ("std", "said", "written"),
+    [
+        (2.28e4, "300 kPa +- 7.6 %", 'youngs_modulus = "300 kPa +- 7.6 %"'),
+        (2.28e5, "300 kPa +- 76 %", 'youngs_modulus = "300 kPa +- 76 %"'),
+        (2.99e5, "300 kPa +- 100 %", 'youngs_modulus = "300 kPa +- 99 %"'),
+        (1.27e6, "300 kPa +- 4.2 times as much", "nothing: these presses do not tell the modulus."),
+        (float("inf"), "300 kPa (uncertainty not known)", "nothing: these presses do not tell the modulus."),
+    ],
+)
+def test_a_modulus_that_presses_do_not_tell_is_not_written(
+    std: float, said: str, written: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No exponent, no per cent above 100, and a line for the skin.toml only where a skin.toml takes it."""
+    pytest.importorskip("typer")
+    from command_line import run
+
+    monkeypatch.setattr("palpate.camera.weigh", lambda *_, **__: told(std))
+    (tmp_path / "v.mp4").write_bytes(b"not looked at")
+    (tmp_path / "gel.toml").write_text(sensors.own_gel(youngs_modulus="300 kPa", distance="20 mm").text)
+    done = run("weigh", "v.mp4", "--skin", "gel.toml", "--force", "1 N", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert f"modulus         {said}" in done.stdout
+    assert f"write           {written}" in done.stdout

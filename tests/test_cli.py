@@ -496,3 +496,28 @@ def test_bad_input(name: str, folder: Path) -> None:
     assert "Traceback" not in result.stderr
     assert message in result.stderr, result.stderr
     assert {p: p.stat().st_mtime_ns for p in folder.rglob("*")} == before
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ("palpate.recordings.formats.existing", "Cut the file"),
+        ("palpate.sensing.operator.influence", "coarser surface"),
+        ("palpate.archives.reconstruct_recording", "Close other programs"),
+    ],
+)
+def test_memory_that_is_lacking_is_said_of_what_lacks_it(
+    place: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A coarser surface helps where cells are many, not where a file is too large."""
+
+    def full(*_: Any, **__: Any) -> None:
+        raise MemoryError("Unable to allocate 7.45 GiB")
+
+    (tmp_path / "skin.toml").write_text(skin_text(9))
+    write_recording(Recording(readings=np.zeros((2, 1, 9)), channels=["stress_zz"]), tmp_path / "r.nc")
+    monkeypatch.setattr(place, full)
+    done = run("reconstruct", "r.nc", "--skin", "skin.toml", "--out", "t.nc", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: not enough memory (Unable to allocate 7.45 GiB). ")
+    assert words in done.stderr

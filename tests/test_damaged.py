@@ -167,6 +167,41 @@ def test_cells_and_comments_that_cannot_be_meant(old: str, new: str, words: str,
         read_recording(path)
 
 
+def test_a_skin_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    """Windows' Notepad writes one; what is kept beside a result is without it, and the files that the skin names are known."""
+    from palpate.cli.files import skin_files
+    from palpate.cli.files import skin_text as kept
+    from palpate.recordings import read_columns
+
+    text = skin_text(9) + '[columns]\ntime = "t"\nstress_zz = "S{}"\nunit = "1 Pa"\n'
+    plain, marked = tmp_path / "plain.toml", tmp_path / "marked.toml"
+    plain.write_text(text, encoding="utf-8")
+    marked.write_text(text, encoding="utf-8-sig", newline="\r\n")
+    assert pp.Skin.from_file(marked).planes[0].shape == pp.Skin.from_file(plain).planes[0].shape == (9,)
+    assert read_columns(marked) == read_columns(plain)
+    assert kept(marked) == kept(plain) == text
+    marked.write_text('[[plane]]\npositions_file = "places.nc"\n', encoding="utf-8-sig")
+    assert skin_files(marked) == [marked, tmp_path / "places.nc"]
+
+
+@pytest.mark.parametrize("command", ["reconstruct", "track", "simulate", "weigh", "live"])
+def test_a_skin_file_in_another_encoding_is_refused_by_name(tmp_path: Path, command: str) -> None:
+    pytest.importorskip("typer")
+    from command_line import run
+
+    (tmp_path / "skin.toml").write_bytes(skin_text(9).encode() + "# \N{MICRO SIGN}".encode("latin-1"))
+    pp.recordings.write_recording(pp.Recording(readings=np.zeros((2, 1, 9)), channels=["stress_zz"]), tmp_path / "r.nc")
+    (tmp_path / "v.mp4").write_bytes(b"not looked at")
+    arguments = {
+        "simulate": ["simulate", "--skin", "skin.toml", "--force", "1 N/m", "--size", "2 mm", "--out", "s.nc"],
+        "weigh": ["weigh", "v.mp4", "--skin", "skin.toml", "--force", "1 N"],
+        "live": ["live", "r.nc", "--skin", "skin.toml", "--record", "l.nc"],
+    }.get(command, [command, "r.nc", "--skin", "skin.toml"])
+    done = run(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "error: skin.toml: cannot be read as text in UTF-8 (invalid start byte); save it in UTF-8.\n"
+
+
 def test_text_in_another_encoding(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes((FOREIGN + "\n").encode("utf-8-sig"))

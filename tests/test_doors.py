@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import errno
 import http.client
 import json
 import socket
@@ -16,7 +18,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.live import Live, Session, address, packed, server, unpacked
+from palpate.live import Live, Session, address, connections, packed, server, unpacked
 from palpate.live.server import is_local, serve
 from palpate.network import FrameListener, frame_bytes
 
@@ -270,11 +272,12 @@ def asked_again_and_again(port: int, token: str, seconds: float) -> tuple[bool, 
     return True, pause
 
 
-def test_connections_that_never_ask_are_closed(skin: pp.Skin, feed: Feed, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Through `serve` itself, stopped by the signal that Ctrl-C sends."""
+@pytest.fixture
+def serving(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """A function that serves a page by `serve` itself, and returns its port; it is stopped as Ctrl-C stops it."""
     uvicorn = pytest.importorskip("uvicorn")
-    monkeypatch.setattr(server, "HELLO", 0.3)
     made: list[Any] = []
+    threads: list[threading.Thread] = []
 
     class Kept(uvicorn.Server):  # type: ignore[misc]
         def __init__(self, config: Any) -> None:
@@ -282,32 +285,182 @@ def test_connections_that_never_ask_are_closed(skin: pp.Skin, feed: Feed, monkey
             made.append(self)
 
     monkeypatch.setattr(uvicorn, "Server", Kept)
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(pp.InvalidInput, match="cannot listen"):
-            serve(Live(session(skin, feed)), port=port)
-    live = Live(session(skin, feed))
-    thread = threading.Thread(target=serve, args=(live,), kwargs={"port": port})
-    thread.start()
-    try:
-        until(lambda: made and made[0].started)
-        with (
-            socket.create_connection(("127.0.0.1", port)) as silent,
-            socket.create_connection(("127.0.0.1", port)) as slow,
-        ):
-            slow.sendall(b"GET / HT")
-            for one in (silent, slow):
-                one.settimeout(120)
-                with pytest.raises(ConnectionResetError):
-                    raise ConnectionResetError if not one.recv(1) else AssertionError
-        for _ in range(20):  # where the machine paused for so long that the program did not ask, once more
-            kept, pause = asked_again_and_again(port, live.token, 5 * server.HELLO)
-            if kept or pause < 0.5 * server.HELLO:
-                break
-        assert kept
-    finally:
-        made[0].should_exit = True
+
+    def begin(live: Live) -> int:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = int(free.getsockname()[1])
+        threads.append(threading.Thread(target=serve, args=(live,), kwargs={"port": port}))
+        threads[-1].start()
+        until(lambda: made and made[-1].started)
+        return port
+
+    yield begin
+    for one in made:
+        one.should_exit = True
+    for thread in threads:
         thread.join(timeout=120)
+
+
+def test_connections_that_never_ask_are_closed(
+    skin: pp.Skin, feed: Feed, monkeypatch: pytest.MonkeyPatch, serving: Any
+) -> None:
+    monkeypatch.setattr(connections, "HELLO", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(pp.InvalidInput, match="cannot listen"):
+        serve(Live(session(skin, feed)), port=taken.getsockname()[1])
+    live = Live(session(skin, feed))
+    port = serving(live)
+    with (
+        socket.create_connection(("127.0.0.1", port)) as silent,
+        socket.create_connection(("127.0.0.1", port)) as slow,
+    ):
+        slow.sendall(b"GET / HT")
+        for one in (silent, slow):
+            one.settimeout(120)
+            with pytest.raises(ConnectionResetError):
+                raise ConnectionResetError if not one.recv(1) else AssertionError
+    for _ in range(20):  # where the machine paused for so long that the program did not ask, once more
+        kept, pause = asked_again_and_again(port, live.token, 5 * connections.HELLO)
+        if kept or pause < 0.5 * connections.HELLO:
+            break
+    assert kept
+
+
+def closed(one: socket.socket) -> bool:
+    """Whether the other side has ended a connection on which it sent nothing."""
+    one.setblocking(False)
+    try:
+        return one.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionError:
+        return True
+
+
+def test_idle_connections_leave_room_for_a_page(
+    skin: pp.Skin, feed: Feed, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, serving: Any
+) -> None:
+    """Of 60 connections that ask for nothing 8 stay, the page and its stream are served all the same, and the log has one line."""
+    from websockets.sync.client import connect
+
+    monkeypatch.setattr(server, "OPEN", 8)
+    live = Live(session(skin, feed))
+    port = serving(live)
+    with contextlib.ExitStack() as stack:
+        page = stack.enter_context(connect(f"ws://127.0.0.1:{port}/stream?token={live.token}", open_timeout=120))
+        page.recv(timeout=120)
+        idle = [stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=120)) for _ in range(60)]
+        until(lambda: sum(map(closed, idle)) == 60 - 7)
+        assert not any(map(closed, idle[-7:]))  # the newest stay
+        client = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
+        client.request("GET", "/health", headers={"Authorization": f"Bearer {live.token}"})
+        health = json.loads(client.getresponse().read())
+        client.close()
+        assert health["pages"] == 1
+        assert health["refused"] == {"connections": 54}
+        feed.put(0.0)
+        while isinstance(page.recv(timeout=120), str):
+            pass
+    (line,) = [r for r in caplog.records if r.name == "palpate.live"]
+    assert line.getMessage().startswith("8 connections are open")
+
+
+def test_requests_that_are_none_fill_no_log(
+    skin: pp.Skin, feed: Feed, capfd: pytest.CaptureFixture[str], serving: Any
+) -> None:
+    port = serving(Live(session(skin, feed)))
+    for _ in range(20):
+        with socket.create_connection(("127.0.0.1", port), timeout=120) as one:
+            one.sendall(b"what\r\n\r\n")
+            assert one.recv(20).startswith(b"HTTP/1.1 400")
+    assert capfd.readouterr().err.count("Invalid HTTP request received.") == 1
+
+
+def test_a_system_without_descriptors_is_said_in_one_line(caplog: pytest.LogCaptureFixture) -> None:
+    logger = connections.logging.getLogger("palpate.live")
+    loop = asyncio.new_event_loop()
+    try:
+        connections.accept_failures_are_warnings(loop, logger)
+        with connections.seldom(logger):
+            for _ in range(100):
+                loop.call_exception_handler(
+                    {"message": "accept", "exception": OSError(errno.EMFILE, "Too many open files")}
+                )
+        loop.call_exception_handler({"message": "another fault", "exception": OSError(errno.EPIPE, "Broken pipe")})
+    finally:
+        loop.close()
+    said = [(r.name, r.getMessage().splitlines()[0], bool(r.exc_info)) for r in caplog.records]
+    assert said == [
+        ("palpate.live", "no connection can be accepted: Too many open files.", False),
+        ("asyncio", "another fault", True),
+    ]
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://[::1", "http://[", "//[v1.x", "http://[::1]]:80", "null", "", "http://evil.example"]
+)
+def test_an_origin_that_is_no_address_is_refused(skin: pp.Skin, feed: Feed, origin: str) -> None:
+    live = Live(session(skin, feed), token="secret")
+    with testclient.TestClient(live.app, base_url=HERE) as client:
+        for address_ in (STREAM, f"{STREAM}?token=secret"):
+            with (
+                pytest.raises(testclient.WebSocketDisconnect),
+                client.websocket_connect(address_, headers={"origin": origin}),
+            ):
+                pass
+        assert live.refused == {"origin": 2}
+
+
+@pytest.mark.parametrize("ending", ["mcap", "nc", "h5", "zarr"])
+@pytest.mark.parametrize("spelling", [("--token", "S3CRET 7"), ("--token=S3CRET 7",)])
+def test_a_token_is_in_no_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, spelling: tuple[str, ...]
+) -> None:
+    from command_line import run
+    from palpate.recordings import read_recording
+
+    def serve(live: Live, *, host: str, port: int) -> None:
+        assert live.token == "S3CRET 7"
+        with testclient.TestClient(live.app, base_url=HERE):
+            until(lambda: live.session.count > 2)
+
+    monkeypatch.setattr("palpate.live.serve", serve)
+    done = run("live", "--demo", "--record", f"r.{ending}", *spelling, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    command = read_recording(tmp_path / f"r.{ending}").meta["command"]
+    assert command.startswith("palpate live --demo --record")
+    assert "HIDDEN" in command
+    assert not holding(b"S3CRET", tmp_path)
+
+
+def holding(secret: bytes, folder: Path) -> list[str]:
+    """Files below a folder in which a secret stands."""
+    return [str(p) for p in folder.rglob("*") if p.is_file() and secret in p.read_bytes()]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "palpate live --token S3CRET --demo",
+        "palpate live --token=S3CRET",
+        "palpate live '--token=S3CRET 7'",
+        "live --token 'S3CRET",
+    ],
+)
+def test_a_token_of_an_older_recording_is_not_carried_on(tmp_path: Path, command: str) -> None:
+    from command_line import run
+    from palpate.recordings import read_recording
+
+    old = tmp_path / "old.csv"
+    meta = {"command": command, "operator": "A. B."}
+    old.write_text(f"# meta: {json.dumps(meta)}\ntime (s),stress_zz[0;0] (Pa)\n0.0,1.0\n0.1,2.0\n")
+    (tmp_path / "new").mkdir()
+    for ending in ("csv", "npz", "nc", "h5", "mcap", "zarr"):
+        done = run("convert", "old.csv", f"new/r.{ending}", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        kept = read_recording(tmp_path / "new" / f"r.{ending}").meta
+        assert "S3CRET" not in str(kept)
+        assert kept["operator"] == "A. B."
+    assert not holding(b"S3CRET", tmp_path / "new")
 
 
 def test_times_go_on_where_a_sensor_begins_again(skin: pp.Skin, feed: Feed) -> None:

@@ -6,6 +6,7 @@ import math
 import mmap
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pandas
@@ -429,3 +430,105 @@ def test_frames_that_lack_a_number_are_unknown_in_the_file_too(tmp_path: Path, m
     assert table["status"].tolist() == ["solved", "solved", "missing", "solved", "no contact"]
     np.testing.assert_array_equal(table["time (s)"], time)
     np.testing.assert_array_equal(table["slip_margin (Pa)"], [9.0, 10.0, np.nan, 7.0, 8.0])
+
+
+def pressed_for(seconds: float, *, first: float = 0.0, spike: float = 1.0) -> pandas.DataFrame:
+    """A table of a press of 2 N, and for three frames of hundred intervals that are ``spike`` times as wide."""
+    count = 100
+    table = pandas.DataFrame({"time (s)": first + np.linspace(0.0, seconds, count)})
+    wide = np.ones(count)
+    wide[40:43] = spike
+    rise = np.clip(np.sin(np.linspace(0.0, 6.0, count)), 0.0, None)
+    for name, unit, value, half in (
+        ("force_x", "N", 0.3, 0.05),
+        ("force_z", "N", 2.0, 0.1),
+        ("peak_pressure", "Pa", 8e4, 3e3),
+        ("slip_margin", "Pa", 1e4, 2e3),
+    ):
+        table[f"{name} ({unit})"] = value * rise
+        table[f"{name}_low ({unit})"] = value * rise - half * wide
+        table[f"{name}_high ({unit})"] = value * rise + half * wide
+    table["status"], table["fit"] = "solved", 0.5
+    return table
+
+
+def overprinted(figure: Any) -> list[tuple[str, str]]:
+    """Pairs of texts of a figure that lie on each other, of those that are drawn."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.text import Text
+
+    drawn: dict[int, Text] = {}
+    draw = Text.draw
+
+    def kept(self: Text, *given: Any, **options: Any) -> None:
+        if self.get_visible() and self.get_text().strip():
+            drawn[id(self)] = self
+        draw(self, *given, **options)
+
+    with mock.patch.object(Text, "draw", kept):
+        FigureCanvasAgg(figure).draw()
+    boxes = [(t.get_text(), t.get_window_extent()) for t in drawn.values()]
+    return [(a, b) for i, (a, one) in enumerate(boxes) for b, other in boxes[:i] if one.overlaps(other)]
+
+
+@pytest.mark.parametrize("many", [1, 3, 40])
+@pytest.mark.parametrize("mine", [False, True])
+def test_names_of_events_lie_on_no_other_text(many: int, mine: bool) -> None:
+    """However many events there are, and however close."""
+    from matplotlib.figure import Figure
+
+    from palpate._plot import draw_forces
+    from palpate._plot.forces import MARKED
+
+    first = 1764091629.25
+    table = pressed_for(12.0, first=first)
+    events = [
+        Event(kind, began, first + 1.0 + 0.01 * (7 * i + k) + 0.005 * (not began), 1.0, 1.0, 0.0)
+        for i in range(many)
+        for k, kind in enumerate(MARKED)
+        for began in (True, False)
+    ]
+    events += [Event("contact", True, first, 1.0, 1.0, 0.0), Event("slip", True, first + 12.0, 1.0, 1.0, 0.0)]
+    if mine:
+        figure = Figure(figsize=(4.0, 3.0), layout="constrained")
+        draw_forces(figure.subplots(), table, events=events)
+        named = figure.axes[0].child_axes[0]
+    else:
+        figure = plot_forces(table, events=events, title="a press")
+        named = figure.axes[0]
+    assert overprinted(figure) == []
+    assert sorted(t.get_text() for t in named.texts) == sorted(MARKED)  # each kind once
+
+
+@pytest.mark.parametrize(
+    ("first", "label", "begins"),
+    [
+        (0.0, "time [s]", 0.0),
+        (0.05, "time [s]", 0.05),
+        (50.0, "time [s]\nfrom 50 s", 0.0),
+        (-3.0, "time [s]\nfrom -3 s", 0.0),
+        (1764091629.25, "time [s]\nfrom 2025-11-25 17:27:09 UTC", 0.0),
+    ],
+)
+def test_time_begins_at_zero_and_the_caption_says_when_that_was(first: float, label: str, begins: float) -> None:
+    figure = plot_forces(pressed_for(12.0, first=first), events=[Event("contact", True, first + 3.0, 1.0, 1.0, 0.0)])
+    panel = figure.axes[-1]
+    assert panel.get_xlabel() == label
+    assert panel.get_xlim() == pytest.approx((begins, begins + 12.0))
+    assert figure.axes[0].lines[0].get_xdata() == pytest.approx([begins + 3.0])  # the event, on the same clock
+
+
+def test_an_axis_shows_values_where_a_few_intervals_are_hundreds_of_times_as_wide() -> None:
+    usual, spiked = (plot_forces(pressed_for(1.0, spike=spike)) for spike in (1.0, 400.0))
+    for before, after in zip(usual.axes, spiked.axes):
+        low, high = before.get_ylim()
+        assert np.ptp(after.get_ylim()) < 1.6 * (high - low)
+        assert after.get_ylabel() == before.get_ylabel()
+        assert [t.get_text() for t in after.texts] == ["bands cut"]
+        assert not before.texts
+    # intervals that are wide throughout are shown
+    wide = pressed_for(1.0)
+    wide["force_z_low (N)"], wide["force_z_high (N)"] = wide["force_z (N)"] - 30.0, wide["force_z (N)"] + 30.0
+    low, high = plot_forces(wide).axes[0].get_ylim()
+    assert low < -29.9
+    assert high > 31.9

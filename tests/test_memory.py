@@ -272,3 +272,37 @@ def test_small_things_are_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         _memory.require(6e7, "These", "Nothing.")
     monkeypatch.setattr(_memory, "available", lambda: None)
     _memory.require(1e30, "These", "Nothing.")
+
+
+def test_tikhonov_iterates_where_its_decomposition_does_not_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that no other method is sent to one that is refused too."""
+    for module in (memory, _memory):
+        monkeypatch.setattr(module, "available", lambda: int(2.2e8))
+    skin = pp.Skin(PAD, area(36, DISPLACEMENT, noise=1e-7))
+    with pytest.raises(pp.Unsupported, match=r'317 MB of memory .* method="tikhonov" serves it'):
+        skin.prepare(method="truncated")
+    skin.prepare(method="tikhonov")
+
+
+def test_few_beads_on_many_cells_are_not_sent_to_the_method_that_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their map is a matrix for every method."""
+    positions = np.random.default_rng(0).uniform(0.0, 12e-3, (300, 2))
+    array = pp.ScatteredArray(positions=positions, depth=1e-3, channels=DISPLACEMENT, noise=1e-7)
+    surface = pp.AreaGrid(shape=(64, 64), spacing=0.2e-3, center=(6e-3, 6e-3))
+    monkeypatch.setattr(memory, "available", lambda: int(2.2e8))
+    for method in ("tikhonov", "truncated"):
+        with pytest.raises(pp.Unsupported, match="Grid the recording") as refused:
+            pp.Skin(PAD, array, surface=surface).reconstruct(np.zeros((2, 300)), method=method)
+        assert "tikhonov" not in str(refused.value)
+
+
+def test_a_touch_without_error_bars_is_not_sent_to_its_own_method() -> None:
+    grid = pp.LineGrid(count=4, spacing=1e-3)
+    for method, words in (
+        ("tikhonov", "Skin.reconstruct returns"),
+        ("adaptive", "Skin.reconstruct returns"),
+        ("dft", 'use method="tikhonov"'),
+        ("another", 'use method="tikhonov"'),
+    ):
+        with pytest.raises(pp.Unsupported, match=words):
+            pp.Touch(np.ones((2, 4)), grid, ("x", "z"), method).std  # noqa: B018

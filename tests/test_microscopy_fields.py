@@ -173,6 +173,10 @@ def test_units_in_a_header_hold(tmp_path: Path, pair: tuple[np.ndarray, np.ndarr
     assert field.step == pytest.approx(8.0)
     with pytest.raises(InvalidInput, match="leave out unit"):
         read_field(path, pixel=PIXEL, unit="px")
+    for mu in ("\N{MICRO SIGN}m", "\N{GREEK SMALL LETTER MU}m"):
+        path.write_text(f"x [{mu}], y [um], u [{mu}], v [{mu}]\n" + "\n".join(scaled) + "\n", encoding="utf-8")
+        same(read_field(path, pixel=PIXEL), pair, 1e-9)
+        same(read_field(path, pixel=PIXEL, unit=mu), pair, 1e-9)
     path.write_text("x [m] y [m] u [m/s] v [m/s]\n" + "\n".join(scaled) + "\n")
     with pytest.raises(InvalidInput, match="velocity"):
         read_field(path, pixel=PIXEL)

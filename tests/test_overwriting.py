@@ -269,3 +269,61 @@ def test_savers_of_the_library_replace_whole_files(tmp_path: Path, monkeypatch: 
             assert path.read_bytes() == before
             assert os.listdir(tmp_path) == [path.name]
             path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (
+            (*READ[:-1], "--out", "t.nc", "--plot", "a.png", "--plot-forces", "a.png"),
+            "--plot and --plot-forces both write a.png",
+        ),
+        (
+            (*READ[:-1], "--out", "t.nc", "--plot", "sub/../a.png", "--plot-forces", "$PWD/a.png"),
+            "--plot and --plot-forces both",
+        ),
+        ((*READ[:-1], "--out", "t.zarr", "--plot-forces", "t.zarr/a.png"), "--out and --plot-forces both write"),
+        ((*READ[:-1], "--out", "t.npz", "--prepared", "t.npz"), "t.npz is what is read"),
+        (
+            ("track", "pictures", "--skin", "skin.toml", "--picture", "a.png", "--plot-forces", "a.png"),
+            "--picture and --plot-forces both write a.png",
+        ),
+        (
+            ("bench", "trust", "--quick", "--figure", "a.png", "--cases", "a.png"),
+            "--figure and --cases both write a.png",
+        ),
+        ((*READ[:-1], "--out", "t.nc", "--plot", "a.png", "--plot", "b.png"), "--plot is given more than once"),
+        ((*READ[:-1], "--out", "t.nc", "--out", "u.nc"), "--out is given more than once"),
+        ((*READ[:-1], "--method", "dft", "--method", "tikhonov"), "--method is given more than once"),
+        (("convert", "r.nc", "r2.nc", "--grid", "1 mm", "--grid=2 mm"), "--grid is given more than once"),
+        (("bench", "trust", "--quick", "--frames", "1", "--frames", "2"), "--frames is given more than once"),
+    ],
+)
+def test_no_output_is_lost_to_another(command: tuple[str, ...], words: str, folder: Path) -> None:
+    """Two results of one name, and an option of one value given again."""
+    (folder / "pictures").mkdir()
+    (folder / "pictures" / "0.png").write_bytes(b"not looked at")
+    if "t.zarr" in command:
+        palpate("convert", "r.nc", "t.zarr")
+    before = snapshot(folder)
+    with pytest.raises(pp.InvalidInput, match=words):
+        palpate(*(word.replace("$PWD", str(folder)) for word in command))
+    assert snapshot(folder) == before
+
+
+def test_options_that_may_be_given_again_are_all_used(folder: Path) -> None:
+    palpate(
+        "track",
+        "r.nc",
+        "--skin",
+        "skin.toml",
+        "--zero-at",
+        "0",
+        "--zero-at",
+        "0.01",
+        "--force",
+        "--overwrite",
+        "--out",
+        "t.nc",
+    )
+    assert (folder / "t.nc").exists()

@@ -18,6 +18,7 @@ ROOMS = [
     "_threads",
     "status",
     "units",
+    "_numbers",
     "_transforms",
     "_arrays",
     "_batches",

@@ -99,6 +99,15 @@ SAME: dict[str, tuple[str, TableMapping, str, float]] = {
         "t.csv",
         0.0,
     ),
+    "both letters for micro in the titles": (
+        text(
+            [[*r[:2], r[2] * 0.05, r[3] * 0.05, r[4] * 50.0, r[5] * 50.0] for r in rows()],
+            titles="frame,id,x (mm),y [mm],dx (\N{MICRO SIGN}m),dy (\N{GREEK SMALL LETTER MU}m)",
+        ),
+        TableMapping(frame="frame", marker="id", x="x", y="y", channels=CHANNELS, rate=50.0),
+        "t.csv",
+        0.0,
+    ),
     "no numbers of markers": (
         text(rows()),
         TableMapping(frame="frame", x="x", y="y", channels=CHANNELS, scale=PIXEL, position_scale=PIXEL, rate=50.0),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import threading
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ import scipy.linalg.blas  # noqa: F401
 import threadpoolctl
 
 import palpate as pp
-from palpate._threads import SMALL, few_threads, spare
+from palpate._threads import SMALL, Lock, cached_property, few_threads, spare
 from palpate.live import Session
 
 
@@ -149,3 +151,81 @@ def test_a_step_of_a_tracker_takes_one_thread(monkeypatch: pytest.MonkeyPatch) -
     tracker.step(np.zeros((1, 9)))
     assert seen == [{1}]
     assert counts() == before
+
+
+class Worked:
+    """One property whose work waits."""
+
+    begun, go_on = threading.Event(), threading.Event()
+
+    def __init__(self, slow: bool) -> None:
+        self.slow = slow
+
+    @cached_property
+    def value(self) -> int:
+        if self.slow:
+            self.begun.set()
+            self.go_on.wait(120)
+        return 7
+
+
+def in_child(work: Any) -> int | None:
+    """What work of a forked child ends with; None where it waits for ever."""
+    child = multiprocessing.get_context("fork").Process(target=work)
+    child.start()
+    child.join(60)
+    if child.is_alive():
+        child.kill()
+        child.join()
+        return None
+    return child.exitcode
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # forking with threads: from Python 3.12 on
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+def test_a_child_forked_while_a_thread_works_does_not_wait_for_that_thread() -> None:
+    """Neither for a property that it works out, nor for what is kept."""
+    busy = threading.Thread(target=lambda: Worked(True).value)
+    busy.start()
+    lock = Lock()
+    try:
+        assert Worked.begun.wait(120)
+        with lock:
+
+            def work() -> None:
+                assert Worked(False).value == 7
+                with lock:
+                    pass
+
+            assert in_child(work) == 0
+            assert not lock.acquire(blocking=False)  # the parent still has it
+        assert lock.acquire(blocking=False)
+    finally:
+        Worked.go_on.set()
+        busy.join()
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+@pytest.mark.long
+def test_children_forked_while_a_thread_reconstructs_reconstruct_too() -> None:
+    array = pp.AreaArray(shape=(8, 8), pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=100.0)
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
+    frame = skin.sense(pp.solutions.hertz_point(radius=2e-3, force=0.3), rng=np.random.default_rng(0))
+    force = float(skin.reconstruct(frame).force[-1])
+    ended = threading.Event()
+
+    def busy() -> None:
+        while not ended.is_set():
+            skin.reconstruct(frame)
+
+    def work() -> None:
+        assert float(skin.reconstruct(frame).force[-1]) == pytest.approx(force, rel=1e-6)
+
+    thread = threading.Thread(target=busy)
+    thread.start()
+    try:
+        assert [in_child(work) for _ in range(8)] == [0] * 8
+    finally:
+        ended.set()
+        thread.join()

@@ -155,3 +155,22 @@ def test_a_view_that_cannot_be_read_is_said(tmp_path: Path) -> None:
             view_of(data, "t.nc")
     with pytest.raises(pp.InvalidInput, match="described by its homography"):
         View.restored({"lens": None})
+
+
+def test_an_archive_of_numpy_holds_what_a_netcdf_file_holds(tmp_path: Path) -> None:
+    """Intervals, standard deviations and what became of each frame too; nothing in it needs pickle."""
+    array = pp.AreaArray(shape=(5, 5), pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=100.0)
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
+    press = skin.sense(pp.solutions.hertz_point(radius=1.5e-3, force=0.3), rng=np.random.default_rng(0))
+    touch = skin.reconstruct(np.stack([press, 0.0 * press]))
+    low, high = touch.interval(0.95, "force")
+    for name in ("t.npz", "t.nc"):
+        write_touch(touch, tmp_path / name, provenance={"command": "palpate"})
+    with np.load(tmp_path / "t.npz", allow_pickle=False) as held:
+        assert held["status_label"].tolist() == ["solved", "no contact"]
+        np.testing.assert_array_equal(held["force_low"], low)
+        np.testing.assert_array_equal(held["force_high"], high)
+        assert '"command": "palpate"' in str(held["record"])
+        data = read_touch(tmp_path / "t.nc")
+        for name, variable in data.variables.items():
+            np.testing.assert_array_equal(held[str(name)], variable.values)

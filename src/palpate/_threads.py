@@ -9,17 +9,79 @@ from __future__ import annotations
 import functools
 import os
 import threading
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, ClassVar, Self, TypeVar, overload
 
-__all__ = ["SMALL", "WIDEST", "beside", "cores", "few_threads", "give_way", "spare"]
+__all__ = [
+    "SMALL", "WIDEST", "Lock", "beside", "cached_property", "cores", "few_threads", "give_way", "spare",
+]  # fmt: skip
+
+Value = TypeVar("Value")
 
 #: Unknowns up to which one thread is enough: a factorisation takes less than a second then.
 SMALL = 4096
 #: Few readings on many cells make no matrix wider than some of these times the readings (`palpate.inverse.contact.quadratic`): 432 readings on 5800 unknowns
 #: took 190 s of processor time with two threads on two busy cores, 13 s with one.
 WIDEST = 4
+
+
+class cached_property(functools.cached_property[Value]):
+    """A property that is worked out once for each object. Two threads may both work it out, to the same.
+
+    That of functools has a lock for all objects of a class (Python 3.11): threads wait for each other, and a child that is forked while one
+    of them has it waits for ever.
+    """
+
+    @overload
+    def __get__(self, instance: None, owner: type[Any] | None = None) -> Self: ...
+
+    @overload
+    def __get__(self, instance: object, owner: type[Any] | None = None) -> Value: ...
+
+    def __get__(self, instance: object | None, owner: type[Any] | None = None) -> Any:
+        """The value, kept among the attributes of ``instance``."""
+        if instance is None:
+            return self
+        kept, name = instance.__dict__, str(self.attrname)
+        if name not in kept:
+            kept[name] = self.func(instance)
+        return kept[name]
+
+
+class Lock:
+    """A lock that is free in a child that is forked while another thread of the parent has it: that thread is not in the child."""
+
+    _all: ClassVar[weakref.WeakSet[Lock]] = weakref.WeakSet()
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._all.add(self)
+
+    def acquire(self, blocking: bool = True) -> bool:
+        """Take it; whether it was free, where it is not waited for."""
+        return self._lock.acquire(blocking)
+
+    def release(self) -> None:
+        """Give it back."""
+        self._lock.release()
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    @classmethod
+    def renew(cls) -> None:
+        """All of them anew, in a child."""
+        for lock in list(cls._all):
+            lock._lock = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(after_in_child=Lock.renew)
 
 
 @contextmanager
@@ -90,12 +152,12 @@ def give_way() -> None:
 
 
 @functools.cache
-def _libraries() -> tuple[Any, threading.Lock]:
+def _libraries() -> tuple[Any, Lock]:
     """Those that are loaded (SciPy brings its own; None where nothing is installed that could tell them), and whose turn it is."""
     import scipy.linalg.blas  # noqa: F401
 
     try:
         import threadpoolctl
     except ModuleNotFoundError:
-        return None, threading.Lock()
-    return threadpoolctl.ThreadpoolController(), threading.Lock()
+        return None, Lock()
+    return threadpoolctl.ThreadpoolController(), Lock()

@@ -29,6 +29,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from palpate._arrays import to_numpy
+from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.drag import STICK
@@ -95,7 +96,7 @@ class Event:
         if self.kind in ("contact", "unexplained") or not self.began:
             return text
         unit = {"excess pressure": " Pa", "excess force": " N", "pull": " N"}.get(self.kind, " of the friction limit")
-        return f"{text}: {self.value:.3g}{unit}, sure to {100 * self.probability:.0f} %"
+        return f"{text}: {plain_number(self.value, 3)}{unit}, sure to {100 * self.probability:.0f} %"
 
 
 @dataclass(frozen=True)
@@ -231,7 +232,7 @@ class GraspMonitor:
         >>> touch = pp.Touch(np.array([[0.0, 100.0, 0.0], [0.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
         >>> monitor = pp.GraspMonitor(friction=0.5, max_pressure=800.0)
         >>> [str(event) for event in monitor.update(touch)]
-        ['0.000 s  contact began', '0.000 s  excess pressure began: 1e+03 Pa, sure to 100 %']
+        ['0.000 s  contact began', '0.000 s  excess pressure began: 1000 Pa, sure to 100 %']
 
         >>> round(monitor.state.utilisation, 3)  # Q / (mu P)
         0.2

@@ -4,23 +4,63 @@ from __future__ import annotations
 
 import math
 import re
+import unicodedata
+from collections.abc import Iterator, Mapping
 
 from palpate.errors import InvalidInput
 
-__all__ = ["UNITS", "convert_factor", "parse_quantity"]
+__all__ = ["UNITS", "Factors", "convert_factor", "parse_quantity", "plain_unit"]
 
 #: What a file says in place of a quantity that must be measured first.
 UNKNOWN = "unknown"
 
+
+def plain_unit(text: str) -> str:
+    """A unit in plain letters: the micro sign, the Greek letter mu and signs such as the square mm become "um" and "mm".
+
+    Examples
+    --------
+    >>> plain_unit("\N{MICRO SIGN}m"), plain_unit("\N{GREEK SMALL LETTER MU}m"), plain_unit("N/mm\N{SUPERSCRIPT TWO}")
+    ('um', 'um', 'N/mm^2')
+    """
+    written_out = unicodedata.normalize("NFKC", text.replace("\N{SUPERSCRIPT TWO}", "^2"))
+    return written_out.replace("\N{GREEK SMALL LETTER MU}", "u").strip()
+
+
+class Factors(Mapping[str, float]):
+    """Factors to SI by unit, found under every spelling that `plain_unit` reads.
+
+    Examples
+    --------
+    >>> from palpate.units import UNITS
+    >>> UNITS["length"]["\N{MICRO SIGN}m"] == UNITS["length"]["um"], "cubit" in UNITS["length"]
+    (True, False)
+    """
+
+    def __init__(self, factors: Mapping[str, float]) -> None:
+        self._factors = dict(factors)
+
+    def __getitem__(self, unit: object) -> float:
+        return self._factors[plain_unit(unit) if isinstance(unit, str) else unit]  # type: ignore[index]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._factors)
+
+    def __len__(self) -> int:
+        return len(self._factors)
+
+
 #: kind -> unit -> factor to SI
-UNITS: dict[str, dict[str, float]] = {
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254},
-    "pressure": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/mm^2": 1e6, "psi": 6894.757293168},
-    "strain": {"1": 1.0, "%": 1e-2, "ustrain": 1e-6, "µstrain": 1e-6},
-    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0},
-    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
-    "force per length": {"N/m": 1.0, "N/mm": 1e3, "mN/mm": 1.0},
+UNITS: dict[str, Factors] = {
+    "length": Factors({"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254}),
+    "pressure": Factors(
+        {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/mm^2": 1e6, "psi": 6894.757293168}
+    ),
+    "strain": Factors({"1": 1.0, "%": 1e-2, "ustrain": 1e-6}),
+    "angle": Factors({"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180}),
+    "time": Factors({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}),
+    "force": Factors({"N": 1.0, "mN": 1e-3, "kN": 1e3}),
+    "force per length": Factors({"N/m": 1.0, "N/mm": 1e3, "mN/mm": 1.0}),
 }
 
 #: Lengths below this [m] cannot be meant, and their squares are lost in double precision.

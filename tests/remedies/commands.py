@@ -321,7 +321,11 @@ REMEDIES = [
         "simulate --skin area.toml --out out.nc --direction 30 --friction 0.4",
         right=frames(1),
     ),
-    simulated("force and size must be positive", "--size 0mm", "--size 2mm"),
+    row(
+        "force and size must be positive",
+        "simulate --skin skin.toml --out out.nc --force 200N/m --size 0mm",
+        SIMULATE,
+    ),
     simulated(
         "is known in closed form for --contact hertz only",
         "--contact punch --friction 0.4 --drag 0.5",
@@ -473,6 +477,19 @@ REMEDIES = [
         room="cli.demo",
         given=lambda: (lay(), Path("there/skin.toml").write_text("mine")),
         slow=True,
+    ),
+    row(
+        "{} and {} both write {}: give one of them another name",
+        "reconstruct r.nc --skin skin.toml --plot a.png --plot-forces a.png",
+        "reconstruct r.nc --skin skin.toml --plot a.png --plot-forces b.png",
+        room="cli.files",
+        right=lambda _: Path("a.png").is_file() and Path("b.png").is_file(),
+    ),
+    row(
+        "{} is given more than once, and has one value: give it once",
+        "reconstruct r.nc --skin skin.toml --method dft --method tikhonov",
+        "reconstruct r.nc --skin skin.toml --method tikhonov",
+        room="cli.command",
     ),
     row(
         "--out writes the skin.toml of one sensor: name it",

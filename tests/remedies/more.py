@@ -192,6 +192,12 @@ REMEDIES = [
         "maxent",
         "tikhonov",
     ),
+    value(
+        "this touch was made or read back without its error bars; take the one that Skin.reconstruct returns",
+        lambda touch: touch.std,
+        pp.Touch(np.ones((2, 9)), pp.LineGrid(count=9, spacing=1e-3), ("x", "z"), "tikhonov"),
+        SKIN.reconstruct(PRESS, method="tikhonov"),
+    ),
     value("no sample of the pressure is positive", half_width, -PRESSURES, PRESSURES, right=lambda width: width == 1),
     # zero
     value("the zero is the mean of some frames", zero_of, PRESS[None][:0], PRESS[None]),

@@ -6,13 +6,12 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import palpate
 from palpate._memory import require
-from palpate._threads import SMALL, cores
+from palpate._threads import SMALL, cached_property, cores
 from palpate.archives.numbers import Numbers
 from palpate.archives.pools import in_order, pool_of
 from palpate.archives.work import Task, Told, fingerprint

@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from palpate._arrays import fftn
+from palpate._threads import cached_property
 from palpate.bench.contacts import (
     AREA_PATCHES,
     CROSSING,

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._numbers import plain_number
 from palpate.camera.dots import fault_of
 from palpate.camera.flow import Flow
 from palpate.camera.markers import Markers
@@ -217,7 +218,7 @@ class Displacements:
                     + (
                         f" ({one.fault})"
                         if one.fault
-                        else f": {'dots' if self.texture is None else 'places'} move by {np.nanmax(np.abs(one.displacement)):.2g} pixels"
+                        else f": {'dots' if self.texture is None else 'places'} move by {plain_number(np.nanmax(np.abs(one.displacement)), 2)} pixels"
                     )
                     + f". Nothing may touch the gel in the first {count} pictures: begin earlier, or give a smaller reference."
                 )

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._numbers import plain_number
 from palpate.camera.dots import levelled
 from palpate.camera.matching import Neighbours
 from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, gradients_of, mean_picture, white_of, windows_of
@@ -77,7 +78,7 @@ class Flow(Followed):
         plain = self._reduced(whole)
         if not (np.isfinite(spacing) and spacing / self._step >= CLOSEST):
             raise InvalidInput(
-                f"places of a texture must be at least {CLOSEST * self._step:g} pixels apart in pictures {self._whole[0]} pixels wide; got {spacing:.3g}. "
+                f"places of a texture must be at least {CLOSEST * self._step:g} pixels apart in pictures {self._whole[0]} pixels wide; got {plain_number(spacing, 3)}. "
                 "Read it less densely, or film nearer."
             )
         apart = spacing / self._step

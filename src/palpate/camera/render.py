@@ -13,13 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.sensing import AreaArray, AreaGrid

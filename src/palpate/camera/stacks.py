@@ -8,11 +8,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 from palpate.errors import InvalidInput
+from palpate.units import UNITS
 
 __all__ = ["check_axes", "pages_claimed", "rate_of"]
-
-#: Seconds of what OME calls them.
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0}
 
 
 def check_axes(file: Any, path: Path) -> None:
@@ -48,6 +46,6 @@ def rate_of(file: Any) -> float | None:
             )
         except (ElementTree.ParseError, StopIteration):
             return None
-        unit = SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 0.0)
+        unit = UNITS["time"].get(pixels.get("TimeIncrementUnit", "s"), 0.0)
         interval = unit * float(pixels.get("TimeIncrement") or 0.0)
     return 1.0 / interval if interval > 0 else None

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import to_numpy
+from palpate._numbers import plain_number, relative
 from palpate.camera.displacements import Displacements, Reading
 from palpate.camera.touches import Touches, camera_of, gel_skin
 from palpate.elastic.half_space import HalfSpace
@@ -21,6 +22,7 @@ from palpate.elastic.layers import BondedLayers
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.fit import POOR_FIT
+from palpate.recordings.skinfile import skin_text
 from palpate.sensing.view import View
 from palpate.skin import Skin
 from palpate.units import UNKNOWN
@@ -62,12 +64,12 @@ class Weighed:
     fit: Floats
 
     def __str__(self) -> str:
-        said = f" ({self.factor:.3g} times what the skin says)" if math.isfinite(self.factor) else ""
+        said = f" ({plain_number(self.factor, 3)} times what the skin says)" if math.isfinite(self.factor) else ""
         lines = [
-            f"modulus         {1e-3 * self.youngs_modulus:.4g} kPa +- {100 * self.std / self.youngs_modulus:.2g} %{said}"
+            f"modulus         {plain_number(1e-3 * self.youngs_modulus, 4)} kPa {relative(self.std / self.youngs_modulus)}{said}"
         ]
         for i, (ratio, std, fit) in enumerate(zip(self.ratios, self.ratio_std, self.fit)):
-            lines.append(f"press {i}         {ratio:.3g} +- {std:.2g} times; fit {fit:.2g}")
+            lines.append(f"press {i}         {plain_number(ratio, 3)} +- {plain_number(std, 2)} times; fit {fit:.2g}")
         poor = [str(i) for i, fit in enumerate(self.fit) if fit < POOR_FIT]
         if poor:
             lines.append(
@@ -141,7 +143,7 @@ def weigh(
 
 def _begun(skin: Path, folder: Path) -> Path:
     """The skin with a modulus to begin with where it says "unknown": displacements give forces over the modulus, whatever that is."""
-    text = skin.read_text(encoding="utf-8") if skin.is_file() else ""
+    text = skin_text(skin) if skin.is_file() else ""
     key = re.compile(r'^(\s*youngs_modulus\s*=\s*)("[^"\n]*"|\'[^\'\n]*\')', re.MULTILINE)
     values = [value.strip("\"'").strip().lower() for _, value in key.findall(text)]
     if UNKNOWN not in values:
@@ -229,7 +231,7 @@ def _force(
     quiet = np.median([np.nanmedian(r.std) for _, r in taken]) if taken else 0.0
     if not most > 10.0 * quiet:
         raise InvalidInput(
-            f"{readings.pictures.name}: nothing presses in these pictures: the dots move by {1e6 * most:.2g} um at most. Show the gel at rest first, then the press."
+            f"{readings.pictures.name}: nothing presses in these pictures: the dots move by {plain_number(1e6 * most, 2)} um at most. Show the gel at rest first, then the press."
         )
     held = [reading for size, reading in taken if size > PRESSED * most]
     middle = [

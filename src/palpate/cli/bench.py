@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
+from palpate.cli.command import Command
 from palpate.cli.examples import example
-from palpate.cli.files import Force, check_output, make_folder, save_figure, write_text
+from palpate.cli.files import Force, check_output, check_outputs, make_folder, save_figure, write_text
 from palpate.cli.methods import MethodCommand, chosen_method
 from palpate.cli.progress import Bar
 from palpate.errors import InvalidInput
@@ -112,7 +113,7 @@ def bench_accuracy(
         typer.echo(f"wrote           {folder / 'accuracy.csv'}, {folder / 'accuracy.md'}, {folder / 'accuracy.png'}")
 
 
-@bench_app.command("ablation", epilog=example("bench ablation"))
+@bench_app.command("ablation", cls=Command, epilog=example("bench ablation"))
 def bench_ablation(
     frames: Annotated[int, typer.Option(min=2, help="Random frames; each is solved some twenty times.")] = 40,
     numbers: Annotated[
@@ -176,7 +177,7 @@ def bench_ablation(
         typer.echo(f"wrote           {out}")
 
 
-@bench_app.command("calibration", epilog=example("bench calibration"))
+@bench_app.command("calibration", cls=Command, epilog=example("bench calibration"))
 def bench_calibration(
     frames: Annotated[int, typer.Option(min=20, help="Random contacts.")] = 500,
     method: Annotated[str, typer.Option(help="A method whose error bars have constants.")] = "adaptive",
@@ -243,7 +244,7 @@ def bench_calibration(
         typer.echo(f"wrote           {write}")
 
 
-@bench_app.command("trust", epilog=example("bench trust"))
+@bench_app.command("trust", cls=Command, epilog=example("bench trust"))
 def bench_trust(
     frames: Annotated[int, typer.Option(min=1, help="Random frames of each row.")] = 200,
     rows: Annotated[
@@ -282,9 +283,7 @@ def bench_trust(
     unknown = [n for n in names if n not in trust.ROWS]
     if unknown:
         raise InvalidInput(f"rows must be among {', '.join(trust.ROWS)}; got {', '.join(unknown)}.")
-    for path in (out, figure, cases):
-        if path is not None:
-            check_output(path, force=force)
+    check_outputs({"--out": out, "--figure": figure, "--cases": cases}, force=force)
     found: list[trust.Verdict] = []
     whole = True
     typer.echo(" | ".join(trust.HEADER))

@@ -12,6 +12,7 @@ import typer
 
 import palpate
 from palpate.cli.bench import bench_app
+from palpate.cli.command import Command
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
 from palpate.cli.examples import SHORT, example
@@ -60,9 +61,9 @@ def _root(
 _TAKING = {track: TrackerCommand, live: TrackerCommand, ros: RosCommand, reconstruct: MethodCommand}
 _COMMANDS = (demo, reconstruct, track, live, tfm, ros, convert, simulate, pad, sensors, weigh, paper)
 for _command in _COMMANDS:
-    app.command(cls=_TAKING.get(_command), short_help=SHORT[_command.__name__], epilog=example(_command.__name__))(
-        _command
-    )
+    app.command(
+        cls=_TAKING.get(_command, Command), short_help=SHORT[_command.__name__], epilog=example(_command.__name__)
+    )(_command)
 app.add_typer(bench_app, name="bench")
 
 
@@ -92,11 +93,35 @@ def main() -> None:
         _fail(f"{error.format_message()} ({path} --help{' has examples' if ' ' in path else ''})", 2)
     except PalpateError as error:
         _fail(str(error), 1 if isinstance(error.__cause__, OSError) and error.__cause__.errno in _DISK else 2)
-    except MemoryError:
-        _fail("not enough memory for this many taxels and surface cells; give a coarser surface.", 1)
+    except MemoryError as error:
+        _fail(_out_of_memory(error), 1)
     except OSError as error:
         _fail(f"{error.filename or 'file'}: {error.strerror or error}", 1)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+#: What takes less memory, by the part of palpate that asked for it.
+_COARSER = "Give a coarser surface ([surface] with a larger spacing in the skin.toml), or fewer taxels."
+_SHORTER = "Cut the file into shorter ones."
+_LESS = {
+    **dict.fromkeys(("sensing", "inverse", "uncertainty", "tracking"), _COARSER),
+    **dict.fromkeys(("recordings", "network"), _SHORTER),
+    "archives": "Take fewer frames at a time: --chunk 16 --workers 1.",
+    "camera": "Give fewer or smaller pictures.",
+    "microscopy": "Give a smaller part of the picture.",
+    "_plot": "Leave the picture out.",
+}
+
+
+def _out_of_memory(error: MemoryError) -> str:
+    """What asked for too much, and what takes less: by the innermost part of palpate, since a long file and a fine surface need different advice."""
+    advice, at = "Close other programs, or give less at a time.", error.__traceback__
+    while at is not None:
+        _, _, inside = at.tb_frame.f_globals.get("__name__", "").partition("palpate.")
+        advice = _LESS.get(inside.split(".")[0], advice)
+        at = at.tb_next
+    what = str(error).strip().rstrip(".")
+    return f"not enough memory{f' ({what})' if what else ''}. {advice}"
 
 
 def _warned(

@@ -6,7 +6,7 @@ import contextlib
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -50,11 +50,27 @@ def check_output(path: Path, *, inputs: Iterable[Path | None] = (), force: bool,
         raise InvalidInput(f"{path}: cannot write there ({error.strerror}).") from error
 
 
+def check_outputs(
+    named: Mapping[str, Path | None], *, inputs: Iterable[Path | None] = (), force: bool, option: str = "--force"
+) -> None:
+    """The same for all that a command writes, by option; no two of them may write one file, or into each other."""
+    sources, before = list(inputs), dict[str, Path]()
+    for name, path in named.items():
+        if path is None:
+            continue
+        check_output(path, inputs=sources, force=force, option=option)
+        real = Path(os.path.realpath(path))
+        for other, taken in before.items():
+            if real == taken or real in taken.parents or taken in real.parents:
+                raise InvalidInput(f"{other} and {name} both write {path}: give one of them another name.")
+        before[name] = real
+
+
 def _overlap(target: Path, source: Path) -> bool:
     """Whether writing ``target`` would touch ``source``."""
-    if not source.exists():
-        return False
     real, other = Path(os.path.realpath(target)), Path(os.path.realpath(source))
+    if not source.exists():  # made on the way, as what is prepared is
+        return real == other
     if real.exists() and real.samefile(other):
         return True
     inside = other.is_dir() and any(p.exists() and p.samefile(other) for p in real.parents)
@@ -80,8 +96,8 @@ def skin_files(skin_file: Path | None) -> list[Path]:
     if skin_file is None:
         return []
     try:
-        tables: Any = tomllib.loads(skin_file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        tables: Any = tomllib.loads(skin_text(skin_file))
+    except (InvalidInput, ValueError, RecursionError):
         return [skin_file]  # said where it is read
     planes = tables.get("plane", [])
     named = [p.get("positions_file") for p in planes if isinstance(p, dict)] if isinstance(planes, list) else []
@@ -89,7 +105,10 @@ def skin_files(skin_file: Path | None) -> list[Path]:
 
 
 def skin_text(skin_file: Path | None) -> str:
-    return "" if skin_file is None else skin_file.read_text(encoding="utf-8")
+    """What stands in a skin.toml, for the files that are made with it."""
+    from palpate.recordings.skinfile import skin_text as text_of_skin
+
+    return "" if skin_file is None else text_of_skin(skin_file)
 
 
 def provenance(skin: str, recording: str = "") -> dict[str, str]:
@@ -110,9 +129,12 @@ def provenance(skin: str, recording: str = "") -> dict[str, str]:
 
 
 def command_line() -> str:
+    """What was typed, for the files that it made; secrets are hidden."""
     import shlex
 
-    return shlex.join(["palpate", *sys.argv[1:]])
+    from palpate.recordings.redaction import without_secrets
+
+    return shlex.join(["palpate", *without_secrets(sys.argv[1:])])
 
 
 def make_folder(path: Path) -> Path:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand
+
+from palpate.cli.command import Command
 
 if TYPE_CHECKING:
     from palpate.inverse.method import Method, Option
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 _KEY = "palpate.methods"
 
 
-class MethodCommand(TyperCommand):
+class MethodCommand(Command):
     """A command that takes --method and every option of every method."""
 
     def get_params(self, ctx: Any) -> list[Any]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate._numbers import plain_number
 from palpate.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -133,6 +134,6 @@ def _check_places(positions: Any, skin: Skin) -> None:
         if off.max() > 1e-3 * np.ptp(at, axis=0).max():
             worst = int(np.argmax(off))
             raise InvalidInput(
-                f"taxel {worst} of the recording lies {1e3 * off[worst]:.3g} mm from where the positions_file of the skin has it: is the order another, or a unit? "
+                f"taxel {worst} of the recording lies {plain_number(1e3 * off[worst], 3)} mm from where the positions_file of the skin has it: is the order another, or a unit? "
                 "Leave out positions_file, and the recording's own positions are taken."
             )

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import typer
 
-from palpate.cli.files import check_output, kept_rows, provenance, save_figure, skin_files
+from palpate._numbers import plain_number
+from palpate.cli.files import check_outputs, kept_rows, provenance, save_figure, skin_files, skin_text
 from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
 from palpate.units import UNKNOWN
@@ -65,15 +66,13 @@ def track_pictures(
     skin_file = known_skin(skin_file)
     kind = None if out is None else file_format(out, task="write_touch")
     inputs = [source, *skin_files(skin_file)]
-    for path in (out, picture, plot_forces):
-        if path is not None:
-            check_output(path, inputs=inputs, force=force)
+    check_outputs({"--out": out, "--picture": picture, "--plot-forces": plot_forces}, inputs=inputs, force=force)
     for path in (picture, plot_forces):
         if path is not None:
             check_picture(path)
     if fast and every is not None:
         raise InvalidInput("--fast follows all pictures with a tracker: leave out --every.")
-    record = provenance(skin_file.read_text(encoding="utf-8") if skin_file.is_file() else "", str(source))
+    record = provenance(skin_text(skin_file) if skin_file.is_file() else "", str(source))
     touches, lost, taken, marks, strongest = [], [], [], [], None
     forces = Forces()
     with contextlib.ExitStack() as stack:
@@ -154,7 +153,9 @@ def _said(
     if np.isfinite(loads[:, -1]).any():
         at = int(np.nanargmax(loads[:, -1]))
         across = float(np.hypot(*loads[at, :2]))
-        typer.echo(f"largest force   {loads[at, -1]:.3g} N, across {across:.3g} N, at {times[at]:.3f} s")
+        typer.echo(
+            f"largest force   {plain_number(loads[at, -1], 3)} N, across {plain_number(across, 3)} N, at {times[at]:.3f} s"
+        )
     typer.echo(
         f"pictures        {len(taken)}, {what} lost {100 * float(np.mean(lost)):.1f} % (most in one: {100 * max(lost):.0f} %)"
     )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.files import Force, check_output, provenance, save_figure, skin_files
+from palpate.cli.files import Force, check_outputs, provenance, save_figure, skin_files, skin_text
 from palpate.cli.methods import chosen_method
 from palpate.cli.options import Columns, check_matching, check_picture, mapping_for
 from palpate.cli.progress import Frames
@@ -98,11 +98,12 @@ def reconstruct(
     target = out if out is not None else recording_file.with_name(recording_file.stem + "-touch.nc")
     file_format(target, task="write_touch")
     inputs = [recording_file, *skin_files(skin_file)]
-    check_output(target, inputs=inputs, force=force)
+    check_outputs(
+        {"--out": target, "--plot": plot, "--plot-forces": plot_forces}, inputs=[*inputs, prepared], force=force
+    )
     for picture in (plot, plot_forces):
         if picture is not None:
             check_picture(picture)
-            check_output(picture, inputs=inputs, force=force)
     if plot_forces is not None and frame is not None:
         raise InvalidInput(f"--plot-forces draws forces over time, and --frame {frame} is one frame: leave out either.")
     method = chosen_method(ctx)
@@ -136,7 +137,7 @@ def reconstruct(
                 overwrite=force,
                 frame=frame,
                 baseline=baseline,
-                provenance=provenance(skin_file.read_text(encoding="utf-8"), str(recording_file)),
+                provenance=provenance(skin_text(skin_file), str(recording_file)),
                 progress=lambda finished, _: bar(finished),
             )
         total = len(recording)

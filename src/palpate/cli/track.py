@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.cli.files import Force, check_output, kept_rows, provenance, save_figure, skin_files
+from palpate._numbers import plain_time
+from palpate.cli.files import Force, check_outputs, kept_rows, provenance, save_figure, skin_files, skin_text
 from palpate.cli.methods import tracker_options
 from palpate.cli.options import Columns, check_matching, check_picture, grasp_monitor, mapping_for
 from palpate.cli.progress import Bar, busy
@@ -122,9 +123,8 @@ def track(
     kind = None if out is None else file_format(out, task="write_touch")
     if plot_forces is not None:
         check_picture(plot_forces)
-    for path in (out, plot_forces):
-        if path is not None:
-            check_output(path, inputs=[recording_file, *skin_files(skin_file)], force=force)
+    inputs = [recording_file, *skin_files(skin_file)]
+    check_outputs({"--out": out, "--plot-forces": plot_forces}, inputs=inputs, force=force)
     options = tracker_options(ctx)
     recording = read_recording(recording_file, mapping=mapping_for(recording_file, skin_file, columns))
     skin = Skin.from_file(skin_file, recording=recording)
@@ -144,7 +144,7 @@ def track(
         typer.echo(f"warning: {OFFSETS}.", err=True)
     with busy("preparing the skin"):
         tracker = skin.track(**options, baseline=baseline, budget=None if budget is None else 1e-3 * budget)
-    record = provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
+    record = provenance(skin_text(skin_file), str(recording_file))
     with contextlib.ExitStack() as stack:
         stack.enter_context(tracker)
         sink = None
@@ -192,5 +192,7 @@ def _zeros(wanted: list[float], time: Any) -> list[float]:
     first, last = float(time[0]), float(time[-1])
     for at in wanted:
         if not first <= at <= last:
-            raise InvalidInput(f"--zero-at {at:g} is not in the recording, which goes from {first:g} to {last:g} s.")
+            raise InvalidInput(
+                f"--zero-at {plain_time(at)} is not in the recording, which goes from {plain_time(first)} to {plain_time(last)} s."
+            )
     return sorted(wanted)

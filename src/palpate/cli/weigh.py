@@ -22,6 +22,7 @@ def weigh(
     friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
 ) -> None:
     """Set the modulus of a gel by presses with known forces: every force is proportional to it."""
+    from palpate._numbers import plain_number
     from palpate.camera import is_pictures
     from palpate.camera import weigh as weighed
     from palpate.cli.pictures import known_skin
@@ -43,5 +44,12 @@ def weigh(
     with busy("solving"):
         found = weighed(list(videos), known_skin(skin_file), forces, **options)
     typer.echo(str(found))
-    percent = 100.0 * found.std / found.youngs_modulus
-    typer.echo(f'write           youngs_modulus = "{1e-3 * found.youngs_modulus:.4g} kPa +- {percent:.2g} %"')
+    share = found.std / found.youngs_modulus
+    if not share < 1.0:
+        typer.echo(
+            "write           nothing: these presses do not tell the modulus. Press several times, with about the forces that the gel will measure."
+        )
+    else:
+        # per cent of two digits, which a skin.toml takes below 100
+        modulus, percent = plain_number(1e-3 * found.youngs_modulus, 4), plain_number(min(100.0 * share, 99.0), 2)
+        typer.echo(f'write           youngs_modulus = "{modulus} kPa +- {percent} %"')

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Protocol
 
+from palpate._numbers import plain_number
 from palpate.errors import InvalidInput
 
 __all__ = [
@@ -139,7 +140,7 @@ STRESS = Kind(
     scale=lambda modulus, k: 1.0 + 0.0 * k,
     limit=lambda modulus, width: (
         _STRESS_LIMIT * modulus,
-        f"{_STRESS_LIMIT:g} times the pad's Young's modulus ({modulus:g} Pa)",
+        f"{_STRESS_LIMIT:g} times the pad's Young's modulus ({plain_number(modulus)} Pa)",
     ),
 )
 STRAIN = Kind(

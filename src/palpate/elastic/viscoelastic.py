@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate._numbers import plain_time
 from palpate.elastic.layers import BondedLayers
 from palpate.elastic.pad import Complexes, Floats, Pad
 from palpate.errors import InvalidInput, Unsupported
@@ -175,7 +176,9 @@ class CreepFilter:
     def _factors(self, time: float) -> tuple[list[float], list[float]]:
         step = time - self._time
         if not step > 0:
-            raise InvalidInput(f"time must increase from frame to frame; got {time:g} s after {self._time:g} s.")
+            raise InvalidInput(
+                f"time must increase from frame to frame; got {plain_time(time)} s after {plain_time(self._time)} s."
+            )
         decay = [math.exp(-step / tau) for _, tau in self._terms]
         mean = [-math.expm1(-step / tau) * tau / step for _, tau in self._terms]
         return decay, mean

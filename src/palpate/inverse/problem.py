@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
@@ -12,6 +11,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from palpate._recall import Recall, digest
+from palpate._threads import Lock
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import Unsupported
@@ -40,7 +40,7 @@ class Kept:
     def __init__(self, entries: int = MOST_ENTRIES, nbytes: int = MOST_BYTES) -> None:
         self.entries, self.nbytes = entries, nbytes
         self._things: OrderedDict[Hashable, Any] = OrderedDict()
-        self._lock = threading.Lock()
+        self._lock = Lock()
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """What is kept under ``key``, made where it is not."""

@@ -3,7 +3,7 @@
 It answers to this machine alone (127.0.0.1) unless another host is given, and only to those who bring the token, as notebooks do: other users and
 other programs of this machine reach 127.0.0.1 too. Without a token only a page under a name of this machine itself is served, so that a
 foreign name that resolves to 127.0.0.1 (DNS rebinding) gets nothing. A page of another origin is refused, and so are messages of more than
-a kilobyte. A page that does not read for `STALLED` seconds is cut off.
+a kilobyte. A page that does not read for `STALLED` seconds is cut off; `palpate.live.connections` bounds connections that ask for nothing.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from urllib.parse import quote, urlsplit
 from palpate._extras import missing
 from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import GraspMonitor
+from palpate.live.connections import BACKLOG, OPEN, Connections, accept_failures_are_warnings, bounded, seldom
 from palpate.live.session import Session
 from palpate.recordings import Sink
 from palpate.skin import Skin
@@ -38,14 +39,14 @@ BUDGET = 0.02
 
 STATIC = Path(__file__).parent / "static"
 #: What the page is made of, besides itself; uPlot draws the charts (MIT licence, beside it).
-PARTS = ("live.js", "map.js", "charts.js", "live.css", "uplot/uplot.js", "uplot/uplot.css")
+PARTS = ("live.js", "map.js", "readings.js", "charts.js", "live.css", "uplot/uplot.js", "uplot/uplot.css")
 KINDS = {"js": "text/javascript", "css": "text/css"}
 #: Largest message that a page may send [bytes].
 LARGEST = 1024
 #: Pages at the same time.
 PAGES = 16
-#: Seconds that a page may leave what is sent to it unread, and that a connection may take to become a page.
-STALLED, HELLO = 10.0, 30.0
+#: Seconds that a page may leave what is sent to it unread.
+STALLED = 10.0
 #: Seconds between reports of what was refused on the wire, and recordings that may be begun in a minute.
 REPORT, RECORDINGS = 1.0, 60
 _SAFE = {
@@ -85,6 +86,7 @@ class Live:
 
         @contextlib.asynccontextmanager
         async def lifespan(_: Any) -> AsyncIterator[None]:
+            accept_failures_are_warnings(asyncio.get_running_loop(), logging.getLogger("palpate.live"))
             session.start()
             yield
             await asyncio.to_thread(session.stop)
@@ -175,10 +177,13 @@ class Live:
 
     @staticmethod
     def _unwelcome(origin: str | None, host: str | None) -> str | None:
-        """A browser says where its page came from; it must be from here."""
-        if origin is not None and urlsplit(origin).netloc != host:
+        """A browser says where its page came from; it must be from here. What is no address is from elsewhere."""
+        if origin is None:
+            return None
+        try:
+            return None if urlsplit(origin).netloc == host else "origin"
+        except ValueError:
             return "origin"
-        return None
 
     async def _serve(self, socket: Any) -> None:
         from starlette.websockets import WebSocketDisconnect
@@ -305,21 +310,11 @@ def serve(live: Live, *, host: str = "127.0.0.1", port: int = 8765) -> None:
     if host not in LOCAL and not live.token:
         raise InvalidInput(f"host {host} opens the page to others: give a token that they must bring (?token=...).")
 
-    class Impatient(H11Protocol):  # type: ignore[misc]
-        """Ends connections that ask nothing: uvicorn waits for ever for a request that never comes or never ends."""
+    logger = logging.getLogger("palpate.live")
 
-        def connection_made(self, transport: Any) -> None:
-            super().connection_made(transport)
-            self.loop.call_later(HELLO, self.expire, None)
-
-        def expire(self, last: Any) -> None:
-            """Look again as long as there was another request than the last time: a program may ask for ``/health`` for hours."""
-            if self.transport.get_protocol() is not self:  # a WebSocket by now
-                return
-            if self.cycle is last:
-                self.transport.abort()
-            else:
-                self.loop.call_later(HELLO, self.expire, self.cycle)
+    def crowded() -> None:
+        live.refused["connections"] = live.refused.get("connections", 0) + 1
+        logger.warning("%d connections are open, the most that the page takes: the oldest was closed.", OPEN)
 
     family = sockets.AF_INET6 if ":" in host else sockets.AF_INET
     with sockets.socket(family, sockets.SOCK_STREAM) as bound:
@@ -332,10 +327,10 @@ def serve(live: Live, *, host: str = "127.0.0.1", port: int = 8765) -> None:
         except OSError as error:
             raise InvalidInput(f"cannot listen on {host}:{port} ({error.strerror}).") from error
         config = uvicorn.Config(
-            live.app, http=Impatient, log_level="warning", ws_max_size=LARGEST, ws_per_message_deflate=False,
-            timeout_graceful_shutdown=5,
+            live.app, http=bounded(H11Protocol, Connections(crowded, limit=OPEN)), backlog=BACKLOG, log_level="warning",
+            ws_max_size=LARGEST, ws_per_message_deflate=False, timeout_graceful_shutdown=5,
         )  # fmt: skip
-        with contextlib.suppress(KeyboardInterrupt):
+        with contextlib.suppress(KeyboardInterrupt), seldom(logger, logging.getLogger("uvicorn.error")):
             uvicorn.Server(config).run(sockets=[bound])
 
 

@@ -1,8 +1,9 @@
 """From a stream of readings to packets for the page: tracker, monitor and recorder in a thread of their own.
 
 A packet is the bytes "PLP1", the length of a JSON text (uint32, little-endian), that text, and the maps as float32, row by row: pressure,
-shear along x and (on an area) shear along y. The JSON holds the numbers: "frame" (count), "time" [s], "born" (clock of this machine when the
-frame came [ms]), "force", "force_low", "force_high" [N or N/m], "peak", "peak_low", "peak_high" [Pa], "utilisation" and its "utilisation_std" (Q/(mu P)),
+shear along x and (on an area) shear along y; then, where the layout says that there are "readings", so many readings as they came and as many
+less the zero (plane, channel, taxel). The JSON holds the numbers: "frame" (count), "time" [s], "born" (clock of this machine when the
+frame came [ms]), "force", "force_low", "force_high" [N or N/m], "peak", "peak_low", "peak_high" [Pa], "utilisation" and its "utilisation_std" (Q/(mu P)), "center", "center_low", "center_high" [m] along x and (on an area) y,
 "friction", "touching", "converged", "ms" (time the frame took), "going_on", "events" (new ones, in words) and "health".
 """
 
@@ -22,9 +23,11 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import to_numpy
+from palpate._numbers import plain_time
 from palpate._threads import few_threads
 from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import Event, GraspMonitor
+from palpate.live.taxels import MOST, described, edge, flat_readings
 from palpate.network.waiting import FrameSource
 from palpate.recordings import Sink, recorder
 from palpate.sensing.zero import MOVED, STANDS
@@ -58,9 +61,16 @@ def _number(value: Any) -> float | None:
 
 
 def packed(
-    touch: Touch, monitor: GraspMonitor, events: Iterable[Event], health: dict[str, Any], *, born: float, ms: float
+    touch: Touch,
+    monitor: GraspMonitor,
+    events: Iterable[Event],
+    health: dict[str, Any],
+    *,
+    born: float,
+    ms: float,
+    readings: Sequence[Any] = (),
 ) -> bytes:
-    """One packet."""
+    """One packet; ``readings`` are those that came, and those less the zero."""
     state = monitor.state
     status = None if touch.status is None else Status.coded(int(touch.status))
     values = to_numpy(touch.values).astype("<f4")
@@ -81,14 +91,22 @@ def packed(
         "events": [str(e) for e in events],
         "health": health,
     }
+    if "z" in touch.components and text["touching"]:
+        text["center"] = [_number(v) for v in np.ravel(to_numpy(touch.center_of_pressure))]
     if touch.errors is not None:
-        for name, of in (("force", "force"), ("peak", "peak_pressure")):
+        named = [("force", "force"), ("peak", "peak_pressure")]
+        for name, of in [*named, ("center", "center_of_pressure")] if "center" in text else named:
             low, high = touch.interval(0.95, of)
             text[f"{name}_low"] = [_number(v) for v in np.atleast_1d(low)]
             text[f"{name}_high"] = [_number(v) for v in np.atleast_1d(high)]
     body = json.dumps(text, separators=(",", ":")).encode()
     maps = [values[-1], *values[:-1]]
-    return MAGIC + struct.pack("<I", len(body)) + body + b"".join(np.ascontiguousarray(m).tobytes() for m in maps)
+    return (
+        MAGIC
+        + struct.pack("<I", len(body))
+        + body
+        + b"".join(np.ascontiguousarray(m, dtype="<f4").tobytes() for m in (*maps, *readings))
+    )
 
 
 def unpacked(packet: bytes) -> tuple[dict[str, Any], Any]:
@@ -176,6 +194,12 @@ class Session:
         self._stands = False  # said once
         self._moved = False  # of the zero that is used now
         self._zero_from = 0  # frames that a new zero is wanted from
+        self._taxels, self._edge = described(skin), edge(skin)
+        #: Readings that packets hold; 0 where they are too many for a page.
+        self.readings = sum(len(p["names"]) * len(p["channels"]) for p in self._taxels)
+        self.readings = self.readings if self.readings <= MOST else 0
+        self._resting: tuple[Any, Any] | None = None  # sum and number of the readings of the zero that is being taken
+        self._zero: Any = 0.0
 
     def start(self) -> None:
         """Begin, in a thread."""
@@ -225,6 +249,9 @@ class Session:
             "components": list(grid.components),
             "sought": list(self.tracker.names),
             "unit": "N/m" if line else "N",
+            "planes": self._taxels if self.readings else [],
+            "readings": self.readings,
+            "edge": self._edge,
             "notes": list(self.tracker.notes),
             "past": past,
             "noted": noted,
@@ -322,7 +349,7 @@ class Session:
                 waited = max(clock.monotonic() - self._arrived, 1e-3)
                 if time < self._raw:
                     self.note(
-                        f"{self._now:.3f} s  the sensor's clock went back by {self._raw - time:.6g} s; the zero is kept"
+                        f"{self._now:.3f} s  the sensor's clock went back by {plain_time(self._raw - time)} s; the zero is kept"
                     )
                 self._shift = self._now + waited - time
             number = which
@@ -364,7 +391,7 @@ class Session:
         touch = (self.tracker.step if self._step is None else self._step)(reading, time)
         events = self.monitor.update(touch) if "z" in touch.components else []
         self._doubt_the_zero(touch, time)
-        packet = self._packed(touch, events, born) if self._pages else None
+        packet = self._packed(touch, events, born, self._shown(touch, reading)) if self._pages else None
         with self._lock:
             self._remember([str(e) for e in events])
             for sink in list(self._sinks):
@@ -394,7 +421,21 @@ class Session:
             if self._moved:
                 self.note(f"{time:.3f} s  {MOVED}")
 
-    def _packed(self, touch: Touch, events: Iterable[Event], born: float) -> bytes:
+    def _shown(self, touch: Touch, reading: Any) -> Sequence[Any]:
+        """The readings for the page, and the same less the zero, which is the mean of the frames that the tracker takes for one."""
+        if not self.readings:
+            return ()
+        found = flat_readings(reading, self.skin)
+        if touch.status is not None and int(touch.status) == int(Status.CAPTURING_ZERO):
+            good = np.isfinite(found)
+            total, count = self._resting or (0.0, 0)
+            self._resting = total + np.where(good, found, 0.0), count + good
+            self._zero = self._resting[0] / np.maximum(self._resting[1], 1)
+        else:
+            self._resting = None
+        return found, found - self._zero
+
+    def _packed(self, touch: Touch, events: Iterable[Event], born: float, readings: Sequence[Any]) -> bytes:
         """One packet for the pages."""
         health = self.tracker.health
         rows = np.flatnonzero(health.left_out)
@@ -408,7 +449,7 @@ class Session:
             "left_out": [f"{health.label(int(r))} ({health.reasons[r]})" for r in rows[:20]],
             "left_out_count": len(rows),
         }
-        return packed(touch, self.monitor, events, facts, born=born, ms=1e3 * self.tracker.seconds)
+        return packed(touch, self.monitor, events, facts, born=born, ms=1e3 * self.tracker.seconds, readings=readings)
 
     def _leave(self, sink: Sink, error: PalpateError) -> None:
         """Go on without a sink that failed."""

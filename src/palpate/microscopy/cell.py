@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.microscopy.fields import Field
@@ -115,7 +116,7 @@ class Quantity:
                 - (1 if self.std / factor / 10 ** math.floor(math.log10(self.std / factor)) >= 3 else 0),
             )
             return f"{self.value / factor:.{digits}f}", f"{self.std / factor:.{digits}f}", prefix + self.unit
-        return f"{self.value / factor:.4g}", "0", prefix + self.unit
+        return f"{plain_number(self.value / factor, 4)}", "0", prefix + self.unit
 
     def __str__(self) -> str:
         value, std, unit = self.scaled()
@@ -577,7 +578,7 @@ def _doubts(
         said.append("strain energy is not told from zero: no traction shows above noise")
     if field.std is not None and done.touch.residual is not None and float(done.touch.residual) > MISFIT:
         said.append(
-            f"the traction leaves {float(done.touch.residual):.2g} times the noise of the displacements unexplained: outliers, or a gel that is not as described"
+            f"the traction leaves {plain_number(float(done.touch.residual), 2)} times the noise of the displacements unexplained: outliers, or a gel that is not as described"
         )
     u = field.displacement - np.nanmedian(field.displacement, axis=(1, 2), keepdims=True)
     steep = max(float(np.nanquantile(np.abs(np.diff(u, axis=a)), 0.99)) / field.pitch for a in (1, 2))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._numbers import plain_number
 from palpate.errors import InvalidInput
 from palpate.recordings import Recording
 from palpate.sensing.arrays import AreaArray
@@ -106,7 +107,7 @@ class Field:
         largest = float(np.nanmax(np.hypot(*u)))
         width = self.pitch * max(self.shape)
         said = (
-            f"(the largest is {largest / self.pixel:.3g} px or {largest * 1e6:.3g} µm, with pixels of {self.pixel * 1e6:.3g} µm and "
+            f"(the largest is {plain_number(largest / self.pixel, 3)} px or {plain_number(largest * 1e6, 3)} µm, with pixels of {self.pixel * 1e6:.3g} µm and "
             f"{self.pitch * 1e6:.3g} µm between vectors)"
         )
         if largest > LARGEST * width:

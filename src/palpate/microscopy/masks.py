@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.microscopy.fields import Field
@@ -118,7 +119,7 @@ def _corners(path: Path, ending: str) -> Any:
     if ending in (".csv", ".txt"):
         return read_matrix(path)
     try:
-        held = json.loads(path.read_text(encoding="utf-8"))
+        held = json.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, OSError, RecursionError) as error:
         raise InvalidInput(f"{path}: cannot be read as JSON ({str(error)[:80]}).") from error
     for _ in range(4):
@@ -182,7 +183,7 @@ def on_grid(
     inside = np.asarray(inside)
     if not (inside & field.valid).any():
         raise InvalidInput(
-            f"{name} holds no vector: they lie from pixel ({x[0]:.4g}, {y[0]:.4g}) to ({x[-1]:.4g}, {y[-1]:.4g}), one every {field.step:.3g}. Is it in "
+            f"{name} holds no vector: they lie from pixel ({plain_number(x[0], 4)}, {plain_number(y[0], 4)}) to ({plain_number(x[-1], 4)}, {plain_number(y[-1], 4)}), one every {plain_number(field.step, 3)}. Is it in "
             "pixels of this picture (x, y), and larger than the step?"
         )
     return inside

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
+from palpate.units import plain_unit
+
 __all__ = ["FLAGS", "POSITIONS", "STDS", "VECTORS", "plain", "unit_in", "which"]
 
 #: Names of displacements along x and y that belong together, in lower case.
@@ -31,7 +33,7 @@ def unit_in(name: str) -> str | None:
     if found is None:
         return None
     unit = re.sub(r"/\s*(frame|fr|pair)s?$", "", found[1].strip(), flags=re.IGNORECASE)
-    return {"pixel": "px", "pixels": "px", "pix": "px"}.get(unit.lower(), unit)
+    return {"pixel": "px", "pixels": "px", "pix": "px"}.get(unit.lower(), plain_unit(unit))
 
 
 def which(names: Iterable[str], pairs: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate._extras import missing
+from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.microscopy.fields import EVEN, Field
@@ -17,7 +18,7 @@ from palpate.microscopy.matfile import read_hdf, read_mat
 from palpate.microscopy.names import POSITIONS, STDS, VECTORS, which
 from palpate.microscopy.pivtext import read_matrix, read_piv_text
 from palpate.recordings import Recording
-from palpate.units import UNITS
+from palpate.units import UNITS, plain_unit
 
 __all__ = ["READERS", "is_field", "read_field"]
 
@@ -94,6 +95,7 @@ def read_field(
     if not (np.isfinite(pixel) and pixel > 0):
         raise InvalidInput(f"pixel must be a positive number of metres; got {pixel!r}.")
     known = ("px", *UNITS["length"])
+    unit = None if unit is None else plain_unit(unit)
     if unit is not None and unit not in known:
         raise InvalidInput(f"unit must be one of {', '.join(known)}; got {unit!r}.")
     for path in paths:
@@ -371,7 +373,7 @@ def _field(
         ends = [s + (n - 1) * step for s, n in zip(start, values.shape[:0:-1])]
         if min(start) < -step or any(e > n - 1 + step for e, n in zip(ends, size)):
             raise InvalidInput(
-                f"{path}: the vectors reach from pixel ({start[0]:.4g}, {start[1]:.4g}) to ({ends[0]:.4g}, {ends[1]:.4g}), and the picture has "
+                f"{path}: the vectors reach from pixel ({plain_number(start[0], 4)}, {plain_number(start[1], 4)}) to ({plain_number(ends[0], 4)}, {plain_number(ends[1], 4)}), and the picture has "
                 f"{size[0]} x {size[1]} pixels: check the unit of the positions, the step, and which picture it is."
             )
     return Field(

@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from palpate._numbers import plain_time
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.network.frames import HEAD, MAGIC, frame_from_bytes, is_big_endian
@@ -233,7 +234,9 @@ class Admission:
             session.run = run = _Run(name, sequence, time, [(time, values)])
         if run.count < (LATE_RUN if near else RUN):
             how = "is not after" if near else "is far from"
-            text = f"sequence {sequence} at {time:g} s {how} {session.sequence} at {session.time:g} s"
+            text = (
+                f"sequence {sequence} at {plain_time(time)} s {how} {session.sequence} at {plain_time(session.time)} s"
+            )
             return self.refuse(name, session.sender, now, text), []
         # those that are taken now were refused while they could have been damage
         self.counts[name] -= len(run.values) - 1
@@ -253,7 +256,7 @@ class Admission:
         elif old.sender == sender:
             self._session.interval = old.interval
             self.report(
-                f"sender {sender} began again: sequence {sequence} at {time:g} s after {old.sequence} at {old.time:g} s"
+                f"sender {sender} began again: sequence {sequence} at {plain_time(time)} s after {old.sequence} at {plain_time(old.time)} s"
             )
         else:
             self._before[old.sender] = self._before.pop(old.sender, 0)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate._numbers import plain_number
 from palpate.errors import InvalidInput
 from palpate.recordings.crc import combined
 from palpate.recordings.labelled import recording_dataset
@@ -150,7 +151,7 @@ def affordable(claimed: int, stored: int, path: str | Path, *, shrink: float = D
     """Refuse a header that claims more bytes than ``stored`` ones can hold, before anything is allocated."""
     if claimed < 0 or claimed > SMALL + shrink * stored:
         raise InvalidInput(
-            f"{path}: its header claims {claimed:.3g} bytes of numbers, but only {stored:.3g} bytes are stored; it is damaged."
+            f"{path}: its header claims {plain_number(claimed, 3)} bytes of numbers, but only {plain_number(stored, 3)} bytes are stored; it is damaged."
         )
 
 

@@ -23,6 +23,7 @@ from palpate.recordings.files import atomically, in_place
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
+from palpate.recordings.redaction import without_secrets_in_meta
 
 if TYPE_CHECKING:
     from palpate.recordings.recorder import Recorder
@@ -387,7 +388,9 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     >>> "stress_zz" in text
     True
     """
-    into_place(path, lambda known, name: known.write(recording, name), task="write")
+    meta = without_secrets_in_meta(recording.meta)
+    kept = recording if meta == recording.meta else replace(recording, meta=meta)
+    into_place(path, lambda known, name: known.write(kept, name), task="write")
 
 
 def into_place(path: str | Path, write: Callable[[Format, Path], None], *, task: str) -> None:

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate._arrays import to_numpy
 from palpate.errors import InvalidInput
 from palpate.recordings.checked import CHECKSUM, affordable, confirm_recording, json_object, recording_checksum
 from palpate.recordings.clock import Clock, stored_clock
 from palpate.recordings.formats import Format
+from palpate.recordings.labelled import touch_dataset
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
+from palpate.status import Status
 
 if TYPE_CHECKING:
     from palpate.touch import Touch
@@ -92,17 +93,14 @@ class Npz(Format):
             np.savez_compressed(file, **arrays)
 
     def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
-        arrays: dict[str, Any] = {
-            "traction": to_numpy(touch.values),
-            "component": np.array(touch.surface.components),
-            "force": to_numpy(touch.force),
-            "record": np.array(json.dumps({**record, "sought": ",".join(touch.components)})),
-        }
-        if touch.errors is not None:
-            arrays["std"] = to_numpy(touch.std.values)
-        arrays.update(zip(("x",) if touch.surface.dimensions == 1 else ("y", "x"), touch.surface.axes))
-        if touch.time is not None:
-            arrays["time"] = touch.time
+        dataset = touch_dataset(touch)
+        arrays: dict[str, Any] = {str(name): variable.values for name, variable in dataset.variables.items()}
+        arrays["record"] = np.array(json.dumps({**record, "sought": ",".join(touch.components)}))
+        if touch.status is not None:
+            labels = [Status.coded(int(code)).label for code in np.ravel(touch.status)]
+            arrays["status_label"] = np.reshape(labels, np.shape(touch.status))
+        if touch.found_by is not None:
+            arrays["methods"] = np.array(json.loads(dataset.attrs["methods"]))
         if touch.view is not None:
             arrays["view"] = np.array(json.dumps(touch.view.described()))
         with path.open("wb") as file:

@@ -95,9 +95,11 @@ def recorder(
     """
     from palpate.elastic.channels import find_channel
     from palpate.recordings.formats import find_format
+    from palpate.recordings.redaction import without_secrets_in_meta
 
     if isinstance(channels, str) or not channels:
         raise InvalidInput(f"channels must be a list of names, one for each channel of the readings; got {channels!r}.")
     for channel in channels:
         find_channel(channel)  # before anything is written: a stream of an unknown channel could never be read
-    return find_format(path).recorder(Path(path), channels, positions=positions, meta=meta)
+    kept = None if meta is None else without_secrets_in_meta(meta)
+    return find_format(path).recorder(Path(path), channels, positions=positions, meta=kept)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import as_real
+from palpate._numbers import plain_time
 from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -26,7 +27,7 @@ def checked_time(time: Any, count: int) -> Floats:
     if np.any(np.diff(found) <= 0):
         first = int(np.argmax(np.diff(found) <= 0)) + 1
         raise InvalidInput(
-            f"time must increase; frame {first} is at {found[first]:g} s after {found[first - 1]:g} s. "
+            f"time must increase; frame {first} is at {plain_time(found[first])} s after {plain_time(found[first - 1])} s. "
             "Where the clock restarted or stamps are wrong, palpate.recordings.read_clock(time).time goes on."
         )
     return found

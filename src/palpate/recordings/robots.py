@@ -64,7 +64,9 @@ def _definitions(folder: str) -> dict[str, str]:
     if not files:
         raise InvalidInput(f"definitions {folder}: no message definitions (package/msg/Name.msg) are there.")
     return {
-        f"{(f.parent.parent if f.parent.name == 'msg' else f.parent).name}/msg/{f.stem}": f.read_text(encoding="utf-8")
+        f"{(f.parent.parent if f.parent.name == 'msg' else f.parent).name}/msg/{f.stem}": f.read_text(
+            encoding="utf-8-sig"
+        )
         for f in files
     }
 

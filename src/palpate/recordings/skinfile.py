@@ -329,6 +329,7 @@ def key_of(error: PalpateError) -> str:
 
 
 def skin_text(found: Path) -> str:
+    """The text of a skin.toml; editors on Windows begin it with a byte-order mark, which is left out."""
     if not found.exists():
         raise InvalidInput(
             f"{found}: no such file. A skin file describes pad and array; palpate demo writes one to start from."
@@ -336,9 +337,10 @@ def skin_text(found: Path) -> str:
     if found.is_dir():
         raise InvalidInput(f"{found} is a folder; give a skin.toml.")
     try:
-        return found.read_text(encoding="utf-8")
+        return found.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{found}: cannot be read as text.") from error
+        why = error.strerror if isinstance(error, OSError) else error.reason
+        raise InvalidInput(f"{found}: cannot be read as text in UTF-8 ({why}); save it in UTF-8.") from error
 
 
 def validated(text: str, name: str) -> SkinFile:

@@ -19,6 +19,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings.dates import TimeCells, is_date
 from palpate.recordings.textlines import lines_of, number, warn_of_a_cut
+from palpate.units import plain_unit
 
 __all__ = ["Table", "Titles", "first_titles", "read_table_text"]
 
@@ -81,7 +82,7 @@ class Titles:
     def unit(self, place: int) -> str | None:
         """The unit in the title of a column."""
         match = _UNIT.match(self.names[place])
-        return match["unit"].strip() if match is not None and self.titled else None
+        return plain_unit(match["unit"]) if match is not None and self.titled else None
 
     def listed(self) -> str:
         """The titles in words."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.recordings.formats import existing, find_format, into_place
+from palpate.recordings.redaction import without_secrets_in_meta
 
 if TYPE_CHECKING:
     from palpate.touch import Touch
@@ -17,7 +18,8 @@ __all__ = ["read_touch", "write_touch"]
 def write_touch(touch: Touch, path: str | Path, *, provenance: Mapping[str, str] | None = None) -> None:
     """Write traction with coordinates and units, net force, and ``provenance`` (skin, command, version).
 
-    NetCDF (.nc, .h5) opens in xarray; .npz holds the same arrays; .csv forces over time, one line a frame (`Touch.table`), without maps; .mcap a
+    NetCDF (.nc, .h5) opens in xarray; .npz holds the same arrays under the same names (traction, std, force with force_low and force_high at 95 %,
+    status, fit, ...; status_label says each status in words, record is JSON of ``provenance``); .csv forces over time, one line a frame (`Touch.table`), without maps; .mcap a
     foxglove.Grid and a WrenchStamped per frame, in single precision; .zarr is a store for xarray.
 
     Examples
@@ -35,6 +37,7 @@ def write_touch(touch: Touch, path: str | Path, *, provenance: Mapping[str, str]
     (2, 4)
     """
     record = {"method": touch.method, "notes": "\n".join(touch.notes), **touch.meta, **(provenance or {})}
+    record = without_secrets_in_meta(record)
     into_place(path, lambda known, name: known.write_touch(touch, name, record), task="write_touch")
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate._numbers import plain_number
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import GraspMonitor
@@ -335,8 +336,12 @@ class TouchNode:
         response.success = True
         response.message = f"the zero is taken anew from the next {frames} frames: nothing must touch"
         if state is not None and state.touching:
-            response.message += f"; but something did, with {float(state.force[-1]):.3g} N: it will count as zero"
-            self.session.note(f"a new zero was asked for while something touched, with {float(state.force[-1]):.3g} N")
+            response.message += (
+                f"; but something did, with {plain_number(float(state.force[-1]), 3)} N: it will count as zero"
+            )
+            self.session.note(
+                f"a new zero was asked for while something touched, with {plain_number(float(state.force[-1]), 3)} N"
+            )
         return response
 
     def _changed(self, parameters: Any) -> Any:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -21,6 +20,7 @@ import numpy.typing as npt
 from palpate._arrays import device_of, from_numpy, irfftn, is_numpy, namespace, rfftn
 from palpate._memory import require
 from palpate._recall import Recall, digest
+from palpate._threads import cached_property
 from palpate.elastic.channels import find_channel
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.pad import Floats, Pad

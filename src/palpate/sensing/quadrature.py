@@ -25,11 +25,11 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Complexes, Floats, Pad
 from palpate.elastic.quantities import WaveFields
 from palpate.errors import Unsupported

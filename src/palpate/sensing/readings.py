@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from palpate._arrays import as_real, from_numpy, namespace, to_numpy
 from palpate._memory import SHARE, SMALL, available, require
+from palpate._numbers import plain_number
 from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats, Pad, isotropic_constants
 from palpate.elastic.viscoelastic import CreepFilter
@@ -209,7 +210,7 @@ def check_size(values: Any, array: Array, limits: Sequence[tuple[float, str]]) -
         largest = float(xp.max(xp.abs(values[(..., i, *(slice(None),) * d)])))
         if largest > limit:
             raise InvalidInput(
-                f"{channel} reaches {largest:g} {channel_unit(channel)}, more than {what}: no elastic pad does that. Check the "
+                f"{channel} reaches {plain_number(largest)} {channel_unit(channel)}, more than {what}: no elastic pad does that. Check the "
                 f"units: readings are in {channel_unit(channel)}, lengths in m, moduli in Pa."
             )
 

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._extras import missing
+from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
@@ -291,7 +292,7 @@ class View:
         left = np.abs(view.places(found) - known).max()
         if left > 0.05 * unit:
             raise InvalidInput(
-                f"pixels and places do not fit together: a point is off by {1e3 * left:.3g} mm. Are they in the same order?"
+                f"pixels and places do not fit together: a point is off by {plain_number(1e3 * left, 3)} mm. Are they in the same order?"
             )
         return view
 

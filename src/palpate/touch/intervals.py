@@ -17,6 +17,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import POOR_FIT
+from palpate.inverse.registry import methods as known_methods
 from palpate.status import Status
 from palpate.touch.outcome import pulling
 from palpate.uncertainty import Calibration, Constants, constants
@@ -30,6 +31,11 @@ __all__ = ["calibration_note", "errors", "exceeds", "interval", "std", "uncalibr
 def errors(touch: Touch) -> Errors:
     """The closed-form standard deviations, or `Unsupported` where the method gives none."""
     if touch.errors is None:
+        known = known_methods().get(touch.method)
+        if known is not None and known.error_bars:
+            raise Unsupported(
+                "this touch was made or read back without its error bars; take the one that Skin.reconstruct returns."
+            )
         raise Unsupported(
             f'method="{touch.method}" gives no error bars; use method="tikhonov", or leave the method out.'
         )

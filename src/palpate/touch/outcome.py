@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import to_numpy
+from palpate._numbers import plain_number
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT, PROVEN
 from palpate.status import Status
 
@@ -233,13 +235,13 @@ class Outcome:
             )
         for n in self.nuisances:
             if n.found and self.batch:
-                said.append(f"{n.label}{some(n.found)}: up to {abs(n.size):.3g} {n.unit}")
+                said.append(f"{n.label}{some(n.found)}: up to {plain_number(abs(n.size), 3)} {n.unit}")
             elif n.found:
-                said.append(f"{n.label}: {n.size:.3g} {n.unit} (+- {n.std:.2g})")
+                said.append(f"{n.label}: {plain_number(n.size, 3)} {n.unit} (+- {plain_number(n.std, 2)})")
             if n.hidden:
                 said.append(
                     f"the whole edge of the array is loaded{some(n.hidden)}: the {n.label} cannot be told from contact; up to "
-                    f"{n.hidden_std:.2g} {n.unit} of it is in the error bars. Where it does not drift, say Skin(..., nuisance=[])"
+                    f"{plain_number(n.hidden_std, 2)} {n.unit} of it is in the error bars. Where it does not drift, say Skin(..., nuisance=[])"
                 )
         if self.strained:
             up_to = "up to " if self.batch else ""
@@ -259,7 +261,7 @@ class Outcome:
         if self.rough:
             up_to = "up to " if self.batch else ""
             said.append(
-                f"the net force is known roughly only{some(self.rough)}: +- {up_to}{self.roughest:.0%} of the load (95 %)"
+                f"the net force is known roughly only{some(self.rough)}: +- {up_to}{_of_load(self.roughest)} (95 %)"
             )
         if self.poor:
             how = "" if self.batch else f" (fit {self.worst_fit:.1g})"
@@ -341,3 +343,10 @@ def _nuisances(touch: Touch) -> tuple[Nuisance, ...]:
             )
         )
     return tuple(counted)
+
+
+def _of_load(share: float) -> str:
+    """A part of the load in per cent; above, how many times the load."""
+    if not math.isfinite(share):
+        return "an unknown part of the load"
+    return f"{share:.0%} of the load" if share <= 1.0 else f"{plain_number(share, 2)} times the load"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from palpate._numbers import plain_number
 from palpate._plot import scaled
 
 __all__ = ["decimals", "force_unit", "said"]
@@ -43,7 +44,7 @@ def said(value: float, low: float = math.nan, high: float = math.nan, *, factor:
         return "not known"
     value, low, high = (v * factor for v in (value, low, high))
     if not (math.isfinite(low) and math.isfinite(high)):
-        return f"{value:.{PLAIN}g}{after}"
+        return f"{plain_number(value, PLAIN)}{after}"
     n = decimals(0.5 * (high - low)) if high > low else PLAIN
     return f"{_fixed(value, n)}{after} ({_fixed(low, n)} to {_fixed(high, n)})"
 

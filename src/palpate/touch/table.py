@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate._arrays import to_numpy
+from palpate._numbers import plain_number
 from palpate._plot import column_size, scaled
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
@@ -258,7 +259,7 @@ def _cell(value: float, low: float, high: float, n: int | None) -> str:
     if not math.isfinite(value):
         return "-"
     if n is None or not (math.isfinite(low) and math.isfinite(high)):
-        return f"{value:.4g}"
+        return f"{plain_number(value, 4)}"
     half = 0.5 * (high - low)
     if half < 0.5 * 10.0**-n:  # known far better than the column on the whole
         n = decimals(half)

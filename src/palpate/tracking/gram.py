@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from palpate._threads import give_way
+from palpate._threads import cached_property, give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.tracking.boxes import Alike, Box

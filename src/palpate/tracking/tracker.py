@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import from_numpy
+from palpate._numbers import plain_time
 from palpate._threads import WIDEST, few_threads
 from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import CreepFilter
@@ -383,7 +384,7 @@ class Tracker:
         self._restarted = AFTER_RESTART
         self._release()
         creep = "; the pad's creep is taken on as if without a pause" if self._filters is not None else ""
-        return f"the clock went back from {frame.before:g} s to {frame.now:g} s: contact is found afresh, the zero is kept{creep}"
+        return f"the clock went back from {plain_time(frame.before or 0.0)} s to {plain_time(frame.now)} s: contact is found afresh, the zero is kept{creep}"
 
     def _typical(self, std: Any) -> float | None:
         """The typical one of standard deviations that a source states, in units of the readings' own; None where it states none."""

@@ -9,10 +9,10 @@ import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
+from palpate._threads import cached_property
 from palpate.bench.trust.presses import Load, plain_ball, random_load
 from palpate.bench.trust.sensors import Sensor, random_sensor
 from palpate.elastic.pad import Floats

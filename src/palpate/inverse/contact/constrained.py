@@ -12,14 +12,13 @@ import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from palpate._threads import few_threads
+from palpate._threads import cached_property, few_threads
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported

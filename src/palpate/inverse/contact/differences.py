@@ -5,13 +5,13 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.rows import Rows
 from palpate.sensing.grids import Grid

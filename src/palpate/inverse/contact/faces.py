@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.rows import Rows

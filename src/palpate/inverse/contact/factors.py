@@ -14,12 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.rows import Rows
 

@@ -6,12 +6,12 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.cone import Solution
 from palpate.inverse.contact.differences import Differences

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
 
-from palpate._threads import few_threads
+from palpate._threads import cached_property, few_threads
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.model import Level, level_operator
 from palpate.inverse.linear.matrix_free.evidence import LinearAtSize

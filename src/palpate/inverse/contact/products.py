@@ -11,13 +11,13 @@ import copy
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import irfftn, rfftn
+from palpate._threads import cached_property
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.circulant import Circulant, folded, symbol_of_penalty, times
@@ -406,7 +406,7 @@ class Applied:
             # of rays, as if components were told apart: it only makes iterations short
             whole = copy.copy(self)
             whole.ray = None
-            each = Applied.squares.func(whole).reshape(len(self.ray), -1)  # type: ignore[attr-defined]
+            each = Applied.squares.func(whole).reshape(len(self.ray), -1)
             return np.asarray((self.ray**2) @ each)
         rows = np.where(self.observed, self.weight**2, 0.0)[None]
         found = self.box.adjoint(rows, squared=True).reshape(len(self.box.columns), -1)[:, self.inside]

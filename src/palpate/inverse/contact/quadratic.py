@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.factors import BLOCK, Beside, Chain, Dense, Factor, FewReadings, Part, cholesky, each_of

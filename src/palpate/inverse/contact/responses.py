@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
 
 import numpy as np
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Operator

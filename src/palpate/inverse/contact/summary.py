@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import fields
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from palpate._threads import give_way
+from palpate._threads import cached_property, give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.model import ContactModel

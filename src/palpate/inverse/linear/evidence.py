@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cached_property
 
 import numpy as np
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.parameter import Tried, candidates, choose_parameter, refined, tikhonov
 from palpate.inverse.linear.regularised import Decomposition

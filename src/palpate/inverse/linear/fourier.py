@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from palpate._arrays import from_numpy, irfftn, namespace, rfftn
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.linear.parameter import Tried, tried_on

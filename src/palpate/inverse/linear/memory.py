@@ -10,13 +10,14 @@ import numpy as np
 from palpate._memory import SHARE, SMALL, available, gigabytes, require
 from palpate.elastic.pad import Pad
 from palpate.errors import Unsupported
-from palpate.inverse.linear.matrix_free.memory import ORDINAL, servable, system_memory
+from palpate.inverse.linear.matrix_free.memory import ORDINAL, on_lattice, servable, system_memory
 from palpate.inverse.linear.spectrum import LARGEST_BLOCK, LARGEST_MODES, LARGEST_SVD, MODES_AT_A_TIME, in_blocks
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import Grid
+from palpate.sensing.operator import LARGEST_MATRIX
 from palpate.sensing.surface import WIDE, default_surface
 
-__all__ = ["check_spectrum", "check_waves"]
+__all__ = ["block_size", "check_spectrum", "check_waves", "spectrum_fits", "spectrum_memory"]
 
 #: What is recommended takes no more than this part of what is free, so that it still serves when a little less is.
 RECOMMENDED = 0.5
@@ -59,11 +60,16 @@ def spectrum_memory(pad: Pad, planes: Sequence[Array], surface: Grid, sought: in
     return max(total, modes)
 
 
+def spectrum_fits(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> bool:
+    """Whether the memory that is free holds the dense spectrum, however many readings one block has."""
+    peak, free = spectrum_memory(pad, planes, surface, sought), available()
+    return free is None or peak <= SHARE * free or peak < SMALL
+
+
 def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> None:
     """Refuse what the dense spectrum cannot serve, with what serves these very taxels instead."""
     size, peak, free = block_size(pad, planes, surface), spectrum_memory(pad, planes, surface, sought), available()
-    fits = free is None or peak <= SHARE * free or peak < SMALL
-    if size <= LARGEST_BLOCK and fits:
+    if size <= LARGEST_BLOCK and spectrum_fits(pad, planes, surface, sought):
         return
     where = " x ".join(map(str, surface.shape))
     readings = sum(int(a.valid.sum()) * len(a.channels) for a in planes)
@@ -73,7 +79,9 @@ def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int
     if size > LARGEST_BLOCK:
         need += f" and an eigenproblem of {size} readings (limit {LARGEST_BLOCK})"
     remedy = _remedy(pad, planes, sought, free)
-    if servable(planes) and (free is None or system_memory(pad, planes, surface, sought) <= SHARE * free):
+    # Tikhonov's method comes here too where the map of scattered readings is a matrix
+    iterated = servable(planes) and (on_lattice(planes, surface) or size > LARGEST_MATRIX)
+    if iterated and (free is None or system_memory(pad, planes, surface, sought) <= SHARE * free):
         remedy = f'method="tikhonov" serves it. Or: {remedy}'
     raise Unsupported(f"{need}. {remedy}")
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.parameter import TINY, candidates
 from palpate.inverse.linear.spectrum import Spectrum
@@ -210,18 +211,20 @@ class Patterns:
             size, deviation = found.sizes[:, i], found.deviations[:, i]
             there = np.abs(size) > SURE * deviation
             if there.any() and not batch:
-                said.append(f"{pattern.label}: {size[0]:.3g} +- {deviation[0]:.2g} {pattern.unit}, taken out")
+                said.append(
+                    f"{pattern.label}: {plain_number(size[0], 3)} +- {plain_number(deviation[0], 2)} {pattern.unit}, taken out"
+                )
             elif there.any():
                 low, high = size[there].min(), size[there].max()
                 said.append(
-                    f"{pattern.label} in {int(there.sum())} of {len(there)} frames: {low:.3g} to {high:.3g} {pattern.unit}, taken out"
+                    f"{pattern.label} in {int(there.sum())} of {len(there)} frames: {plain_number(low, 3)} to {plain_number(high, 3)} {pattern.unit}, taken out"
                 )
             open_ = ~there
             if self.adrift and pattern.kind == "offset" and open_.any():
                 some = f" in {int(open_.sum())} of {len(open_)} frames" if batch else ""
                 most = 2.0 * float(deviation[open_].max())
                 said.append(
-                    f"{pattern.label} (of up to {most:.2g} {pattern.unit}) and a net force cannot be told apart{some}: the intervals allow for "
+                    f"{pattern.label} (of up to {plain_number(most, 2)} {pattern.unit}) and a net force cannot be told apart{some}: the intervals allow for "
                     "both. Where the image cannot drift, say Skin(..., nuisance=[])"
                 )
         return said

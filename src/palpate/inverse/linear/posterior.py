@@ -21,7 +21,6 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,6 +29,7 @@ import numpy.typing as npt
 from palpate._arrays import to_numpy
 from palpate._batches import Deferred
 from palpate._memory import require
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.estimate import Errors

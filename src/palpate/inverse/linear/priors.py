@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy, irfftn, is_numpy, namespace, rfftn
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.grids import Grid

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy, namespace, to_numpy
-from palpate._threads import few_threads
+from palpate._threads import cached_property, few_threads
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.estimate import Estimate

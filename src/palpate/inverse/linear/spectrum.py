@@ -16,7 +16,6 @@ import itertools
 import math
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -24,6 +23,7 @@ import numpy.typing as npt
 
 from palpate._arrays import from_numpy, namespace
 from palpate._recall import digest
+from palpate._threads import cached_property
 from palpate.elastic.channels import find_channel, mirror_parity
 from palpate.elastic.pad import Floats, Pad, mirror_symmetric
 from palpate.inverse.linear.lumps import lumps

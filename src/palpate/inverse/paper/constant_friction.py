@@ -12,12 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from palpate._arrays import from_numpy, to_numpy
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats, Pad, offered
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.estimate import Estimate

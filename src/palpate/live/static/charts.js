@@ -3,7 +3,43 @@
 
 const SPAN = 10,
   HIGH = 150;
-let charts = null;
+let charts = null,
+  forceAxis = [0, 1];
+
+/**
+ * An axis that shows all values and the intervals as they mostly are, and whether some interval does not fit: a frame that is hardly known has one
+ * hundreds of times as wide as the values. Columns come as value, low, high.
+ */
+function axisOf(columns) {
+  const there = (v) => v !== null && v !== undefined && Number.isFinite(v);
+  let low = 0,
+    high = 0;
+  const halves = [];
+  for (const [values, below, above] of columns)
+    for (let i = 0; i < values.length; i++) {
+      if (!there(values[i])) continue;
+      low = Math.min(low, values[i]);
+      high = Math.max(high, values[i]);
+      if (there(below[i]) && there(above[i])) halves.push(Math.max(values[i] - below[i], above[i] - values[i]));
+    }
+  halves.sort((a, b) => a - b);
+  const usual = halves.length ? halves[Math.min(halves.length - 1, Math.floor(0.9 * halves.length))] : 0,
+    widest = Math.max(3 * usual, 0.25 * (high - low));
+  let least = low,
+    most = high,
+    cut = false;
+  for (const [values, below, above] of columns)
+    for (let i = 0; i < values.length; i++)
+      if (there(values[i]) && there(below[i]) && there(above[i])) {
+        least = Math.min(least, Math.max(below[i], values[i] - widest));
+        most = Math.max(most, Math.min(above[i], values[i] + widest));
+      }
+  const ends = [least < 0 ? -roundAbove(-least) : 0, most > 0 ? roundAbove(most) : least < 0 ? 0 : 1];
+  for (const [, below, above] of columns)
+    for (let i = 0; i < below.length; i++)
+      if ((there(below[i]) && below[i] < ends[0]) || (there(above[i]) && above[i] > ends[1])) cut = true;
+  return { ends, cut };
+}
 
 function axes(colour, label) {
   const plain = {
@@ -39,7 +75,7 @@ function makeCharts(layout, colour) {
       axes: axes(colour, layout.unit),
       scales: {
         x: { time: false, range: during },
-        y: { range: (_, a, b) => [a < 0 ? -roundAbove(-a) : 0, b > 0 ? roundAbove(b) : 1] },
+        y: { range: () => forceAxis },
       },
       series: [{}, line(colour, "--normal"), EDGE, EDGE, line(colour, "--shear"), EDGE, EDGE],
       bands: [
@@ -96,6 +132,9 @@ function paintCharts(trail, shown) {
     f.utilisation === null || f.utilisation === undefined
       ? null
       : Math.max(0, Math.min(1, 1 - f.utilisation + times * 2 * f.utilisation_std));
+  const axis = axisOf([forces.slice(1, 4), forces.slice(4, 7)]);
+  forceAxis = axis.ends;
+  document.getElementById("cut").hidden = !axis.cut;
   charts.forces.setData(forces, false);
   charts.margins.setData(
     [times, column((f) => margin(f, 0)), column((f) => margin(f, -1)), column((f) => margin(f, 1))],

@@ -43,9 +43,13 @@ function parse(buffer) {
     n = ny * nx,
     count = layout.components.length;
   const flat = new Float32Array(buffer.slice(8 + size));
-  if (flat.length !== n * count) throw new Error("a map of the wrong size");
+  const shown = n * count,
+    each = layout.readings;
+  if (flat.length !== shown + 2 * each) throw new Error("a map of the wrong size");
   return {
     ...numbers,
+    raw: flat.subarray(shown, shown + each),
+    change: flat.subarray(shown + each),
     pressure: flat.subarray(0, n),
     sx: flat.subarray(n, 2 * n),
     sy: count > 2 ? flat.subarray(2 * n, 3 * n) : null,
@@ -111,6 +115,7 @@ function told(facts) {
     $("events").textContent = "";
     facts.past.forEach((text) => log(text));
     makeCharts(layout, colour);
+    forgetReadings();
     size();
   }
   if (facts.log) facts.log.forEach((text) => log(text));
@@ -190,14 +195,18 @@ function alarm(text) {
 function size() {
   if (!layout) return;
   sizeMap(layout);
+  sizeReadings(layout);
   sizeCharts();
   repaint();
 }
 function unit(v, u, digits = 3) {
   if (v === null || v === undefined || Number.isNaN(v)) return "–";
-  const a = Math.abs(v),
+  // rounded first: 999.9 is 1.00 k; what is too small for milli is written out
+  const a = Math.abs(Number(v.toPrecision(digits))),
     [by, prefix] = a >= 1e6 ? [1e-6, "M"] : a >= 1e3 ? [1e-3, "k"] : a >= 1 || a === 0 ? [1, ""] : [1e3, "m"];
-  return `${digits < 3 ? Number((v * by).toPrecision(digits)) : (v * by).toPrecision(digits)} ${prefix}${u}`;
+  const scaled = Number((v * by).toPrecision(digits));
+  const places = Math.max(0, Math.min(9, digits - 1 - Math.floor(Math.log10(Math.max(Math.abs(scaled), 1e-9)))));
+  return `${digits < 3 ? scaled : scaled.toFixed(scaled === 0 ? digits - 1 : places)} ${prefix}${u}`;
 }
 const range = (a, b, u) => (a === undefined || a === null ? "" : `95 %: ${unit(a, u)} to ${unit(b, u)}`);
 function paint(frame) {
@@ -205,6 +214,7 @@ function paint(frame) {
   for (const v of frame.pressure) if (v > peak) peak = v;
   top_ = Math.max(peak, top_ * 0.995, 1e-9);
   paintMap(layout, frame, theme, top_, colour);
+  paintReadings(layout, frame, theme, colour);
   paintBar(
     theme,
     top_,

@@ -94,8 +94,197 @@ function paintMap(layout, frame, theme, top, colour) {
   x.clearRect(0, 0, c.width, c.height);
   x.imageSmoothingEnabled = false;
   x.drawImage(cells, box.x, box.y, box.w, box.h);
+  paintTaxels(x, layout, colour);
+  paintOutside(x, layout, frame, top, colour);
   paintAxes(x, layout, colour);
   paintKey(layout, paintArrows(x, layout, frame, top, colour), colour);
+  paintCentre(x, layout, frame, colour);
+  sayOutside(x, frame, colour);
+}
+
+/** Where a place of the surface [m] lies on the canvas [px]. */
+function spot(e, px, py) {
+  return [
+    box.x + ((px - e.x0) / (e.x1 - e.x0)) * box.w,
+    e.line ? box.y + box.h / 2 : box.y + box.h - ((py - e.y0) / (e.y1 - e.y0)) * box.h,
+  ];
+}
+
+/** Text that is read on any colour. */
+function haloed(x, text, ax, ay, colour, name) {
+  x.lineJoin = "round";
+  x.lineWidth = 3 * box.ratio;
+  x.strokeStyle = colour("--card");
+  x.strokeText(text, ax, ay);
+  x.fillStyle = colour(name);
+  x.fillText(text, ax, ay);
+}
+
+/** Outline and name of each taxel, as far as they have room, and the edge of the array. */
+function paintTaxels(x, layout, colour) {
+  const e = edges(layout),
+    r = box.ratio,
+    perX = box.w / (e.x1 - e.x0);
+  x.save();
+  x.beginPath();
+  x.rect(box.x, box.y, box.w, box.h);
+  x.clip();
+  for (const plane of layout.planes) {
+    const w = plane.size[0] * perX,
+      h = e.line ? box.h - 2 * r : plane.size[1] * perX;
+    if (w < 4 * r) continue;
+    const small = Math.max(8, Math.min(11, w / r / 3.4));
+    x.font = `${small * r}px system-ui,sans-serif`;
+    x.textAlign = "left";
+    x.textBaseline = "top";
+    for (let i = 0; i < plane.names.length; i++) {
+      const [cx, cy] = spot(e, plane.x[i], plane.y[i]);
+      x.strokeStyle = colour(plane.works[i] ? "--taxel" : "--alarm");
+      x.lineWidth = r;
+      x.beginPath();
+      if (plane.round && !e.line) x.ellipse(cx, cy, w / 2, h / 2, 0, 0, 2 * Math.PI);
+      else x.rect(cx - w / 2, cy - h / 2, w, h);
+      x.stroke();
+      const wide = x.measureText(plane.names[i]).width;
+      if (wide < 0.8 * w && small * r < 0.7 * h) {
+        x.globalAlpha = 0.8;
+        const round = plane.round && !e.line;
+        haloed(
+          x,
+          plane.names[i],
+          round ? cx - wide / 2 : cx - w / 2 + 2 * r,
+          round ? cy - (small * r) / 2 : cy - h / 2 + 2 * r,
+          colour,
+          "--soft",
+        );
+        x.globalAlpha = 1;
+      }
+    }
+  }
+  x.strokeStyle = colour("--fore");
+  x.lineWidth = 1.5 * r;
+  x.setLineDash([6 * r, 4 * r]);
+  x.beginPath();
+  if (e.line)
+    for (const [px] of layout.edge) {
+      const [at] = spot(e, px, 0);
+      x.moveTo(at, box.y);
+      x.lineTo(at, box.y + box.h);
+    }
+  else {
+    layout.edge.forEach(([px, py], i) => (i ? x.lineTo(...spot(e, px, py)) : x.moveTo(...spot(e, px, py))));
+    x.closePath();
+  }
+  x.stroke();
+  x.restore();
+}
+
+/** Cells beyond the edge of the array: 1 outside, 0 inside. */
+function beyond(layout) {
+  const e = edges(layout),
+    [ny, nx] = layout.shape,
+    out = new Uint8Array(nx * ny),
+    corners = layout.edge;
+  for (let i = 0; i < ny; i++)
+    for (let j = 0; j < nx; j++) {
+      const px = e.x0 + ((j + 0.5) * (e.x1 - e.x0)) / nx,
+        py = e.line ? 0 : e.y0 + ((i + 0.5) * (e.y1 - e.y0)) / ny;
+      let left = 0,
+        right = 0;
+      for (let k = 0; k < corners.length; k++) {
+        const [ax, ay] = corners[k],
+          [bx, by] = corners[(k + 1) % corners.length];
+        if ((bx - ax) * (py - ay) - (by - ay) * (px - ax) > 0) left++;
+        else right++;
+      }
+      out[i * nx + j] = e.line ? px < corners[0][0] || px > corners[1][0] : left && right ? 1 : 0;
+    }
+  return out;
+}
+const OUTSIDE = 0.05; // the part of the load from which on it is said, as the summary of a touch says it
+let outside = null,
+  outsideOf = null;
+
+/** Pressure where no taxel measures: hatched, with its part of the load. */
+function paintOutside(x, layout, frame, top, colour) {
+  if (outsideOf !== layout) {
+    outside = beyond(layout);
+    outsideOf = layout;
+  }
+  const [ny, nx] = layout.shape,
+    r = box.ratio,
+    w = box.w / nx,
+    h = box.h / ny;
+  let all = 0,
+    there = 0;
+  for (let k = 0; k < nx * ny; k++) {
+    const p = Math.abs(frame.pressure[k]);
+    if (Number.isNaN(p)) continue;
+    all += p;
+    if (outside[k]) there += p;
+  }
+  frame.outside = all > 0 ? there / all : 0;
+  if (!frame.touching || frame.outside <= OUTSIDE) return;
+  x.save();
+  x.beginPath();
+  for (let i = 0; i < ny; i++)
+    for (let j = 0; j < nx; j++)
+      if (outside[i * nx + j] && Math.abs(frame.pressure[i * nx + j]) > 0.05 * top)
+        x.rect(box.x + j * w, box.y + (ny - 1 - i) * h, w, h);
+  x.clip();
+  x.strokeStyle = colour("--alarm");
+  x.lineWidth = r;
+  x.beginPath();
+  for (let at = -box.h; at < box.w; at += 6 * r) {
+    x.moveTo(box.x + at, box.y + box.h);
+    x.lineTo(box.x + at + box.h, box.y);
+  }
+  x.stroke();
+  x.restore();
+}
+
+/** What lies beyond, in words, over all else. */
+function sayOutside(x, frame, colour) {
+  if (!frame.touching || frame.outside <= OUTSIDE) return;
+  const r = box.ratio;
+  const text = `outside the array: ${Math.round(100 * frame.outside)} % of the load`;
+  x.font = `600 ${12 * r}px system-ui,sans-serif`;
+  const fits = Math.min(1, (box.w - 8 * r) / x.measureText(text).width);
+  x.font = `600 ${12 * fits * r}px system-ui,sans-serif`;
+  x.textAlign = "center";
+  x.textBaseline = "top";
+  haloed(x, text, box.x + box.w / 2, box.y + 4 * r, colour, "--alarm");
+}
+
+/** The centre of pressure, its arms as long as its interval. */
+function paintCentre(x, layout, frame, colour) {
+  if (!frame.touching || !frame.center || frame.center.includes(null)) return;
+  const e = edges(layout),
+    r = box.ratio,
+    [cx, cy] = spot(e, frame.center[0], frame.center[1] ?? 0);
+  const draw = (name, wide) => {
+    x.strokeStyle = colour(name);
+    x.lineWidth = wide * r;
+    x.beginPath();
+    x.arc(cx, cy, 5 * r, 0, 2 * Math.PI);
+    const low = frame.center_low,
+      high = frame.center_high,
+      known = low && high && !low.includes(null) && !high.includes(null);
+    const [x0, y1] = known ? spot(e, low[0], low[1] ?? 0) : [cx - 9 * r, cy + 9 * r],
+      [x1, y0] = known ? spot(e, high[0], high[1] ?? 0) : [cx + 9 * r, cy - 9 * r];
+    x.moveTo(Math.min(x0, cx - 9 * r), cy);
+    x.lineTo(Math.max(x1, cx + 9 * r), cy);
+    x.moveTo(cx, e.line ? box.y : Math.min(y0, cy - 9 * r));
+    x.lineTo(cx, e.line ? box.y + box.h : Math.max(y1, cy + 9 * r));
+    x.stroke();
+  };
+  x.save();
+  x.beginPath();
+  x.rect(box.x, box.y, box.w, box.h);
+  x.clip();
+  draw("--card", 4);
+  draw("--fore", 1.6);
+  x.restore();
 }
 
 function paintAxes(x, layout, colour) {

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.posterior import LONG, TIGHT, SampledVariances
 from palpate.inverse.linear.matrix_free.rules import Search

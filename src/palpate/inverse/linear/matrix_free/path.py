@@ -1,4 +1,4 @@
-"""Which way a linear method goes: a dense decomposition, or matrix-free. The only place that decides, by size alone."""
+"""Which way a linear method goes: a dense decomposition, or matrix-free. The only place that decides, by size and free memory."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from palpate.inverse.linear.matrix_free.evidence import LinearAtSize
 from palpate.inverse.linear.matrix_free.memory import check_system, on_lattice, servable
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
 from palpate.inverse.linear.matrix_free.system import System
-from palpate.inverse.linear.memory import block_size
+from palpate.inverse.linear.memory import block_size, spectrum_fits
 from palpate.inverse.linear.parameter import Filter, tikhonov
 from palpate.inverse.linear.priors import DifferencePrior, Prior
 from palpate.inverse.linear.regularised import Decomposition, Regularised
@@ -26,13 +26,13 @@ __all__ = [
     "matrix_free",
 ]
 
-Linear = Regularised | MatrixFree | InDoubt
-#: What methods that know contact start from.
-LinearModel = Decomposition | LinearAtSize
-
 #: Readings in the largest symmetry block up to which the decomposition is dense: about ten seconds of preparation, once, after which a frame
 #: takes milliseconds and is exact. Beyond, it takes minutes and gigabytes, and a matrix-free frame takes as long as a few hundred FFTs.
 LARGEST_DENSE_BLOCK = 2048
+
+Linear = Regularised | MatrixFree | InDoubt
+#: What methods that know contact start from.
+LinearModel = Decomposition | LinearAtSize
 
 
 def linear_method(
@@ -90,4 +90,7 @@ def matrix_free(problem: Problem, filter_factors: Filter, priors: Sequence[Prior
     if not regular and not all(isinstance(p, DifferencePrior) for p in priors):
         return False
     size = block_size(problem.pad, problem.planes, problem.surface)
-    return size > (LARGEST_DENSE_BLOCK if regular else LARGEST_MATRIX)
+    if not regular:  # up to `LARGEST_MATRIX` readings their map is a matrix in any case
+        return size > LARGEST_MATRIX
+    fits = spectrum_fits(problem.pad, problem.planes, problem.surface, len(problem.columns))
+    return size > LARGEST_DENSE_BLOCK or not fits

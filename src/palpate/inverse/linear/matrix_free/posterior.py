@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.interpolation import between
 from palpate.inverse.linear.posterior import Variances

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 
 from palpate._recall import digest
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.freedom import Freedom
 from palpate.inverse.linear.matrix_free.iteration import Solved

@@ -1,0 +1,94 @@
+"""Where the taxels of a skin lie, for the page: outlines, names, and the edge of the array beyond which nothing is measured."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate._arrays import to_numpy
+from palpate.elastic.channels import channel_unit
+from palpate.sensing.arrays import Array, ScatteredArray
+from palpate.sensing.readings import checked_planes
+from palpate.skin import Skin
+
+__all__ = ["MOST", "described", "edge", "flat_readings"]
+
+#: Readings that are shown one by one; a page keeps those of the last minute.
+MOST = 4096
+#: Size of a scattered taxel without an aperture, as a part of the distance to its neighbour.
+PART = 0.7
+
+
+def described(skin: Skin) -> list[dict[str, Any]]:
+    """The planes of a skin: channels with their units, and position (x, y), size [m] and name of each taxel; on a line y is 0."""
+    return [
+        {
+            "channels": list(p.channels),
+            "units": [channel_unit(c) for c in p.channels],
+            "round": isinstance(p, ScatteredArray),
+            "x": _rounded(_points(p)[:, 0]),
+            "y": _rounded(_points(p)[:, 1]),
+            "size": _rounded(_size(p)),
+            "names": _names(p),
+            "works": np.ravel(p.valid).astype(bool).tolist(),
+        }
+        for p in skin.planes
+    ]
+
+
+def edge(skin: Skin) -> list[list[float]]:
+    """Corners (x, y) [m] of the smallest convex outline round all taxels, one after another; on a line the two ends."""
+    corners = []
+    for p in skin.planes:
+        points, half = _points(p), 0.5 * np.asarray(_size(p))
+        corners += [points + half * np.array(side) for side in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    every = np.concatenate(corners)
+    if skin.surface.dimensions == 1:
+        return [[float(every[:, 0].min()), 0.0], [float(every[:, 0].max()), 0.0]]
+    from scipy.spatial import ConvexHull
+
+    return [[float(v) for v in every[k]] for k in ConvexHull(every).vertices]
+
+
+def flat_readings(reading: Any, skin: Skin) -> Any:
+    """The readings of a frame in a row, as `described` names them: plane, channel, taxel."""
+    parts = checked_planes(reading, skin.planes, single=True)
+    return np.concatenate([np.ravel(to_numpy(part)).astype(np.float64) for part in parts])
+
+
+def _points(p: Array) -> Any:
+    """Positions (taxel, (x, y))."""
+    points = np.asarray(p.points, dtype=np.float64)
+    return np.column_stack([points[:, 0], np.zeros(len(points))]) if points.shape[1] == 1 else points[:, ::-1]
+
+
+def _size(p: Array) -> tuple[float, float]:
+    """Width and height of a taxel: its aperture; where that is a point, a cell of the grid or a part of the distance to the next one."""
+    apertures = [float(a) for a in p.apertures]
+    points = np.asarray(p.points, dtype=np.float64)
+    if min(apertures) <= 0.0:
+        if isinstance(p, ScatteredArray):
+            apertures = [PART * _apart(points)] * len(apertures)
+        else:
+            apertures = [float(s) for s in p.grid.spacings]
+    return (apertures[-1], apertures[0]) if len(apertures) == 2 else (apertures[0], 0.0)
+
+
+def _apart(points: Any) -> float:
+    """The usual distance of a point from its neighbour."""
+    from scipy.spatial import KDTree
+
+    if len(points) < 2:
+        return 1e-3
+    return float(np.median(KDTree(points).query(points, k=2)[0][:, 1])) or 1e-3
+
+
+def _names(p: Array) -> list[str]:
+    """What messages call the taxels: row and column on a grid, else the number."""
+    return [",".join(map(str, place)) for place in np.ndindex(*p.shape)]
+
+
+def _rounded(values: Any) -> list[float]:
+    """To a nanometre: a page needs no more."""
+    return [round(float(v), 9) for v in values]
