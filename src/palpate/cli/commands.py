@@ -23,10 +23,11 @@ from palpate.cli.reconstruct import reconstruct
 from palpate.cli.ros import RosCommand, ros
 from palpate.cli.sensors import sensors
 from palpate.cli.simulate import simulate
+from palpate.cli.terminal import guarded
 from palpate.cli.tfm import tfm
 from palpate.cli.track import track
 from palpate.cli.weigh import weigh
-from palpate.errors import PalpateError
+from palpate.errors import PalpateError, printable
 
 app = typer.Typer(
     name="palpate",
@@ -52,6 +53,7 @@ def _root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
+    ctx.with_resource(guarded())
     if ctx.invoked_subcommand is None:
         typer.echo(ctx.get_help())
 
@@ -108,7 +110,7 @@ def _warned(
     line: str | None = None,
 ) -> None:
     """A warning is one line too, without the place in the program that it comes from."""
-    sys.stderr.write(f"warning: {' '.join(str(message).split())}\n")
+    sys.stderr.write(f"warning: {' '.join(printable(str(message)).split())}\n")
 
 
 class _Stopped(BaseException):
@@ -120,5 +122,5 @@ def _stop(*_: object) -> None:
 
 
 def _fail(message: str, code: int) -> None:
-    sys.stderr.write(f"error: {' '.join(message.split())}\n")
+    sys.stderr.write(f"error: {' '.join(printable(message).split())}\n")
     sys.exit(code)
