@@ -48,7 +48,7 @@ def test_one_cell_of_several_is_picked_by_its_label(tmp_path: Path) -> None:
 
 def test_a_mask_without_an_outside_is_refused() -> None:
     for values in (np.full((40, 50), 7, dtype=np.uint8), 1 + (np.arange(2000).reshape(40, 50) > 900).astype(np.uint8)):
-        with pytest.raises(InvalidInput, match="must be zero|several cells"):
+        with pytest.raises(InvalidInput, match=r"must be zero|several cells"):
             read_mask(values)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import logging
+import os
 import signal
 import sys
 import warnings
@@ -54,6 +56,9 @@ def _root(
     ] = False,
 ) -> None:
     ctx.with_resource(guarded())
+    # what libraries say of damaged files, palpate says once and in words
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     if ctx.invoked_subcommand is None:
         typer.echo(ctx.get_help())
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -49,7 +48,6 @@ def track_pictures(
 ) -> None:
     """Follow a gel in pictures: `palpate track VIDEO`."""
     import contextlib
-    import logging
 
     from palpate._plot import plot_forces as drawn
     from palpate.camera import follow, overlay
@@ -59,9 +57,6 @@ def track_pictures(
     from palpate.touch import Forces, joined
     from palpate.touch.table import table_words
 
-    # what libraries say of damaged files, palpate says once and in words
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
-    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     skin_file = known_skin(skin_file)
     kind = None if out is None else file_format(out, task="write_touch")
     inputs = [source, *skin_files(skin_file)]

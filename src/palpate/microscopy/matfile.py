@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate._extras import require
+from palpate.camera.stacks import check_size
 from palpate.errors import InvalidInput
 from palpate.microscopy.found import Found, chosen
 from palpate.microscopy.names import POSITIONS, STDS, UNIT_NAMES, VECTORS, unit_of, units_of, which
@@ -60,6 +61,7 @@ def _version_5(path: Path) -> dict[str, Any]:
     import scipy.io
     from scipy.io.matlab import MatReadError
 
+    _check_sizes(path)
     try:
         held = scipy.io.loadmat(path, struct_as_record=True, squeeze_me=False)
     except (
@@ -77,6 +79,27 @@ def _version_5(path: Path) -> dict[str, Any]:
     ) as error:
         raise InvalidInput(_DAMAGED.format(path=path, error=str(error)[:80] or type(error).__name__)) from error
     return {key: _unpacked(value, 0) for key, value in held.items() if not key.startswith("__")}
+
+
+def _check_sizes(path: Path) -> None:
+    """Refuse packed variables that claim more than a field can be: each begins with its size."""
+    import struct
+    import zlib
+
+    with path.open("rb") as file:
+        head = file.read(128)
+        order = "<" if head[126:128] == b"IM" else ">"
+        while len(tag := file.read(8)) == 8:
+            kind, count = struct.unpack(order + "II", tag)
+            start = file.tell()
+            if kind == 15:  # deflated
+                try:
+                    inner = zlib.decompressobj().decompress(file.read(min(count, 256)), 8)
+                except zlib.error:
+                    return  # said where it is read
+                if len(inner) == 8:
+                    check_size(struct.unpack(order + "II", inner)[1], f"{path}: a variable")
+            file.seek(start + count)
 
 
 def _unpacked(value: Any, depth: int) -> Any:

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from palpate._extras import missing
+from palpate._memory import require
+from palpate.camera.stacks import check_page, check_size
 from palpate.elastic.pad import Floats
-from palpate.errors import InvalidInput
+from palpate.errors import InvalidInput, PalpateError
 from palpate.microscopy.fields import EVEN, Field
 from palpate.microscopy.found import Found, chosen, stacked_pair
 from palpate.microscopy.matfile import read_hdf, read_mat
@@ -161,8 +163,13 @@ def _npz(path: Path, name: str | None) -> Found:
 
     try:
         # opened here, as the library leaves a file open that it cannot read
+        with zipfile.ZipFile(path) as archive:
+            for info in archive.infolist():
+                check_size(info.file_size, f"{path}: {info.filename}")
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             held = {key: np.asarray(file[key]) for key in file.files}
+    except InvalidInput:
+        raise
     except (
         ValueError,
         OSError,
@@ -219,8 +226,17 @@ def _pages(path: Path) -> list[Any]:
     except ImportError as error:
         raise missing("TIFF fields", error) from error
     try:
-        with tifffile.TiffFile(path) as file:
+        with tifffile.TiffFile(path) as file, path.open("rb") as raw:
+            for number, page in enumerate(file.pages):
+                check_page(raw, page, f"{path}: page {number}")
+            require(
+                2.0 * sum(page.nbytes for page in file.pages),
+                f"the pages of {path}",
+                "Give one field.",
+            )
             pages = [np.asarray(page.asarray()) for page in file.pages]
+    except PalpateError:
+        raise
     except (tifffile.TiffFileError, OSError, ValueError, IndexError, TypeError, KeyError, MemoryError) as error:
         raise InvalidInput(
             f"{path}: cannot be read as TIFF ({str(error)[:80]}); it is truncated or damaged."
