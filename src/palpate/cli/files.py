@@ -89,7 +89,9 @@ def skin_files(skin_file: Path | None) -> list[Path]:
 
 
 def skin_text(skin_file: Path | None) -> str:
-    return "" if skin_file is None else skin_file.read_text(encoding="utf-8")
+    from palpate.recordings.skinfile import skin_text as text_of
+
+    return "" if skin_file is None else text_of(skin_file)
 
 
 def provenance(skin: str, recording: str = "") -> dict[str, str]:
