@@ -247,6 +247,18 @@ def test_units_that_files_of_matrices_state(tmp_path: Path, pair: tuple[np.ndarr
     same(read_field(tmp_path / "t.h5", pixel=PIXEL), pair, 1e-11)
 
 
+def test_a_frame_of_a_table_of_several_is_picked(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -> None:
+    for header in ("x,y,u,v,frame", "ref_x,ref_y,disp_x,disp_y,frame"):
+        rows = [f"{r},{k}" for k in (1, 2) for r in table((pair[0] * k, pair[1]), 8, "", ",").splitlines()]
+        (tmp_path / "t.csv").write_text("\n".join([header, *rows]) + "\n")
+        same(read_field(tmp_path / "t.csv", pixel=PIXEL, name="2"), (pair[0] * 2, pair[1]), 1e-11)
+        with pytest.raises(InvalidInput, match=r"2 frames: '1', '2'.*--name"):
+            read_field(tmp_path / "t.csv", pixel=PIXEL)
+    (tmp_path / "t.txt").write_text(table(pair, 8))
+    with pytest.raises(InvalidInput, match="leave out name"):
+        read_field(tmp_path / "t.txt", pixel=PIXEL, name="2")
+
+
 def test_numbers_with_a_decimal_comma(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -> None:
     for mark in (";", "\t"):
         (tmp_path / "t.csv").write_text(table(pair, 8, "x;y;u;v".replace(";", mark), mark).replace(".", ","))

@@ -71,7 +71,7 @@ def tfm(
     follow: Annotated[
         bool, typer.Option("--follow", help="The vectors of a table belong to where the markers went.")
     ] = False,
-    name: Annotated[str | None, typer.Option(help="Which field of a file that holds several.")] = None,
+    name: Annotated[str | None, typer.Option(help="Which field of a file that holds several, or frame of a table.")] = None,
     drop_outliers: Annotated[
         bool, typer.Option("--drop-outliers", help="Leave out vectors that differ from all about them.")
     ] = False,

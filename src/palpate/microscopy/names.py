@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from palpate.units import UNITS
 
-__all__ = ["FLAGS", "POSITIONS", "STDS", "UNIT_NAMES", "VECTORS", "plain", "unit_in", "unit_of", "units_of", "which"]
+__all__ = ["FLAGS", "FRAMES", "POSITIONS", "STDS", "UNIT_NAMES", "VECTORS", "plain", "unit_in", "unit_of", "units_of", "which"]
 
 #: Names of displacements along x and y that belong together, in lower case.
 VECTORS = (
@@ -15,8 +15,10 @@ VECTORS = (
     ("u_original", "v_original"), ("u_smoothed", "v_smoothed"), ("u_component", "v_component"), ("ux1", "uy1"), ("vx", "vy"),
 )  # fmt: skip
 #: And of positions, standard deviations, and columns that mark bad vectors.
-POSITIONS = (("x", "y"), ("xw", "yw"), ("pos_x", "pos_y"), ("px", "py"), ("column", "row"))
+POSITIONS = (("x", "y"), ("xw", "yw"), ("pos_x", "pos_y"), ("px", "py"), ("column", "row"), ("ref_x", "ref_y"))
 STDS = (("ex", "ey"), ("su", "sv"), ("std_u", "std_v"), ("u_std", "v_std"), ("uncertainty_u", "uncertainty_v"))
+#: And of the number of a frame, in tables of several.
+FRAMES = ("frame", "frames", "frame_number", "frame number", "timepoint")
 #: And of words that say the units of positions and displacements.
 UNIT_NAMES = ("units", "unit")
 FLAGS = ("flags", "flag", "mask", "vector type", "typevector", "type", "chc")

@@ -9,8 +9,8 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.microscopy.found import Found
-from palpate.microscopy.names import FLAGS, POSITIONS, STDS, VECTORS, plain, unit_in, which
+from palpate.microscopy.found import Found, chosen
+from palpate.microscopy.names import FLAGS, FRAMES, POSITIONS, STDS, VECTORS, plain, unit_in, which
 from palpate.recordings.textlines import text_of, warn_of_a_cut
 
 __all__ = ["is_number", "read_matrix", "read_piv_text", "split"]
@@ -94,11 +94,23 @@ def read_matrix(path: Path) -> Floats:
     return values
 
 
-def read_piv_text(path: Path) -> Found:
-    """A table of vectors: x, y, u, v by their names, or as the first four columns."""
+def _frame(path: Path, names: list[str], values: Floats, name: str | None) -> Floats:
+    """The rows of one frame, where a column numbers them."""
+    column = next((k for k, n in enumerate(names) if plain(n) in FRAMES), None)
+    if column is None:
+        if name is not None:
+            raise InvalidInput(f"{path}: holds one field: leave out name={name!r} (--name).")
+        return values
+    each = {f"{number:g}": values[values[:, column] == number] for number in np.unique(values[:, column])}
+    return np.asarray(chosen(path, each, name, "frames"))
+
+
+def read_piv_text(path: Path, name: str | None = None) -> Found:
+    """A table of vectors: x, y, u, v by their names, or as the first four columns; ``name``: the number of the frame, of several."""
     head, values = _rows(path)
     columns = values.shape[1]
     names = _names(head, columns)
+    values = _frame(path, names or [], values, name)
     if names is None:
         if columns < 4:
             raise InvalidInput(f"{path}: {columns} columns; a table of vectors has x, y, u, v.")

@@ -68,7 +68,7 @@ def read_field(
     v_up : bool
         v alone grows upwards: the table's y, or the rows, grow downwards.
     name : str, optional
-        Which field of a file that holds several.
+        Which field of a file that holds several, or the number of the frame in a table of several.
     follow : bool
         The vectors of a table belong to where the markers went: each position is moved by its own vector.
     window : float, optional
@@ -278,7 +278,7 @@ def _tiff(path: Path, name: str | None) -> Found:
 
 
 def _text(path: Path, name: str | None) -> Found:
-    return read_piv_text(path)
+    return read_piv_text(path, name)
 
 
 #: Reader of each ending.
