@@ -176,7 +176,7 @@ def test_units_in_a_header_hold(tmp_path: Path, pair: tuple[np.ndarray, np.ndarr
     with pytest.raises(InvalidInput, match="leave out unit"):
         read_field(path, pixel=PIXEL, unit="px")
     path.write_text("x [m] y [m] u [m/s] v [m/s]\n" + "\n".join(scaled) + "\n")
-    with pytest.raises(InvalidInput, match="velocity"):
+    with pytest.raises(InvalidInput, match="velocities"):
         read_field(path, pixel=PIXEL)
 
 

@@ -15,6 +15,7 @@ def printable(text: str) -> str:
 
     Examples
     --------
+    >>> from palpate.errors import printable
     >>> print(printable("red: \x1b[31m"))
     red: \x1b[31m
     """

@@ -16,6 +16,7 @@ from palpate.errors import InvalidInput
 if TYPE_CHECKING:
     from palpate.elastic.pad import Pad
     from palpate.microscopy import Field
+    from palpate.microscopy.pixelsize import PixelSize
     from palpate.sensing.uncertainty import Uncertainty
 
 
@@ -71,7 +72,9 @@ def tfm(
     follow: Annotated[
         bool, typer.Option("--follow", help="The vectors of a table belong to where the markers went.")
     ] = False,
-    name: Annotated[str | None, typer.Option(help="Which field of a file that holds several, or frame of a table.")] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Which field of a file that holds several, or frame of a table.")
+    ] = None,
     drop_outliers: Annotated[
         bool, typer.Option("--drop-outliers", help="Leave out vectors that differ from all about them.")
     ] = False,
@@ -114,9 +117,10 @@ def tfm(
     inputs = [*source, mask, image, *skin_files(skin_file)]
     for target in targets.values():
         check_output(target, inputs=inputs, force=force)
-    _complete(source, image, pixel, unit, step, skin_file, youngs_modulus, poissons_ratio)
-    fields = is_field(source)
-    notes, size_of_pixel = _pixel(pixel, [*([] if fields else source), *([] if image is None else [image])])
+    fields = is_field(source) if all(file.exists() for file in source) else False
+    pictures = [*([] if fields else source), *([] if image is None else [image])]
+    stated = _complete(source, image, pixel, unit, step, skin_file, youngs_modulus, poissons_ratio, pictures)
+    notes, size_of_pixel = _pixel(pixel, stated, pictures)
     if cell is not None and mask is None:
         raise InvalidInput("--cell picks a cell of a mask: give --mask.")
     corners = None if mask is None else read_mask(mask, cell=cell, pixel=size_of_pixel)
@@ -205,18 +209,18 @@ def _complete(
     skin: Path | None,
     modulus: str | None,
     ratio: float | None,
-) -> None:
-    """Refuse at once what lacks any of the numbers that no file tells."""
+    pictures: list[Path],
+) -> PixelSize | None:
+    """Refuse at once what lacks any of the numbers that no file tells; the size of a pixel, where the pictures tell it and the user does not."""
     from palpate.microscopy import is_field
     from palpate.microscopy.pixelsize import pixel_size_of_all
 
     for file in source:
         if not file.exists():
             raise InvalidInput(f"{file}: no such file.")
+    stated = None if pixel is not None else pixel_size_of_all(pictures)
     # a matrix tells neither its unit nor its step
-    fields = is_field(source)
-    stated = None if pixel is not None else pixel_size_of_all([*([] if fields else source), *filter(None, [image])])
-    matrix = fields and all(f.suffix.lower() == ".npy" for f in source)
+    matrix = is_field(source) and all(f.suffix.lower() == ".npy" for f in source)
     needed = [
         ('--pixel "0.1 um" (the size of a pixel)', pixel is None and stated is None),
         ("--unit px (of the displacements; or um, m)", matrix and unit is None),
@@ -232,22 +236,20 @@ def _complete(
             else ""
         )
         raise InvalidInput(f"what no file tells must be said, such as {', '.join(lacking)}.{gel}")
+    return stated
 
 
-def _pixel(given: str | None, pictures: list[Path]) -> tuple[list[str], float]:
+def _pixel(given: str | None, stated: PixelSize | None, pictures: list[Path]) -> tuple[list[str], float]:
     """The size of a pixel, by the user or by the pictures, and what is to be said of it."""
-    from palpate.microscopy.pixelsize import differing, pixel_size, pixel_size_of_all
+    from palpate.microscopy.pixelsize import differing
     from palpate.units import parse_quantity
 
-    if given is None:
-        stated = pixel_size_of_all(pictures)
-        if stated is None:
-            raise InvalidInput('nothing says how large a pixel is: give --pixel "0.1 um".')
+    if stated is not None:
         return [f"a pixel is {stated}: {stated.said} says so"], stated.x
     size = parse_quantity(given, "length", "--pixel")
     if size <= 0:
         raise InvalidInput(f"--pixel must be positive; got {given!r}.")
-    return [said for path in pictures if (said := differing(path, size, pixel_size(path)))], size
+    return [said for path in pictures if (said := differing(path, size))], size
 
 
 def _gel(

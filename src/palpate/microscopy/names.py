@@ -7,7 +7,19 @@ from collections.abc import Iterable
 
 from palpate.units import UNITS
 
-__all__ = ["FLAGS", "FRAMES", "POSITIONS", "STDS", "UNIT_NAMES", "VECTORS", "plain", "unit_in", "unit_of", "units_of", "which"]
+__all__ = [
+    "FLAGS",
+    "FRAMES",
+    "POSITIONS",
+    "STDS",
+    "UNIT_NAMES",
+    "VECTORS",
+    "plain",
+    "unit_in",
+    "unit_of",
+    "units_of",
+    "which",
+]
 
 #: Names of displacements along x and y that belong together, in lower case.
 VECTORS = (

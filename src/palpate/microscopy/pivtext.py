@@ -57,7 +57,7 @@ def _rows(path: Path) -> tuple[list[str], Floats]:
             )
         rows.append([float(p) if p else np.nan for p in parts])
     if not rows:
-        raise InvalidInput(f"{path}: holds no numbers.")
+        raise InvalidInput(f"{path}: holds no numbers, as a table of vectors or a matrix does.")
     if not ended:
         warn_of_a_cut(path, lines[-1])
     return head, np.array(rows, dtype=np.float64)
@@ -140,10 +140,6 @@ def read_piv_text(path: Path, name: str | None = None) -> Found:
                 f"{path}: {both[0]} in {first or 'no unit'} and {both[1]} in {second or 'no unit'}: export both in one unit."
             )
     found.place, found.unit = said[0][0], said[1][0]
-    if found.unit is not None and "/" in found.unit:
-        raise InvalidInput(
-            f"{path}: {names[at[u]]} is a velocity, a field has displacements: export it in pixels a frame."
-        )
     found.pixels = found.unit in (None, "px")
     for pair in which(short, STDS):
         found.std = (values[:, at[pair[0]]], values[:, at[pair[1]]])
