@@ -352,7 +352,7 @@ NOTES = [
         lambda: cell(outlying(), clean=True),
     ),
     of_cell(
-        "reaches far from where it is large, as no cell's does, and {}",
+        "spreads its traction far over the gel, as no cell does, and {}",
         lambda: cell(U() * UPSIDE),
         lambda: cell(U() * UPSIDE * UPSIDE),
     ),

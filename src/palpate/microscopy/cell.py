@@ -554,9 +554,7 @@ def _doubts(
     told = numbers["strain_energy"].value > QUESTIONED * own(numbers["strain_energy"])
     axes = suspected(field, done.skin.pad, depth=done.skin.planes[0].depth, noise=noise) if told and noise else ""
     if axes:
-        said.append(
-            f"the traction that explains the field reaches far from where it is large, as no cell's does, and {AXES[axes]}"
-        )
+        said.append(f"the field spreads its traction far over the gel, as no cell does, and {AXES[axes]}")
     elif sure and large * small < 0 and abs(small) > OPPOSED * abs(large):
         said.append(
             "the field pulls inwards along one direction and pushes outwards across it, as no cell does: is v's sign right (v_up, --v-up), are u and v the right way round, "
