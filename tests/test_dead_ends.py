@@ -95,9 +95,18 @@ def test_what_a_field_lacks_is_said_at_once(tmp_path: Path) -> None:
 
 MISTAKES = {
     "a video that is not there": (("track", "lost.mp4", "--skin", "skin.toml"), "lost.mp4: no such file"),
-    "a table as a video of a weight": (
-        ("weigh", "taxels.csv", "--skin", "skin.toml", "--force", "2 N"),
-        "weights are read from pictures",
+    "readings of stress for a modulus": (
+        (
+            "weigh",
+            "taxels.csv",
+            "--skin",
+            "skin.toml",
+            "--force",
+            "2 N",
+            "--map",
+            "time=timestamp_ms,stress_zz=z{},unit=8Pa",
+        ),
+        "stress_zz",
     ),
     "a table as a skin": (("pad", "taxels.csv"), "palpate demo writes one"),
     "a field as a recording": (("convert", "taxels.npy", "t.nc"), "palpate tfm"),

@@ -261,12 +261,43 @@ def test_the_command_writes_report_figure_table_and_result(tmp_path: Path, monke
         (["--frames", "0,1", "--out", "b"], "leave it out"),
         (["--thickness", "40", "--out", "b"], "has no unit|must be"),
         (["--skin", "gel.toml", "--out", "b"], "give either"),
+        (["--cell", "2", "--out", "b"], "from 1 to 1"),
+        (["--up", "--v-up", "--out", "b"], "one of them"),
     ):
         with pytest.raises(InvalidInput, match=words):
             CliRunner().invoke(app, [*run, *extra], catch_exceptions=False)
+    with pytest.raises(InvalidInput, match="give --mask"):
+        CliRunner().invoke(app, [*run[:-2], "--cell", "1", "--out", "b"], catch_exceptions=False)
     with pytest.raises(InvalidInput, match="must be said, such as --pixel"):
         CliRunner().invoke(app, ["tfm", "u.npy", "v.npy"], catch_exceptions=False)
     assert not Path("b.html").exists()
+
+
+def test_the_size_of_a_mask_says_where_the_top_is(tmp_path: Path) -> None:
+    """A table that counts y from the picture's bottom, with a mask of the picture: the same numbers as from the top."""
+    pytest.importorskip("typer")
+    pytest.importorskip("matplotlib")
+    cv2 = pytest.importorskip("cv2")
+    from command_line import run
+
+    size = (330, 320)  # (columns, rows): the vectors do not lie in its middle
+    u = field_of(cell()[1]).displacement / PIXEL
+    rows, columns = np.mgrid[:COUNT, :COUNT] * 15 + 7
+    for name, y, v in (("down", rows, u[1]), ("up", size[1] - 1 - rows, -u[1]), ("mixed", rows, -u[1])):
+        parts = (columns, y, u[0], v)
+        np.savetxt(tmp_path / f"{name}.txt", np.stack([p.ravel() for p in parts], axis=1), header="x y u v")
+    y, x = np.mgrid[: size[1], : size[0]]
+    cv2.imwrite(str(tmp_path / "mask.png"), np.where(np.hypot(x - 149.5, y - 149.5) < 120, 255, 0).astype(np.uint8))
+    np.savetxt(tmp_path / "outline.csv", disc(), delimiter=",")
+    gel = ["--pixel", "0.1 um", "--youngs-modulus", "8 kPa +- 10 %", "--poissons-ratio", "0.48", "--draws", "8"]
+    for name, option in (("down", ()), ("up", ("--up",)), ("mixed", ("--v-up",))):
+        done = run("tfm", f"{name}.txt", *gel, *option, "--mask", "mask.png", "--out", name, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert "no cell" not in done.stderr
+    tables = [(tmp_path / f"{name}.csv").read_text() for name in ("down", "up", "mixed")]
+    assert tables[0] == tables[1] == tables[2]
+    refused = run("tfm", "up.txt", *gel, "--up", "--mask", "outline.csv", "--out", "o", cwd=tmp_path)
+    assert "give the picture too (--image)" in refused.stderr
 
 
 TOML = """[pad]

@@ -158,8 +158,10 @@ def test_tables_of_piv_programs(
         (tmp_path / "up.txt").write_text("\n".join(lines) + "\n")
         turned = read_field(tmp_path / "up.txt", pixel=PIXEL, up=True, size=(224, 160))
         np.testing.assert_allclose(turned.displacement, field.displacement, atol=1e-12)
-        with pytest.raises(InvalidInput, match="size"):
-            read_field(tmp_path / "up.txt", pixel=PIXEL, up=True)
+        # without a picture the vectors alone have a place
+        alone = read_field(tmp_path / "up.txt", pixel=PIXEL, up=True)
+        np.testing.assert_allclose(alone.displacement, field.displacement, atol=1e-12)
+        assert any("turned about the middle" in n for n in alone.notes)
 
 
 def test_units_in_a_header_hold(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -> None:
@@ -178,8 +180,93 @@ def test_units_in_a_header_hold(tmp_path: Path, pair: tuple[np.ndarray, np.ndarr
         same(read_field(path, pixel=PIXEL), pair, 1e-9)
         same(read_field(path, pixel=PIXEL, unit=mu), pair, 1e-9)
     path.write_text("x [m] y [m] u [m/s] v [m/s]\n" + "\n".join(scaled) + "\n")
-    with pytest.raises(InvalidInput, match="velocity"):
+    with pytest.raises(InvalidInput, match="velocities"):
         read_field(path, pixel=PIXEL)
+
+
+def test_v_alone_is_turned(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -> None:
+    np.save(tmp_path / "u.npy", pair[0])
+    np.save(tmp_path / "v.npy", -pair[1])
+    (tmp_path / "t.txt").write_text(table((pair[0], -pair[1]), 8))
+    same(read_field([tmp_path / "u.npy", tmp_path / "v.npy"], pixel=PIXEL, unit="px", step=8, v_up=True), pair)
+    same(read_field(tmp_path / "t.txt", pixel=PIXEL, v_up=True), pair, 1e-11)
+    with pytest.raises(InvalidInput, match="one of them"):
+        read_field(tmp_path / "t.txt", pixel=PIXEL, v_up=True, up=True)
+
+
+def test_positions_have_a_unit_of_their_own(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -> None:
+    path = tmp_path / "t.txt"
+    um = table((pair[0] * 0.1, pair[1] * 0.1), 8)
+    path.write_text("x [px] y [px] u [um] v [um]\n" + um)
+    field = read_field(path, pixel=PIXEL)
+    same(field, pair, 1e-11)
+    assert field.step == pytest.approx(8.0)
+    path.write_text(um)  # the same without a word in the file
+    same(read_field(path, pixel=PIXEL, unit="um", position_unit="px"), pair, 1e-11)
+    told = read_field(path, pixel=PIXEL, unit="um")
+    assert told.step == pytest.approx(80.0)
+    assert any("position_unit=" in n for n in told.notes)
+    mm = [
+        " ".join(f"{float(c) * (1e-4 if k < 2 else 1):.12g}" for k, c in enumerate(line.split()))
+        for line in table(pair, 8).splitlines()
+    ]
+    path.write_text("x (mm) y (mm) u (pixels/frame) v (pixels/frame)\n" + "\n".join(mm) + "\n")
+    same(read_field(path, pixel=PIXEL), pair, 1e-11)
+    path.write_text("x y u [um] v [um]\n" + um)
+    with pytest.raises(InvalidInput, match="--position-unit px"):
+        read_field(path, pixel=PIXEL)
+    same(read_field(path, pixel=PIXEL, position_unit="px"), pair, 1e-11)
+    path.write_text("x [px] y [px] u [um] v [px]\n" + um)
+    with pytest.raises(InvalidInput, match="both in one unit"):
+        read_field(path, pixel=PIXEL)
+
+
+def test_units_that_files_of_matrices_state(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -> None:
+    import scipy.io
+
+    y, x = np.mgrid[:20, :28] * 8 + 7.5
+    piv = {"x": x, "y": y, "u_filtered": pair[0], "v_filtered": pair[1]}
+    path = tmp_path / "piv.mat"
+    scipy.io.savemat(path, {**piv, "units": "[px] respectively [px/frame]"})
+    same(read_field(path, pixel=PIXEL), pair)  # no unit= is needed
+    with pytest.raises(InvalidInput, match="says that displacements are in px"):
+        read_field(path, pixel=PIXEL, unit="um")
+    scipy.io.savemat(path, {**piv, "units": "[m] respectively [m/s]"})
+    with pytest.raises(InvalidInput, match="velocities"):
+        read_field(path, pixel=PIXEL)
+    um = {"x": x, "y": y, "u": pair[0] * 0.1, "v": pair[1] * 0.1}
+    scipy.io.savemat(path, {"result": {**um, "units": "px; µm"}})
+    same(read_field(path, pixel=PIXEL), pair, 1e-11)
+    scipy.io.savemat(path, {**piv, "units": "kPa"})
+    assert any("no length" in n for n in read_field(path, pixel=PIXEL, unit="px").notes)
+    scipy.io.savemat(path, {**piv, "units": "[px] respectively [px/frame]", "calxy": 0.2e-6})
+    assert any("0.2 um, and 0.1 um was given" in n for n in read_field(path, pixel=PIXEL).notes)
+    np.savez(tmp_path / "t.npz", **um, units="px; um")
+    same(read_field(tmp_path / "t.npz", pixel=PIXEL), pair, 1e-11)
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "t.h5", "w") as file:
+        for key, values in um.items():
+            file[key] = values
+            file[key].attrs["units"] = "pixels" if key in "xy" else "micron"
+    same(read_field(tmp_path / "t.h5", pixel=PIXEL), pair, 1e-11)
+
+
+def test_a_frame_of_a_table_of_several_is_picked(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -> None:
+    for header in ("x,y,u,v,frame", "ref_x,ref_y,disp_x,disp_y,frame"):
+        rows = [f"{r},{k}" for k in (1, 2) for r in table((pair[0] * k, pair[1]), 8, "", ",").splitlines()]
+        (tmp_path / "t.csv").write_text("\n".join([header, *rows]) + "\n")
+        same(read_field(tmp_path / "t.csv", pixel=PIXEL, name="2"), (pair[0] * 2, pair[1]), 1e-11)
+        with pytest.raises(InvalidInput, match=r"2 frames: '1', '2'.*--name"):
+            read_field(tmp_path / "t.csv", pixel=PIXEL)
+    (tmp_path / "t.txt").write_text(table(pair, 8))
+    with pytest.raises(InvalidInput, match="leave out name"):
+        read_field(tmp_path / "t.txt", pixel=PIXEL, name="2")
+
+
+def test_numbers_with_a_decimal_comma(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -> None:
+    for mark in (";", "\t"):
+        (tmp_path / "t.csv").write_text(table(pair, 8, "x;y;u;v".replace(";", mark), mark).replace(".", ","))
+        same(read_field(tmp_path / "t.csv", pixel=PIXEL), pair, 1e-11)
 
 
 def test_matrices_of_text_and_tiff(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -> None:

@@ -2,11 +2,31 @@
 
 from __future__ import annotations
 
-__all__ = ["InvalidInput", "NotObservable", "PalpateError", "UncheckedInput", "Unsupported"]
+import re
+
+__all__ = ["InvalidInput", "NotObservable", "PalpateError", "UncheckedInput", "Unsupported", "printable"]
+
+#: Control characters but newline and tab, marks that turn the direction of writing, and halves of surrogate pairs.
+_COMMANDS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+def printable(text: str) -> str:
+    r"""Text of a file without the characters that command a terminal: each is replaced by its escape, as Python writes it.
+
+    Examples
+    --------
+    >>> from palpate.errors import printable
+    >>> print(printable("red: \x1b[31m"))
+    red: \x1b[31m
+    """
+    return _COMMANDS.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
 
 
 class PalpateError(ValueError):
     """Base of every error that palpate raises on purpose."""
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class InvalidInput(PalpateError):

@@ -20,6 +20,7 @@ from palpate.camera import (
     DepthMap,
     Displacements,
     Flow,
+    ForceTrace,
     Lens,
     Markers,
     View,
@@ -27,6 +28,7 @@ from palpate.camera import (
     follow,
     grey,
     open_pictures,
+    read_force_trace,
     weigh,
     write_video,
 )
@@ -41,6 +43,9 @@ SKIN_OF_DOTS = pp.Skin(
 )
 BALL = pp.solutions.hertz_point(radius=2e-3, force=1.0)
 PRESSED = AREA.reconstruct(AREA.sense(BALL), **FAST)
+
+#: Forces of eight frames [N], and a recording of the dots that they move.
+LOADS = [0.0] * 4 + [1.0] * 4
 
 
 @functools.cache
@@ -360,7 +365,25 @@ REMEDIES = [
     value("give track=True to follow them", lambda t: stepped(t), False, True),
     value("leave out depth_map, or give track=False", lambda given: touches(**given), {"depth_map": depths()}, {}),
     value("leave out every, or give track=False", lambda n: touches(every=n), 2, 1),
-    value("forces must be positive, one for each of", lambda f: weighed(f), -1.0, 1.0, slow=True),
+    value("forces must be positive", lambda f: weighed(f), -1.0, 1.0, slow=True),
+    value("forces must be one for each of", lambda f: weighed(f), [1.0, 1.0], [1.0], slow=True),
+    value("frames at rest are taken of", lambda n: pressed(reference=n), 9, 4, slow=True),
+    value("which are taken to show it at rest", lambda n: pressed(reference=n), 7, 4, slow=True),
+    value("weigh with the skin of this recording", lambda s: pressed(skin=s), AREA, SKIN_OF_DOTS, slow=True),
+    value(
+        "palpate weigh is for displacements and strains",
+        lambda s: pressed(skin=s, own=True),
+        AREA,
+        SKIN_OF_DOTS,
+        slow=True,
+    ),
+    value("such as by taking the time of the first", lambda t: pressed(trace(start=t)), 9e8, 0.0, slow=True),
+    value("do not rise together", lambda f: pressed(trace(force=f)), [3.0, 0.1] * 4, LOADS, slow=True),
+    value("a trace has one force for each time", lambda f: trace(force=f), [1.0], LOADS),
+    value("the times of a trace must rise", lambda t: trace(start=t), np.nan, 0.0),
+    value("{}: no such file.", lambda name: traced(name=name), "lost.csv", "f.csv", room="camera.traces"),
+    value("name it such as {}, its unit with it", lambda t: traced(t), "time (s),x (N)", "time (s),fz (N)"),
+    value("does not say its unit: name the column", lambda t: traced(t), "time (s),fz", "time (s),fz (N)"),
     value(
         "Show the gel at rest first, then the press",
         lambda p: weighed(1.0, p),
@@ -405,8 +428,8 @@ REMEDIES = [
         room="cli.weigh",
     ),
     told(
-        "weights are read from pictures of the gel",
-        "weigh r.csv --skin gel.toml --force 1N",
+        "--map names the columns of a table: leave it out for pictures",
+        "weigh gel.mkv --skin gel.toml --force 1N --map frame=frame",
         "weigh gel.mkv --skin gel.toml --force 1N",
     ),
     told("nothing says how pixels become metres", "track gel.mkv --skin plain.toml --fast", FILMED),
@@ -425,7 +448,25 @@ def stepped(track: bool) -> Any:
         return found.step(np.zeros((2, 35)), 0.0)
 
 
-def weighed(force: float, pictures: Any = None, skin: Any = None) -> Any:
+def pressed(force: Any = 1.0, *, skin: Any = SKIN_OF_DOTS, own: bool = False, reference: int = 4) -> Any:
+    """The modulus from a recording of the dots, or of the skin's ``own`` readings."""
+    made = skin if own else SKIN_OF_DOTS
+    moved = np.asarray(LOADS)[:, None, None, None] * np.asarray(made.sense(BALL))
+    moved = moved + 2e-4 * np.abs(moved).max() * np.random.default_rng(0).standard_normal(moved.shape)
+    held = pp.Recording(readings=moved, channels=made.planes[0].channels, time=0.1 * np.arange(8))
+    return weigh(held, skin, force, reference=reference)
+
+
+def trace(force: Any = LOADS, start: float = 0.0) -> Any:
+    return ForceTrace(start + 0.1 * np.arange(8), np.asarray(force), "f.csv")
+
+
+def traced(titles: str = "time (s),fz (N)", name: str = "f.csv") -> Any:
+    laid(f_csv=f"{titles}\n0,0\n1,2\n")
+    return read_force_trace(name)
+
+
+def weighed(force: Any, pictures: Any = None, skin: Any = None) -> Any:
     return weigh(PULLED if pictures is None else pictures, skin or SKIN_OF_DOTS, force, view=VIEW)
 
 

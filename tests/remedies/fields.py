@@ -102,6 +102,18 @@ def mask(words: str, wrong: Any, mended: Any, *, name: str = "", right: Any = No
     return Remedy(words, lambda: read(wrong), lambda: read(mended), room=room, right=right)
 
 
+def cell(words: str, held: Any, wrong: int | None, mended: int | None, *, right: Any = None) -> Remedy:
+    """Which cell of a mask of several."""
+
+    def read(which: int | None) -> Any:
+        if not isinstance(held, str):
+            return read_mask(held, cell=which)
+        laid(c_geojson=held)
+        return read_mask("c.geojson", cell=which)
+
+    return Remedy(words, lambda: read(wrong), lambda: read(mended), right=right)
+
+
 def of(values: Any) -> Any:
     return Field(
         **{"displacement": 0.1e-6 * np.stack([U, V]), "start": (3.5, 3.5), "step": 8.0, "pixel": 0.1e-6, **values}
@@ -150,6 +162,10 @@ CORNERS = [[0, 0], [80, 0], [80, 70], [0, 70]]
 INSIDE = np.zeros((10, 12), dtype=bool)
 INSIDE[2:7, 3:8] = True
 HEADED = "x [px],y [px],u [px],v [px]\n"
+CELLS = INSIDE * 1 + (ROWS > 8) * 2
+TRIANGLE = "10,10\n60,12\n40,50\n"
+TWO = json.dumps({"features": [{"geometry": {"coordinates": [CORNERS]}}] * 2})
+UM = listed(u=0.1 * U, v=0.1 * V)
 ROUGH = np.where((ROWS + COLUMNS) % 2, 9.0, -9.0)
 
 
@@ -167,7 +183,7 @@ def forces(**given: Any) -> Any:
 
 REMEDIES = [
     field("pixel must be a positive number of metres; got", (PAIR, {"pixel": 0.0}), PAIR, room="microscopy.readers"),
-    field("unit must be one of", (PAIR, {"unit": "pixels"}), PAIR, room="microscopy.readers"),
+    field("{} must be one of {}; got", (PAIR, {"unit": "pixels"}), PAIR, room="microscopy.readers"),
     field("is a folder; give a file", ".", PAIR, room="microscopy.readers"),
     field(": no such file.", ["u.npy", "w.npy"], PAIR, room="microscopy.readers"),
     field(
@@ -229,13 +245,29 @@ REMEDIES = [
     field("give the component along x, then that along y", ["u.npy", "u.npy"], PAIR),
     field("window must be a positive number of pixels", (PAIR, {"window": 0}), (PAIR, {"window": 16})),
     field(
-        "displacements in {}; accepted: px",
+        "{} in {}; accepted: px",
         lambda: (laid(t_csv=lines(HEADED.replace("[px]", "[furlong]"))), read_field("t.csv", pixel=0.1e-6)),
         lambda: (laid(t_csv=lines()), read_field("t.csv", pixel=0.1e-6))[1],
     ),
     field(
-        "was given: leave out unit",
+        "was given: leave out {} (--",
         ("t.csv", {"unit": "um", "step": None}),
+        ("t.csv", TABLE),
+        given=lambda: laid(t_csv=lines()),
+    ),
+    field(
+        "give position_unit=",
+        lambda: (laid(t_csv=lines("x,y,u [um],v [um]\n", UM)), read_field("t.csv", pixel=0.1e-6)),
+        lambda: (
+            laid(t_csv=lines("x,y,u [um],v [um]\n", UM)),
+            read_field("t.csv", pixel=0.1e-6, position_unit="px"),
+        )[1],
+    ),
+    field("has no positions: leave out position_unit", (PAIR, {"position_unit": "px"}), PAIR),
+    field("v_up (--v-up) v alone: give one of them", (PAIR, {"up": True, "v_up": True}), (PAIR, {"v_up": True})),
+    field(
+        "holds one field: leave out name",
+        ("t.csv", {**TABLE, "name": "2"}),
         ("t.csv", TABLE),
         given=lambda: laid(t_csv=lines()),
     ),
@@ -249,12 +281,6 @@ REMEDIES = [
     field("follow moves positions, and this file has none", (PAIR, {"follow": True}), PAIR),
     field("step must be a positive number of pixels; got", (PAIR, {"step": -8}), PAIR, room="microscopy.readers"),
     field("leave out step and start", ("t.csv", {"unit": None}), ("t.csv", TABLE), given=lambda: laid(t_csv=lines())),
-    field(
-        "give size=(columns, rows), or the picture",
-        ("t.csv", {**TABLE, "up": True}),
-        ("t.csv", {**TABLE, "up": True, "size": (96, 80)}),
-        given=lambda: laid(t_csv=lines()),
-    ),
     field(
         "check the unit of the positions, the step, and which picture it is",
         (PAIR, {"size": (60, 50)}),
@@ -315,7 +341,7 @@ REMEDIES = [
         lambda: (mat("f.mat", u=U, v=V), read_field("f.mat", **HOW))[1],
     ),
     # text
-    table("holds no numbers", HEADED, lines(), name="t.csv"),
+    table("holds no numbers, as a table", HEADED, lines(), name="t.csv"),
     field(
         "not a matrix of one component: give this file alone",
         (["t.csv", "t.csv"], TABLE),
@@ -329,7 +355,7 @@ REMEDIES = [
         lines(),
         name="t.csv",
     ),
-    table("export both in pixels", lines(HEADED.replace("x [px],y [px]", "x [um],y [um]")), lines(), name="t.csv"),
+    table("export both in one unit", lines(HEADED.replace("x [px],y [px]", "x [um],y [px]")), lines(), name="t.csv"),
     table("the lines before have", lines() + "1,2,3\n", lines(), name="t.csv"),
     table("a table of vectors has x, y, u, v", text(listed()[:, :3]), text(listed())),
     field(
@@ -398,7 +424,36 @@ REMEDIES = [
     mask("its corners lie in a line", "1,1\n2,2\n3,3\n", "10,10\n60,12\n40,50\n", name="c.csv"),
     mask("give one outline without holes", json.dumps([CORNERS, CORNERS]), json.dumps([CORNERS]), name="c.json"),
     mask("it looks like a photograph", np.arange(120.0).reshape(10, 12), INSIDE),
-    mask("give a mask of one cell, zero outside", INSIDE * 1 + (ROWS > 8) * 2, INSIDE, right=lambda m: m.sum() == 25),
+    cell("several cells perhaps: say which with cell=", CELLS, None, 1, right=lambda m: m.sum() == INSIDE.sum()),
+    cell("no pixel has the value {} of cell", CELLS, 7, 2, right=lambda m: m.sum() == 12),
+    mask("every pixel is {}. Outside the cell it must be zero", np.full((10, 12), 3), INSIDE),
+    mask('holds no "masks"', np.array({"flows": 1}, dtype=object), INSIDE, name="a_seg.npy"),
+    mask(
+        "a stack: save one plane with np.save",
+        np.array({"masks": np.ones((2, 9, 9))}, dtype=object),
+        INSIDE,
+        name="a_seg.npy",
+    ),
+    mask("other than arrays, numbers and words", np.array({"masks": Remedy}, dtype=object), INSIDE, name="a_seg.npy"),
+    mask("holds no numbers: an outline has", "cell\n", TRIANGLE, name="c.csv"),
+    mask("does not say which column is x and which y", "a,b\n" + TRIANGLE, "x,y\n" + TRIANGLE, name="c.csv"),
+    mask("do not say which is x and which y", "x,b\n" + TRIANGLE, "x,y\n" + TRIANGLE, name="c.csv"),
+    mask("accepted units are px", "x (V),y (V)\n" + TRIANGLE, "x (px),y (px)\n" + TRIANGLE, name="c.csv"),
+    mask("{}: holds no corners", "x,y\n", "x,y\n" + TRIANGLE, name="c.csv"),
+    mask("is no corner with the columns", "x,y\n10,10\n60\n40,50\n", "x,y\n" + TRIANGLE, name="c.csv"),
+    mask("among the corners; an outline has", "10,10\n60,a\n40,50\n", TRIANGLE, name="c.csv"),
+    mask(
+        "or names its columns in a header",
+        "10,10,1\n60,12,1\n40,50,1\n",
+        "x,y,n\n10,10,1\n60,12,1\n40,50,1\n",
+        name="c.csv",
+    ),
+    Remedy(
+        "give pixel=, the metres in a pixel",
+        lambda: (laid(c_csv="x (um),y (um)\n1,1\n6,1.2\n4,5\n"), read_mask("c.csv")),
+        lambda: (laid(c_csv="x (um),y (um)\n1,1\n6,1.2\n4,5\n"), read_mask("c.csv", pixel=0.1e-6))[1],
+        right=lambda corners: np.allclose(corners[2], [40.0, 50.0]),
+    ),
     mask(
         "an outline is a list of corners x, y in pixels.",
         '[["a", "b"], ["c", "d"], ["e", "f"]]',
@@ -406,14 +461,8 @@ REMEDIES = [
         name="c.json",
     ),
     mask("cannot be read as JSON", "{[", json.dumps(CORNERS), name="c.json"),
-    mask("cannot be read as a mask", np.array([{}], dtype=object), INSIDE, name="m.npy"),
-    mask(
-        "outlines: give one cell",
-        json.dumps({"features": [{"geometry": {"coordinates": [CORNERS]}}] * 2}),
-        json.dumps({"features": [{"geometry": {"coordinates": [CORNERS]}}]}),
-        name="c.geojson",
-        right=lambda c: len(c) == 4,
-    ),
+    cell("cells: say which with cell=1 to cell=", TWO, None, 2, right=lambda c: len(c) == 4),
+    cell("cell (--cell) is from 1 to", TWO, 3, 1, right=lambda c: len(c) == 4),
     Remedy(
         "writes the outline as text",
         lambda: (laid(c_roi="x"), read_mask("c.roi")),

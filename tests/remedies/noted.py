@@ -510,6 +510,8 @@ def of_cell(words: str, wrong: Any, mended: Any, right: Any = told, **how: Any) 
 
 
 U = functools.partial(lambda: adhesions()[0])
+#: A gel that does not widen as it is pressed.
+CORK = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.0)
 UPSIDE = np.array([1.0, -1.0])[:, None, None]
 
 

@@ -12,6 +12,7 @@ from palpate.status import Status
 from remedies.noted import (
     BARE,
     BLIND,
+    CORK,
     DRIFT,
     HELD,
     MISSING,
@@ -351,19 +352,22 @@ NOTES = [
         lambda: cell(outlying(), clean=True),
     ),
     of_cell(
-        "as no cell does: is v's sign right (up)",
+        "spreads its traction far over the gel, as no cell does, and {}",
         lambda: cell(U() * UPSIDE),
         lambda: cell(U() * UPSIDE * UPSIDE),
     ),
+    # of a gel that does not widen, which tells axes by moments alone
     of_cell(
-        "are u and v the right way round, are rows and columns",
-        lambda: cell(U()[::-1]),
-        lambda: cell(U()[::-1][::-1]),
+        "as no cell does: is v's sign right (v_up, --v-up)",
+        lambda: cell(U() * UPSIDE, CORK),
+        lambda: cell(U() * UPSIDE * UPSIDE, CORK),
+        lambda forces: forces["contractile_moment"].value > 0,
     ),
     of_cell(
         "the field turns more than it contracts, as no cell does",
-        lambda: cell(np.swapaxes(U(), 1, 2)[:, ::-1]),
-        lambda: cell(np.swapaxes(np.swapaxes(U(), 1, 2)[:, ::-1][:, ::-1], 1, 2)),
+        lambda: cell(np.swapaxes(U(), 1, 2)[:, ::-1], CORK),
+        lambda: cell(np.swapaxes(np.swapaxes(U(), 1, 2)[:, ::-1][:, ::-1], 1, 2), CORK),
+        lambda forces: forces["contractile_moment"].value > 0,
     ),
     of_cell(
         "or do the displacements have the opposite sign?",
@@ -396,7 +400,7 @@ NOTES = [
     ),
     # fields
     Note(
-        "y and v are taken to grow downwards, as rows do (up=True, --up, where they do not)",
+        "y and v are taken to grow downwards, as rows do (up=True, --up, where they do not; v_up=True, --v-up, where v alone does not)",
         lambda: field("vup"),
         lambda: field("vup", up=True),
         same_field(),

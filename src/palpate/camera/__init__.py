@@ -12,6 +12,7 @@ from palpate.camera.overlay import overlay
 from palpate.camera.pictures import Picture, Pictures, is_pictures, open_pictures, write_video
 from palpate.camera.render import Dots, Looks, Scene, Texture, Truth, dot_grid
 from palpate.camera.touches import Touches, follow, gel_skin
+from palpate.camera.traces import ForceTrace, read_force_trace
 from palpate.camera.weighing import Weighed, weigh
 from palpate.camera.windows import Moved
 from palpate.sensing.view import Lens, View, grey
@@ -21,6 +22,7 @@ __all__ = [
     "Displacements",
     "Dots",
     "Flow",
+    "ForceTrace",
     "Found",
     "Lens",
     "Looks",
@@ -46,6 +48,7 @@ __all__ = [
     "is_pictures",
     "open_pictures",
     "overlay",
+    "read_force_trace",
     "weigh",
     "write_video",
 ]

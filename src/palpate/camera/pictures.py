@@ -6,8 +6,10 @@ that nothing before or after it is lost.
 
 from __future__ import annotations
 
+import lzma
 import re
 import time as clock
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Sized
 from dataclasses import dataclass
 from fractions import Fraction
@@ -18,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._extras import missing
-from palpate.camera.stacks import check_axes, pages_claimed, rate_of
+from palpate.camera.stacks import check_axes, check_page, check_size, pages_claimed, rate_of, size_claimed
 from palpate.errors import InvalidInput
 from palpate.sensing.view import grey, opencv
 
@@ -241,14 +243,41 @@ def _read(paths: list[Path]) -> Iterator[tuple[None, Image | None, str]]:
     cv2 = opencv()
     for path in paths:
         # not imread: it prints on stderr, and does not open every name on Windows
-        data = np.fromfile(path, dtype=np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+        try:
+            _check_still(path)
+            data = np.fromfile(path, dtype=np.uint8)
+            image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+        except InvalidInput as error:
+            yield None, None, str(error).rstrip(".")
+            continue
+        except cv2.error:
+            image = None
         if image is None:
             yield None, None, f"{path.name} cannot be decoded as a picture: it is damaged or cut off"
             continue
         if image.ndim == 3:
             image = image[..., :1] if image.shape[-1] == 2 else image[..., 2::-1]
         yield None, np.ascontiguousarray(image), ""
+
+
+def _check_still(path: Path) -> None:
+    """Refuse a file of one picture that is, or unpacks to, more than a picture can be."""
+    check_size(path.stat().st_size, path.name)
+    if path.suffix.lower() not in STACKS:
+        with path.open("rb") as file:
+            check_size(size_claimed(file.read(1 << 16)), path.name)
+        return
+    try:
+        import tifffile
+    except ImportError as error:
+        raise missing("TIFF stacks", error) from error
+    try:
+        with tifffile.TiffFile(path) as file, path.open("rb") as raw:
+            check_page(raw, file.pages[0], path.name)
+    except InvalidInput:
+        raise
+    except (tifffile.TiffFileError, OSError, ValueError, IndexError, TypeError, AttributeError):
+        return  # what is damaged is said where it is unpacked
 
 
 def _stack(path: Path, rate: float | None) -> Pictures:
@@ -265,18 +294,31 @@ def _stack(path: Path, rate: float | None) -> Pictures:
         check_axes(file, path)
         if rate is None:
             rate = rate_of(file)
-    except (tifffile.TiffFileError, OSError, ValueError) as error:
+    except (tifffile.TiffFileError, OSError, ValueError, IndexError, KeyError, TypeError, AttributeError) as error:
         if file is not None:
             file.close()
         if isinstance(error, InvalidInput):
             raise
-        raise InvalidInput(f"{path}: cannot be read as TIFF ({error}).") from error
+        raise InvalidInput(f"{path}: cannot be read as TIFF ({error}); it is truncated or damaged.") from error
 
     def frames() -> Iterator[tuple[None, Image | None, str]]:
         for number in range(count):
             try:
+                check_page(file.filehandle, pages[number], f"page {number}")
                 image = np.asarray(pages[number].asarray())
-            except (tifffile.TiffFileError, OSError, ValueError, IndexError, TypeError) as error:
+            except InvalidInput as error:
+                yield None, None, str(error).rstrip(".")
+                continue
+            except (
+                tifffile.TiffFileError,
+                OSError,
+                ValueError,
+                IndexError,
+                TypeError,
+                MemoryError,
+                zlib.error,
+                lzma.LZMAError,
+            ) as error:
                 yield None, None, f"page {number} cannot be read ({error})"
                 continue
             yield None, image, ""

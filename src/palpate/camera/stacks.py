@@ -1,8 +1,12 @@
-"""What a microscope's TIFF stack says of its pages: channels, planes, times."""
+"""What pictures say of themselves before they are unpacked: channels, planes, times, and how large they will be."""
 
 from __future__ import annotations
 
+import contextlib
+import importlib
+import lzma
 import re
+import zlib
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -10,7 +14,12 @@ from xml.etree import ElementTree
 from palpate.errors import InvalidInput
 from palpate.units import UNITS
 
-__all__ = ["check_axes", "pages_claimed", "rate_of"]
+__all__ = ["check_axes", "check_page", "check_size", "inflated", "pages_claimed", "rate_of", "size_claimed"]
+
+#: The most that one picture may unpack to [bytes]: far more than a picture of a gel or of cells.
+LARGEST = 1 << 29
+#: Bytes that are unpacked at a time to be counted.
+PIECE = 1 << 24
 
 
 def check_axes(file: Any, path: Path) -> None:
@@ -28,6 +37,97 @@ def check_axes(file: Any, path: Path) -> None:
         raise InvalidInput(
             f"{path}: holds {sizes['Z']} planes of {sizes['T']} times (its axes are {series.axes}): save one plane by itself (ImageJ: Image > Duplicate, one slice)."
         )
+
+
+def check_size(size: int, what: str) -> None:
+    """Refuse a picture that would unpack to more than `LARGEST` bytes."""
+    if size > LARGEST:
+        raise InvalidInput(
+            f"{what} unpacks to {size / 1e9:.3g} GB, more than a picture of a gel or of cells: at most {LARGEST / 1e9:.2g} GB. Save a part of it, or a smaller picture."
+        )
+
+
+def check_page(file: Any, page: Any, what: str) -> None:
+    """Refuse a TIFF page that claims too much, that claims more than its file holds, or whose packed parts unpack to more than it claims."""
+    check_size(int(page.nbytes), what)
+    packing = int(page.compression)
+    bits = int(page.keyframe.bitspersample)
+    claimed = int(page.size) * bits // 8
+    if packing == 1 and sum(page.databytecounts) < claimed:
+        raise InvalidInput(
+            f"{what} claims {claimed} bytes, and {sum(page.databytecounts)} are there: it is truncated or damaged."
+        )
+    if packing not in UNPACKERS:
+        return
+    chunk = int(page.dtype.itemsize) if page.dtype is not None else 1
+    for size in page.chunks:
+        chunk *= int(size)
+    for start, count in zip(page.dataoffsets, page.databytecounts):
+        file.seek(start)
+        try:
+            found = inflated(file.read(min(count, LARGEST)), chunk, packing)
+        except ValueError:
+            continue  # said where it is unpacked
+        if found > chunk:
+            raise InvalidInput(
+                f"{what} unpacks to more than the {page.keyframe.imagewidth} x {page.keyframe.imagelength} pixels that it claims: it is damaged."
+            )
+
+
+def inflated(data: bytes, most: int, packing: int) -> int:
+    """Bytes that packed ones unpack to, counted in pieces up to a little more than ``most``; `ValueError` where they are damaged."""
+    unpack, total = UNPACKERS[packing](), 0
+    try:
+        while total <= most and not unpack.eof:
+            piece = unpack.decompress(data, PIECE)
+            total += len(piece)
+            data = getattr(unpack, "unconsumed_tail", b"")
+            if not piece and not data:
+                break
+    except (zlib.error, lzma.LZMAError, EOFError, OSError) as error:
+        raise ValueError(str(error)) from error
+    return total
+
+
+#: Ways of packing of TIFF that shrink without bound, by their numbers.
+UNPACKERS: dict[int, Any] = {
+    **dict.fromkeys((8, 32946, 50013), zlib.decompressobj),
+    34925: lzma.LZMADecompressor,
+}
+with contextlib.suppress(ImportError):  # from Python 3.14 on
+    UNPACKERS[50000] = importlib.import_module("compression.zstd").ZstdDecompressor
+
+
+def size_claimed(head: bytes) -> int:
+    """Bytes that a PNG, JPEG, BMP or PNM picture claims to unpack to; 0 where its head does not say.
+
+    Examples
+    --------
+    >>> from palpate.camera.stacks import size_claimed
+    >>> size_claimed(b"P5 400 300 255\\n")
+    120000
+    """
+    if head.startswith(b"\x89PNG\r\n\x1a\n") and len(head) >= 26:
+        width, height = (int.from_bytes(head[k : k + 4], "big") for k in (16, 20))
+        channels = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}.get(head[25], 4)
+        return width * height * channels * max(1, head[24] // 8)
+    if head.startswith(b"\xff\xd8"):
+        at = 2
+        while at + 9 < len(head) and head[at] == 0xFF:
+            kind = head[at + 1]
+            if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC):
+                height, width = (int.from_bytes(head[at + k : at + k + 2], "big") for k in (5, 7))
+                return width * height * head[at + 9]
+            at += 1 if kind == 0xFF else 2 + int.from_bytes(head[at + 2 : at + 4], "big")
+        return 0
+    if head.startswith(b"BM") and len(head) >= 30:
+        width, height = (abs(int.from_bytes(head[k : k + 4], "little", signed=True)) for k in (18, 22))
+        return width * height * max(1, int.from_bytes(head[28:30], "little") // 8)
+    found = re.match(rb"P([1-6])(?:\s|#[^\n]*\n)+(\d+)(?:\s|#[^\n]*\n)+(\d+)\s(?:(?:#[^\n]*\n|\s)*(\d+))?", head)
+    if found is not None:
+        deep = 2 if found[4] and int(found[4]) > 255 else 1
+        return int(found[2]) * int(found[3]) * deep * (3 if found[1] in b"36" else 1)
+    return 0
 
 
 def pages_claimed(file: Any) -> int:

@@ -5,32 +5,45 @@ from __future__ import annotations
 import math
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate._arrays import to_numpy
 from palpate._numbers import plain_number, relative
 from palpate.camera.displacements import Displacements, Reading
+from palpate.camera.pictures import is_pictures
 from palpate.camera.touches import Touches, camera_of, gel_skin
+from palpate.camera.traces import ForceTrace, read_force_trace
+from palpate.elastic.channels import channel_unit
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.layers import BondedLayers
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.fit import POOR_FIT
+from palpate.recordings import Recording, read_columns, read_recording, read_stream
+from palpate.recordings.formats import endings
 from palpate.recordings.skinfile import skin_text
 from palpate.sensing.view import View
 from palpate.skin import Skin
+from palpate.touch import Touch
 from palpate.units import UNKNOWN
 
 __all__ = ["Weighed", "weigh"]
 
 #: A frame belongs to the press where dots move by this part of the most; of these, the middle ones are solved, so many.
 PRESSED, SOLVED = 0.8, 3
+#: The same where the force is known at each time: forces of a whole press tell the modulus.
+TRACED, SOLVED_TRACE = 0.3, 6
+#: Frames at the start of a recording that show the gel at rest, and how far its readings may move there, as a part of the most.
+REST, STILL = 5, 0.2
+#: What presses moves by so many times what noise does.
+BEYOND = 10.0
+#: Force and displacement rise together by this rank correlation at least, in so many frames or more.
+TOGETHER, RANKED = 0.5, 8
 #: What a modulus that is unknown begins with: any.
 BEGUN = "100 kPa"
 #: A 95 % interval is so many standard deviations wide to each side.
@@ -89,33 +102,38 @@ class Weighed:
 def weigh(
     sources: Sequence[Any] | Any,
     skin: Skin | str | Path,
-    forces: npt.ArrayLike,
+    forces: Any,
     *,
     view: View | None = None,
     rate: float | None = None,
+    reference: int | None = None,
     **options: Any,
 ) -> Weighed:
-    """The modulus from pictures of presses with known normal forces.
+    """The modulus from presses with known normal forces, in pictures of a gel or in recordings of its displacements.
 
     Parameters
     ----------
     sources : one or a list
-        Of videos, folders and so on (`open_pictures`), each a press that begins with the gel at rest.
+        Each a press that begins with the gel at rest: videos, folders and so on (`open_pictures`); recordings of displacements or strains (a `Recording`, or a
+        file of one: tables of markers too, by the section [columns] of the skin.toml).
     skin : path of a skin.toml, or Skin
         With a guess of the modulus, or ``youngs_modulus = "unknown"``.
-    forces : float or sequence
-        Normal force of each press [N]: mass times 9.81 m/s^2 for a weight that rests on the gel.
+    forces : one or a list
+        Normal force of each press: a number [N] (mass times 9.81 m/s^2 for a weight that rests on the gel), or force over time on the clock of the press, as a
+        `ForceTrace` or a table of it (`read_force_trace`). What a trace reads while the gel is at rest is its zero.
     view, rate
         As for `palpate.camera.follow`.
+    reference : int, optional
+        Frames at the start that show the gel at rest; default: 5, or what the skin.toml says of pictures.
     **options
         Of `Skin.reconstruct`, such as friction.
 
     Raises
     ------
     InvalidInput
-        Forces that are not positive or not one for each press, a press in which nothing presses.
+        Forces that are not positive or not one for each press, a press in which nothing presses, a trace of another time.
     Unsupported
-        A pad without one modulus.
+        A pad without one modulus, readings of stress, which do not depend on it.
 
     Examples
     --------
@@ -132,18 +150,29 @@ def weigh(
     True
     """
     listed = list(sources) if isinstance(sources, list | tuple) and not _is_images(sources) else [sources]
-    known = np.atleast_1d(np.asarray(forces, dtype=np.float64))
-    if known.shape != (len(listed),) or not (np.isfinite(known).all() and (known > 0).all()):
-        raise InvalidInput(f"forces must be positive, one for each of {len(listed)} presses [N]; got {known.tolist()}.")
+    known = [_known(f) for f in (forces if isinstance(forces, list | tuple) else np.atleast_1d(forces).tolist())]
+    if len(known) != len(listed):
+        raise InvalidInput(f"forces must be one for each of {len(listed)} presses; got {len(known)}.")
     with tempfile.TemporaryDirectory() as folder:
         given = skin if isinstance(skin, Skin) else Path(skin)
         begun = given if isinstance(given, Skin) else _begun(given, Path(folder))
-        return _weighed(listed, begun, known, view, rate, options, guessed=begun is not given)
+        return _weighed(listed, begun, known, view, rate, reference, options, guessed=begun is not given)
+
+
+def _known(force: Any) -> float | ForceTrace:
+    """A force, or one over time."""
+    if isinstance(force, ForceTrace):
+        return force
+    if isinstance(force, str | Path):
+        return read_force_trace(force)
+    if not (isinstance(force, int | float | np.number) and np.isfinite(force) and force > 0):
+        raise InvalidInput(f"forces must be positive [N], or tables of force over time; got {force!r}.")
+    return float(force)
 
 
 def _begun(skin: Path, folder: Path) -> Path:
     """The skin with a modulus to begin with where it says "unknown": displacements give forces over the modulus, whatever that is."""
-    text = skin_text(skin) if skin.is_file() else ""
+    text = skin_text(skin)
     key = re.compile(r'^(\s*youngs_modulus\s*=\s*)("[^"\n]*"|\'[^\'\n]*\')', re.MULTILINE)
     values = [value.strip("\"'").strip().lower() for _, value in key.findall(text)]
     if UNKNOWN not in values:
@@ -160,31 +189,32 @@ def _begun(skin: Path, folder: Path) -> Path:
 def _weighed(
     listed: list[Any],
     skin: Skin | Path,
-    known: Floats,
+    known: list[float | ForceTrace],
     view: View | None,
     rate: float | None,
+    reference: int | None,
     options: dict[str, Any],
     *,
     guessed: bool,
 ) -> Weighed:
-    settings = camera_of(skin, view)
-    lies: Any = settings if view is None else view
     ratios, stds, fits, modulus = [], [], [], math.nan
-    for source, force in zip(listed, known):
-        with Displacements(source, lies, rate=rate, texture=settings.texture if settings else None) as readings:
-            full = gel_skin(skin, readings.positions)
-            modulus = _modulus(full)
-            # the modulus is what is sought: only the rest is uncertain
-            full = Skin(
-                full.pad,
-                full.planes,
-                surface=full.surface if full.problem().fixed else None,
-                uncertainty=replace(full.uncertainty, youngs_modulus=0.0),
-            )
-            found, std, fit = _force(readings, full, settings.distance if settings else None, options)
-        ratios.append(force / found)
-        stds.append(force / found * std / found)
-        fits.append(fit)
+    for index, (source, force) in enumerate(zip(listed, known)):
+        if isinstance(source, Recording) or (isinstance(source, str | Path) and not is_pictures(source)):
+            press = _recorded(source, skin, reference, options, f"press {index}")
+            modulus = _modulus(press.skin)
+            found = _ratio(press, force)
+        else:
+            settings = camera_of(skin, view)
+            lies: Any = settings if view is None else view
+            texture = settings.texture if settings else None
+            with Displacements(source, lies, rate=rate, reference=reference, texture=texture) as readings:
+                full = _without_modulus(gel_skin(skin, readings.positions))
+                modulus = _modulus(full)
+                press = _filmed(readings, full, settings.distance if settings else None, options)
+                found = _ratio(press, force)
+        ratios.append(found[0])
+        stds.append(found[1])
+        fits.append(found[2])
     ratio, each = np.array(ratios), np.array(stds)
     weight = 1.0 / each**2
     mean = float((weight * ratio).sum() / weight.sum())
@@ -219,36 +249,177 @@ def _modulus(skin: Skin) -> float:
     )
 
 
-def _force(
-    readings: Displacements, skin: Skin, distance: float | None, options: dict[str, Any]
-) -> tuple[float, float, float]:
-    """Normal force of a press, its standard deviation, and the fit."""
-    taken: list[tuple[float, Reading]] = []
-    for reading in readings:
-        if not reading.fault:
-            taken.append((float(np.nanmedian(np.sort(np.hypot(*reading.values))[-8:])), reading))
-    most = max((size for size, _ in taken), default=0.0)
-    quiet = np.median([np.nanmedian(r.std) for _, r in taken]) if taken else 0.0
-    if not most > 10.0 * quiet:
-        raise InvalidInput(
-            f"{readings.pictures.name}: nothing presses in these pictures: the dots move by {plain_number(1e6 * most, 2)} um at most. Show the gel at rest first, then the press."
-        )
-    held = [reading for size, reading in taken if size > PRESSED * most]
-    middle = [
-        held[i]
-        for i in np.unique(np.linspace(0.25 * (len(held) - 1), 0.75 * (len(held) - 1), SOLVED).round().astype(int))
-    ]
+def _without_modulus(skin: Skin) -> Skin:
+    """The skin with a modulus that is sure: it is what is sought, and only the rest is uncertain."""
+    return Skin(
+        skin.pad,
+        skin.planes,
+        surface=skin.surface if skin.problem().fixed else None,
+        uncertainty=replace(skin.uncertainty, youngs_modulus=0.0),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Press:
+    """A press, frame by frame: how far the gel moves [m, or of strain], when, and the touch of a frame; ``quiet`` is what noise moves, ``rest`` how many show no press."""
+
+    name: str
+    what: str
+    skin: Skin
+    size: Floats
+    time: Floats
+    number: list[int]
+    quiet: float
+    rest: int
+    solve: Callable[[int], Touch]
+
+
+def _filmed(readings: Displacements, skin: Skin, distance: float | None, options: dict[str, Any]) -> _Press:
+    """A press in pictures."""
+    taken: list[Reading] = [reading for reading in readings if not reading.fault]
     way = Touches(readings, skin, distance=distance, track=False, every=1, options=options)
-    forces, spreads, fits = [], [], []
-    for reading in middle:
-        touch = way.alone(reading)
-        force = float(to_numpy(touch.force)[2])
-        if not force > 0:
+    return _Press(
+        name=readings.pictures.name,
+        what="picture",
+        skin=skin,
+        size=np.array([_moved(r.values) for r in taken]),
+        time=np.array([r.time for r in taken]),
+        number=[r.index for r in taken],
+        quiet=float(np.median([np.nanmedian(r.std) for r in taken])) if taken else 0.0,
+        rest=readings.reference,
+        solve=lambda i: way.alone(taken[i]),
+    )
+
+
+def _recorded(source: Any, skin: Skin | Path, reference: int | None, options: dict[str, Any], name: str) -> _Press:
+    """A press in a recording of displacements or strains."""
+    if not isinstance(source, Recording):
+        name = str(source)
+        mapping: Any = None
+        if not isinstance(skin, Skin):
+            table = Path(source).suffix.lower() in endings("read_mapped")
+            mapping = read_columns(skin) if table else read_stream(skin)
+        source = read_recording(source, mapping=mapping)
+    full = skin if isinstance(skin, Skin) else Skin.from_file(skin, recording=source)
+    channels = tuple(c for plane in full.planes for c in plane.channels)
+    if source.channels != channels or any(plane.shape != source.readings.shape[2:] for plane in full.planes):
+        raise InvalidInput(
+            f"{name}: holds {', '.join(source.channels)} of {'x'.join(map(str, source.readings.shape[2:]))} places, and the skin describes {', '.join(channels)} of "
+            f"{' and '.join('x'.join(map(str, p.shape)) for p in full.planes)}: weigh with the skin of this recording."
+        )
+    stress = [c for c in channels if channel_unit(c) == "Pa"]
+    if stress:
+        raise Unsupported(
+            f"{name}: {', '.join(stress)} tell forces whatever the modulus is: a known force corrects their unit. palpate weigh is for displacements and strains."
+        )
+    rest = REST if reference is None else reference
+    if not 0 <= rest < len(source.readings):
+        raise InvalidInput(
+            f"{name}: {rest} frames at rest are taken of {len(source.readings)}: give fewer with reference= (--baseline), and a press after them."
+        )
+    values = source.readings - (_mean(source.readings[:rest]) if rest else 0.0)
+    size = np.array([_moved(v.reshape(len(channels), -1)) for v in values])
+    # from one frame to the next, so that a press among them does not count
+    quiet = _middle(np.abs(np.diff(values[:rest], axis=0))) / math.sqrt(2.0) if rest > 1 else 0.0
+    if rest and size.max() > BEYOND * quiet and size[:rest].max() > STILL * size.max():
+        raise InvalidInput(
+            f"{name}: the gel moves in the first {rest} frames, which are taken to show it at rest: give how many do with reference= (--baseline)."
+        )
+    full = _without_modulus(full)
+    cut = list(np.cumsum([len(plane.channels) for plane in full.planes])[:-1])
+
+    def solve(i: int) -> Touch:
+        lost = np.isnan(values[i]).any(axis=0)
+        seen = full.masked(~lost) if lost.any() else full
+        parts = np.split(np.where(lost, 0.0, values[i]), cut)
+        return seen.reconstruct(parts[0] if len(parts) == 1 else parts, **options)
+
+    return _Press(
+        name,
+        "frame",
+        full,
+        size,
+        np.asarray(source.time, dtype=np.float64),
+        list(range(len(values))),
+        quiet,
+        rest,
+        solve,
+    )
+
+
+def _mean(values: Floats) -> Floats:
+    """Over the frames in which a marker is there; NaN where it never is."""
+    there = np.isfinite(values)
+    count = there.sum(axis=0)
+    return np.where(count > 0, np.where(there, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+
+
+def _middle(values: Floats) -> float:
+    """The median of what is there; 0 of nothing."""
+    there = values[np.isfinite(values)]
+    return float(np.median(there)) if there.size else 0.0
+
+
+def _moved(values: Floats) -> float:
+    """How far the places move that move most (channel, place)."""
+    return float(np.nanmedian(np.sort(np.sqrt((values**2).sum(axis=0)))[-8:])) if np.isfinite(values).any() else 0.0
+
+
+def _ratio(press: _Press, known: float | ForceTrace) -> tuple[float, float, float]:
+    """Known force over the force that is found, its standard deviation, and the fit."""
+    most = float(press.size.max(initial=0.0))
+    if not most > BEYOND * press.quiet:
+        raise InvalidInput(
+            f"{press.name}: nothing presses in these {press.what}s: the dots move by {plain_number(1e6 * most, 2)} um at most. Show the gel at rest first, then the press."
+        )
+    force, at = _held(press, known, most)
+    found, spreads, fits = [], [], []
+    for i in at:
+        touch = press.solve(i)
+        value = float(to_numpy(touch.force)[2])
+        if not value > 0:
             raise InvalidInput(
-                f"{readings.pictures.name}: no pressing force is found in picture {reading.index} ({touch.notes[-1] if touch.notes else 'no contact'})."
+                f"{press.name}: no pressing force is found in {press.what} {press.number[i]} ({touch.notes[-1] if touch.notes else 'no contact'})."
             )
         low, high = (float(to_numpy(end)[2]) for end in touch.interval(0.95, "force"))
-        forces.append(force)
+        found.append(value)
         spreads.append((high - low) / (2.0 * WIDE))
         fits.append(float(np.asarray(touch.fit)) if touch.fit is not None else math.nan)
-    return float(np.mean(forces)), math.hypot(float(np.mean(spreads)), float(np.std(forces))), float(np.min(fits))
+    mean, ratio = float(np.mean(found)), float(np.mean(force) / np.mean(found))
+    # errors of one frame are those of the next
+    std = ratio * math.hypot(float(np.mean(spreads)), float(np.std(force / ratio - np.array(found)))) / mean
+    return ratio, std, float(np.min(fits))
+
+
+def _held(press: _Press, known: float | ForceTrace, most: float) -> tuple[Floats, list[int]]:
+    """The forces at the frames that are solved, and their places."""
+    if isinstance(known, float):
+        held = np.flatnonzero(press.size > PRESSED * most)
+        middle = np.linspace(0.25 * (len(held) - 1), 0.75 * (len(held) - 1), SOLVED)
+        at = [int(held[i]) for i in np.unique(middle.round().astype(int))]
+        return np.full(len(at), known), at
+    force = known.at(press.time)
+    rest = force[: press.rest][np.isfinite(force[: press.rest])]
+    force = force - (rest.mean() if len(rest) else 0.0)
+    held = np.flatnonzero((press.size > TRACED * most) & np.isfinite(force))
+    if not len(held):
+        raise InvalidInput(
+            f"{known.name}: its times go from {known.time[0]:g} to {known.time[-1]:g} s, and {press.name} presses from {press.time[press.size > TRACED * most].min():g} to "
+            f"{press.time[press.size > TRACED * most].max():g} s: give both on one clock, such as by taking the time of the first {press.what} from the trace's."
+        )
+    if force[held].mean() < 0:  # the reading of a cell below the gel, or one that pulls
+        force = -force
+    both = np.isfinite(force)
+    if both.sum() >= RANKED:
+        from scipy.stats import spearmanr
+
+        rank = float(spearmanr(press.size[both], force[both]).statistic)
+        if not rank > TOGETHER:
+            raise InvalidInput(
+                f"{known.name}: its forces and how far the gel moves in {press.name} do not rise together (rank correlation {rank:.2g}): give both on one clock."
+            )
+    held = held[force[held] > 0]
+    ordered = held[np.argsort(force[held])]
+    picked = np.unique(np.linspace(0, len(ordered) - 1, SOLVED_TRACE).round().astype(int))
+    at = [int(ordered[i]) for i in picked]
+    return force[at], at

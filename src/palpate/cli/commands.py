@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import logging
+import os
 import signal
 import sys
 import warnings
@@ -24,10 +26,11 @@ from palpate.cli.reconstruct import reconstruct
 from palpate.cli.ros import RosCommand, ros
 from palpate.cli.sensors import sensors
 from palpate.cli.simulate import simulate
+from palpate.cli.terminal import guarded
 from palpate.cli.tfm import tfm
 from palpate.cli.track import track
 from palpate.cli.weigh import weigh
-from palpate.errors import PalpateError
+from palpate.errors import PalpateError, printable
 
 app = typer.Typer(
     name="palpate",
@@ -53,6 +56,10 @@ def _root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
+    ctx.with_resource(guarded())
+    # what libraries say of damaged files, palpate says once and in words
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     if ctx.invoked_subcommand is None:
         typer.echo(ctx.get_help())
 
@@ -133,7 +140,7 @@ def _warned(
     line: str | None = None,
 ) -> None:
     """A warning is one line too, without the place in the program that it comes from."""
-    sys.stderr.write(f"warning: {' '.join(str(message).split())}\n")
+    sys.stderr.write(f"warning: {' '.join(printable(str(message)).split())}\n")
 
 
 class _Stopped(BaseException):
@@ -145,5 +152,5 @@ def _stop(*_: object) -> None:
 
 
 def _fail(message: str, code: int) -> None:
-    sys.stderr.write(f"error: {' '.join(message.split())}\n")
+    sys.stderr.write(f"error: {' '.join(printable(message).split())}\n")
     sys.exit(code)

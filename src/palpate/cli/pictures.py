@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -50,7 +49,6 @@ def track_pictures(
 ) -> None:
     """Follow a gel in pictures: `palpate track VIDEO`."""
     import contextlib
-    import logging
 
     from palpate._plot import plot_forces as drawn
     from palpate.camera import follow, overlay
@@ -60,9 +58,6 @@ def track_pictures(
     from palpate.touch import Forces, joined
     from palpate.touch.table import table_words
 
-    # what libraries say of damaged files, palpate says once and in words
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
-    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     skin_file = known_skin(skin_file)
     kind = None if out is None else file_format(out, task="write_touch")
     inputs = [source, *skin_files(skin_file)]
@@ -72,7 +67,7 @@ def track_pictures(
             check_picture(path)
     if fast and every is not None:
         raise InvalidInput("--fast follows all pictures with a tracker: leave out --every.")
-    record = provenance(skin_text(skin_file) if skin_file.is_file() else "", str(source))
+    record = provenance(skin_text(skin_file), str(source))
     touches, lost, taken, marks, strongest = [], [], [], [], None
     forces = Forces()
     with contextlib.ExitStack() as stack:

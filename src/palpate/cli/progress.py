@@ -6,6 +6,8 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
+from palpate.cli.terminal import unguarded
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -16,7 +18,7 @@ def progress(items: Iterable[Any], label: str) -> Iterable[Any]:
     from rich.progress import track
 
     listed = list(items)
-    console = Console(stderr=True)
+    console = Console(file=unguarded(sys.stderr))
     if len(listed) < 3 or not console.is_terminal:
         return listed
     return track(listed, description=label, console=console, transient=True)
@@ -26,7 +28,7 @@ def busy(label: str) -> Any:
     """A spinner on a terminal."""
     from rich.console import Console
 
-    return Console(stderr=True).status(label)
+    return Console(file=unguarded(sys.stderr)).status(label)
 
 
 #: Seconds between two lines about long work where no terminal shows a bar.
@@ -42,7 +44,7 @@ class Bar:
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-        console = Console(stderr=True)
+        console = Console(file=unguarded(sys.stderr))
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),

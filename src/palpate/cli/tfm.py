@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,7 @@ from palpate.errors import InvalidInput
 if TYPE_CHECKING:
     from palpate.elastic.pad import Pad
     from palpate.microscopy import Field
+    from palpate.microscopy.pixelsize import PixelSize
     from palpate.sensing.uncertainty import Uncertainty
 
 
@@ -27,7 +29,9 @@ def tfm(
             "a pair of matrices (along x, then along y), .tif.",
         ),
     ],
-    pixel: Annotated[str | None, typer.Option(help='Size of a pixel, e.g. "0.1 um".')] = None,
+    pixel: Annotated[
+        str | None, typer.Option(help='Size of a pixel, e.g. "0.1 um"; default: what the pictures say.')
+    ] = None,
     youngs_modulus: Annotated[
         str | None, typer.Option(help='Of the gel, e.g. "8 kPa", or "8 kPa +- 10 %" to have it in every error.')
     ] = None,
@@ -42,8 +46,11 @@ def tfm(
     mask: Annotated[
         Path | None,
         typer.Option(
-            help="Where the cell is: a picture that is zero outside, or an outline (.csv of x,y in pixels, .json)."
+            help="Where the cell is: a picture that is zero outside, _seg.npy or masks of Cellpose, or an outline (.csv of x,y in pixels, .json)."
         ),
+    ] = None,
+    cell: Annotated[
+        int | None, typer.Option(help="Which cell of a mask of several: its value, or the number of its outline.")
     ] = None,
     image: Annotated[Path | None, typer.Option(help="Picture of the cell, to be drawn beneath.")] = None,
     frames: Annotated[
@@ -57,11 +64,17 @@ def tfm(
     ] = None,
     step: Annotated[float | None, typer.Option(help="Pixels between vectors; of pictures: half a window.")] = None,
     unit: Annotated[str | None, typer.Option(help="Of the displacements of a field: px, um, m and so on.")] = None,
+    position_unit: Annotated[
+        str | None, typer.Option(help="Of the positions of a table, where it is not that of the displacements.")
+    ] = None,
     up: Annotated[bool, typer.Option("--up", help="y and v of a field grow upwards.")] = False,
+    v_up: Annotated[bool, typer.Option("--v-up", help="v of a field grows upwards, and y downwards.")] = False,
     follow: Annotated[
         bool, typer.Option("--follow", help="The vectors of a table belong to where the markers went.")
     ] = False,
-    name: Annotated[str | None, typer.Option(help="Which field of a file that holds several.")] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Which field of a file that holds several, or frame of a table.")
+    ] = None,
     drop_outliers: Annotated[
         bool, typer.Option("--drop-outliers", help="Leave out vectors that differ from all about them.")
     ] = False,
@@ -86,7 +99,16 @@ def tfm(
     force: Force = False,
 ) -> None:
     """Traction force microscopy: strain energy, contractility and forces of a cell, with their errors, in one report."""
-    from palpate.microscopy import bead_displacements, cell_forces, is_field, read_field, read_pair, read_picture
+    from palpate.microscopy import (
+        bead_displacements,
+        cell_forces,
+        is_field,
+        read_field,
+        read_mask,
+        read_pair,
+        read_picture,
+    )
+    from palpate.microscopy.readers import TURNED
     from palpate.recordings import write_touch
     from palpate.units import parse_quantity
 
@@ -95,25 +117,34 @@ def tfm(
     inputs = [*source, mask, image, *skin_files(skin_file)]
     for target in targets.values():
         check_output(target, inputs=inputs, force=force)
-    _complete(source, image, pixel, unit, step, skin_file, youngs_modulus, poissons_ratio)
-    size_of_pixel = parse_quantity(str(pixel), "length", "--pixel")
-    if size_of_pixel <= 0:
-        raise InvalidInput(f"--pixel must be positive; got {pixel!r}.")
+    fields = is_field(source) if all(file.exists() for file in source) else False
+    pictures = [*([] if fields else source), *([] if image is None else [image])]
+    stated = _complete(source, image, pixel, unit, step, skin_file, youngs_modulus, poissons_ratio, pictures)
+    notes, size_of_pixel = _pixel(pixel, stated, pictures)
+    if cell is not None and mask is None:
+        raise InvalidInput("--cell picks a cell of a mask: give --mask.")
+    corners = None if mask is None else read_mask(mask, cell=cell, pixel=size_of_pixel)
     picture = None if image is None else read_picture(image)
     size = None if picture is None else (int(picture.shape[1]), int(picture.shape[0]))
-    if is_field(source):
+    if up and size is None and corners is not None and corners.dtype == bool:
+        size = (int(corners.shape[1]), int(corners.shape[0]))
+    if fields:
         wrong = ["--frames"] if frames is not None else []
         if wrong:
             raise InvalidInput(
                 f"{' and '.join(wrong)} belongs to pictures of beads; {source[0]} holds displacements: leave it out."
             )
         field = read_field(
-            source, pixel=size_of_pixel, unit=unit, step=step, size=size, up=up, name=name, follow=follow, window=window
-        )
+            source, pixel=size_of_pixel, unit=unit, step=step, size=size, up=up, v_up=v_up, name=name, follow=follow, window=window, position_unit=position_unit,
+        )  # fmt: skip
+        if TURNED in field.notes and corners is not None:
+            raise InvalidInput(
+                f"{mask} is an outline in pixels from the picture's top, and --up counts from its bottom: give the picture too (--image)."
+            )
         if not still:
             field = field.without_drift()
     else:
-        given = (("--unit", unit), ("--up", up), ("--name", name), ("--follow", follow))
+        given = (("--unit", unit), ("--up", up), ("--v-up", v_up), ("--name", name), ("--follow", follow), ("--position-unit", position_unit))  # fmt: skip
         if any(v for _, v in given):
             raise InvalidInput(
                 f"{', '.join(o for o, v in given if v)} belong to displacement fields; {source[0]} is taken as pictures of beads: leave them out."
@@ -140,12 +171,13 @@ def tfm(
                 step=None if step is None else int(step),
                 drift=not still,
             )
+    field = replace(field, notes=(*notes, *field.notes))
     if drop_outliers:
         field = field.without_outliers()
     pad, below, uncertainty = _gel(field, skin_file, youngs_modulus, poissons_ratio, thickness, depth)
     with busy("solving"):
         forces = cell_forces(
-            field, pad, mask=mask, size=size, picture=picture, depth=below, noise=None if noise is None else parse_quantity(noise, 'length', '--noise'), order=order, rule=rule, drift=not still, uncertainty=uncertainty, draws=draws,
+            field, pad, mask=corners, size=size, picture=picture, depth=below, noise=None if noise is None else parse_quantity(noise, 'length', '--noise'), order=order, rule=rule, drift=not still, uncertainty=uncertainty, draws=draws,
         )  # fmt: skip
     told = ", ".join(p.name for p in source)
     forces.write_report(targets[".html"], title=source[0].stem, source=told, command=command_line())
@@ -177,17 +209,20 @@ def _complete(
     skin: Path | None,
     modulus: str | None,
     ratio: float | None,
-) -> None:
-    """Refuse at once what lacks any of the numbers that no file tells."""
+    pictures: list[Path],
+) -> PixelSize | None:
+    """Refuse at once what lacks any of the numbers that no file tells; the size of a pixel, where the pictures tell it and the user does not."""
     from palpate.microscopy import is_field
+    from palpate.microscopy.pixelsize import pixel_size_of_all
 
     for file in source:
         if not file.exists():
             raise InvalidInput(f"{file}: no such file.")
+    stated = None if pixel is not None else pixel_size_of_all(pictures)
     # a matrix tells neither its unit nor its step
     matrix = is_field(source) and all(f.suffix.lower() == ".npy" for f in source)
     needed = [
-        ('--pixel "0.1 um" (the size of a pixel)', pixel is None),
+        ('--pixel "0.1 um" (the size of a pixel)', pixel is None and stated is None),
         ("--unit px (of the displacements; or um, m)", matrix and unit is None),
         ("--step 8 (pixels from vector to vector)", matrix and step is None and image is None),
         ('--youngs-modulus "8 kPa"', skin is None and modulus is None),
@@ -201,6 +236,20 @@ def _complete(
             else ""
         )
         raise InvalidInput(f"what no file tells must be said, such as {', '.join(lacking)}.{gel}")
+    return stated
+
+
+def _pixel(given: str | None, stated: PixelSize | None, pictures: list[Path]) -> tuple[list[str], float]:
+    """The size of a pixel, by the user or by the pictures, and what is to be said of it."""
+    from palpate.microscopy.pixelsize import differing
+    from palpate.units import parse_quantity
+
+    if stated is not None:
+        return [f"a pixel is {stated}: {stated.said} says so"], stated.x
+    size = parse_quantity(given, "length", "--pixel")
+    if size <= 0:
+        raise InvalidInput(f"--pixel must be positive; got {given!r}.")
+    return [said for path in pictures if (said := differing(path, size))], size
 
 
 def _gel(

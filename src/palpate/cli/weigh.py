@@ -7,18 +7,35 @@ from typing import Annotated, Any
 
 import typer
 
+from palpate.cli.options import Columns, mapping_for
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
 
 def weigh(
-    videos: Annotated[
-        list[Path], typer.Argument(metavar="PICTURES...", help="Videos, folders or stacks, one for each press.")
+    presses: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PRESS...",
+            help="One for each press, which begins at rest: videos, folders or stacks of a gel, or recordings of its displacements (.nc, .npz, .csv, tables of markers).",
+        ),
     ],
     skin_file: Annotated[
         Path, typer.Option("--skin", help="skin.toml with a guess of the modulus, or the name of a sensor.")
     ],
-    force: Annotated[list[str], typer.Option(help='Known normal force of each press, e.g. "1.96 N"; or one for all.')],
+    force: Annotated[
+        list[str],
+        typer.Option(
+            help='Known normal force of each press, e.g. "1.96 N", or one for all; or a table of force over time on the clock of the press, with titles such as time (s),fz (N).'
+        ),
+    ],
+    columns: Columns = None,
+    baseline: Annotated[
+        int | None,
+        typer.Option(
+            min=0, help="Frames at the start that show the gel at rest; default: 5, or what the skin.toml says."
+        ),
+    ] = None,
     friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
 ) -> None:
     """Set the modulus of a gel by presses with known forces: every force is proportional to it."""
@@ -26,23 +43,27 @@ def weigh(
     from palpate.camera import is_pictures
     from palpate.camera import weigh as weighed
     from palpate.cli.pictures import known_skin
-    from palpate.units import parse_quantity
+    from palpate.recordings import read_recording
 
-    if len(force) not in (1, len(videos)):
+    if len(force) not in (1, len(presses)):
         raise InvalidInput(
-            f"--force is given {len(force)} times for {len(videos)} presses: once for each, or one for all."
+            f"--force is given {len(force)} times for {len(presses)} presses: once for each, or one for all."
         )
-    for video in videos:
-        if not video.exists():
-            raise InvalidInput(f"{video}: no such file.")
-        if not is_pictures(video):
-            raise InvalidInput(
-                f"{video}: weights are read from pictures of the gel (a video, a folder of pictures, a .tif stack), and this is none."
-            )
-    forces = [parse_quantity(f, "force", "force") for f in force] * (len(videos) if len(force) == 1 else 1)
+    skin = known_skin(skin_file)
+    for press in presses:
+        if not press.exists():
+            raise InvalidInput(f"{press}: no such file.")
+    filmed = [is_pictures(press) for press in presses]
+    if columns is not None and any(filmed):
+        raise InvalidInput("--map names the columns of a table: leave it out for pictures.")
+    forces = [_force(f) for f in force] * (len(presses) if len(force) == 1 else 1)
+    sources: list[Any] = [
+        press if pictures else read_recording(press, mapping=mapping_for(press, skin, columns))
+        for press, pictures in zip(presses, filmed)
+    ]
     options: dict[str, Any] = {} if friction is None else {"friction": friction}
     with busy("solving"):
-        found = weighed(list(videos), known_skin(skin_file), forces, **options)
+        found = weighed(sources, skin, forces, reference=baseline, **options)
     typer.echo(str(found))
     share = found.std / found.youngs_modulus
     if not share < 1.0:
@@ -53,3 +74,14 @@ def weigh(
         # per cent of two digits, which a skin.toml takes below 100
         modulus, percent = plain_number(1e-3 * found.youngs_modulus, 4), plain_number(min(100.0 * share, 99.0), 2)
         typer.echo(f'write           youngs_modulus = "{modulus} kPa +- {percent} %"')
+
+
+def _force(text: str) -> Any:
+    """A force in newtons, or the table of one over time."""
+    from palpate.camera import read_force_trace
+    from palpate.units import parse_quantity
+
+    path = Path(text)
+    if path.is_file() or path.suffix.lower() in (".csv", ".txt", ".tsv", ".dat"):
+        return read_force_trace(path)
+    return parse_quantity(text, "force", "force")

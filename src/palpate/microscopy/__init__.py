@@ -5,16 +5,19 @@ from palpate.microscopy.cell import CellForces, Quantity, cell_forces
 from palpate.microscopy.fields import Field
 from palpate.microscopy.masks import on_grid, read_mask
 from palpate.microscopy.pictures import read_pair, read_picture
+from palpate.microscopy.pixelsize import PixelSize, pixel_size
 from palpate.microscopy.readers import is_field, read_field
 
 __all__ = [
     "CellForces",
     "Field",
+    "PixelSize",
     "Quantity",
     "bead_displacements",
     "cell_forces",
     "is_field",
     "on_grid",
+    "pixel_size",
     "read_field",
     "read_mask",
     "read_pair",

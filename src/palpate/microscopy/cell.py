@@ -16,6 +16,7 @@ from palpate.errors import InvalidInput
 from palpate.microscopy.fields import Field
 from palpate.microscopy.inversion import Inverted, inverted
 from palpate.microscopy.masks import on_grid, read_mask
+from palpate.microscopy.orientation import suspected
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.touch import Touch
 
@@ -29,6 +30,12 @@ SIDE = 1.96
 #: Net force or torque is questioned from so many standard deviations on; the two principal moments of a cell that pulls have one sign.
 QUESTIONED = 3.0
 OPPOSED = 0.3
+#: What to look at where the field concentrates traction better with other axes (`suspected`).
+AXES = {
+    "v's sign": "with v of the other sign it does not: is v's sign right? Where v alone grows upwards, say v_up=True (--v-up); where y does too, up=True (--up)",
+    "u for v": "with u and v exchanged it does not: are u and v the right way round, and are rows and columns those of the picture?",
+    "u for v and a sign": "with u and v exchanged, and one of them turned, it does not: are u and v and their signs right, and are rows and columns those of the picture?",
+}
 #: Residuals this many times the noise are questioned.
 MISFIT = 2.0
 #: Strains above this are beyond linear elasticity; displacements below this [px] beyond any picture.
@@ -240,7 +247,7 @@ def cell_forces(
     pad : Pad
         The gel: `HalfSpace`, or `BondedLayers` of a thickness on glass.
     mask : array, path or None
-        Where the cell is (`read_mask`); None: all of the field of view.
+        Where the cell is (`read_mask`, which picks one of several); None: all of the field of view.
     size : (int, int), optional
         Columns and rows of the picture that the mask belongs to.
     picture : array (row, column), optional
@@ -303,7 +310,7 @@ def cell_forces(
     """
     if draws < 8:
         raise InvalidInput(f"draws must be at least 8; got {draws!r}.")
-    corners = None if mask is None else read_mask(mask)
+    corners = None if mask is None else read_mask(mask, pixel=field.pixel)
     if size is None and picture is not None:
         size = (int(np.shape(picture)[1]), int(np.shape(picture)[0]))
     name = str(mask) if isinstance(mask, str | Path) else "the mask"
@@ -544,9 +551,14 @@ def _doubts(
     moment = numbers["contractile_moment"]
     large, small = max(principal[:2], key=abs), min(principal[:2], key=abs)
     sure = abs(large) > QUESTIONED * own(moment)
-    if sure and large * small < 0 and abs(small) > OPPOSED * abs(large):
+    noise = field.noise or (None if done.touch.noise_std is None else float(np.mean(done.touch.noise_std)))
+    told = numbers["strain_energy"].value > QUESTIONED * own(numbers["strain_energy"])
+    axes = suspected(field, done.skin.pad, depth=done.skin.planes[0].depth, noise=noise) if told and noise else ""
+    if axes:
+        said.append(f"the field spreads its traction far over the gel, as no cell does, and {AXES[axes]}")
+    elif sure and large * small < 0 and abs(small) > OPPOSED * abs(large):
         said.append(
-            "the field pulls inwards along one direction and pushes outwards across it, as no cell does: is v's sign right (up), are u and v the right way round, "
+            "the field pulls inwards along one direction and pushes outwards across it, as no cell does: is v's sign right (v_up, --v-up), are u and v the right way round, "
             "are rows and columns those of the picture?"
         )
     elif sure and moment.value < -QUESTIONED * own(moment):
@@ -554,7 +566,7 @@ def _doubts(
             "the cell pushes outwards, as hardly any does: are the pictures in order (at rest first, pulled second), or do the displacements have the opposite sign?"
         )
     torque = numbers["torque"]
-    if abs(torque.value) > max(2.0 * own(torque), 2.0 * abs(moment.value)):
+    if not axes and abs(torque.value) > max(2.0 * own(torque), 2.0 * abs(moment.value)):
         said.append(
             "the field turns more than it contracts, as no cell does: are u and v the right way round, and are rows and columns those of the picture?"
         )
@@ -574,7 +586,7 @@ def _doubts(
             said.append(
                 f"traction outside the cell is {100 * share:.0f} % of that inside: noise, a neighbour, or a mask that misses part of the cell; energy and sums of sizes are partly that"
             )
-    if numbers["strain_energy"].value < QUESTIONED * own(numbers["strain_energy"]):
+    if not told:
         said.append("strain energy is not told from zero: no traction shows above noise")
     if field.std is not None and done.touch.residual is not None and float(done.touch.residual) > MISFIT:
         said.append(

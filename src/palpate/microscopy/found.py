@@ -14,7 +14,8 @@ __all__ = ["Found", "chosen", "one_of_many", "stacked_pair"]
 
 @dataclass(kw_only=True, eq=False)
 class Found:
-    """Vectors of one field: ``u``, ``v`` (row, column), or (n,) at positions ``x``, ``y``; ``unit`` where the file says it."""
+    """Vectors of one field: ``u``, ``v`` (row, column), or (n,) at positions ``x``, ``y``; ``unit`` of the vectors and ``place`` of the
+    positions where the file says it, and the metres in a ``pixel``."""
 
     u: Any
     v: Any
@@ -23,6 +24,8 @@ class Found:
     std: tuple[Any, Any] | None = None
     bad: Any = None
     unit: str | None = None
+    place: str | None = None
+    pixel: float | None = None
     #: a file of a program that always writes pixels
     pixels: bool = False
     notes: list[str] = field(default_factory=list)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,30 +15,45 @@ from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.microscopy.fields import Field
-from palpate.microscopy.pivtext import read_matrix
+from palpate.microscopy.names import plain, unit_in
+from palpate.microscopy.pickled import read_objects
+from palpate.microscopy.pivtext import is_number, split
+from palpate.recordings.textlines import text_of
+from palpate.units import UNITS
 
 __all__ = ["on_grid", "read_mask"]
 
 Bools = npt.NDArray[np.bool_]
 
-#: A picture of more grey levels than this is no mask.
-LEVELS = 16
+#: A picture of more grey levels than this is no mask, unless so many of the pixels side by side have one value: it then holds labels.
+LEVELS, EQUAL = 16, 0.9
+#: Names of the columns of an outline along x and along y.
+ALONG_X = ("x", "px", "pos_x", "xpos", "col", "column", "columns", "axis-1", "axis_1")
+ALONG_Y = ("y", "py", "pos_y", "ypos", "row", "rows", "axis-0", "axis_0")
 OUTLINES = (".csv", ".txt", ".json", ".geojson", ".roi")
 
 
-def read_mask(source: str | Path | npt.ArrayLike) -> npt.NDArray[Any]:
+def read_mask(
+    source: str | Path | npt.ArrayLike, *, cell: int | None = None, pixel: float | None = None
+) -> npt.NDArray[Any]:
     """A mask from a file: a picture as booleans (row, column), or an outline as corners (n, 2) of x, y [px].
 
     Parameters
     ----------
     source : path or array
-        A picture (``.png``, ``.tif``, ``.npy`` and so on) that is zero outside the cell, or an outline: ``.csv`` of x, y in pixels, ``.json`` or ``.geojson``
-        (a list of [x, y], or a Polygon). ImageJ writes a selection so with File > Save As > XY Coordinates.
+        A picture (``.png``, ``.tif``, ``.npy`` and so on) that is zero outside the cell, or whose values are the numbers of several cells; a ``_seg.npy`` of
+        Cellpose; or an outline: ``.csv`` or ``.txt`` with one corner in a line, x, y in pixels or columns that a header names (``row,col``, ``x (um)``), the
+        outlines of Cellpose (one cell in a line), ``.json`` or ``.geojson`` (a list of [x, y], or a Polygon). ImageJ writes a selection so with
+        File > Save As > XY Coordinates.
+    cell : int, optional
+        Which of several cells: its value in the picture, or its place in a file of outlines, from 1.
+    pixel : float, optional
+        Metres in a pixel, for outlines in units of length.
 
     Raises
     ------
     InvalidInput
-        A file that is not there or damaged, a picture of many grey levels, an empty mask, an outline of fewer than three corners.
+        A file that is not there or damaged, a picture of many grey levels, an empty mask, several cells without ``cell``, an outline of fewer than three corners.
 
     Examples
     --------
@@ -45,51 +61,97 @@ def read_mask(source: str | Path | npt.ArrayLike) -> npt.NDArray[Any]:
     >>> from pathlib import Path
     >>> from palpate.microscopy import read_mask
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     _ = Path(f"{folder}/cell.csv").write_text("10,10\\n60,12\\n40,50\\n")
+    ...     _ = Path(f"{folder}/cell.csv").write_text("row,col\\n10,10\\n12,60\\n50,40\\n")
     ...     read_mask(f"{folder}/cell.csv").tolist()
     [[10.0, 10.0], [60.0, 12.0], [40.0, 50.0]]
     """
     if not isinstance(source, str | Path):
         values = np.asarray(source)
         corners = values.ndim == 2 and values.shape[1] == 2 and values.dtype != np.bool_
-        return _outline(values, "the outline") if corners else _picture(values, "the mask")
+        return (
+            _outline(_one([values], cell, "the outline"), "the outline")
+            if corners
+            else _picture(values, "the mask", cell)
+        )
     path = Path(source)
     if not path.is_file():
         raise InvalidInput(f"{path} is a folder; give a file." if path.is_dir() else f"{path}: no such file.")
     ending = path.suffix.lower()
     if ending in OUTLINES:
-        return _outline(_corners(path, ending), str(path))
+        return _outline(_one(_corners(path, ending, pixel), cell, str(path)), str(path))
     if ending == ".npy":
-        try:
-            return read_mask(np.load(path, allow_pickle=False))
-        except (ValueError, OSError, EOFError) as error:
-            raise InvalidInput(f"{path}: cannot be read as a mask ({str(error)[:120]}).") from error
+        return read_mask_array(path, cell)
     from palpate.microscopy.pictures import read_picture
 
-    return _picture(read_picture(path), str(path))
+    return _picture(read_picture(path), str(path), cell)
 
 
-def _picture(values: npt.NDArray[Any], name: str) -> Bools:
+def read_mask_array(path: Path, cell: int | None) -> npt.NDArray[Any]:
+    """The mask in a .npy file: an array, or the ``masks`` of Cellpose."""
+    try:
+        values: Any = np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError):
+        held = read_objects(path)
+        values = held.get("masks") if isinstance(held, dict) else None
+        if not isinstance(values, np.ndarray):
+            keys = ", ".join(map(str, list(held)[:8])) if isinstance(held, dict) else type(held).__name__
+            raise InvalidInput(
+                f'{path}: holds no "masks", as a _seg.npy of Cellpose does; it holds {keys}. Save the mask alone with np.save.'
+            ) from None
+        if values.ndim != 2:
+            raise InvalidInput(
+                f"{path}: its masks have the shape {values.shape}, a stack: save one plane with np.save."
+            ) from None
+    if values.ndim == 2 and values.shape[1] == 2 and values.dtype != np.bool_:
+        return _outline(_one([values], cell, str(path)), str(path))
+    return _picture(values, str(path), cell)
+
+
+def _one(outlines: Sequence[Any], cell: int | None, name: str) -> Any:
+    """The outline of one cell, by its place from 1."""
+    if cell is None and len(outlines) > 1:
+        raise InvalidInput(
+            f"{name}: holds the outlines of {len(outlines)} cells: say which with cell=1 to cell={len(outlines)} (--cell 1)."
+        )
+    if cell is not None and not 1 <= cell <= len(outlines):
+        raise InvalidInput(
+            f"{name}: holds {len(outlines)} outline{'s' if len(outlines) > 1 else ''}: cell (--cell) is from 1 to {len(outlines)}; got {cell}."
+        )
+    return outlines[(cell or 1) - 1]
+
+
+def _picture(values: npt.NDArray[Any], name: str, cell: int | None = None) -> Bools:
     if values.ndim == 3 and values.shape[-1] in (3, 4) and values.dtype == np.uint8:
         values = values[..., :3].max(axis=-1)
     if values.ndim != 2 or values.dtype.kind not in "biuf":
         raise InvalidInput(
             f"{name}: a mask is a picture of one channel, or corners (n, 2); got {values.dtype} of shape {values.shape}."
         )
-    if values.dtype != np.bool_:
-        levels = np.unique(values)
-        if len(levels) > LEVELS:
-            raise InvalidInput(
-                f"{name}: holds {len(levels)} grey levels: it looks like a photograph. A mask is zero outside the cell and one other value inside."
-            )
-        if len(levels) > 2:
-            raise InvalidInput(
-                f"{name}: holds {len(levels)} values ({', '.join(f'{v:g}' for v in levels[:6])}), several cells perhaps: give a mask of one cell, zero outside."
-            )
-    inside = values != 0
-    if not inside.any():
+    if values.dtype == np.bool_:
+        values = values.astype(np.uint8)
+    elif (values == values.flat[0]).all() and values.flat[0] != 0:
+        raise InvalidInput(f"{name}: every pixel is {values.flat[0]:g}. Outside the cell it must be zero.")
+    levels = np.unique(values)
+    levels = levels[levels != 0]
+    if not len(levels):
         raise InvalidInput(f"{name}: the mask is empty: every pixel is zero. Inside the cell it must be another value.")
-    return np.asarray(inside)
+    if cell is not None:
+        if cell not in levels:
+            raise InvalidInput(f"{name}: no pixel has the value {cell} of cell (--cell); there are {_few(levels)}.")
+        return np.asarray(values == cell)
+    if len(levels) > LEVELS and (np.diff(values, axis=1) == 0).mean() < EQUAL:
+        raise InvalidInput(
+            f"{name}: holds {len(levels)} grey levels: it looks like a photograph. A mask is zero outside the cell and one other value inside."
+        )
+    if len(levels) > 1:
+        raise InvalidInput(
+            f"{name}: holds {len(levels)} values beside zero ({_few(levels)}), several cells perhaps: say which with cell={levels[0]:g} (--cell {levels[0]:g})."
+        )
+    return np.asarray(values != 0)
+
+
+def _few(levels: Any) -> str:
+    return ", ".join(f"{v:g}" for v in levels[:6]) + (f" and {len(levels) - 6} more" if len(levels) > 6 else "")
 
 
 def _outline(values: Any, name: str) -> Floats:
@@ -111,32 +173,102 @@ def _area(corners: Floats) -> float:
     return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
-def _corners(path: Path, ending: str) -> Any:
+def _corners(path: Path, ending: str, pixel: float | None) -> list[Any]:
+    """The outlines of a file, each a list of corners."""
     if ending == ".roi":
         raise InvalidInput(
             f"{path}: .roi files are not read: in ImageJ, File > Save As > XY Coordinates writes the outline as text."
         )
     if ending in (".csv", ".txt"):
-        return read_matrix(path)
+        return _text_corners(path, pixel)
     try:
         held = json.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, OSError, RecursionError) as error:
         raise InvalidInput(f"{path}: cannot be read as JSON ({str(error)[:80]}).") from error
+    features = held.get("features") if isinstance(held, dict) else None
+    return [_ring(path, each) for each in (features if isinstance(features, list) and features else [held])]
+
+
+def _ring(path: Path, held: Any) -> Any:
+    """Corners of a GeoJSON feature or geometry, or of a list."""
     for _ in range(4):
         if not isinstance(held, dict):
             break
-        features = held.get("features")
-        if isinstance(features, list):
-            if len(features) != 1:
-                raise InvalidInput(f"{path}: holds {len(features)} outlines: give one cell.")
-            held = features[0]
-        else:
-            held = held.get("geometry", held.get("coordinates"))
+        held = held.get("geometry", held.get("coordinates"))
     while isinstance(held, list) and len(held) == 1:
         held = held[0]
     if isinstance(held, list) and held and isinstance(held[0], list) and held[0] and isinstance(held[0][0], list):
         raise InvalidInput(f"{path}: holds {len(held)} rings: give one outline without holes.")
     return held
+
+
+def _text_corners(path: Path, pixel: float | None) -> list[Any]:
+    """Outlines of a text file: one corner in a line, or one cell in a line (Cellpose)."""
+    rows = [split(line.strip()) for line in text_of(path)[0] if line.strip()]
+    at = next((k for k, row in enumerate(rows) if all(map(is_number, row))), None)
+    named = next((row for row in rows[:at] if any(_side(cell) for cell in row)), None)
+    if named is not None:
+        return _named_corners(path, named, rows[rows.index(named) + 1 :], pixel)
+    if at is None:
+        raise InvalidInput(f"{path}: holds no numbers: an outline has one corner x,y in a line.")
+    if at > 0 and not all(row[0].startswith(("#", "%")) for row in rows[:at]):
+        raise InvalidInput(
+            f"{path}: the header {', '.join(rows[at - 1])[:80]} does not say which column is x and which y: name them x,y or row,col."
+        )
+    rows = rows[at:]
+    for row in rows:
+        if not all(map(is_number, row)) or "" in row:
+            raise InvalidInput(
+                f"{path}: {', '.join(row)[:60]!r} among the corners; an outline has one corner x,y in a line."
+            )
+    values = [[float(cell) for cell in row] for row in rows]
+    if all(len(row) == 2 for row in values):
+        return [np.array(values)]
+    if all(len(row) >= 6 and len(row) % 2 == 0 and all(v == int(v) for v in row) for row in values):
+        return [np.reshape(row, (-1, 2)) for row in values]
+    raise InvalidInput(
+        f"{path}: lines of {min(map(len, values))} to {max(map(len, values))} numbers; an outline has one corner x,y in a line, or names its columns in a header."
+    )
+
+
+def _side(name: str) -> str:
+    """Whether a column holds "x" or "y" of an outline; "" where it holds neither."""
+    short = re.sub(r"[_ ](px|pixels?|[uµμnm]?m)$", "", plain(name.lstrip("#% ")))
+    return "x" if short in ALONG_X else "y" if short in ALONG_Y else ""
+
+
+def _named_corners(path: Path, names: list[str], rows: list[list[str]], pixel: float | None) -> list[Any]:
+    """Corners in columns that a header names, in the order and unit that it says."""
+    sides = [_side(name) for name in names]
+    if sides.count("x") != 1 or sides.count("y") != 1:
+        raise InvalidInput(
+            f"{path}: the columns {', '.join(names)[:120]} do not say which is x and which y: name them x,y or row,col."
+        )
+    columns, factors = [sides.index("x"), sides.index("y")], []
+    for name in (names[k] for k in columns):
+        tail = re.search(r"[_ ](px|pixels?|[uµμnm]?m)\s*$", name)
+        unit = (unit_in(name) or (tail[1] if tail else "px")).replace("μ", "µ").lower()
+        if unit in ("px", "pixel", "pixels", "pix"):
+            factors.append(1.0)
+            continue
+        size = {"micron": 1e-6, "microns": 1e-6, **UNITS["length"]}.get(unit)
+        if size is None:
+            raise InvalidInput(f"{path}: {name}: accepted units are px, {', '.join(UNITS['length'])}.")
+        if pixel is None:
+            raise InvalidInput(f"{path}: the outline is in {unit}: give pixel=, the metres in a pixel.")
+        factors.append(size / pixel)
+    corners: dict[str, list[list[float]]] = {}
+    index = next((k for k, name in enumerate(names) if plain(name) == "index" and "vertex-index" in names), None)
+    for row in rows:
+        if len(row) != len(names) or not all(row[k] and is_number(row[k]) for k in columns):
+            raise InvalidInput(
+                f"{path}: {', '.join(row)[:60]!r} is no corner with the columns {', '.join(names)[:60]}."
+            )
+        which = "" if index is None else row[index]
+        corners.setdefault(which, []).append([float(row[k]) * factor for k, factor in zip(columns, factors)])
+    if not corners:
+        raise InvalidInput(f"{path}: holds no corners.")
+    return [np.array(each) for each in corners.values()]
 
 
 def on_grid(

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from palpate._extras import require
+from palpate.camera.stacks import check_size
 from palpate.errors import InvalidInput
 from palpate.microscopy.found import Found, chosen
-from palpate.microscopy.names import POSITIONS, STDS, VECTORS, which
+from palpate.microscopy.names import POSITIONS, STDS, UNIT_NAMES, VECTORS, unit_of, units_of, which
+from palpate.units import UNITS
 
 __all__ = ["read_hdf", "read_mat"]
 
@@ -35,6 +37,15 @@ def read_hdf(path: Path, name: str | None) -> Found:
 
 def _only(path: Path, tree: dict[str, Any], name: str | None) -> Found:
     candidates = dict(_fields(tree, ""))
+    for found in candidates.values():
+        # those of the file, where the struct of the field has none
+        place, unit, pixel = _stated(tree)
+        found.place, found.unit, found.pixel = found.place or place, found.unit or unit, found.pixel or pixel
+        for key in ("place", "unit"):
+            said = getattr(found, key)
+            if said is not None and said != "px" and said not in UNITS["length"] and "/" not in said:
+                found.notes.append(f"{path.name} says {said!r} of its units, which is no length: it is not used")
+                setattr(found, key, None)
     if not candidates:
         held = ", ".join(list(tree)[:12]) or "nothing"
         raise InvalidInput(
@@ -50,6 +61,7 @@ def _version_5(path: Path) -> dict[str, Any]:
     import scipy.io
     from scipy.io.matlab import MatReadError
 
+    _check_sizes(path)
     try:
         held = scipy.io.loadmat(path, struct_as_record=True, squeeze_me=False)
     except (
@@ -67,6 +79,27 @@ def _version_5(path: Path) -> dict[str, Any]:
     ) as error:
         raise InvalidInput(_DAMAGED.format(path=path, error=str(error)[:80] or type(error).__name__)) from error
     return {key: _unpacked(value, 0) for key, value in held.items() if not key.startswith("__")}
+
+
+def _check_sizes(path: Path) -> None:
+    """Refuse packed variables that claim more than a field can be: each begins with its size."""
+    import struct
+    import zlib
+
+    with path.open("rb") as file:
+        head = file.read(128)
+        order = "<" if head[126:128] == b"IM" else ">"
+        while len(tag := file.read(8)) == 8:
+            kind, count = struct.unpack(order + "II", tag)
+            start = file.tell()
+            if kind == 15:  # deflated
+                try:
+                    inner = zlib.decompressobj().decompress(file.read(min(count, 256)), 8)
+                except zlib.error:
+                    return  # said where it is read
+                if len(inner) == 8:
+                    check_size(struct.unpack(order + "II", inner)[1], f"{path}: a variable")
+            file.seek(start + count)
 
 
 def _unpacked(value: Any, depth: int) -> Any:
@@ -91,11 +124,23 @@ def _version_73(path: Path, *, turned: bool = True) -> dict[str, Any]:
     try:
         with opened(path) as file:
             guard(file, path)
-            return {key: _followed(file, file[key], h5py, 0, turned) for key in file if not key.startswith("#")}
+            return _attributes(
+                file, {key: _followed(file, file[key], h5py, 0, turned) for key in file if not key.startswith("#")}
+            )
     except InvalidInput:
         raise
     except DAMAGE as error:
         raise InvalidInput(_DAMAGED.format(path=path, error=str(error).strip("'\"")[:80])) from error
+
+
+def _attributes(group: Any, parts: dict[str, Any]) -> dict[str, Any]:
+    """The parts of a group, with what HDF5 and netCDF keep beside a matrix: its units."""
+    for key in list(parts):
+        for name in UNIT_NAMES:
+            unit = group[key].attrs.get(name) if isinstance(parts[key], np.ndarray) else None
+            if isinstance(unit, bytes | str):
+                parts[f"{key} {UNIT_NAMES[0]}"] = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
+    return parts
 
 
 def _followed(file: Any, held: Any, h5py: Any, depth: int, turned: bool) -> Any:
@@ -103,8 +148,8 @@ def _followed(file: Any, held: Any, h5py: Any, depth: int, turned: bool) -> Any:
     if depth > DEEPEST:
         return None
     if isinstance(held, h5py.Group):
-        parts = {key: _followed(file, held[key], h5py, depth + 1, turned) for key in held}
-        if list(parts) == ["0"]:  # one frame of several
+        parts = _attributes(held, {key: _followed(file, held[key], h5py, depth + 1, turned) for key in held})
+        if list(held) == ["0"]:  # one frame of several
             return parts["0"]
         lists = {key: part for key, part in parts.items() if isinstance(part, list)}
         if (
@@ -115,9 +160,32 @@ def _followed(file: Any, held: Any, h5py: Any, depth: int, turned: bool) -> Any:
     if held.dtype == h5py.ref_dtype:
         cells = [_followed(file, file[one], h5py, depth + 1, turned) for one in np.asarray(held[()]).T.ravel() if one]
         return cells[0] if len(cells) == 1 and depth > 1 else cells
+    if held.attrs.get("MATLAB_class") == b"char":
+        return "".join(map(chr, np.asarray(held[()]).ravel()))
+    if h5py.check_string_dtype(held.dtype) is not None and held.size == 1:
+        return str(np.asarray(held.asstr()[()]).ravel()[0])
     if held.dtype.kind not in "fiu":
         return None
     return np.asarray(held[()]).T if turned else np.asarray(held[()])
+
+
+def _words(value: Any) -> str:
+    """A text of MATLAB or HDF5; "" of anything else."""
+    if isinstance(value, np.ndarray) and value.dtype.kind == "U" and value.size:
+        return " ".join(map(str, value.ravel()))
+    return value if isinstance(value, str) else ""
+
+
+def _stated(tree: dict[str, Any]) -> tuple[str | None, str | None, float | None]:
+    """Units of positions and displacements, and the metres in a pixel of PIVlab's calibration, as a struct says them."""
+    lower = {key.lower(): value for key, value in tree.items()}
+    place = unit = None
+    for key in UNIT_NAMES:
+        if _words(lower.get(key)):
+            place, unit = units_of(_words(lower[key]))
+    scale = np.asarray(lower.get("calxy", 1.0))
+    pixel = float(scale.ravel()[0]) if scale.size == 1 and scale.dtype.kind in "fiu" else 1.0
+    return place, unit, pixel if 0 < pixel < 1 else None
 
 
 def _numbers(value: Any) -> bool:
@@ -148,8 +216,16 @@ def _fields(tree: Any, where: str) -> Iterator[tuple[str, Found]]:
                     if all(_numbers(p) and p.shape == a.shape for p in parts):
                         extra |= dict(zip(keys, parts)) if len(keys) == 2 else {"std": tuple(parts)}
                         break
+            extra["place"], extra["unit"], extra["pixel"] = _stated(tree)
+            for key, beside in (("unit", lower[pair[0]]), *(("place", lower[n]) for n, _ in which(lower, POSITIONS))):
+                if _words(tree.get(f"{beside} {UNIT_NAMES[0]}")):
+                    extra[key] = unit_of(tree[f"{beside} {UNIT_NAMES[0]}"])
             name = prefix + f"{lower[pair[0]]}, {prefix}{lower[pair[1]]}" + (f"({i + 1})" if len(together) > 1 else "")
-            flat = {k: v.ravel() for k, v in extra.items() if k in "xy"} if min(a.shape) == 1 else extra
+            flat = (
+                {k: v.ravel() if k in "xy" else v for k, v in extra.items() if k != "std"}
+                if min(a.shape) == 1
+                else extra
+            )
             yield name, Found(u=a.ravel() if min(a.shape) == 1 else a, v=b.ravel() if min(a.shape) == 1 else b, **flat)
     if "pos" in lower and "vec" in lower:
         pos, vec = tree[lower["pos"]], tree[lower["vec"]]
@@ -163,7 +239,7 @@ def _fields(tree: Any, where: str) -> Iterator[tuple[str, Found]]:
                     x=pos[:, 0],
                     y=pos[:, 1],
                     pixels=True,
-                    notes=["pos and vec are taken as pixels of the picture"],
+                    notes=[] if _stated(tree)[1] else ["pos and vec are taken as pixels of the picture"],
                 ),
             )
     for key, each in tree.items():

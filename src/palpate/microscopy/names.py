@@ -5,9 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from palpate.units import plain_unit
+from palpate.units import UNITS, plain_unit
 
-__all__ = ["FLAGS", "POSITIONS", "STDS", "VECTORS", "plain", "unit_in", "which"]
+__all__ = [
+    "FLAGS",
+    "FRAMES",
+    "POSITIONS",
+    "STDS",
+    "UNIT_NAMES",
+    "VECTORS",
+    "plain",
+    "unit_in",
+    "unit_of",
+    "units_of",
+    "which",
+]
 
 #: Names of displacements along x and y that belong together, in lower case.
 VECTORS = (
@@ -15,10 +27,18 @@ VECTORS = (
     ("u_original", "v_original"), ("u_smoothed", "v_smoothed"), ("u_component", "v_component"), ("ux1", "uy1"), ("vx", "vy"),
 )  # fmt: skip
 #: And of positions, standard deviations, and columns that mark bad vectors.
-POSITIONS = (("x", "y"), ("xw", "yw"), ("pos_x", "pos_y"), ("px", "py"), ("column", "row"))
+POSITIONS = (("x", "y"), ("xw", "yw"), ("pos_x", "pos_y"), ("px", "py"), ("column", "row"), ("ref_x", "ref_y"))
 STDS = (("ex", "ey"), ("su", "sv"), ("std_u", "std_v"), ("u_std", "v_std"), ("uncertainty_u", "uncertainty_v"))
+#: And of the number of a frame, in tables of several.
+FRAMES = ("frame", "frames", "frame_number", "frame number", "timepoint")
+#: And of words that say the units of positions and displacements.
+UNIT_NAMES = ("units", "unit")
 FLAGS = ("flags", "flag", "mask", "vector type", "typevector", "type", "chc")
 
+_WRITTEN = {
+    **dict.fromkeys(("pixel", "pixels", "pix", "px"), "px"), **dict.fromkeys(("micron", "microns", "micrometer", "micrometre", "micrometers", "micrometres"), "um"),
+    **{unit.lower(): unit for unit in UNITS["length"]},
+}  # fmt: skip
 _UNIT = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 
 
@@ -32,8 +52,19 @@ def unit_in(name: str) -> str | None:
     found = _UNIT.search(name)
     if found is None:
         return None
-    unit = re.sub(r"/\s*(frame|fr|pair)s?$", "", found[1].strip(), flags=re.IGNORECASE)
-    return {"pixel": "px", "pixels": "px", "pix": "px"}.get(unit.lower(), plain_unit(unit))
+    return unit_of(found[1])
+
+
+def unit_of(text: str) -> str | None:
+    """A unit as it is written here: "pixels/frame" is "px", "microns" is "um"; None of nothing."""
+    unit = re.sub(r"/\s*(frame|fr|pair)s?$", "", text.strip().strip("[]").strip(), flags=re.IGNORECASE)
+    return _WRITTEN.get(unit.lower(), plain_unit(unit)) or None
+
+
+def units_of(text: str) -> tuple[str | None, str | None]:
+    """Of positions and of displacements, in the words of a file: "[px] respectively [px/frame]" (PIVlab), or one for both."""
+    parts = re.split(r"\s+respectively\s+|\s*;\s*|\s*,\s*", text.strip())
+    return (unit_of(parts[0]), unit_of(parts[1])) if len(parts) == 2 else (unit_of(text), unit_of(text))
 
 
 def which(names: Iterable[str], pairs: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:

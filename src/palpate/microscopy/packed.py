@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import zlib
 from pathlib import Path
 from typing import Any
+
+from palpate.camera.stacks import check_page, inflated
 
 __all__ = ["lzw_length", "packbits_length", "unpacks"]
 
@@ -15,8 +16,10 @@ CLEAR, END, LARGEST = 256, 257, 4096
 
 
 def unpacks(path: Path, pages: Any) -> bool:
-    """Whether every page is packed in a way that is known, and all of it is there."""
+    """Whether every page is packed in a way that is known, and all of it is there; one that unpacks to too much is refused."""
     with path.open("rb") as file:
+        for number, page in enumerate(pages):
+            check_page(file, page, f"{path}: page {number}")
         return all(_page_unpacks(file, page) for page in pages)
 
 
@@ -24,8 +27,8 @@ def _page_unpacks(file: Any, page: Any) -> bool:
     kind = int(page.compression)
     if kind in (PLAIN, JPEG):
         return True
-    length = {LZW: lzw_length, PACKBITS: packbits_length}.get(kind, _deflated if kind in DEFLATE else None)
-    if length is None:
+    length = {LZW: lzw_length, PACKBITS: packbits_length}.get(kind)
+    if length is None and kind not in DEFLATE:
         return False
     total = 0
     for start, count in zip(page.dataoffsets, page.databytecounts):
@@ -34,15 +37,11 @@ def _page_unpacks(file: Any, page: Any) -> bool:
         if len(held) < count:
             return False
         try:
-            total += length(held)
-        except (ValueError, zlib.error):
+            total += inflated(held, page.nbytes, kind) if length is None else length(held)
+        except ValueError:
             return False
     # tiles reach past the edge of a picture, and several bits share a byte
     return total == page.nbytes or page.bitspersample < 8 or (page.is_tiled and total > page.nbytes)
-
-
-def _deflated(data: bytes) -> int:
-    return len(zlib.decompress(data))
 
 
 def packbits_length(data: bytes) -> int:

@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._extras import missing
+from palpate._memory import require
 from palpate.camera import grey, is_pictures, open_pictures
-from palpate.camera.stacks import check_axes
-from palpate.errors import InvalidInput
+from palpate.camera.stacks import check_axes, check_size
+from palpate.errors import InvalidInput, PalpateError
 from palpate.microscopy.packed import unpacks
 from palpate.sensing.view import opencv
 
@@ -53,8 +54,12 @@ def _packed(path: Path) -> list[npt.NDArray[Any]] | None:
         with tifffile.TiffFile(path) as file:
             check_axes(file, path)
             plain = all(page.compression == 1 for page in file.pages)
+            for number, page in enumerate(file.pages):
+                check_size(int(page.nbytes), f"{path}: page {number}")
+            total = 2.0 * sum(page.nbytes for page in file.pages)
+            require(total, f"the pictures of {path}", "Save only those at rest and pulled.")
             good = plain or unpacks(path, file.pages)
-    except InvalidInput:
+    except PalpateError:
         raise
     except (tifffile.TiffFileError, OSError, ValueError, AttributeError, IndexError, TypeError) as error:
         raise InvalidInput(
@@ -62,7 +67,10 @@ def _packed(path: Path) -> list[npt.NDArray[Any]] | None:
         ) from error
     if plain:
         return None
-    whole, pages = cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED) if good else (False, [])
+    try:
+        whole, pages = cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED) if good else (False, [])
+    except cv2.error:
+        whole, pages = False, []
     if not whole or not pages:
         raise InvalidInput(
             f"{path}: cannot be unpacked; it is damaged, or compressed in a way that is not known. Save it without compression."

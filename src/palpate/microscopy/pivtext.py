@@ -9,25 +9,28 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.microscopy.found import Found
-from palpate.microscopy.names import FLAGS, POSITIONS, STDS, VECTORS, plain, unit_in, which
+from palpate.microscopy.found import Found, chosen
+from palpate.microscopy.names import FLAGS, FRAMES, POSITIONS, STDS, VECTORS, plain, unit_in, which
 from palpate.recordings.textlines import text_of, warn_of_a_cut
 
-__all__ = ["read_matrix", "read_piv_text"]
+__all__ = ["is_number", "read_matrix", "read_piv_text", "split"]
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?|nan|NaN|NAN", re.ASCII)
+_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d{1,4})?", re.ASCII)
 
 
-def _split(line: str) -> list[str]:
-    """Cells of a line: by ; or tab or comma where there is one, else by spaces."""
+def split(line: str) -> list[str]:
+    """Cells of a line: by ; or tab or comma where there is one, else by spaces. Where ; or tab divides, a comma is that of a number."""
     for mark in (";", "\t", ","):
         if mark in line:
             parts = [p.strip() for p in line.split(mark)]
+            if mark != ",":
+                parts = [p.replace(",", ".") if _COMMA.fullmatch(p) else p for p in parts]
             return parts[:-1] if parts and not parts[-1] else parts
     return line.split()
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
     return not cell or _NUMBER.fullmatch(cell) is not None
 
 
@@ -40,8 +43,8 @@ def _rows(path: Path) -> tuple[list[str], Floats]:
         text = line.strip()
         if not text:
             continue
-        parts = _split(text)
-        if not all(map(_is_number, parts)) or text.startswith(("#", "%")):
+        parts = split(text)
+        if not all(map(is_number, parts)) or text.startswith(("#", "%")):
             if rows and not text.startswith(("#", "%")):
                 raise InvalidInput(
                     f"{path}, line {count}: {text[:60]!r} among the numbers; the file may hold several fields or be damaged: give one."
@@ -54,7 +57,7 @@ def _rows(path: Path) -> tuple[list[str], Floats]:
             )
         rows.append([float(p) if p else np.nan for p in parts])
     if not rows:
-        raise InvalidInput(f"{path}: holds no numbers.")
+        raise InvalidInput(f"{path}: holds no numbers, as a table of vectors or a matrix does.")
     if not ended:
         warn_of_a_cut(path, lines[-1])
     return head, np.array(rows, dtype=np.float64)
@@ -66,9 +69,9 @@ def _names(head: list[str], count: int) -> list[str] | None:
         text = re.sub(r"^\s*[#%]+\s*", "", line)
         text = re.sub(r"^VARIABLES\s*=\s*", "", text, flags=re.IGNORECASE)
         quoted = re.findall(r'"([^"]*)"', text)
-        names = quoted if len(quoted) == count else _split(text)
-        if len(names) != count and " [" in text:
-            names = re.findall(r"[^\s\[\],;]+(?:\s*\[[^\]]*\])?", text)
+        names = quoted if len(quoted) == count else split(text)
+        if len(names) != count and re.search(r"\s[\[(]", text):
+            names = re.findall(r"[^\s\[\](),;]+(?:\s*[\[(][^\])]*[\])])?", text)
         if len(names) == count and any(re.search("[a-zA-Z]", n) for n in names):
             return names
     return None
@@ -91,11 +94,23 @@ def read_matrix(path: Path) -> Floats:
     return values
 
 
-def read_piv_text(path: Path) -> Found:
-    """A table of vectors: x, y, u, v by their names, or as the first four columns."""
+def _frame(path: Path, names: list[str], values: Floats, name: str | None) -> Floats:
+    """The rows of one frame, where a column numbers them."""
+    column = next((k for k, n in enumerate(names) if plain(n) in FRAMES), None)
+    if column is None:
+        if name is not None:
+            raise InvalidInput(f"{path}: holds one field: leave out name={name!r} (--name).")
+        return values
+    each = {f"{number:g}": values[values[:, column] == number] for number in np.unique(values[:, column])}
+    return np.asarray(chosen(path, each, name, "frames"))
+
+
+def read_piv_text(path: Path, name: str | None = None) -> Found:
+    """A table of vectors: x, y, u, v by their names, or as the first four columns; ``name``: the number of the frame, of several."""
     head, values = _rows(path)
     columns = values.shape[1]
     names = _names(head, columns)
+    values = _frame(path, names or [], values, name)
     if names is None:
         if columns < 4:
             raise InvalidInput(f"{path}: {columns} columns; a table of vectors has x, y, u, v.")
@@ -118,15 +133,13 @@ def read_piv_text(path: Path) -> Found:
     at = {n: short.index(n) for n in short}
     (u, v), (x, y) = vectors[0], places[0]
     found = Found(u=values[:, at[u]], v=values[:, at[v]], x=values[:, at[x]], y=values[:, at[y]])
-    found.unit, place = unit_in(names[at[u]]), unit_in(names[at[x]])
-    if found.unit is not None and "/" in found.unit:
-        raise InvalidInput(
-            f"{path}: {names[at[u]]} is a velocity, a field has displacements: export it in pixels a frame."
-        )
-    if place != found.unit:
-        raise InvalidInput(
-            f"{path}: positions in {place or 'no unit'} and displacements in {found.unit or 'no unit'}: export both in pixels."
-        )
+    said = [(unit_in(names[at[a]]), unit_in(names[at[b]])) for a, b in ((x, y), (u, v))]
+    for (first, second), both in zip(said, ((x, y), (u, v))):
+        if first != second:
+            raise InvalidInput(
+                f"{path}: {both[0]} in {first or 'no unit'} and {both[1]} in {second or 'no unit'}: export both in one unit."
+            )
+    found.place, found.unit = said[0][0], said[1][0]
     found.pixels = found.unit in (None, "px")
     for pair in which(short, STDS):
         found.std = (values[:, at[pair[0]]], values[:, at[pair[1]]])

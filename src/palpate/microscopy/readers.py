@@ -9,19 +9,24 @@ from typing import Any
 import numpy as np
 
 from palpate._extras import missing
+from palpate._memory import require
 from palpate._numbers import plain_number
+from palpate.camera.stacks import check_page, check_size
 from palpate.elastic.pad import Floats
-from palpate.errors import InvalidInput
+from palpate.errors import InvalidInput, PalpateError
 from palpate.microscopy.fields import EVEN, Field
 from palpate.microscopy.found import Found, chosen, stacked_pair
 from palpate.microscopy.matfile import read_hdf, read_mat
-from palpate.microscopy.names import POSITIONS, STDS, VECTORS, which
+from palpate.microscopy.names import POSITIONS, STDS, UNIT_NAMES, VECTORS, units_of, which
 from palpate.microscopy.pivtext import read_matrix, read_piv_text
+from palpate.microscopy.pixelsize import PixelSize, differing
 from palpate.recordings import Recording
 from palpate.units import UNITS, plain_unit
 
 __all__ = ["READERS", "is_field", "read_field"]
 
+#: Where y grows upwards and no picture's size is given.
+TURNED = "y is turned about the middle of the vectors, as no picture tells where its top is: a mask is off where they do not lie in its middle (size=, --image)"
 #: Vectors at no regular positions are put on a grid of about as many points.
 _SCATTERED = "the {count} vectors lie at no regular positions: they are interpolated to a grid of {step:.3g} px (cubic, Clough-Tocher)"
 
@@ -35,9 +40,11 @@ def read_field(
     start: tuple[float, float] | None = None,
     size: tuple[int, int] | None = None,
     up: bool = False,
+    v_up: bool = False,
     name: str | None = None,
     follow: bool = False,
     window: float | None = None,
+    position_unit: str | None = None,
 ) -> Field:
     """A displacement field that another program made.
 
@@ -50,7 +57,7 @@ def read_field(
     pixel : float
         Metres in a pixel of the picture.
     unit : "px", "m", "mm", "um" or "nm", optional
-        Of the displacements (and positions). Tables of PIV programs are in pixels unless they say otherwise; matrices do not tell.
+        Of the displacements. Tables of PIV programs are in pixels unless they say otherwise; matrices do not tell.
     step : float, optional
         Pixels between vectors, for matrices without positions.
     start : (float, float), optional
@@ -59,12 +66,16 @@ def read_field(
         Columns and rows of the picture. With it the step of a matrix that covers the picture need not be given.
     up : bool
         v (and the table's y) grow upwards. By default both grow downwards, as rows do.
+    v_up : bool
+        v alone grows upwards: the table's y, or the rows, grow downwards.
     name : str, optional
-        Which field of a file that holds several.
+        Which field of a file that holds several, or the number of the frame in a table of several.
     follow : bool
         The vectors of a table belong to where the markers went: each position is moved by its own vector.
     window : float, optional
         Side [px] of the windows that the program compared: each vector is then taken as the mean over its window. None: as values at points.
+    position_unit : str, optional
+        Of the positions of a table; default: what the file says, or that of the displacements.
 
     Returns
     -------
@@ -98,6 +109,9 @@ def read_field(
     unit = None if unit is None else plain_unit(unit)
     if unit is not None and unit not in known:
         raise InvalidInput(f"unit must be one of {', '.join(known)}; got {unit!r}.")
+    for option, value in (("unit", unit), ("position_unit", position_unit)):
+        if value is not None and value not in known:
+            raise InvalidInput(f"{option} must be one of {', '.join(known)}; got {value!r}.")
     for path in paths:
         if path.is_dir():
             raise InvalidInput(f"{path} is a folder; give a file.")
@@ -110,7 +124,7 @@ def read_field(
     if not 1 <= len(paths) <= 2:
         raise InvalidInput(f"a field is one file, or two with one component each; got {len(paths)}.")
     found = _pair(paths, name) if len(paths) == 2 else READERS[paths[0].suffix.lower()](paths[0], name)
-    return _field(found, paths[0], pixel, unit, step, start, size, up, follow, window)
+    return _field(found, paths[0], pixel, unit, step, start, size, up, v_up, follow, window, position_unit)
 
 
 def is_field(paths: Sequence[str | Path]) -> bool:
@@ -153,8 +167,13 @@ def _npz(path: Path, name: str | None) -> Found:
 
     try:
         # opened here, as the library leaves a file open that it cannot read
+        with zipfile.ZipFile(path) as archive:
+            for info in archive.infolist():
+                check_size(info.file_size, f"{path}: {info.filename}")
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             held = {key: np.asarray(file[key]) for key in file.files}
+    except InvalidInput:
+        raise
     except (
         ValueError,
         OSError,
@@ -188,6 +207,9 @@ def _npz(path: Path, name: str | None) -> Found:
             parts = tuple(held[lower[n]] for n in names)
             if all(p.shape == u.shape for p in parts):
                 found.std = (parts[0], parts[1])
+        for key in UNIT_NAMES:
+            if key in lower and held[lower[key]].dtype.kind == "U" and held[lower[key]].size == 1:
+                found.place, found.unit = units_of(str(held[lower[key]].ravel()[0]))
         candidates[f"{lower[pair[0]]}, {lower[pair[1]]}"] = found
     if not candidates:
         single = [
@@ -208,8 +230,17 @@ def _pages(path: Path) -> list[Any]:
     except ImportError as error:
         raise missing("TIFF fields", error) from error
     try:
-        with tifffile.TiffFile(path) as file:
+        with tifffile.TiffFile(path) as file, path.open("rb") as raw:
+            for number, page in enumerate(file.pages):
+                check_page(raw, page, f"{path}: page {number}")
+            require(
+                2.0 * sum(page.nbytes for page in file.pages),
+                f"the pages of {path}",
+                "Give one field.",
+            )
             pages = [np.asarray(page.asarray()) for page in file.pages]
+    except PalpateError:
+        raise
     except (tifffile.TiffFileError, OSError, ValueError, IndexError, TypeError, KeyError, MemoryError) as error:
         raise InvalidInput(
             f"{path}: cannot be read as TIFF ({str(error)[:80]}); it is truncated or damaged."
@@ -251,7 +282,7 @@ def _tiff(path: Path, name: str | None) -> Found:
 
 
 def _text(path: Path, name: str | None) -> Found:
-    return read_piv_text(path)
+    return read_piv_text(path, name)
 
 
 #: Reader of each ending.
@@ -321,27 +352,39 @@ def _field(
     start: tuple[float, float] | None,
     size: tuple[int, int] | None,
     up: bool,
+    v_up: bool,
     follow: bool,
     window: float | None,
+    position_unit: str | None,
 ) -> Field:
     notes = list(found.notes)
+    if up and v_up:
+        raise InvalidInput("up (--up) turns y and v, v_up (--v-up) v alone: give one of them.")
     if window is not None and not (np.isfinite(window) and window > 0):
         raise InvalidInput(f"window must be a positive number of pixels; got {window!r}.")
-    said = found.unit
-    if said is not None and said != "px" and said not in UNITS["length"]:
-        raise InvalidInput(f"{path}: displacements in {said!r}; accepted: px, {', '.join(UNITS['length'])}.")
-    if said is not None and unit is not None and said != unit:
-        raise InvalidInput(
-            f"{path} says that displacements are in {said}, and unit={unit!r} was given: leave out unit."
-        )
-    used = unit or said or ("px" if found.pixels else None)
+    used = _unit(path, "displacements", found.unit, unit, "unit") or ("px" if found.pixels else None)
     if used is None:
         raise InvalidInput(
             f'{path}: nothing says in what unit the displacements are: give unit="px", or "m", "um" and so on (--unit px).'
         )
-    if unit is None and said is None:
-        notes.append("displacements and positions are taken as pixels")
     factor = pixel if used == "px" else UNITS["length"][used]
+    if found.x is None and position_unit is not None:
+        raise InvalidInput(f"{path}: has no positions: leave out position_unit (--position-unit).")
+    place = _unit(path, "positions", found.place, position_unit, "position_unit")
+    if found.x is not None and place is None and found.unit not in (None, "px"):
+        raise InvalidInput(
+            f'{path}: displacements in {found.unit}, and nothing says in what unit the positions are: give position_unit="px", or "um" and so on (--position-unit px).'
+        )
+    if unit is None and found.unit is None and place is None:
+        notes.append("displacements and positions are taken as pixels")
+    elif found.x is not None and place is None and used != "px":
+        notes.append(
+            f"positions are taken in {used}, as displacements are (position_unit=, --position-unit, where they are not)"
+        )
+    place = place or used
+    reach = 1.0 if place == "px" else UNITS["length"][place] / pixel
+    if found.pixel is not None:
+        notes += filter(None, [differing(path, pixel, PixelSize(found.pixel, found.pixel, path.name))])
     u, v = (np.array(p, dtype=np.float64) for p in (found.u, found.v))
     if np.isinf(u).any() or np.isinf(v).any():
         raise InvalidInput(f"{path}: holds infinite displacements; mark vectors that are missing as NaN.")
@@ -353,22 +396,22 @@ def _field(
     if found.x is not None:
         if step is not None or start is not None:
             raise InvalidInput(f"{path}: has positions of its own: leave out step and start.")
-        x, y = (np.array(p, dtype=np.float64) * (factor / pixel) for p in (found.x, found.y))
+        x, y = (np.array(p, dtype=np.float64) * reach for p in (found.x, found.y))
         if follow:
             x, y = x + np.nan_to_num(u) * (factor / pixel), y + np.nan_to_num(v) * (factor / pixel)
         if up:
             if size is None:
-                raise InvalidInput(
-                    f"{path}: where y grows upwards the picture's size tells where its top is: give size=(columns, rows), or the picture."
-                )
-            y = size[1] - 1 - y
-        v = -v if up else v
+                notes.append(TURNED)
+            y = (size[1] - 1 if size is not None else np.nanmax(y) + np.nanmin(y)) - y
+        v = -v if up or v_up else v
         values, std, start, step = _placed(np.stack([u, v]), std, x, y, notes)
     else:
-        values = np.stack([u, -v if up else v])
+        values = np.stack([u, -v if up or v_up else v])
         step, start = _grid(values.shape[1:], path, step, start, size, notes)
-    if not up:
-        notes.append("y and v are taken to grow downwards, as rows do (up=True, --up, where they do not)")
+    if not (up or v_up):
+        notes.append(
+            "y and v are taken to grow downwards, as rows do (up=True, --up, where they do not; v_up=True, --v-up, where v alone does not)"
+        )
     if size is not None:
         ends = [s + (n - 1) * step for s, n in zip(start, values.shape[:0:-1])]
         if min(start) < -step or any(e > n - 1 + step for e, n in zip(ends, size)):
@@ -380,6 +423,21 @@ def _field(
         displacement=values * factor, start=(float(start[0]), float(start[1])), step=float(step), pixel=float(pixel),
         std=None if std is None else std * factor, aperture=(window or 0.0) * pixel, notes=tuple(notes),
     )  # fmt: skip
+
+
+def _unit(path: Path, what: str, stated: str | None, given: str | None, option: str) -> str | None:
+    """The unit of displacements or positions, by the file or by the caller, who may not contradict it."""
+    if stated is not None and stated != "px" and stated not in UNITS["length"]:
+        if "/" in stated:
+            raise InvalidInput(
+                f"{path}: {what} in {stated} are velocities, a field has displacements: export it in pixels a frame."
+            )
+        raise InvalidInput(f"{path}: {what} in {stated!r}; accepted: px, {', '.join(UNITS['length'])}.")
+    if stated is not None and given is not None and stated != given and {stated, given} != {"um", "µm"}:
+        raise InvalidInput(
+            f"{path} says that {what} are in {stated}, and {option}={given!r} was given: leave out {option} (--{option.replace('_', '-')})."
+        )
+    return given or stated
 
 
 def _grid(

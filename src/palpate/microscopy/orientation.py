@@ -1,0 +1,129 @@
+"""Whether a displacement field has its axes right: traction of a cell acts at its adhesions, and a wrong sign of v or exchanged components spread it over the gel.
+
+A point force on a gel moves it along and across the force by the law of the pad. With v of the wrong sign, or u for v, no point force does so: the traction that explains
+the field then reaches far from the adhesions, as 1 / distance^2. So the field is inverted as it is and as it might have been meant, each wavevector by itself,
+
+    t = sum_i  v_i s_i S / (s_i^2 S + sigma^2) (w_i . u),      S = q / k^2,
+
+with the singular values s_i and vectors w_i, v_i of the pad's response, q of the largest evidence, and the noise sigma of the displacements; and the spreads
+sum |t| / sqrt(sum |t|^2) are compared, each with the error that the noise makes. Of a slender cell u for v is nearly as concentrated, but turns: a cell in balance has no torque.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import scipy.fft
+
+from palpate.elastic.pad import Floats, Pad
+from palpate.microscopy.fields import Field, mended
+
+__all__ = ["suspected"]
+
+#: What the axes may have been: what is asked, and the components that they make of u, v.
+MEANT: tuple[tuple[str, Callable[[Any], Any]], ...] = (
+    ("", lambda u: u),
+    ("v's sign", lambda u: np.stack([u[0], -u[1]])),
+    ("u for v", lambda u: u[::-1]),
+    ("u for v and a sign", lambda u: np.stack([u[1], -u[0]])),
+)
+#: Repetitions with more noise, of which the spread's error is learned.
+REPEATS = 8
+#: Spreads of traction [log] that differ by less are one: a pad that is not quite the gel, or points between which a field was interpolated, change them as much.
+ALIKE = 0.01
+#: Axes are not the right ones where the torque, as a part of the first moments, is larger by so much than as the field is.
+TURNS = 0.1
+#: Sizes of q that are tried, as the square of displacement over response, least and largest.
+SIZES = np.logspace(-6.0, 2.0, 25)
+
+
+def suspected(field: Field, pad: Pad, *, depth: float, noise: float) -> str:
+    """Which of the axes looks wrong: "v's sign", "u for v", "u for v and a sign"; "" where the field concentrates traction best as it is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.microscopy import Field
+    >>> from palpate.microscopy.orientation import suspected
+    >>> gel = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
+    >>> array = pp.AreaArray(shape=(24, 24), pitch=1e-6, depth=0.0, channels=["displacement_x", "displacement_y"])
+    >>> skin = pp.Skin(gel, array)
+    >>> traction = np.zeros((3, *skin.surface.shape))
+    >>> middle = skin.surface.shape[1] // 2
+    >>> traction[0, middle, middle - 6], traction[0, middle, middle + 5] = 500.0, -500.0
+    >>> u = skin.sense(traction) + 1e-9 * np.random.default_rng(0).standard_normal((2, 24, 24))
+    >>> right = Field(displacement=u, start=(4.5, 4.5), step=10.0, pixel=0.1e-6)
+    >>> wrong = Field(displacement=u * np.array([1.0, -1.0])[:, None, None], start=(4.5, 4.5), step=10.0, pixel=0.1e-6)
+    >>> [suspected(one, gel, depth=0.0, noise=1e-9) for one in (right, wrong)]
+    ['', "v's sign"]
+    """
+    values = mended(field.displacement / field.pixel)[0] * field.pixel
+    response = _Response(field, pad, depth)
+    rng = np.random.default_rng(0)
+    repeated = values + noise * rng.standard_normal((REPEATS, *values.shape))
+    spreads, torques = [], []
+    for _, meant in MEANT:
+        size = response.size(meant(values), noise)
+        made = [response.traction(meant(u), noise, size) for u in (values, *repeated)]
+        spreads.append([_spread(t) for t in made])
+        torques.append(_torque(made[0]))
+    found = np.log(spreads)
+    off = found[:, 0] - found[0, 0]
+    error = (found[:, 1:] - found[:1, 1:]).std(axis=1, ddof=1)
+    better = (off < -np.maximum(error, ALIKE)) & (np.array(torques) <= torques[0] + TURNS)
+    return MEANT[int(np.argmin(np.where(better, off, np.inf)))][0] if better.any() else ""
+
+
+def _spread(t: Floats) -> float:
+    """Sum of the sizes of traction over the root of the sum of their squares."""
+    force = np.hypot(*t)
+    return float(force.sum() / max(np.sqrt((force**2).sum()), 1e-300))
+
+
+def _torque(t: Floats) -> float:
+    """The part of the first moments, about the middle of the forces, that turns: 0 to 1."""
+    weight = (t**2).sum(axis=0)
+    places = [(g - (g * weight).sum() / max(weight.sum(), 1e-300)) for g in np.indices(t.shape[1:])[::-1]]
+    moments = np.array([[(force * place).sum() for place in places] for force in t])
+    return float(abs(moments[0, 1] - moments[1, 0]) / max(np.sqrt(2.0) * np.linalg.norm(moments), 1e-300))
+
+
+class _Response:
+    """Of the displacements to traction along x and y, for each wavevector of a field."""
+
+    def __init__(self, field: Field, pad: Pad, depth: float) -> None:
+        kx, ky = np.meshgrid(*(2.0 * np.pi * np.fft.fftfreq(n, field.pitch) for n in field.shape[::-1]), indexing="xy")
+        self.k = np.hypot(kx, ky)
+        at = self.k > 0
+        safe = np.where(at, self.k, 1.0)
+        direction = np.stack([np.where(at, kx / safe, 1.0), ky / safe], axis=-1)
+        response = pad.states(safe, direction, depth)[..., :2, :2] / safe[..., None, None]
+        # a square of displacements is what is measured
+        blur = np.sinc(kx * field.aperture / (2.0 * np.pi)) * np.sinc(ky * field.aperture / (2.0 * np.pi))
+        self.left, self.sizes, self.right = np.linalg.svd(response * (blur * at)[..., None, None])
+        self.prior = (at / safe**2)[..., None]
+
+    def _parts(self, u: Floats) -> Any:
+        spectrum = scipy.fft.fft2(u - u.mean(axis=(1, 2), keepdims=True), norm="ortho")
+        return np.einsum("...ji,j...->...i", self.left.conj(), spectrum)
+
+    def size(self, u: Floats, noise: float) -> float:
+        """q of the largest evidence."""
+        power = np.abs(self._parts(u)) ** 2
+        gain = self.sizes**2 * self.prior
+        unit = float(power.sum() / gain.sum())
+
+        def evidence(q: float) -> float:
+            variance = gain * q + noise**2
+            return -float((np.log(variance) + power / variance).sum())
+
+        return max((unit * size for size in SIZES), key=evidence)
+
+    def traction(self, u: Floats, noise: float, q: float) -> Floats:
+        gain = self.sizes * self.prior * q
+        parts = self._parts(u) * gain / (self.sizes * gain + noise**2)
+        spectrum = np.einsum("...ij,...i->j...", self.right.conj(), parts)
+        return np.asarray(scipy.fft.ifft2(spectrum, norm="ortho").real)
