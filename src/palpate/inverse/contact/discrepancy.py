@@ -68,6 +68,8 @@ def explained(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: 
     if plain.contact:
         if _explains(plain):
             return replace(plain, discrepancy=_posterior(0.0, plain.free)) if zeroed else plain
+        if not plain.pushed and 0 in estimator.signs and not zeroed:
+            return plain  # traction of either sign explains them, by the linear method
     elif not plain.fit < POOR_FIT or np.abs(ratio[~plain.outliers]).max(initial=0.0) < FAR:
         return plain
     return _with_shares(estimator, readings, data, plain, rng)
@@ -75,8 +77,13 @@ def explained(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: 
 
 def _undecided(frame: Frame) -> Frame:
     """A frame of few readings that noise explains which nobody gave: contact may be in them, as large as the largest reading allows."""
+    return replace(frame, traction=math.nan * frame.traction, undecided=True, bounds=_hidden(frame))
+
+
+def _hidden(frame: Frame) -> Floats:
+    """Net forces (component, 2) that may hide in a frame where nothing was found."""
     force = 1.96 * frame.known.force
-    return replace(frame, traction=math.nan * frame.traction, undecided=True, bounds=np.stack([-force, force], axis=-1))
+    return np.stack([-force, force], axis=-1)
 
 
 def _explains(frame: Frame) -> bool:
@@ -108,13 +115,11 @@ def _with_shares(
             best = left, found
         larger = [s for s in SHARES if s > share]
         share = next((s for s in larger if s >= 0.9 * left), None) if found.contact else next(iter(larger), None)
-    linear = 0 in estimator.signs and plain is not None and not plain.pushed
-    if linear and plain is not None:
-        return replace(plain, discrepancy=DISCREPANCY)
     if best is not None and best[0] < MOST:
         left, found = best
         return replace(found, discrepancy=_posterior(left, found.free), unexplained=True)
-    return replace(estimator.unexplained(data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
+    nothing = estimator.unexplained(data, np.zeros(len(data), dtype=bool), 0.0)
+    return replace(nothing, unexplained=True, bounds=nothing.bounds if plain is None else _hidden(plain))
 
 
 def _at_noise(
