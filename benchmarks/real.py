@@ -127,7 +127,8 @@ def four_barometers(streams: Path, count: int) -> Iterator[Recording]:
         )  # fmt: skip
     table = np.loadtxt(streams / "presses.csv", delimiter=",", skiprows=1)
     chosen = spread(np.arange(len(table)), 2 * count)
-    assert rest is not None and rest_force is not None
+    assert rest is not None
+    assert rest_force is not None
     guesses += "; at rest as at the start of stream-0, because the table has no rest"
     yield Recording(
         "tactileforce presses",
