@@ -232,10 +232,10 @@ def _wide(
     sensor = random_sensor(rng, suits)
     half = 0.5 * sensor.pitch * np.array(sensor.shape[::-1], dtype=np.float64)
     block = rng.random() < 0.5
-    reach = half * float(rng.uniform(low, high))
-    if not block:  # a ball that covers the corners, too
-        reach = np.full(len(half), float(np.hypot.reduce(half)) * float(rng.uniform(low, high)))
-    grid = sensor.fine_grid(-reach, reach, 4)
+    wider = float(np.exp(rng.uniform(math.log(low), math.log(high))))
+    # a ball covers the corners, too
+    reach = wider * (half if block else np.full(len(half), float(np.hypot.reduce(half))))
+    grid = sensor.fine_grid(-reach, reach, 3)
     axes = np.meshgrid(*grid.axes, indexing="ij")[::-1]
     pressure = np.ones(grid.shape)
     if not block:
@@ -264,7 +264,7 @@ def all_at_their_end(rng: np.random.Generator) -> Case:
 
 def even_press(rng: np.random.Generator) -> Case:
     """A press that is even over the whole array and goes on beyond it: as an offset would look, but for the zero."""
-    sensor, load, least = _wide(rng, lambda s: _stress(s) and "stress_zz" in s.channels, 1.2, 3.0)
+    sensor, load, least = _wide(rng, lambda s: _stress(s) and "stress_zz" in s.channels, 1.2, 5.0)
     case = Case(rng, sensor, load, _sensed(sensor, load))
     case.words.append("pressed evenly and beyond the array")
     case.least = least
