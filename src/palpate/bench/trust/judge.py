@@ -226,7 +226,8 @@ def _answered(frame: Frame, recorded: Recorded, options: dict[str, Any]) -> tupl
             return skin.reconstruct(last, zero=recorded.rest, **options), ()
         # without limits only: they are those of the raw readings, and the zero would move them
         return skin.reconstruct(last if frame.limits else last - recorded.rest.mean(axis=0), **options), ()
-    readings, times, said = np.concatenate([recorded.rest, recorded.steps]), recorded.times, ()
+    readings, times = np.concatenate([recorded.rest, recorded.steps]), recorded.times
+    said: tuple[str, ...] = ()
     if recorded.road == "table":
         readings, times, said = _through_a_table(readings, times, frame.described.channels)
     with skin.track(baseline=len(recorded.rest), rate=RATE, **options) as tracker:

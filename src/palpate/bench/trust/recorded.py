@@ -169,7 +169,7 @@ def pad_edge(rng: np.random.Generator) -> Case:
     """A ball whose rim is half to one thickness away from the pad's side (`benchmarks/pad_edge.py`)."""
     contacts, table = _edge_table()
     thickness, modulus = float(rng.uniform(2e-3, 6e-3)), float(np.exp(rng.uniform(math.log(5e4), math.log(1e6))))
-    channels = ("stress_xz", "stress_yz", "stress_zz")
+    channels: tuple[str, ...] = ("stress_xz", "stress_yz", "stress_zz")
     which = int(rng.integers(len(contacts)))
     center, radius = contacts[which, :2] * thickness, float(contacts[which, 2]) * thickness
     sheared = rng.random() < 0.6
