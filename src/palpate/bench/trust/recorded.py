@@ -276,7 +276,7 @@ def even_press(rng: np.random.Generator) -> Case:
 
 def frozen_patch(rng: np.random.Generator) -> Case:
     """A patch of taxels stays at the values of its press, bit by bit, after the press has gone."""
-    case = _pressed(rng, lambda s: _small(s) and min(s.shape) >= 6)
+    case = _pressed(rng, lambda s: _small(s) and min(s.shape) >= 6 and s.sensing != "displacement")
     case.raw()
     rest = case.frames(np.zeros(REST))
     ramp, release = (int(n) for n in rng.integers(3, 7, size=2))
