@@ -145,6 +145,10 @@ def _small(sensor: Sensor) -> bool:
     return len(sensor.shape) == 2 and max(sensor.shape) <= 9
 
 
+def _sees_depth(sensor: Sensor) -> bool:
+    return len(sensor.shape) == 2 and sensor.channels == ("displacement_x", "displacement_y", "displacement_z")
+
+
 def _stress(sensor: Sensor) -> bool:
     return sensor.sensing == "stress"
 
@@ -296,18 +300,20 @@ def frozen_patch(rng: np.random.Generator) -> Case:
 
 
 def zeros_after_press(rng: np.random.Generator) -> Case:
-    """A sensor that writes exactly 0 where it feels nothing: at rest, and for a second after a press."""
-    case = _pressed(rng, _small)
-    rest = np.zeros((REST, *case.readings.shape))
-    after = int(rng.integers(5, 31))
-    release = int(rng.integers(2, 7))
-    levels = np.r_[_press(int(rng.integers(3, 9)), 10), np.arange(release - 1, 0, -1) / release]
-    steps = np.concatenate([case.frames(levels), np.zeros((after, *case.readings.shape))])
-    if rng.random() < 0.3:  # rounded to steps, so that a few readings at rest are not 0
-        step = 3.0 * case.std
-        rest = np.round(case.std * rng.standard_normal(rest.shape) / step) * step
-        steps = np.round(steps / step) * step
-    case.words.append(f"exactly 0 for {after / RATE:.1f} s after a press")
+    """A sensor that writes exactly 0 where it feels nothing, for up to two seconds after a press; at rest 0, rounded or noise."""
+    # cameras that see depth do so
+    case = _pressed(rng, _sees_depth if rng.random() < 0.5 else _small)
+    after, ramp = int(rng.integers(5, 61)), int(rng.integers(2, 7))
+    levels = np.r_[_press(int(rng.integers(3, 13)), int(rng.integers(5, 61))), np.arange(ramp - 1, 0, -1) / ramp]
+    pressed = case.frames(levels)
+    noise = case.std * rng.standard_normal((REST, *case.readings.shape))
+    at_rest = str(rng.choice(["exactly 0", "rounded", "noise"]))
+    step = 3.0 * case.std  # so that a few readings at rest are not 0
+    rest = {"exactly 0": np.zeros_like(noise), "rounded": np.round(noise / step) * step, "noise": noise}[at_rest]
+    if at_rest == "rounded":
+        pressed = np.round(pressed / step) * step
+    steps = np.concatenate([pressed, np.zeros((after, *case.readings.shape))])
+    case.words.append(f"{at_rest} at rest, exactly 0 for {after / RATE:.1f} s after a press")
     case.nothing_touches()
     return case.record(rest, steps, str(rng.choice(["track", "track", "reconstruct"])))
 

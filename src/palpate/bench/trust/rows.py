@@ -480,7 +480,7 @@ _TABLE: Sequence[Row] = (
     ),
     Row(
         "zeros after press",
-        "exactly 0 at rest and for 0.2 to 1 s after a press",
+        "exactly 0 for 0.2 to 2 s after a press; at rest 0, rounded or noise",
         load="nothing",
         recorded=recorded.zeros_after_press,
     ),
