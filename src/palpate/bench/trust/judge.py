@@ -19,26 +19,37 @@ intervals that hold 95 % of normal errors, 0.3 % do. A normal force that is not 
 
 A frame that says "the net force is known roughly only", as every frame of some sensors rightly does, has said that it may be off by more than 30 %: it is
 not wrong without a word unless the truth lies far outside its interval.
+
+The last frame of a **recording** (`palpate.bench.trust.recorded`) is answered as a user would have it: from its frames at rest and those before it, by itself,
+tracked, or out of a table. What the reader of the table warns of is a word.
 """
 
 from __future__ import annotations
 
+import inspect
+import math
 import re
 import signal
+import tempfile
 import threading
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate.bench.trust.presses import cell_means
+from palpate.bench.trust.recorded import RATE, Recorded
 from palpate.bench.trust.rows import Frame
 from palpate.elastic.pad import Floats
 from palpate.errors import PalpateError, Unsupported
+from palpate.recordings import TableMapping, read_recording
+from palpate.skin import Skin
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.touch.outcome import ROUGHLY
@@ -165,12 +176,16 @@ def judge(frame: Frame, *, limit: float | None = None) -> Verdict:
     ``limit`` [s]: the processor time that it may take, and the clean frame of the same sensor.
     """
     options: dict[str, Any] = {} if frame.friction is None else {"friction": frame.friction}
+    said: tuple[str, ...] = ()
     try:
         with _limited(limit):
             reference, options = _clean(frame, options)
         start = time.process_time()
         with _limited(limit):
-            touch = frame.skin.reconstruct(frame.readings, **options)
+            if frame.recorded is None:
+                touch = frame.skin.reconstruct(frame.readings, **options)
+            else:
+                touch, said = _answered(frame, frame.recorded, options)
         seconds = time.process_time() - start
     except _Late:
         return _unanswered(frame, f"no answer within {limit:g} s", seconds=float(limit or np.nan), late=True)
@@ -178,15 +193,67 @@ def judge(frame: Frame, *, limit: float | None = None) -> Verdict:
         return _unanswered(frame, f"refused: {error}", words=(f"refused: {error}",))
     except (ArithmeticError, LookupError, RuntimeError, TypeError, ValueError) as error:  # LinAlgError is a ValueError
         return _unanswered(frame, f"broke down: {type(error).__name__}: {error}", broken=True)
-    return verdict(frame, touch, reference, seconds)
+    found = verdict(frame, touch, reference, seconds)
+    return replace(found, words=(*found.words, *said)) if said else found
 
 
 def _clean(frame: Frame, options: dict[str, Any]) -> tuple[Touch, dict[str, Any]]:
     """The touch of the clean frame, and the options that this sensor takes: who is refused friction leaves it out."""
+    if frame.recorded is not None:
+        return _clean_recording(frame, frame.recorded, options)
     try:
         return frame.skin.reconstruct(frame.reference, **options), options
     except Unsupported:
         return frame.skin.reconstruct(frame.reference), {}
+
+
+def _clean_recording(frame: Frame, recorded: Recorded, options: dict[str, Any]) -> tuple[Touch, dict[str, Any]]:
+    road = "reconstruct" if recorded.road == "reconstruct" else "track"
+    times = np.arange(len(recorded.rest) + len(recorded.clean)) / RATE
+    pressed = replace(recorded, steps=recorded.clean, times=times, road=road)
+    try:
+        return _answered(frame, pressed, options)[0], options
+    except Unsupported:
+        return _answered(frame, pressed, {})[0], {}
+
+
+def _answered(frame: Frame, recorded: Recorded, options: dict[str, Any]) -> tuple[Touch, tuple[str, ...]]:
+    """The touch of a recording's last frame, and what the reader of its table warns of."""
+    skin = frame.skin
+    if recorded.road == "reconstruct":
+        last = recorded.steps[-1]
+        if "zero" in inspect.signature(Skin.reconstruct).parameters:
+            return skin.reconstruct(last, zero=recorded.rest, **options), ()
+        # without limits only: they are those of the raw readings, and the zero would move them
+        return skin.reconstruct(last if frame.limits else last - recorded.rest.mean(axis=0), **options), ()
+    readings, times = np.concatenate([recorded.rest, recorded.steps]), recorded.times
+    said: tuple[str, ...] = ()
+    if recorded.road == "table":
+        readings, times, said = _through_a_table(readings, times, frame.described.channels)
+    with skin.track(baseline=len(recorded.rest), rate=RATE, **options) as tracker:
+        for reading, at in zip(readings, times):
+            touch = tracker.step(reading, float(at))
+    return touch, said
+
+
+def _through_a_table(
+    readings: Floats, times: Floats, channels: tuple[str, ...]
+) -> tuple[Floats, Floats, tuple[str, ...]]:
+    """Readings and times as they come out of a table, and what its reader warns of."""
+    count, shape = len(readings), readings.shape[2:]
+    titles = [f"{c}_{i}" for c in channels for i in range(int(np.prod(shape)))]
+    lines = [",".join(["t", *titles])]
+    lines += [f"{t:.6f}," + ",".join(f"{v:.9g}" for v in r) for t, r in zip(times, readings.reshape(count, -1))]
+    mapping = TableMapping(
+        time="t", channels={c: f"{c}_{{}}" for c in channels}, scale=1.0, time_scale=1.0, shape=(shape[0], shape[1])
+    )
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        path = Path(folder) / "recording.csv"
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        recording = read_recording(path, mapping=mapping)
+    said = tuple(f"warning: {w.message}" for w in caught)
+    return np.asarray(recording.readings, dtype=np.float64), np.asarray(recording.time, dtype=np.float64), said
 
 
 def _unanswered(
@@ -233,15 +300,20 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
     asked = [i for i, c in enumerate(names) if c in touch.components or c == "z"]
     sought = [i for i, c in enumerate(names) if c in touch.components]
     force, true = to_numpy(touch.force).astype(np.float64), frame.load.force
-    error = force - true
+    least = true if frame.least is None else frame.least.force
+    smallest, largest = np.minimum(least, true), np.maximum(least, true)
+    error = force - np.clip(force, smallest, largest)
     low, high = _interval(touch, "force", len(names))
     peak_low, peak_high = _interval(touch, "peak_pressure", 0) if "z" in touch.components else (np.nan, np.nan)
     # a component that is not sought is said to be zero
     left_out = [i for i in asked if i not in sought]
     low[left_out] = high[left_out] = 0.0 if np.isfinite(low[sought]).any() else np.nan
     slack = _EXACT * load
-    outside = [_beyond(true[i], low[i], high[i]) > FAR * 0.5 * (high[i] - low[i]) + slack for i in asked]
-    inside_force = [_beyond(true[i], low[i], high[i]) <= slack for i in asked if np.isfinite(low[i])]
+    miss = [float(np.maximum(low[i] - largest[i], smallest[i] - high[i])) for i in range(len(names))]
+    if frame.open_above and np.isfinite(high[-1]):
+        miss[-1] = math.inf
+    outside = [miss[i] > FAR * 0.5 * (high[i] - low[i]) + slack for i in asked]
+    inside_force = [miss[i] <= slack for i in asked if np.isfinite(low[i])]
     # of what pulls as a whole, the strongest pull
     peak = float(truth[-1].max() if (truth[-1] > 0).any() else truth[-1].min())
     strongest = float(np.abs(typical).max())

@@ -13,7 +13,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from palpate._threads import cached_property
+from palpate.bench.trust import recorded
 from palpate.bench.trust.presses import Load, plain_ball, random_load
+from palpate.bench.trust.recorded import Case, Recorded
 from palpate.bench.trust.sensors import Sensor, random_sensor
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -52,6 +54,12 @@ class Frame:
         What is wrong, in figures.
     limits : float or None
         The largest reading that the sensor gives, where it says so [unit of the channel].
+    recorded : Recorded or None
+        The recording whose last frame this is, with its frames at rest.
+    least : Load or None
+        The smallest load that is right, too, where less than the whole is over the array.
+    open_above : bool
+        Nothing bounds the load from above: a finite upper end of the force is wrong.
     """
 
     row: str
@@ -67,6 +75,9 @@ class Frame:
     reference: Floats
     words: str
     limits: float | None = None
+    recorded: Recorded | None = None
+    least: Load | None = None
+    open_above: bool = False
 
     @cached_property
     def skin(self) -> Skin:
@@ -336,6 +347,8 @@ class Row:
         Range of the noise, in parts of the largest reading.
     misstated : bool
         The noise that is told is three times too small or too large.
+    recorded : callable (rng) -> Case or None
+        Makes the frame: the last of a recording that begins at rest.
     """
 
     name: str
@@ -347,6 +360,7 @@ class Row:
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     noise: tuple[float, float] = USUAL
     misstated: bool = False
+    recorded: Callable[[np.random.Generator], Case] | None = None
 
 
 def _moves(sensor: Sensor) -> bool:
@@ -449,6 +463,32 @@ _TABLE: Sequence[Row] = (
         "two or three of: offset, channel offsets, ramp, stuck, dead, gains, correlated noise, heavy tails, clipped, 8 bit",
         change=_mixed,
     ),
+    Row("gains of 30 %", "gains of taxels spread by 30 %; zero from a rest", recorded=recorded.uneven_gains),
+    Row("edge", "the pad ends half to one thickness from the contact; zero from a rest", recorded=recorded.pad_edge),
+    Row(
+        "lattice",
+        "a printed lattice carries 25 to 50 % more or less from place to place; zero from a rest",
+        recorded=recorded.lattice,
+    ),
+    Row("all at their end", "all readings at the end that the sensor states", recorded=recorded.all_at_their_end),
+    Row("even press", "an even press, wider than the array; zero just taken from a rest", recorded=recorded.even_press),
+    Row(
+        "frozen patch",
+        "2 x 2 to 3 x 3 taxels stay at the values of a press that has gone, 0.1 to 0.5 s",
+        load="nothing",
+        recorded=recorded.frozen_patch,
+    ),
+    Row(
+        "zeros after press",
+        "exactly 0 for 0.2 to 2 s after a press; at rest 0, rounded or noise",
+        load="nothing",
+        recorded=recorded.zeros_after_press,
+    ),
+    Row(
+        "restarted clock",
+        "stamps restart, wrap, go wild, count whole seconds or are swapped, in a stream or a table",
+        recorded=recorded.restarted_clock,
+    ),
 )
 
 #: Every row by name, in the order of the table.
@@ -469,6 +509,8 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
         raise InvalidInput(f"row must be one of {', '.join(ROWS)}; got {row!r}.")
     this = ROWS[row]
     rng = np.random.default_rng([seed, zlib.crc32(row.encode()), index])
+    if this.recorded is not None:
+        return _last_frame(row, index, this.recorded(rng))
     sensor = random_sensor(rng, this.suits)
     axes = "xy"[: len(sensor.shape)] if this.load == "unseen shear" else sensor.shears
     mu = float(rng.uniform(0.2, 0.9))
@@ -525,6 +567,28 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
         reference=clean,
         words=", ".join(draft.words),
         limits=draft.limits,
+    )
+
+
+def _last_frame(row: str, index: int, case: Case) -> Frame:
+    """The frame of a recording that is judged; nobody tells its noise."""
+    return Frame(
+        row=row,
+        index=index,
+        sensor=case.sensor,
+        described=case.sensor,
+        uncertainty={},
+        friction=case.friction,
+        noise=None,
+        readings=case.recorded.steps[-1],
+        load=case.load,
+        typical=case.typical,
+        reference=case.recorded.clean[-1],
+        words=", ".join([*case.words, case.recorded.road]),
+        limits=case.limits,
+        recorded=case.recorded,
+        least=case.least,
+        open_above=case.open_above,
     )
 
 
