@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.elastic.closed_form import cell_influence_area
+from palpate.elastic.closed_form import across_edges, cell_influence_area
 from palpate.elastic.closed_form_line import cell_influence_line
 from palpate.elastic.pad import Complexes, Floats, isotropic_compliance
 from palpate.errors import InvalidInput
@@ -138,7 +138,11 @@ class HalfSpace:
         """
         cell = cell_influence_line if len(offsets) == 1 else cell_influence_area
         constants = (self.shear_modulus, self.poissons_ratio)
-        return cell(constants, offsets, widths, depth, channels, concentrated=concentrated, damping=damping)
+
+        def at(places: Sequence[Floats]) -> Floats:
+            return cell(constants, places, widths, depth, channels, concentrated=concentrated, damping=damping)
+
+        return at(offsets) if depth + damping or concentrated else across_edges(at, offsets, widths)
 
 
 def from_radial(in_plane: Floats, antiplane: Floats, direction: Floats) -> Complexes:
