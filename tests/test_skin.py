@@ -95,7 +95,7 @@ def test_a_dead_taxel_is_named() -> None:
     ("make", "word"),
     [
         (lambda: area(shape=(8,)), "shape"),
-        (lambda: area(shape=(1, 5)), "shape"),
+        (lambda: area(shape=(1, 1)), "shape"),
         (lambda: area(shape=(8.0, 9)), "whole"),
         (lambda: area(pitch=0.0), "pitch"),
         (lambda: area(pitch=(1e-3, -1e-3)), "pitch"),
@@ -115,7 +115,6 @@ def test_a_dead_taxel_is_named() -> None:
         (lambda: pp.ScatteredArray(positions=[[0, 0]], depth=1.0, channels=["stress_zz"]), "positions"),
         (lambda: pp.ScatteredArray(positions=[[0, 0], [0, 0]], depth=1.0, channels=["stress_zz"]), "twice"),
         (lambda: pp.ScatteredArray(positions=[[0, 0], [0, np.nan]], depth=1.0, channels=["stress_zz"]), "finite"),
-        (lambda: pp.ScatteredArray(positions=[[0, 0], [1, 0]], depth=1.0, channels=["stress_zz"]), "one line"),
         (lambda: pp.Skin("gel", area()), "pad"),  # type: ignore[arg-type]
         (lambda: pp.Skin(PAD, []), "array"),
         (lambda: pp.Skin(PAD, area(), boundary="open"), "boundary"),  # type: ignore[arg-type]

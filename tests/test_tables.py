@@ -445,7 +445,7 @@ def test_what_the_command_line_refuses(tmp_path: Path) -> None:
     (tmp_path / "fixed.toml").write_text(fixed)
     for arguments, words in {
         ("track", "own.csv", "--skin", "gel.toml", "--map", said): "names its columns itself",
-        ("track", "places.nc", "--skin", "gel.toml", "--map", said): "names the columns of a table (.csv, .txt",
+        ("track", "places.nc", "--skin", "gel.toml", "--map", said): "names the columns of a table (.npz, .csv, .txt",
         ("track", "table.csv", "--skin", "gel.toml"): "--map",
         ("track", "table.csv", "--skin", "gel.toml", "--map", "dx=dx"): "neither a channel nor a key",
         (

@@ -125,7 +125,9 @@ def area_fields(
     return [find_channel(name).read(fields) for name in channels]
 
 
-def across_edges(evaluate: Callable[[Sequence[Floats]], Floats], offsets: Sequence[Floats], widths: Sequence[float]) -> Floats:
+def across_edges(
+    evaluate: Callable[[Sequence[Floats]], Floats], offsets: Sequence[Floats], widths: Sequence[float]
+) -> Floats:
     """Influence (channel, component, *point) of a cell at its own depth, where it jumps at the cell's edges.
 
     On an edge or a corner it is the mean of all sides, so that a point there feels a half or a quarter of a pressure, whatever the rounding of
@@ -138,7 +140,7 @@ def across_edges(evaluate: Callable[[Sequence[Floats]], Floats], offsets: Sequen
         return out
     sides = list(itertools.product((-1.0, 1.0), repeat=len(widths)))
     near, nearer = (
-        sum(evaluate([o + sign * s * w for sign, o, w in zip(side, offsets, widths)]) for side in sides) / len(sides)
+        np.mean([evaluate([o + sign * s * w for sign, o, w in zip(side, offsets, widths)]) for side in sides], axis=0)
         for s in BESIDE
     )
     inside = evaluate([np.array([0.2, 0.3]) * w for w in widths])

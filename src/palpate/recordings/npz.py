@@ -13,8 +13,11 @@ import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate.errors import InvalidInput
+from palpate.recordings.arraytables import array_table
 from palpate.recordings.checked import CHECKSUM, affordable, confirm_recording, json_object, recording_checksum
+from palpate.recordings.columns import TableMapping
 from palpate.recordings.formats import Format
+from palpate.recordings.mapped import read_mapped
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
 
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Npz"]
 
+#: Keys of a recording of ours.
+OWN = ("readings", "channel", "time")
 #: What a damaged archive raises in zipfile, zlib and NumPy.
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -41,7 +46,12 @@ _DAMAGE = (
 
 
 class Npz(Format):
-    """NumPy archives: the zip's own CRC-32 guards each array, one of ours guards the whole."""
+    """NumPy archives: the zip's own CRC-32 guards each array, one of ours guards the whole.
+
+    A recording has the keys ``readings`` (frame, channel, taxel) or (frame, channel, y, x) in SI units, ``channel`` (names) and ``time`` (frame) in
+    seconds; ``positions`` (taxel, 2) in metres, ``meta`` (JSON) and ``palpate_crc32`` may be there. Archives with other keys are tables of another
+    program: each array with a line per frame is a column, or as many as a line holds.
+    """
 
     name = "npz"
     extensions = (".npz",)
@@ -51,18 +61,13 @@ class Npz(Format):
             return file.read(4) == b"PK\x03\x04"
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
-        try:
-            held = _arrays(path)
-        except InvalidInput:
-            raise
-        except _DAMAGE as error:
-            raise InvalidInput(
-                f"{path}: cannot be read as NPZ; the file is truncated, damaged or of another format."
-            ) from error
-        missing = [n for n in ("readings", "channel", "time") if n not in held]
+        held = _whole(path)
+        missing = [n for n in OWN if n not in held]
         if missing:
+            shapes = ", ".join(f"{n} {a.shape}" for n, a in held.items())
             raise InvalidInput(
-                f"{path}: not a palpate recording: it lacks {', '.join(missing)} (it holds {', '.join(held) or 'nothing'})."
+                f"{path}: not a palpate recording, which has readings (frame, channel, taxel or y, x) in SI units, channel and time: it lacks {', '.join(missing)} (it holds "
+                f"{shapes or 'nothing'}). Save it with these keys, or say what its arrays are with --map (a TableMapping)."
             )
         meta = json_object(str(held["meta"]), f"{path}: meta") if "meta" in held else {}
         found = Recording(
@@ -73,6 +78,23 @@ class Npz(Format):
             meta={str(k): str(v) for k, v in meta.items()},
         )
         return confirm_recording(found, held.get(CHECKSUM), path)
+
+    def own(self, path: Path) -> bool:
+        try:
+            with zipfile.ZipFile(path) as archive:
+                return {f"{n}.npy" for n in OWN} <= set(archive.namelist())
+        except _DAMAGE:
+            return False  # said where it is read
+
+    def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
+        if self.own(path):
+            return self.read(path)
+        held = _whole(path)
+        frames = max((len(a) for a in held.values() if a.ndim), default=0)
+        columns = {n: a for n, a in held.items() if a.ndim and len(a) == frames and a.size}
+        if not columns:
+            raise InvalidInput(f"{path}: no array has a line per frame; it holds {', '.join(held) or 'nothing'}.")
+        return read_mapped(path, mapping, read=lambda path, wanted: array_table(path, columns, wanted))
 
     def write(self, recording: Recording, path: Path) -> None:
         arrays: dict[str, Any] = {
@@ -106,6 +128,18 @@ class Npz(Format):
             np.savez_compressed(file, **arrays)
 
 
+def _whole(path: Path) -> dict[str, Any]:
+    """The arrays of an archive, or `InvalidInput`."""
+    try:
+        return _arrays(path)
+    except InvalidInput:
+        raise
+    except _DAMAGE as error:
+        raise InvalidInput(
+            f"{path}: cannot be read as NPZ; the file is truncated, damaged or of another format."
+        ) from error
+
+
 def _arrays(path: Path) -> dict[str, Any]:
     """The arrays of an archive; each header is read before its numbers, so that nothing is allocated that is not there."""
     with zipfile.ZipFile(path) as archive:
@@ -117,6 +151,11 @@ def _arrays(path: Path) -> dict[str, Any]:
                     np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
                 )
                 shape, _, dtype = header(member)
+                if dtype.hasobject:
+                    raise InvalidInput(
+                        f"{path}: {info.filename.removesuffix('.npy')} holds Python objects, which can run any program when they are read, and is not read. "
+                        "Save arrays of numbers, numpy.asarray(values, dtype=float)."
+                    )
                 count = 1
                 for size in shape:
                     count *= int(size)

@@ -247,7 +247,7 @@ class AreaArray(_Common):
     Parameters
     ----------
     shape : (int, int)
-        Rows and columns (ny, nx).
+        Rows and columns (ny, nx); one of them may be 1, a single row of taxels on a pad that is pressed anywhere.
     pitch : float or (float, float)
         Distance between taxels [m], one or (dy, dx).
     depth : float or "base"
@@ -304,7 +304,9 @@ class AreaArray(_Common):
     def __post_init__(self) -> None:
         if not isinstance(self.shape, tuple | list) or len(self.shape) != 2:
             raise InvalidInput(f"shape must be (rows, columns); got {self.shape!r}.")
-        object.__setattr__(self, "shape", tuple(check_count("shape", n) for n in self.shape))
+        object.__setattr__(self, "shape", tuple(check_count("shape", n, 1) for n in self.shape))
+        if max(self.shape) < 2:
+            raise InvalidInput("shape must have at least 2 taxels; got 1 x 1.")
         pair("pitch", self.pitch)
         _check_depth(self.depth)
         pair("aperture", self.aperture, zero=True)
@@ -395,8 +397,6 @@ class ScatteredArray(_Common):
             raise InvalidInput(f"positions contain {np.count_nonzero(~np.isfinite(found))} values that are not finite.")
         if len(np.unique(found, axis=0)) != len(found):
             raise InvalidInput("positions name one place twice: average such markers before you pass them.")
-        if np.any(np.ptp(found, axis=0) == 0):
-            raise InvalidInput("positions lie on one line along an axis: use positions (n,) for line contact.")
         found.setflags(write=False)
         object.__setattr__(self, "positions", found)
         _check_depth(self.depth)

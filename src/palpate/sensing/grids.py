@@ -131,7 +131,7 @@ class AreaGrid:
     Raises
     ------
     InvalidInput
-        Fewer than 2 cells along an axis, or a spacing that is not positive and finite.
+        Fewer than 2 cells, or a spacing that is not positive and finite.
 
     Examples
     --------
@@ -155,7 +155,9 @@ class AreaGrid:
         if len(self.shape) != 2:
             raise InvalidInput(f"shape must be (ny, nx); got {self.shape!r}.")
         for n in self.shape:
-            check_count("shape", n)
+            check_count("shape", n, 1)
+        if max(self.shape) < 2:
+            raise InvalidInput("shape must have at least 2 cells; got 1 x 1.")
         pair("spacing", self.spacing)
         pair("center", self.center, sign=True)
 
