@@ -133,3 +133,61 @@ def test_positions_that_cannot_be_meant(tmp_path: Path, more: str, table: str, w
 def test_positions_come_in_metres(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("x (mm)\n1\n2\n")
     np.testing.assert_allclose(read_positions(tmp_path / "t.csv"), [[1e-3], [2e-3]])
+
+
+# -- positions that do not fit -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("far", [0.3, 1.0, 1e3])
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_few_taxels_far_from_all_others_are_refused(far: float, count: int) -> None:
+    rng = np.random.default_rng(0)
+    fine = np.stack(np.meshgrid(np.arange(6) * 2e-3, np.arange(6) * 2e-3), axis=-1).reshape(-1, 2)
+    fine = fine + rng.normal(0.0, 1e-4, fine.shape)
+    pp.ScatteredArray(positions=fine, **HOW)
+    pp.ScatteredArray(positions=np.vstack([fine, fine + 0.1]), **HOW)  # two fingers
+    stray = np.array([[far + 1e-3 * i, 5e-3] for i in range(count)])
+    with pytest.raises(pp.InvalidInput, match=r"taxel 3\d at .* lies .* m from the others, which lie 0\.00"):
+        pp.ScatteredArray(positions=np.vstack([fine, stray]), **HOW)
+
+
+PITCHED = """
+[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "area"
+shape = [6, 6]
+pitch = "1 mm"
+depth = "1 mm"
+channels = ["stress_zz"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("meta", "agrees"),
+    [
+        ({"pitch": "0.002"}, False),
+        ({"pitch": "2 mm"}, False),
+        ({"pitch": "(0.001, 0.002)"}, False),
+        ({"depth": "2 mm"}, False),
+        ({"pitch": "1 mm", "depth": "0.001"}, True),
+        ({"pitch": "narrow", "note": "2 mm"}, True),
+        ({}, True),
+    ],
+)
+def test_a_recording_that_says_another_pitch_or_depth_is_not_read_with_this_skin(
+    tmp_path: Path, meta: dict[str, str], agrees: bool
+) -> None:
+    (tmp_path / "skin.toml").write_text(PITCHED)
+    recording = pp.Recording(readings=np.ones((2, 1, 6, 6)), channels=["stress_zz"], meta=meta)
+    skin = pp.Skin.from_file(tmp_path / "skin.toml")
+    if agrees:
+        pp.Skin.from_file(tmp_path / "skin.toml", recording=recording)
+        return
+    with pytest.raises(pp.InvalidInput, match=r"is 1 mm in the skin, and the recording says .*2 mm"):
+        pp.Skin.from_file(tmp_path / "skin.toml", recording=recording)
+    with pytest.raises(pp.InvalidInput, match=r"is 1 mm in the skin, and the recording says .*2 mm"):
+        pp.reconstruct_recording(skin, recording, tmp_path / "touch.nc")

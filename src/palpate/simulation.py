@@ -21,6 +21,7 @@ from palpate.sensing import AreaArray
 from palpate.sensing.grids import LineGrid
 from palpate.skin import Skin
 from palpate.solutions import hertz_line, hertz_point
+from palpate.units import is_number
 
 __all__ = ["Frame", "Stage", "demonstration", "handling", "stream"]
 
@@ -154,7 +155,7 @@ def stream(
         Adds the arrays' own noise.
     """
     for name, value in (("friction", friction), ("radius", radius), ("rate", rate)):
-        if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+        if not (is_number(value) and value > 0):
             raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
     x, y = start
     force = drag = twist = 0.0

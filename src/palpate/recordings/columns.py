@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import numbers
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from typing import Any
 from palpate.elastic.channels import CHANNELS, channel_unit, is_channel
 from palpate.errors import InvalidInput
 from palpate.recordings.tabletext import SLICE
-from palpate.units import KIND_OF_SI, UNITS, parse_quantity
+from palpate.units import KIND_OF_SI, UNITS, is_number, parse_quantity
 
 __all__ = ["TableMapping", "columns_of", "columns_of_text", "per_count"]
 
@@ -137,7 +137,7 @@ class TableMapping:
             self.chosen  # noqa: B018 - refuses what is no COLUMN=NUMBER
         for name in ("time_scale", "rate"):
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
+            if value is not None and not (is_number(value) and value > 0):
                 raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
         if self.rate is not None and self.time is not None:
             raise InvalidInput("rate and time both say when frames were; give one of them.")
@@ -150,8 +150,8 @@ class TableMapping:
         given = getattr(self, name)
         if given is None:
             return
-        values = [given] if isinstance(given, int | float) else list(given)
-        if len(values) not in (1, many) or not all(math.isfinite(v) and v != 0 for v in values):
+        values = [given] if isinstance(given, numbers.Real) else list(given)
+        if len(values) not in (1, many) or not all(is_number(v) and v != 0 for v in values):
             raise InvalidInput(f"{name} must be one number or {many}, finite and not 0; got {given!r}.")
 
     @property

@@ -54,6 +54,7 @@ from palpate.elastic.pad import Pad, check_pad
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
 from palpate.recordings.columns import per_count
+from palpate.recordings.described import check_described, metres_said
 from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
@@ -381,6 +382,9 @@ def skin_from_text(
         for i, plane in enumerate(skin.plane):
             where = ("plane", i)
             planes.append(_plane(plane, folder, recording))
+        where = ("plane", 0)
+        if recording is not None:
+            check_described(recording, planes)
         where = ("surface",)
         surface = _surface(skin.surface, planes[0].dimensions)
     except PalpateError as error:
@@ -476,7 +480,7 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
         meta = recording.meta if recording is not None and recording.readings.ndim == 4 else {}
         shape, pitch = plane.shape, plane.pitch
         if shape is None and pitch is None and recording is not None and "pitch" in meta:
-            shape, pitch = (recording.readings.shape[2], recording.readings.shape[3]), float(meta["pitch"])
+            shape, pitch = (recording.readings.shape[2], recording.readings.shape[3]), metres_said(meta["pitch"])
         return AreaArray(
             shape=_need(shape, "shape", "area"),
             pitch=_need(pitch, "pitch", "area"),
