@@ -138,12 +138,12 @@ def video(folder: Path) -> Iterator[Step]:
             looks=looks,
         )
 
-    weight = pp.solutions.hertz_point(radius=4e-3, force=1.96)
+    weight = pp.solutions.hertz_point(contact_radius=4e-3, force=1.96)
     write_video(folder / "weight.mp4", scene(1).pictures([None] * 15 + [weight] * 15), rate=30.0)
     load = np.interp(np.arange(90), [15, 40, 75, 88], [0.0, 1.5, 1.5, 0.0])
     slide = np.interp(np.arange(90), [40, 60], [0.0, 0.3])
     finger = [
-        pp.solutions.hertz_point(radius=3e-3 * (f / 1.5) ** (1 / 3), force=f).sliding(q) if f > 0.02 else None
+        pp.solutions.hertz_point(contact_radius=3e-3 * (f / 1.5) ** (1 / 3), force=f).sliding(q) if f > 0.02 else None
         for f, q in zip(load, slide)
     ]
     write_video(folder / "press.mp4", scene(2).pictures(finger), rate=30.0)

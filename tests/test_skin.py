@@ -55,7 +55,7 @@ def test_dead_taxels_are_not_heard() -> None:
     mask = np.ones((8, 9), dtype=bool)
     mask[2, 3] = mask[7, 8] = False
     skin = pp.Skin(PAD, area(mask=mask, noise=300.0))
-    contact = solutions.hertz_point(radius=2e-3, force=0.5)
+    contact = solutions.hertz_point(contact_radius=2e-3, force=0.5)
     readings = skin.sense(contact, rng=np.random.default_rng(0))
     assert np.isnan(readings[:, ~mask]).all()
     first = skin.reconstruct(readings).values
@@ -135,7 +135,7 @@ def test_bad_descriptions(make: Any, word: str) -> None:
 
 def test_a_batch_is_its_frames() -> None:
     skin = pp.Skin(PAD, area(noise=300.0))
-    contact = solutions.hertz_point(radius=2e-3, force=0.5).sliding(0.2)
+    contact = solutions.hertz_point(contact_radius=2e-3, force=0.5).sliding(0.2)
     frames = np.stack([skin.sense(contact, rng=np.random.default_rng(i)) for i in range(2)]).reshape(2, 1, 3, 8, 9)
     batch = skin.reconstruct(frames)
     assert batch.values.shape == (2, 1, 3, *skin.surface.shape)

@@ -385,7 +385,7 @@ def pressed(folder: Path) -> np.ndarray[Any, Any]:
             positions=at,
         ),
     )
-    ball = skin.sample(pp.solutions.hertz_point(radius=2e-3, force=1.0).sliding(0.2))
+    ball = skin.sample(pp.solutions.hertz_point(contact_radius=2e-3, force=1.0).sliding(0.2))
     rng = np.random.default_rng(5)
     readings = np.stack([skin.sense(k * ball, rng=rng) for k in (0.0, 0.6, 1.0)]).round(9)
     lines = [

@@ -27,7 +27,7 @@ ROWS = {
 def test_a_press_on_a_single_row_of_taxels_is_read(case: str) -> None:
     skin = pp.Skin(PAD, ROWS[case])
     along = ROWS[case].points[3][::-1] - ROWS[case].points[2][::-1]
-    ball = pp.solutions.hertz_point(radius=3e-3, force=2.0).shifted(*(0.2 * along))
+    ball = pp.solutions.hertz_point(contact_radius=3e-3, force=2.0).shifted(*(0.2 * along))
     readings = skin.sense(ball, rng=np.random.default_rng(1))
     for touch in (skin.reconstruct(readings), skin.track().step(readings)):
         low, high = touch.interval(0.95, "force")
@@ -37,7 +37,7 @@ def test_a_press_on_a_single_row_of_taxels_is_read(case: str) -> None:
 
 
 def test_a_single_row_reads_what_the_same_taxels_of_a_whole_array_read() -> None:
-    ball = pp.solutions.hertz_point(radius=3e-3, force=2.0).shifted(1e-3, 0.0)
+    ball = pp.solutions.hertz_point(contact_radius=3e-3, force=2.0).shifted(1e-3, 0.0)
     row = pp.Skin(PAD, ROWS["a row"]).sense(ball)
     whole = pp.Skin(PAD, pp.AreaArray(shape=(3, 5), pitch=3e-3, **HOW)).sense(ball)
     np.testing.assert_allclose(row[:, 0], whole[:, 1], rtol=1e-3)

@@ -202,7 +202,7 @@ def _traction(
         stick = math.sqrt(max(1.0 - now.drag, 0.0))
         return skin.sample(contact.shifted(place[0])), 0.0 if slides else stick
     a = (0.75 * now.force * radius / modulus) ** (1.0 / 3.0)
-    ball = hertz_point(radius=a, force=now.force)
+    ball = hertz_point(contact_radius=a, force=now.force)
     if slides:
         ball = ball.sliding(friction, direction=now.direction)
     elif now.drag:

@@ -9,7 +9,7 @@ from typing import Any
 
 from palpate.errors import InvalidInput
 
-__all__ = ["UNITS", "convert_factor", "is_number", "parse_quantity"]
+__all__ = ["UNITS", "convert_factor", "parse_quantity"]
 
 #: What a file says in place of a quantity that must be measured first.
 UNKNOWN = "unknown"

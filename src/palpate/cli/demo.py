@@ -89,7 +89,7 @@ def demo(
     _own(folder, "skin.toml")
     skin = Skin.from_file(skin_path)
     friction = 0.6
-    ball = solutions.hertz_point(radius=5e-3, force=1.0).shifted(2e-3, -1e-3)
+    ball = solutions.hertz_point(contact_radius=5e-3, force=1.0).shifted(2e-3, -1e-3)
     contact = ball.sliding(0.35, direction=0.5)
     truth = skin.sample(contact)
     readings = skin.sense(truth, rng=np.random.default_rng(seed))

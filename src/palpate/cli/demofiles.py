@@ -76,7 +76,7 @@ def demo_taxels(folder: Path, seed: int, own: Callable[[str], None]) -> Floats:
     times = np.arange(300) / 50
     load = np.interp(times, [0.8, 1.6, 4.6, 5.4], [0.0, 2.0, 2.0, 0.0])
     slide = np.interp(times, [1.6, 3.0], [0.0, 0.4])
-    ball = solutions.hertz_point(radius=4e-3, force=1.0)
+    ball = solutions.hertz_point(contact_radius=4e-3, force=1.0)
     push = skin.sense(ball)
     drag = skin.sense(ball.sliding(1.0)) - push
     stress = load[:, None, None, None] * (push + slide[:, None, None, None] * drag)  # (frame, channel, y, x)
@@ -115,7 +115,7 @@ def demo_markers(folder: Path, seed: int, own: Callable[[str], None]) -> Floats:
         surface=AreaGrid(shape=(20, 24), spacing=1e-3),
     )
     load = np.interp(np.arange(100), [20, 50, 70, 90], [0.0, 2.0, 2.0, 0.0])
-    moved = np.reshape(skin.sense(solutions.hertz_point(radius=3e-3, force=1.0).sliding(0.25)), (2, 80))
+    moved = np.reshape(skin.sense(solutions.hertz_point(contact_radius=3e-3, force=1.0).sliding(0.25)), (2, 80))
     pixels = load[:, None, None] * moved / PIXEL + 0.02 * rng.standard_normal((100, 2, 80))
     frame, marker = np.divmod(np.arange(8000), 80)
     rows = np.column_stack([frame, marker, places[marker] / PIXEL, pixels[frame, :, marker]])
