@@ -250,3 +250,15 @@ def test_a_row_and_a_column_name_a_marker(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("frame,row,col,F (Pa)\n" + "\n".join(some) + "\n")
     with pytest.raises(pp.InvalidInput, match="5 markers do not fill the 2 x 3 places of row and col"):
         read_recording(tmp_path / "t.csv", mapping=mapping)
+
+
+def test_an_archive_with_the_keys_that_are_documented_is_a_recording(tmp_path: Path) -> None:
+    np.savez(tmp_path / "r.npz", readings=COUNTS.reshape(5, 1, 3, 4), channel=["stress_zz"], time=TIME)
+    read = read_recording(tmp_path / "r.npz")
+    assert read.channels == ("stress_zz",)
+    np.testing.assert_array_equal(read.readings, COUNTS.reshape(5, 1, 3, 4))
+    done = run("convert", "r.npz", "r.nc", "--map", "stress_zz=readings[:],unit=1Pa", cwd=tmp_path)
+    assert "names its columns itself" in done.stderr
+    np.savez(tmp_path / "r.npz", frames=COUNTS, t=TIME)
+    with pytest.raises(pp.InvalidInput, match=r"lacks readings, channel, time \(it holds frames \(5, 12\), t \(5,\)\)"):
+        read_recording(tmp_path / "r.npz")

@@ -114,11 +114,11 @@ def test_taxels_on_a_line_are_those_of_line_contact(tmp_path: Path) -> None:
         (
             'positions_file = "t.csv"\npositions_unit = "m"',
             "x (mm),y (mm)\n0,0\n1,1\n",
-            "leave out the one that is wrong",
+            "leave out the wrong one",
         ),
         ('positions_file = "t.csv"', "a,b\n0,0\n1,1\n", "no columns of positions; it has a, b"),
         ('positions_file = "t.csv"', "x (mm),y (mm)\n0,0\n0,0\n1,1\n", "2 taxels are at the same place"),
-        ('positions_file = "t.csv"', "n,x (mm),y (mm)\n0,0,0\n0,1,0\n1,1,1\n", "taxel 0 is there twice"),
+        ('positions_file = "t.csv"', "n,x (mm),y (mm)\n0,0,0\n0,1,0\n1,1,1\n", "two lines are of taxel 0"),
         ('positions_file = "t.csv"', "x (mm),y (mm),z (mm)\n0,0,0\n0,1,4\n1,1,1\n", "heights z from 0 to 4"),
         ('positions_file = "t.csv"', "x (mm),y (mm)\n0,0\n,1\n1,1\n", "line 3: no number"),
     ],

@@ -34,7 +34,7 @@ class _ArrayTable(Format):
         raise NotImplementedError
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
-        raise InvalidInput(f"{path} is a table of another program. {explained(path, self.titles)}")
+        raise InvalidInput(f"{path} is a table. {explained(path, self.titles)}")
 
     def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
         return read_mapped(path, mapping, read=self.columns)
@@ -84,7 +84,7 @@ def _floats(path: Path, name: str, values: Any) -> Floats:
         raise InvalidInput(_NO_TEXT.format(path=path, name=name, kind=kind))
     found = flat.astype(np.float64)
     if np.isinf(found).any():
-        raise InvalidInput(f"{path}: the column {name} holds infinite values; mark missing readings as NaN.")
+        raise InvalidInput(f"{path}: the column {name} holds infinite values. Save readings that are missing as NaN.")
     return found
 
 
@@ -198,7 +198,7 @@ class _Parquet:
         except self._damage as error:
             raise self._damaged() from error
         if first is None or not schema.names:
-            raise InvalidInput(f"{path}: no lines of numbers; a table has columns with a line per frame.")
+            raise InvalidInput(f"{path}: no lines; a table of Parquet has columns with a line per frame.")
         if len(set(schema.names)) != len(schema.names):
             raise InvalidInput(f"{path}: two columns have one name; save the table again with a name for each.")
         shapes = []

@@ -281,7 +281,7 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
     if found.stat().st_size == 0:
         raise InvalidInput(f"{found} is empty.")
     if found.suffix.lower() in PICKLES:
-        raise InvalidInput(_pickled(found))
+        _refuse_pickle(found)
     try:
         known = find_format(found)
     except InvalidInput as error:
@@ -304,13 +304,13 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
     return found, known
 
 
-def _pickled(path: Path) -> str:
+def _refuse_pickle(path: Path) -> None:
     """What to do in place of reading a pickle."""
     ending, call = (".parquet", "to_parquet") if importlib.util.find_spec("pyarrow") else (".csv", "to_csv")
     table = f"pandas.DataFrame(pandas.read_pickle({str(path)!r})).rename(columns=str)"
-    return (
+    raise InvalidInput(
         f"{path} is a pickle, which can run any program when it is read, and is not read. If you trust who made it, save its table in another format: "
-        + shell_line("pandas", f"{table}.{call}({str(path.with_suffix(ending))!r})")
+        f"{shell_line('pandas', f'{table}.{call}({str(path.with_suffix(ending))!r})')}"
     )
 
 

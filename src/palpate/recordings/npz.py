@@ -66,8 +66,8 @@ class Npz(Format):
         if missing:
             shapes = ", ".join(f"{n} {a.shape}" for n, a in held.items())
             raise InvalidInput(
-                f"{path}: not a palpate recording, which has readings (frame, channel, taxel or y, x) in SI units, channel and time: it lacks {', '.join(missing)} (it holds "
-                f"{shapes or 'nothing'}). Save it with these keys, or say what its arrays are with --map (a TableMapping)."
+                f"{path}: not a palpate recording: it lacks {', '.join(missing)} (it holds {shapes or 'nothing'}). Save readings (frame, channel, taxel or y, x) in SI units, channel and time, "
+                "or say what its arrays are with --map (a TableMapping)."
             )
         meta = json_object(str(held["meta"]), f"{path}: meta") if "meta" in held else {}
         found = Recording(

@@ -14,6 +14,7 @@ channels = ["stress_xz", "stress_yz", "stress_zz"]
 aperture = "0.8 mm"              # optional
 noise = "50 Pa"                  # optional; or one per channel
 noise_correlation = "1 mm"       # optional; length over which the noise of neighbours is alike
+# positions = [["0 mm", "0 mm"], ...] of a scattered plane; or positions_file = "taxels.csv" with columns x and y; with positions_unit = "mm" for bare numbers
 limits = ["0 Pa", "30 kPa"]      # optional; ends of the range of a reading; "30 kPa" for -30 to 30; or one [low, high] per channel
 
 [surface]                        # optional

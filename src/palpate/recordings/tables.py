@@ -185,7 +185,7 @@ def read_positions(path: str | Path, *, unit: str | None = None) -> Floats:
         order = np.argsort(values["number"], kind="stable")
         double = np.flatnonzero(np.diff(values["number"][order]) == 0)
         if len(double):
-            raise InvalidInput(f"{found}: taxel {values['number'][order[double[0]]]:g} is there twice.")
+            raise InvalidInput(f"{found}: two lines are of taxel {values['number'][order[double[0]]]:g}.")
         places = places[order]
     return places
 
@@ -195,12 +195,12 @@ def _metres(path: Path, titles: Titles, place: int, unit: str | None) -> float:
     if said is not None and said in UNITS["length"]:
         if unit is not None and per_count(unit, "length") != UNITS["length"][said]:
             raise InvalidInput(
-                f"{path}: the title {titles.names[place]!r} says {said}, but positions_unit says {unit}; leave out the one that is wrong."
+                f"{path}: the title {titles.names[place]!r} says {said}, but positions_unit {unit}: leave out the wrong one."
             )
         return UNITS["length"][said]
     if unit is None:
         raise InvalidInput(
-            f'{path}: nothing says what a 1 in the column {titles.names[place]!r} means: write positions_unit = "mm" below positions_file, or the title {titles.names[place]} (mm).'
+            f'{path}: no unit of the column {titles.names[place]!r}: write positions_unit = "mm" below positions_file, or the title {titles.names[place]} (mm).'
         )
     return per_count(unit, "length")
 
