@@ -191,3 +191,17 @@ def test_a_recording_that_says_another_pitch_or_depth_is_not_read_with_this_skin
         pp.Skin.from_file(tmp_path / "skin.toml", recording=recording)
     with pytest.raises(pp.InvalidInput, match=r"is 1 mm in the skin, and the recording says .*2 mm"):
         pp.reconstruct_recording(skin, recording, tmp_path / "touch.nc")
+
+
+def test_a_single_row_of_surface_taxels_and_its_pad_are_served(tmp_path: Path) -> None:
+    from palpate.pads import half_space_error
+
+    layer = pp.BondedLayers([pp.Layer(thickness=3e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    array = pp.AreaArray(
+        shape=(6, 1), pitch=2e-3, depth=0.0, channels=["stress_xz", "stress_yz", "stress_zz"], noise=30.0
+    )
+    skin = pp.Skin(layer, array)
+    patch = pp.solutions.patch(half_widths=(3e-3, 4e-3), traction=2e4)
+    touch = skin.reconstruct(skin.sense(patch, rng=np.random.default_rng(2)))
+    assert np.isfinite(touch.force).all()
+    assert half_space_error(pp.Skin(layer, ROWS["a column"])).radius == pytest.approx(12e-3 / 5)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from palpate.recordings.formats import Format
 from palpate.recordings.mapped import read_mapped
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
+from palpate.recordings.tabletext import Table, Titles
 
 if TYPE_CHECKING:
     from palpate.touch import Touch
@@ -86,15 +87,16 @@ class Npz(Format):
         except _DAMAGE:
             return False  # said where it is read
 
-    def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
-        if self.own(path):
-            return self.read(path)
+    def columns(self, path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
         held = _whole(path)
         frames = max((len(a) for a in held.values() if a.ndim), default=0)
         columns = {n: a for n, a in held.items() if a.ndim and len(a) == frames and a.size}
         if not columns:
             raise InvalidInput(f"{path}: no array has a line per frame; it holds {', '.join(held) or 'nothing'}.")
-        return read_mapped(path, mapping, read=lambda path, wanted: array_table(path, columns, wanted))
+        return array_table(path, columns, wanted)
+
+    def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
+        return self.read(path) if self.own(path) else read_mapped(path, mapping, read=self.columns)
 
     def write(self, recording: Recording, path: Path) -> None:
         arrays: dict[str, Any] = {

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings.columns import per_count
-from palpate.recordings.formats import existing
+from palpate.recordings.formats import endings, existing
 from palpate.recordings.mapped import check_apart, check_one_frame, is_frame, plain_name
 from palpate.recordings.netcdf import DAMAGE, NetCDF, data_sets, guard, opened
 from palpate.recordings.recording import Recording
@@ -240,7 +240,8 @@ def _read_columns(path: Path, columns: Sequence[str]) -> Floats:
         unnamed.extend([n for n in titles.names if is_frame(n) and n not in columns][:1])
         return [titles.find(n) for n in (*columns, *unnamed)]
 
-    values = read_table_text(path, wanted).values.T
+    other = path.suffix.lower() in endings("columns")
+    values = (existing(path)[1].columns if other else read_table_text)(path, wanted).values.T
     if unnamed:
         check_one_frame(path, unnamed[0], values[-1])
     check_apart(path, values[:2].T, unit="")
