@@ -320,8 +320,8 @@ def shell_line(module: str, code: str) -> str:
     Examples
     --------
     >>> from palpate.recordings.formats import shell_line
-    >>> shell_line("numpy", "numpy.save('a.npy', [1.0])")
-    'python -c "import numpy; numpy.save(\'a.npy\', [1.0])"'
+    >>> print(shell_line("numpy", "numpy.save('a.npy', [1.0])"))
+    python -c "import numpy; numpy.save('a.npy', [1.0])"
     """
     return f'python -c "import {module}; {code}"'
 
