@@ -149,7 +149,7 @@ def others() -> Iterator[Run]:
     """Two planes, scattered positions, a periodic surface, nothing but noise."""
     rng = np.random.default_rng(5)
     pad = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.4)
-    contact = pp.solutions.hertz_point(radius=2.0, force=1.0).sliding(0.3, direction=0.5)
+    contact = pp.solutions.hertz_point(contact_radius=2.0, force=1.0).sliding(0.3, direction=0.5)
     planes = [
         pp.AreaArray(shape=(9, 9), pitch=1.0, depth=d, channels=["stress_zz"], center=(0.0, 0.0)) for d in (1.0, 2.0)
     ]

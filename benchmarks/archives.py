@@ -55,7 +55,9 @@ def make(folder: Path, n: int, frames: int) -> Path:
     rng = np.random.default_rng(0)
     presses = []
     for _ in range(16):
-        ball = pp.solutions.hertz_point(radius=rng.uniform(0.1, 0.2) * n * 1e-3, force=float(rng.uniform(0.5, 2.0)))
+        ball = pp.solutions.hertz_point(
+            contact_radius=rng.uniform(0.1, 0.2) * n * 1e-3, force=float(rng.uniform(0.5, 2.0))
+        )
         x, y = rng.uniform(-0.2, 0.2, 2) * n * 1e-3
         presses.append(skin.sense(ball.sliding(float(rng.uniform(0.0, 0.4))).shifted(x, y)).astype(np.float32))
     noise = 0.01 * max(float(np.abs(p).max()) for p in presses)

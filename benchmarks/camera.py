@@ -109,7 +109,9 @@ def texture(base: Scene, seeds: int) -> Iterator[str]:
             )
             contact = None
             if force:
-                ball = pp.solutions.hertz_point(radius=2.5e-3, force=force).shifted(*rng.uniform(-2e-3, 2e-3, 2))
+                ball = pp.solutions.hertz_point(contact_radius=2.5e-3, force=force).shifted(
+                    *rng.uniform(-2e-3, 2e-3, 2)
+                )
                 contact = one.skin.sample(ball.sliding(0.3, direction=float(rng.uniform(0.0, 6.28))))
             flow = Flow(one.picture(rng=rng), spacing=apart / SCALE)
             moved = flow.follow(one.picture(contact, rng=rng))
@@ -138,7 +140,7 @@ def displacement(base: Scene, seeds: int) -> Iterator[str]:
             place, turn = rng.uniform(-2e-3, 2e-3, 2), float(rng.uniform(0.0, 6.28))
             contact = None
             if force:
-                ball = pp.solutions.hertz_point(radius=2.5e-3, force=force)
+                ball = pp.solutions.hertz_point(contact_radius=2.5e-3, force=force)
                 contact = one.skin.sample(ball.shifted(*place).sliding(0.3, direction=turn))
             markers = Markers(one.picture(rng=rng))
             steps = np.linspace(0.2, 1.0, 5) if stage else [1.0]
@@ -292,7 +294,7 @@ def rate(base: Scene) -> Iterator[str]:
     for size, scale, print_ in shown:
         one = Scene(pad=GEL, depth=DEPTH, print=print_, size=size, scale=scale)
         rng = np.random.default_rng(0)
-        ball = one.skin.sample(pp.solutions.hertz_point(radius=2.5e-3, force=1.0).sliding(0.3))
+        ball = one.skin.sample(pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.0).sliding(0.3))
         with tempfile.TemporaryDirectory() as folder:
             write_video(
                 f"{folder}/a.mp4",

@@ -128,7 +128,7 @@ def rates(scenes: list[tuple[str, Scene, str]], seconds: float, *, wall: bool) -
         os.sched_setaffinity(0, {max(cores)})
         for label, one, section in scenes:
             rng = np.random.default_rng(0)
-            ball = one.skin.sample(pp.solutions.hertz_point(radius=2.5e-3, force=1.0).sliding(0.3))
+            ball = one.skin.sample(pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.0).sliding(0.3))
             presses = [0.5 - 0.5 * np.cos(2 * np.pi * i / PRESS) for i in range(PRESS)]
             images = [one.picture(p * ball if p > 1e-9 else None, rng=rng) for p in [0.0] * REST + presses]
             packed = [cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes() for image in images]

@@ -48,8 +48,12 @@ def at_size(n: int, frames: int, seed: int) -> str:
         for _ in range(rng.integers(1, 4)):
             size = side * rng.uniform(0.04, 0.16)
             load = float(rng.uniform(0.3, 3.0))
-            kind = pp.solutions.hertz_point if rng.random() < 0.7 else pp.solutions.flat_punch
-            contact, friction, way = kind(radius=size, force=load), float(rng.choice([0.0, rng.uniform(0.1, 0.8)])), 0.0
+            contact = (
+                pp.solutions.hertz_point(contact_radius=size, force=load)
+                if rng.random() < 0.7
+                else pp.solutions.flat_punch(radius=size, force=load)
+            )
+            friction, way = float(rng.choice([0.0, rng.uniform(0.1, 0.8)])), 0.0
             if friction:
                 way = float(rng.uniform(0.0, 2.0 * math.pi))
                 contact = contact.sliding(friction, direction=way)

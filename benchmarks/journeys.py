@@ -2,7 +2,7 @@
 
     python benchmarks/journeys.py [counts] [markers] [field] [video] [--write] [--keep FOLDER]
 
-Makes the files that docs/howto/first-hour.md speaks of from known contacts, takes skins and commands from that page (and the one of cameras) as they stand
+Makes the files that docs/howto/first-hour.md speaks of (palpate demo taxels, markers, field), takes commands from that page (and the one of cameras) as they stand
 there, runs each in a process of its own, and holds what comes out beside the truth. ``--write`` puts the table into docs/_generated/journeys.md;
 ``--keep`` leaves files and pictures in a folder.
 """
@@ -16,7 +16,6 @@ import shlex
 import subprocess
 import sys
 import tempfile
-import textwrap
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ import numpy as np
 import pandas
 
 import palpate as pp
+from palpate.cli import demofiles
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ROOT / "docs" / "howto"
@@ -43,13 +43,6 @@ class Step:
     answer: str
 
 
-def blocks(page: str, kind: str) -> list[str]:
-    """Fenced blocks of a page, their indentation taken off."""
-    text = (PAGES / page).read_text(encoding="utf-8")
-    found = re.findall(rf"^([ ]*)```{kind}\n(.*?)^[ ]*```", text, re.DOTALL | re.MULTILINE)
-    return [textwrap.dedent(body) for _, body in found]
-
-
 def shown(page: str, command: str) -> str:
     """The command of a page that begins so, on one line."""
     text = (PAGES / page).read_text(encoding="utf-8").replace("\\\n", " ")
@@ -60,15 +53,12 @@ def shown(page: str, command: str) -> str:
 
 
 def commands(page: str) -> list[str]:
-    """Commands that a page shows, in its order; one that shortens its mapping takes that of the one before."""
+    """Commands that a page shows, in its order."""
     text = (PAGES / page).read_text(encoding="utf-8").replace("\\\n", " ")
-    found = [
+    return [
         " ".join(c.split())
         for c in re.findall(r"^\s*(?:\d\. )?`?(palpate (?:track|reconstruct|tfm) [^`\n]*)", text, re.MULTILINE)
     ]
-    mapping = next(re.search(r'--map "([^.]+?.*?)"', c) for c in found if "--map" in c)
-    assert mapping is not None
-    return [c.replace('--map "..."', mapping.group(0)) for c in found]
 
 
 def run(journey: str, command: str, folder: Path, answer: Callable[[], str], said: list[str] | None = None) -> Step:
@@ -96,22 +86,7 @@ def beside(table: Path, frame: int, true: float) -> str:
 
 def counts(folder: Path) -> Iterator[Step]:
     """300 frames of 48 raw counts: a finger presses, slides and leaves."""
-    (folder / "skin.toml").write_text(blocks("first-hour.md", "toml")[0], encoding="utf-8")
-    skin = pp.Skin.from_file(folder / "skin.toml")
-    rng = np.random.default_rng(0)
-    times = np.arange(300) / 50
-    load = np.interp(times, [0.8, 1.6, 4.6, 5.4], [0.0, 2.0, 2.0, 0.0])
-    slide = np.interp(times, [1.6, 3.0], [0.0, 0.4])
-    ball = pp.solutions.hertz_point(radius=4e-3, force=1.0)
-    push = skin.sense(ball)
-    drag = skin.sense(ball.sliding(1.0)) - push
-    stress = load[:, None, None, None] * (push + slide[:, None, None, None] * drag)  # (frame, channel, y, x)
-    raw = stress / 8.0 + 20_000 * rng.random(push.shape) + 10.0 * rng.standard_normal(stress.shape)
-    table = {"timestamp_ms": 1000 * times}
-    for taxel in range(16):
-        for i, axis in enumerate("xyz"):
-            table[f"{axis}{taxel + 1}"] = np.round(raw.reshape(300, 3, 16)[:, i, taxel])
-    pandas.DataFrame(table).to_csv(folder / "taxels.csv", index=False)
+    load = demofiles.demo_taxels(folder, 0, lambda _: None)
     track, one = (c for c in commands("first-hour.md") if "taxels.csv" in c)
     yield run("counts", track, folder, lambda: beside(folder / "forces.csv", 150, float(load[150])))
 
@@ -122,51 +97,16 @@ def counts(folder: Path) -> Iterator[Step]:
 
 def markers(folder: Path) -> Iterator[Step]:
     """100 frames of 80 markers in pixels."""
-    (folder / "gel.toml").write_text(blocks("camera.md", "toml")[0], encoding="utf-8")
-    rng = np.random.default_rng(1)
-    gel = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
-    y, x = np.meshgrid(2e-3 * (np.arange(8) - 3.5), 2e-3 * (np.arange(10) - 4.5), indexing="ij")
-    places = np.stack([x.ravel(), y.ravel()], axis=-1) + 1e-4 * rng.standard_normal((80, 2))
-    skin = pp.Skin(
-        gel,
-        pp.ScatteredArray(positions=places, depth=0.5e-3, channels=["displacement_x", "displacement_y"]),
-        surface=pp.AreaGrid(shape=(20, 24), spacing=1e-3),
-    )
-    load = np.interp(np.arange(100), [20, 50, 70, 90], [0.0, 2.0, 2.0, 0.0])
-    moved = skin.sense(pp.solutions.hertz_point(radius=3e-3, force=1.0).sliding(0.25)).reshape(2, 80)
-    pixels = load[:, None, None] * moved / 6e-5 + 0.02 * rng.standard_normal((100, 2, 80))
-    rows = [
-        (frame, marker, *(places[marker] / 6e-5), *pixels[frame, :, marker])
-        for frame in range(100)
-        for marker in range(80)
-    ]
-    pandas.DataFrame(rows, columns=["frame", "id", "x", "y", "dx", "dy"]).round(4).to_csv(
-        folder / "markers.csv", index=False
-    )
+    load = demofiles.demo_markers(folder, 0, lambda _: None)
     track, one = (c for c in commands("first-hour.md") if "markers.csv" in c)
-    yield run("markers", track, folder, lambda: beside(folder / "forces.csv", 60, 2.0))
+    yield run("markers", track, folder, lambda: beside(folder / "gel-forces.csv", 60, float(load[60])))
     out = one + " --out one.csv"
-    yield run("markers", out, folder, lambda: beside(folder / "one.csv", 0, 2.0))
+    yield run("markers", out, folder, lambda: beside(folder / "one.csv", 0, float(load[60])))
 
 
 def field(folder: Path) -> Iterator[Step]:
     """128 x 128 vectors of a cell that pulls at its ends, in pixels."""
-    gel = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
-    spacing = 0.8e-6
-    vectors = pp.AreaArray(shape=(128, 128), pitch=spacing, depth=0.0, channels=["displacement_x", "displacement_y"])
-    skin = pp.Skin(gel, vectors, surface=pp.AreaGrid(shape=(128, 128), spacing=spacing))
-    y, x = np.meshgrid(*skin.surface.axes, indexing="ij")
-    traction = np.zeros((3, 128, 128))
-    for angle in np.radians(np.arange(0, 360, 45)):
-        place = 25e-6 * np.array([np.cos(angle), np.sin(angle)])
-        near = np.hypot(x - place[0], y - place[1]) < 2.5e-6
-        traction[0][near], traction[1][near] = -600.0 * place / 25e-6
-    moved = skin.sense(traction)
-    energy = 0.5 * float((traction[:2] * moved).sum()) * spacing**2
-    seen = moved[:, ::-1] * np.array([1.0, -1.0])[:, None, None] / 1e-7  # pixels, rows downwards
-    seen = seen + 0.1 * np.random.default_rng(2).standard_normal(seen.shape)
-    for name, part in zip(("u", "v"), seen):
-        np.save(folder / f"{name}.npy", part)
+    energy = demofiles.demo_field(folder, 0, lambda _: None)
     (command,) = (c for c in commands("first-hour.md") if "u.npy" in c)
 
     def answer() -> str:
@@ -198,12 +138,12 @@ def video(folder: Path) -> Iterator[Step]:
             looks=looks,
         )
 
-    weight = pp.solutions.hertz_point(radius=4e-3, force=1.96)
+    weight = pp.solutions.hertz_point(contact_radius=4e-3, force=1.96)
     write_video(folder / "weight.mp4", scene(1).pictures([None] * 15 + [weight] * 15), rate=30.0)
     load = np.interp(np.arange(90), [15, 40, 75, 88], [0.0, 1.5, 1.5, 0.0])
     slide = np.interp(np.arange(90), [40, 60], [0.0, 0.3])
     finger = [
-        pp.solutions.hertz_point(radius=3e-3 * (f / 1.5) ** (1 / 3), force=f).sliding(q) if f > 0.02 else None
+        pp.solutions.hertz_point(contact_radius=3e-3 * (f / 1.5) ** (1 / 3), force=f).sliding(q) if f > 0.02 else None
         for f, q in zip(load, slide)
     ]
     write_video(folder / "press.mp4", scene(2).pictures(finger), rate=30.0)

@@ -226,7 +226,7 @@ def rounded_markers(count: int) -> Iterator[Recording]:
     """Like a depth camera that writes 0 where nothing moves: a press known to us, displacement rounded to a micrometre, at rest exactly 0."""
     channels = ["displacement_x", "displacement_y", "displacement_z"]
     skin = pp.Skin(bonded(5e-3, 2e5), pp.AreaArray(shape=(10, 10), pitch=1.3e-3, depth=0.0, channels=channels))
-    ball = np.asarray(skin.sense(pp.solutions.hertz_point(radius=2e-3, force=1.0)))
+    ball = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=1.0)))
     rng = np.random.default_rng(38)
     load = np.r_[np.zeros(60), np.linspace(0.0, 2.0, 15), np.full(25, 2.0), np.linspace(2.0, 0.0, 10), np.zeros(60)]
     clean = load[:, None, None, None] * ball

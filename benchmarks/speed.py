@@ -186,7 +186,7 @@ def pressed(n: int, count: int, *, noise: bool = False) -> tuple[pp.Skin, Any]:
     """A skin of n x n x 3 and frames of a ball of 4 mm and 0.5 N that slides, with 1 % noise, which the skin may know."""
     array = pp.AreaArray(shape=(n, n), pitch=1e-3, depth=2e-3, channels=THREE)
     skin = pp.Skin(PAD, array)
-    clean = skin.sense(pp.solutions.hertz_point(radius=4e-3, force=0.5).sliding(0.3))
+    clean = skin.sense(pp.solutions.hertz_point(contact_radius=4e-3, force=0.5).sliding(0.3))
     std = 0.01 * float(np.abs(clean).max())
     frames = clean + std * np.random.default_rng(0).standard_normal((count, *clean.shape))
     if noise:

@@ -45,8 +45,10 @@ class Scene:
     on: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.shape = np.asarray(self.skin.sense(solutions.hertz_point(radius=2e-3, force=1.0))).shape
-        self.loud = float(np.abs(np.asarray(self.skin.sense(solutions.hertz_point(radius=2.5e-3, force=1.0)))).max())
+        self.shape = np.asarray(self.skin.sense(solutions.hertz_point(contact_radius=2e-3, force=1.0))).shape
+        self.loud = float(
+            np.abs(np.asarray(self.skin.sense(solutions.hertz_point(contact_radius=2.5e-3, force=1.0)))).max()
+        )
         self.offset = 0.05 * self.loud * self.rng.standard_normal(self.shape)
         self.drift = np.zeros(self.shape[0])
         self.slope = np.zeros(self.shape[0])
@@ -61,7 +63,9 @@ class Scene:
         self.held, self.ramp = float(rng.uniform(1.0, 5.0)), float(rng.uniform(0.05, 0.4))
         self.force = float(rng.uniform(0.3, 1.5))
         place = rng.uniform(-2e-3, 2e-3, 2)
-        ball = solutions.hertz_point(radius=float(rng.uniform(1.5e-3, 3e-3)), force=1.0).shifted(*map(float, place))
+        ball = solutions.hertz_point(contact_radius=float(rng.uniform(1.5e-3, 3e-3)), force=1.0).shifted(
+            *map(float, place)
+        )
         traction = np.asarray(self.skin.sample(ball))
         angle, drag = float(rng.uniform(0.0, 2.0 * math.pi)), float(rng.uniform(0.0, 0.3))
         traction[0], traction[1] = (drag * f(angle) * traction[2] for f in (math.cos, math.sin))

@@ -101,7 +101,7 @@ def section_area() -> None:
         pad = pp.HalfSpace(youngs_modulus=1, poissons_ratio=float(nu))
         table: dict[tuple[str, str], list[float]] = {}
         for case, contact, sizes in (
-            ("hertz_circle_p", solutions.hertz_point(radius=1, force=2 * np.pi / 3), (8, 16, 32)),
+            ("hertz_circle_p", solutions.hertz_point(contact_radius=1, force=2 * np.pi / 3), (8, 16, 32)),
             ("rect_p", solutions.patch(half_widths=(1, 0.75), traction=1), (4,)),
             ("rect_q", solutions.patch(half_widths=(1, 0.75), traction=1, component="x"), (4,)),
         ):

@@ -22,9 +22,9 @@ from palpate.sensing.uncertainty import EXACT
 from palpate.uncertainty import Case
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
-BALL = solutions.hertz_point(radius=2.5e-3, force=1.0)
+BALL = solutions.hertz_point(contact_radius=2.5e-3, force=1.0)
 #: Wide enough for readings to tell how its shear is spread.
-WIDE_BALL = solutions.hertz_point(radius=4e-3, force=1.0)
+WIDE_BALL = solutions.hertz_point(contact_radius=4e-3, force=1.0)
 
 
 def area(
@@ -232,7 +232,7 @@ def test_the_force_that_would_go_unnoticed_is_about_the_interval() -> None:
     empty = skin.reconstruct(30.0 * np.random.default_rng(0).standard_normal((1, 14, 14)))
     limit = float(empty.interval(0.95, "force")[1][2])
     assert 0 < limit < 0.2
-    heavier = solutions.hertz_point(radius=1.5e-3, force=5 * limit)
+    heavier = solutions.hertz_point(contact_radius=1.5e-3, force=5 * limit)
     readings = skin.sense(heavier, rng=np.random.default_rng(1))
     assert skin.reconstruct(readings).touching
 
@@ -367,8 +367,8 @@ def test_pulling_is_said_not_hidden() -> None:
 def test_push_and_pull_together_go_to_the_linear_method() -> None:
     """A ball that sticks: pressure in the middle, adhesion round it."""
     skin = skin_of(noise=30.0)
-    ring = solutions.hertz_point(radius=4.5e-3, force=1.2)
-    both = skin.sample(solutions.hertz_point(radius=2.5e-3, force=1.0)) - skin.sample(ring)
+    ring = solutions.hertz_point(contact_radius=4.5e-3, force=1.2)
+    both = skin.sample(solutions.hertz_point(contact_radius=2.5e-3, force=1.0)) - skin.sample(ring)
     touch = skin.reconstruct(skin.sense(both, rng=np.random.default_rng(0)))
     assert touch.method == "tikhonov"
     assert not touch.pushing

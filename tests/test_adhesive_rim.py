@@ -25,7 +25,7 @@ def _jkr() -> Floats:
     are pressed and pulled (K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. A 324, 1971, 301-313).
     """
     y, x = FINE.axes
-    ball = pp.solutions.hertz_point(radius=7e-3, force=1.2).shifted(0.4e-3, -0.7e-3)
+    ball = pp.solutions.hertz_point(contact_radius=7e-3, force=1.2).shifted(0.4e-3, -0.7e-3)
     pull = pp.solutions.flat_punch(radius=7e-3, force=0.7).shifted(0.4e-3, -0.7e-3)
     return np.asarray(ball.averages(x, y) - pull.averages(x, y))
 
@@ -62,7 +62,7 @@ def test_net_force_of_an_adhesive_contact_is_held(channels: list[str], given: bo
 
 
 def test_a_push_is_not_taken_for_an_adhesive_one() -> None:
-    contact = pp.solutions.hertz_point(radius=7e-3, force=0.4)
+    contact = pp.solutions.hertz_point(contact_radius=7e-3, force=0.4)
     clean = np.asarray(pp.Skin(PAD, _array(["stress_zz"])).sense(contact))
     std = 0.01 * float(np.abs(clean).max())
     skin = pp.Skin(PAD, _array(["stress_zz"], std))
@@ -82,7 +82,7 @@ def test_a_sheared_push_over_shallow_taxels_is_no_pull(seed: int) -> None:
 
     fine = pp.AreaGrid(shape=(50, 50), spacing=0.6e-3)
     y, x = fine.axes
-    ball = pp.solutions.hertz_point(radius=3.6e-3, force=2.0).shifted(0.7e-3, -0.4e-3)
+    ball = pp.solutions.hertz_point(contact_radius=3.6e-3, force=2.0).shifted(0.7e-3, -0.4e-3)
     traction = np.array(ball.averages(x, y))
     traction[0] = 0.2 * traction[2]
     clean = np.asarray(pp.Skin(PAD, array(), surface=fine).sense(traction))

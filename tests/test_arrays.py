@@ -61,7 +61,7 @@ def namespaces() -> list[Any]:
 def contact(skin: pp.Skin) -> Any:
     if skin.surface.dimensions == 1:
         return solutions.hertz_line(half_width=5e-3, force=50.0).sliding(0.3)
-    return solutions.hertz_point(radius=3e-3, force=0.3).sliding(0.3, direction=1.0)
+    return solutions.hertz_point(contact_radius=3e-3, force=0.3).sliding(0.3, direction=1.0)
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])

@@ -275,7 +275,7 @@ def test_nothing_and_pulls_at_size(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_hertzian_ball_on_128_x_128_taxels() -> None:
     """Closed form: p = p0 sqrt(1 - r^2/a^2), p0 = 3 P/(2 pi a^2)."""
     skin, radius, force = skin_of(128), 30e-3, 2.0
-    contact = pp.solutions.hertz_point(radius=radius, force=force)
+    contact = pp.solutions.hertz_point(contact_radius=radius, force=force)
     readings = skin.sense(contact)
     readings = readings + 0.02 * np.abs(readings).max() * np.random.default_rng(0).standard_normal(readings.shape)
     touch = skin.reconstruct(readings)

@@ -16,7 +16,7 @@ pytest.importorskip("cv2")
 
 GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=300e3, poissons_ratio=0.48)])
 SCENE = Scene(pad=GEL, depth=0.5e-3, print=Texture(grain=0.15e-3), size=(160, 120), scale=0.1e-3, spacing=0.5e-3)
-BALL = pp.solutions.hertz_point(radius=2.5e-3, force=2.0).shifted(1e-3, -0.7e-3).sliding(0.3, direction=2.0)
+BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=2.0).shifted(1e-3, -0.7e-3).sliding(0.3, direction=2.0)
 SKIN = """
 [pad]
 kind = "bonded_layers"

@@ -30,7 +30,7 @@ from palpate.live.camera import CameraSource  # noqa: E402
 from palpate.recordings import read_recording, read_touch, recorder  # noqa: E402
 
 GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
-BALL = pp.solutions.hertz_point(radius=2.5e-3, force=1.5).sliding(0.3)
+BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.5).sliding(0.3)
 SKIN = """\
 [pad]
 kind = "bonded_layers"

@@ -18,7 +18,7 @@ cv2 = pytest.importorskip("cv2")
 from palpate.camera import Dots, Looks, Markers, Scene, Texture, dot_grid, find_dots, open_pictures  # noqa: E402
 
 GEL = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
-BALL = pp.solutions.hertz_point(radius=2.5e-3, force=1.0).shifted(1e-3, -0.5e-3).sliding(0.3, direction=0.7)
+BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.0).shifted(1e-3, -0.5e-3).sliding(0.3, direction=0.7)
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "fots"
 
 
@@ -197,7 +197,7 @@ def test_standard_deviations_are_true() -> None:
 
 def test_a_press_between_two_pictures_moves_dots_past_their_neighbours_places() -> None:
     """23 pixels at once, with a pitch of 33."""
-    hard = pp.solutions.hertz_point(radius=2.5e-3, force=6.0).sliding(0.3)
+    hard = pp.solutions.hertz_point(contact_radius=2.5e-3, force=6.0).sliding(0.3)
     one = scene()
     rng = np.random.default_rng(0)
     markers = Markers(one.picture(rng=rng))

@@ -18,7 +18,7 @@ tifffile = pytest.importorskip("tifffile")
 from palpate.camera import Dots, Lens, Looks, Scene, Texture, View, dot_grid, grey, open_pictures, write_video  # noqa: E402
 
 GEL = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
-BALL = pp.solutions.hertz_point(radius=2.5e-3, force=2.0).sliding(0.4, direction=0.5)
+BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=2.0).sliding(0.4, direction=0.5)
 CLEAN = Looks(noise=0.0, gradient=(0.0, 0.0))
 
 
@@ -115,7 +115,7 @@ def test_looks_do_what_they_say() -> None:
 
 def test_a_contact_that_folds_the_print_is_refused() -> None:
     with pytest.raises(pp.InvalidInput, match="Press less"):
-        scene().picture(pp.solutions.hertz_point(radius=1e-3, force=60.0).sliding(1.0))
+        scene().picture(pp.solutions.hertz_point(contact_radius=1e-3, force=60.0).sliding(1.0))
 
 
 # -- where the picture lies ----------------------------------------------------------------------------------------------

@@ -28,7 +28,7 @@ SCENE = small_scene(GEL)
 
 @functools.cache
 def press(force: float, radius: float = 2.5e-3) -> list[np.ndarray]:
-    ball = pp.solutions.hertz_point(radius=radius, force=force)
+    ball = pp.solutions.hertz_point(contact_radius=radius, force=force)
     return list(SCENE.pictures([None] * 3 + [SCENE.skin.sample(ball)] * 2))
 
 

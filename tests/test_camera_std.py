@@ -25,7 +25,11 @@ def errors(force: float, diameter: float, *, prints: int = 1, **looks: object) -
         grid[12] = grid[13] - [1.02 * diameter, 0.0]
         halved = tuple(int(i) for i in rng.choice([2, 20, 24, 40, 44, 60], 3, replace=False))
         scene = SCENE.changed(print=Dots(grid, diameter, halved=halved), looks=Looks(**looks))  # type: ignore[arg-type]
-        ball = pp.solutions.hertz_point(radius=2.5e-3, force=force).shifted(*rng.uniform(-2e-3, 2e-3, 2)).sliding(0.3)
+        ball = (
+            pp.solutions.hertz_point(contact_radius=2.5e-3, force=force)
+            .shifted(*rng.uniform(-2e-3, 2e-3, 2))
+            .sliding(0.3)
+        )
         contact = scene.skin.sample(ball)
         markers = Markers(scene.picture(rng=rng))
         moved = markers.follow(scene.picture(contact, rng=rng))

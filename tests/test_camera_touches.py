@@ -22,7 +22,7 @@ from palpate.camera import Displacements, Dots, Scene, View, dot_grid, follow, g
 from palpate.recordings import read_recording, read_touch  # noqa: E402
 
 GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
-BALL = pp.solutions.hertz_point(radius=2.5e-3, force=1.5).shifted(1e-3, 0.5e-3).sliding(0.3, direction=0.5)
+BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.5).shifted(1e-3, 0.5e-3).sliding(0.3, direction=0.5)
 TRUE = np.array([0.45 * np.cos(0.5), 0.45 * np.sin(0.5), 1.5])
 SKIN = """\
 [pad]

@@ -246,7 +246,7 @@ def test_the_zero_is_taken_from_the_frames_at_rest_and_the_press_after_a_restart
         pp.AreaArray(shape=(6, 5), pitch=1.5e-3, depth=2e-3, channels=["stress_zz"], noise=100.0),
     )
     rng = np.random.default_rng(0)
-    ball = skin.sample(pp.solutions.hertz_point(radius=2e-3, force=1.0))
+    ball = skin.sample(pp.solutions.hertz_point(contact_radius=2e-3, force=1.0))
     frames = np.stack([skin.sense(f * ball, rng=rng) for f in (*np.zeros(10), *np.linspace(0.1, 1.0, 10))])
     titles = ",".join(["t", *(f"S{i}" for i in range(30))])
     lines = [",".join(map(repr, [float(t), *map(float, f.ravel())])) for t, f in zip(RESTARTED, frames)]

@@ -26,9 +26,11 @@ CHANNELS = [
 ]
 #: Lengths in pitches.
 AREA = {
-    "tiny ball": solutions.hertz_point(radius=0.05, force=1.0),
-    "small ball that slides": solutions.hertz_point(radius=0.4, force=1.0).sliding(0.5),
-    "wide ball in partial slip": solutions.hertz_point(radius=2.5, force=1.0).partial_slip(0.5, 0.2, direction=0.4),
+    "tiny ball": solutions.hertz_point(contact_radius=0.05, force=1.0),
+    "small ball that slides": solutions.hertz_point(contact_radius=0.4, force=1.0).sliding(0.5),
+    "wide ball in partial slip": solutions.hertz_point(contact_radius=2.5, force=1.0).partial_slip(
+        0.5, 0.2, direction=0.4
+    ),
     "small punch": solutions.flat_punch(radius=0.4, force=1.0),
     "wide punch": solutions.flat_punch(radius=2.0, force=1.0),
     "patch": solutions.patch(half_widths=(0.43, 0.71), traction=1.0),
@@ -97,7 +99,7 @@ def test_a_contact_beyond_the_surface_presses_all_the_same() -> None:
     skin = pp.Skin(PAD, array)
     edge = float(skin.surface.axes[1][-1])
     for x in (edge, edge + 5.0):  # across the edge of the surface, and past it
-        ball = solutions.hertz_point(radius=1.5, force=1.0).shifted(x, 0.3)
+        ball = solutions.hertz_point(contact_radius=1.5, force=1.0).shifted(x, 0.3)
         true = ball.fields(PAD, CHANNELS[0], array.points[:, 1], array.points[:, 0], 0.5).reshape(3, 5, 5)
         assert off(skin.sense(ball), true) < 1e-3
 
@@ -125,7 +127,7 @@ def test_one_marker_near_a_small_contact() -> None:
     """The part of scattered markers that needs finer cells may be a single one."""
     places = np.array([[0.0, 0.0], [9.0, 0.5], [0.3, 9.0], [9.0, 9.0]])
     array = pp.ScatteredArray(positions=places, depth=0.3, channels=["displacement_z"])
-    ball = solutions.hertz_point(radius=0.1, force=1.0)
+    ball = solutions.hertz_point(contact_radius=0.1, force=1.0)
     true = ball.fields(PAD, ["displacement_z"], places[:, 0], places[:, 1], 0.3)
     assert off(pp.Skin(PAD, array).sense(ball), true) < 1e-3
 
@@ -171,7 +173,7 @@ def test_a_concentrated_load_on_the_surface_is_refused() -> None:
 
 def test_means_of_circles_in_cells_are_exact() -> None:
     """They add up to the force, cells inside one another agree, and no cell outside presses."""
-    for contact in (solutions.hertz_point(radius=1.0, force=2.0), solutions.flat_punch(radius=1.0, force=2.0)):
+    for contact in (solutions.hertz_point(contact_radius=1.0, force=2.0), solutions.flat_punch(radius=1.0, force=2.0)):
         moved = contact.shifted(0.07, -0.13)
         coarse, fine = (np.linspace(-1.5 + 1.5 / n, 1.5 - 1.5 / n, n) for n in (5, 135))
         few, many = moved.averages(coarse, coarse)[2], moved.averages(fine, fine)[2]

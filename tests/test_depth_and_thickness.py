@@ -20,7 +20,7 @@ def gel(height: float = 8e-3, *, count: int = 10, **known: float) -> pp.Skin:
 
 
 def noisy(skin: pp.Skin, force: float = 2.0) -> np.ndarray:
-    clean = np.asarray(skin.sense(pp.solutions.hertz_point(radius=4e-3, force=force)))
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=4e-3, force=force)))
     return clean + 0.01 * float(np.abs(clean).max()) * np.random.default_rng(0).standard_normal(clean.shape)
 
 

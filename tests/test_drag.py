@@ -12,7 +12,7 @@ from palpate.inverse.drag import STICK, sheared
 
 PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.49)
 FRICTION, NOISE, REST = 0.25, 0.03, 20
-BALL = solutions.hertz_point(radius=4e-3, force=1.0)
+BALL = solutions.hertz_point(contact_radius=4e-3, force=1.0)
 
 
 def test_shear_of_a_ball_that_is_dragged_is_cattaneos() -> None:

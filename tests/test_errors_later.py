@@ -25,7 +25,7 @@ def skin(monkeypatch: pytest.MonkeyPatch) -> pp.Skin:
 
 
 def frame(skin: pp.Skin) -> Any:
-    readings = np.asarray(skin.sense(pp.solutions.hertz_point(radius=2.5e-3, force=0.5)))
+    readings = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=2.5e-3, force=0.5)))
     return readings + 0.02 * np.abs(readings).max() * np.random.default_rng(0).standard_normal(readings.shape)
 
 

@@ -29,7 +29,18 @@ EXCEPTIONS = {
 #: Members that are no part of an example, and why.
 MEMBERS = {
     ("Format", name): "what a new format overrides"
-    for name in ("read", "read_mapped", "opened", "write", "read_touch", "write_touch", "touch_stream", "recorder")
+    for name in (
+        "own",
+        "read",
+        "read_mapped",
+        "columns",
+        "opened",
+        "write",
+        "read_touch",
+        "write_touch",
+        "touch_stream",
+        "recorder",
+    )
 }
 
 

@@ -22,7 +22,7 @@ from palpate.status import Status
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 GEL = pp.BondedLayers([pp.Layer(thickness=8e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
 THREE = ["stress_xz", "stress_yz", "stress_zz"]
-BALL = solutions.hertz_point(radius=2.5e-3, force=1.0)
+BALL = solutions.hertz_point(contact_radius=2.5e-3, force=1.0)
 NOISE = 30.0
 
 
@@ -353,7 +353,7 @@ def test_a_ball_on_cells_as_wide_as_taxels_are_deep(
 
     Without friction pressure and shear grow against each other where the taxels hardly tell: the interval knows.
     """
-    clean = np.asarray(small.sense(solutions.hertz_point(radius=radius, force=force).shifted(0.3e-3, -0.4e-3)))
+    clean = np.asarray(small.sense(solutions.hertz_point(contact_radius=radius, force=force).shifted(0.3e-3, -0.4e-3)))
     rng = np.random.default_rng(0)
     tracker = small.track(baseline=8, friction=friction)
     for i in range(20):
@@ -391,7 +391,7 @@ def test_a_contact_right_in_the_middle_without_noise_is_not_at_a_ceiling() -> No
     """Four taxels that read alike because the contact is symmetric: the interval was 0.34 to 1.15 N where there is 1 N."""
     array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2.2e-3, channels=["stress_zz"], noise=20.0)
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), array, uncertainty=EXACT)
-    touch = skin.reconstruct(skin.sense(pp.solutions.hertz_point(radius=3e-3, force=1.0)))
+    touch = skin.reconstruct(skin.sense(pp.solutions.hertz_point(contact_radius=3e-3, force=1.0)))
     low, high = touch.interval(0.95, of="force")
     assert 0.95 < low[2] < high[2] < 1.05
     assert not any("end of their range" in note for note in touch.notes)
@@ -425,7 +425,7 @@ def test_a_threshold_of_the_sensor_makes_no_dead_taxels() -> None:
 
     array = pp.AreaArray(shape=(10, 10), pitch=2e-3, depth=2e-3, channels=["stress_zz"])
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), array)
-    clean = np.asarray(skin.sense(pp.solutions.hertz_point(radius=8e-3, force=2.0)))[0]
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=8e-3, force=2.0)))[0]
     rng = np.random.default_rng(0)
     readings = (clean + 0.01 * clean.max() * rng.standard_normal(clean.shape)).ravel()
     cut = np.where(readings < np.quantile(readings, 0.4), 0.0, readings)

@@ -18,7 +18,7 @@ def test_an_offset_larger_than_what_contact_says_to_its_channel_is_found() -> No
     channels = ["stress_xz", "stress_yz", "stress_zz"]
     array = pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=channels, noise=20.0)
     skin = pp.Skin(PAD, array, uncertainty=EXACT)
-    readings = skin.sense(pp.solutions.hertz_point(radius=4e-3, force=0.5))
+    readings = skin.sense(pp.solutions.hertz_point(contact_radius=4e-3, force=0.5))
     peak = float(np.abs(readings).max())
     noise = 20.0 * np.random.default_rng(2).standard_normal(readings.shape)
     offset = -0.27 * peak  # most of what the channels of shear read
@@ -69,7 +69,7 @@ def test_a_handful_of_taxels_in_which_no_noise_hides_contact_does_not_rule_it_ou
 def test_a_ramp_under_a_contact_is_found_though_nobody_named_it() -> None:
     array = pp.AreaArray(shape=(7, 7), pitch=2e-3, depth=3e-3, channels=["stress_zz"], noise=10.0)
     skin = pp.Skin(PAD, array)
-    clean = skin.sense(pp.solutions.hertz_point(radius=4e-3, force=0.5))
+    clean = skin.sense(pp.solutions.hertz_point(contact_radius=4e-3, force=0.5))
     peak = float(np.abs(clean).max())
     clean = clean + 10.0 * np.random.default_rng(4).standard_normal(clean.shape)
     across = 0.25 * peak * np.linspace(-1.0, 1.0, 7)

@@ -29,7 +29,7 @@ def readings_of(contact: pp.solutions.AreaContact, *, known: bool = True) -> tup
     return skin_of(noise if known else None), readings
 
 
-BALL = pp.solutions.hertz_point(radius=3e-3, force=2.0).shifted(0.3e-3, -0.2e-3)
+BALL = pp.solutions.hertz_point(contact_radius=3e-3, force=2.0).shifted(0.3e-3, -0.2e-3)
 
 
 def test_pressure_is_sought_on_a_bonded_gel() -> None:
@@ -112,7 +112,7 @@ def test_markers_on_the_surface_of_a_thick_gel_read_the_force_too() -> None:
     skin = pp.Skin(pad, pp.AreaArray(**markers))
     assert skin.components == ("x", "y", "z")
     fine = pp.Skin(pad, pp.AreaArray(**markers), surface=pp.AreaGrid(shape=(40, 40), spacing=0.275e-3))
-    clean = fine.sense(pp.solutions.hertz_point(radius=2e-3, force=2.0).sliding(0.4))
+    clean = fine.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=2.0).sliding(0.4))
     noise = 0.01 * float(np.abs(clean).max())
     touch = skin.reconstruct(clean + noise * np.random.default_rng(0).standard_normal(clean.shape), friction=0.4)
     low, high = touch.interval(0.95, of="force")

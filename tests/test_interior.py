@@ -75,7 +75,7 @@ def swapped(side: int = 8, *, depth: float = 2.1e-3, radius: float = 3e-3) -> tu
     pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
     how = {"shape": (side, side), "pitch": 1.4e-3, "depth": depth}
     channels = ["displacement_x", "displacement_y", "displacement_z"]
-    ball = pp.solutions.hertz_point(radius=radius, force=2.0)
+    ball = pp.solutions.hertz_point(contact_radius=radius, force=2.0)
     clean = np.asarray(pp.Skin(pad, pp.AreaArray(**how, channels=channels)).sense(ball))
     noise = 0.002 * float(np.abs(clean).max())
     skin = pp.Skin(pad, pp.AreaArray(**how, channels=channels, noise=noise))

@@ -279,7 +279,9 @@ REFUSED = {("dft", "scattered"), ("dft", "masked"), ("linear", "scattered"), ("l
 def test_every_method_on_every_layout(method: Any, layout: str, rng: np.random.Generator) -> None:
     skin = pp.Skin(PAD, ARRAYS[layout])
     contact = (
-        solutions.hertz_line(half_width=3, force=1) if layout == "line" else solutions.hertz_point(radius=2, force=1)
+        solutions.hertz_line(half_width=3, force=1)
+        if layout == "line"
+        else solutions.hertz_point(contact_radius=2, force=1)
     )
     readings = skin.sense(contact, rng=rng)
     if (method, layout) in REFUSED:
@@ -299,7 +301,7 @@ def test_periodic_and_free_agree_far_from_the_edge(method: Any, rng: np.random.G
     array = pp.AreaArray(
         shape=(20, 21), pitch=0.5, depth=0.6, channels=["stress_xz", "stress_yz", "stress_zz"], noise=1e-3
     )
-    contact = solutions.hertz_point(radius=2.0, force=1.0).sliding(0.4, direction=0.3)
+    contact = solutions.hertz_point(contact_radius=2.0, force=1.0).sliding(0.4, direction=0.3)
     skins = [pp.Skin(PAD, array, surface=array.grid), pp.Skin(PAD, array, boundary="periodic")]
     readings = skins[0].sense(contact, rng=rng)
     options = METHODS[method] if method == "wiener" else {}

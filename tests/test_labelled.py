@@ -151,7 +151,7 @@ def test_what_was_found_comes_back() -> None:
         pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48),
         pp.AreaArray(shape=(6, 7), pitch=1e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"]),
     )
-    readings = np.asarray(area.sense(area.sample(solutions.hertz_point(radius=2e-3, force=1.0).sliding(0.3))))
+    readings = np.asarray(area.sense(area.sample(solutions.hertz_point(contact_radius=2e-3, force=1.0).sliding(0.3))))
     for given_readings in (readings, np.stack([readings, 0 * readings, 2 * readings])):
         same_touch(touch_of(touch_dataset(found := area.reconstruct(given_readings, friction=0.6))), found)
         assert found.errors is not None

@@ -20,7 +20,7 @@ PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 PLACE, MIDDLE = (0.0, 0.0), (-1.5e-3, 1e-3)
 CHANNELS = ("stress_xz", "stress_yz", "stress_zz")
 ARRAY = pp.AreaArray(shape=(8, 10), pitch=1e-3, depth=1.5e-3, channels=CHANNELS, center=MIDDLE)
-BALL = solutions.hertz_point(radius=2.5e-3, force=1.0)
+BALL = solutions.hertz_point(contact_radius=2.5e-3, force=1.0)
 
 
 @pytest.fixture(scope="module")

@@ -197,7 +197,7 @@ def test_base_taxels() -> None:
         ),
     )
     assert skin.planes[0].depth == 2e-3
-    contact = solutions.hertz_point(radius=3e-3, force=0.4).sliding(0.4)
+    contact = solutions.hertz_point(contact_radius=3e-3, force=0.4).sliding(0.4)
     touch = skin.reconstruct(skin.sense(contact, rng=np.random.default_rng(0)))
     assert relative(touch.values, skin.sample(contact)) < 0.25
     np.testing.assert_allclose(touch.force, contact.force, atol=0.02)
@@ -253,7 +253,7 @@ def test_net_force_on_a_periodic_layer_is_known() -> None:
         shape=(16, 16), pitch=0.5, depth=0.0, channels=["displacement_x", "displacement_y", "displacement_z"]
     )
     skin = pp.Skin(pad, array, boundary="periodic")
-    contact = solutions.hertz_point(radius=1.5, force=1.0).sliding(0.3)
+    contact = solutions.hertz_point(contact_radius=1.5, force=1.0).sliding(0.3)
     touch = skin.reconstruct(skin.sense(contact))
     np.testing.assert_allclose(touch.force, contact.force, atol=0.02)
 

@@ -17,7 +17,7 @@ from palpate.sensing.limits import at_ends, ends_of
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 CHANNELS = ["stress_xz", "stress_yz", "stress_zz"]
 ARRAY = pp.AreaArray(shape=(9, 9), pitch=2e-3, depth=0.7e-3, channels=CHANNELS, center=(-0.3e-3, -0.2e-3))
-BALL = solutions.hertz_point(radius=2.2e-3, force=1.0)
+BALL = solutions.hertz_point(contact_radius=2.2e-3, force=1.0)
 
 
 def pressed(skin: pp.Skin, noise: float = 0.01, seed: int = 0) -> Any:

@@ -27,7 +27,7 @@ testclient = pytest.importorskip("starlette.testclient")
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 ARRAY = pp.AreaArray(shape=(10, 10), pitch=1e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
-BALL = solutions.hertz_point(radius=2.5e-3, force=1.0).partial_slip(0.6, 0.3)
+BALL = solutions.hertz_point(contact_radius=2.5e-3, force=1.0).partial_slip(0.6, 0.3)
 
 
 @pytest.fixture(scope="module")

@@ -58,7 +58,7 @@ def test_the_edge_of_an_array_is_round_its_taxels() -> None:
 
 
 def press(skin: pp.Skin, at: tuple[float, float]) -> Any:
-    return np.asarray(skin.sense(pp.solutions.hertz_point(radius=2e-3, force=0.6).shifted(*at)))
+    return np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=0.6).shifted(*at)))
 
 
 def stream(skin: pp.Skin, at: tuple[float, float], offset: float = 3000.0) -> Iterator[tuple[float, Any]]:

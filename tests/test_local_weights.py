@@ -14,7 +14,7 @@ PAD = pp.HalfSpace(youngs_modulus=6e4, poissons_ratio=0.48)
 @pytest.mark.parametrize("given", [True, False])
 def test_contact_between_few_shallow_taxels_is_not_shrunk(given: bool) -> None:
     plain = pp.AreaArray(shape=(4, 4), pitch=3.5e-3, depth=2.4e-3, channels=["stress_zz"])
-    contact = pp.solutions.hertz_point(radius=4e-3, force=0.17).shifted(-1e-3, 2e-3)
+    contact = pp.solutions.hertz_point(contact_radius=4e-3, force=0.17).shifted(-1e-3, 2e-3)
     clean = pp.Skin(PAD, plain).sense(contact)
     std = 0.05 * float(np.abs(clean).max())
     array = pp.AreaArray(shape=(4, 4), pitch=3.5e-3, depth=2.4e-3, channels=["stress_zz"], noise=std if given else None)

@@ -69,7 +69,7 @@ def test_a_ball_at_the_corner_is_found_within_its_error() -> None:
     """Half of it lies past the outermost markers: it took minutes, and the interval ended at 1.7 N."""
     skin = pp.Skin(GEL, pp.ScatteredArray(positions=places(), depth=0.5e-3, channels=IN_PLANE, noise=NOISE))
     fine = pp.Skin(GEL, skin.planes[0], surface=pp.AreaGrid(shape=(104, 104), spacing=0.25e-3))
-    ball = pp.solutions.hertz_point(radius=2e-3, force=1.83).shifted(6.5e-3, 4.8e-3).sliding(0.4, direction=1.3)
+    ball = pp.solutions.hertz_point(contact_radius=2e-3, force=1.83).shifted(6.5e-3, 4.8e-3).sliding(0.4, direction=1.3)
     clean = np.asarray(fine.sense(ball))
     touch = skin.reconstruct(clean + NOISE * np.random.default_rng(1).standard_normal(clean.shape))
     low, high = (np.asarray(end) for end in touch.interval(0.95, of="force"))

@@ -337,7 +337,7 @@ def test_a_ball_on_a_large_array():
     array = area(shape=(128, 128), depth=2e-3, noise=20.0)
     skin = pp.Skin(HALF_SPACE, array)
     assert isinstance(pp.Tikhonov().prepare(skin.problem()), MatrixFree)
-    ball = pp.solutions.hertz_point(radius=25e-3, force=15.0).sliding(0.3)
+    ball = pp.solutions.hertz_point(contact_radius=25e-3, force=15.0).sliding(0.3)
     readings = skin.sense(ball, rng=np.random.default_rng(0))
     touch = skin.reconstruct(readings, method="tikhonov")
     low, high = touch.interval(0.95, of="force")

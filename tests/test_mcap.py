@@ -59,7 +59,7 @@ def test_reference_readers_open_it(tmp_path: Path) -> None:
     """The library of the format, and the ROS 2 reader, agree on what was written."""
     skin = pp.Skin(PAD, ARRAY)
     touch = skin.reconstruct(
-        skin.sense(np.stack([skin.sample(solutions.hertz_point(radius=2e-3, force=f)) for f in (0.5, 1.0)])),
+        skin.sense(np.stack([skin.sample(solutions.hertz_point(contact_radius=2e-3, force=f)) for f in (0.5, 1.0)])),
         method="constrained",
     )
     with McapRecorder(tmp_path / "a.mcap", ARRAY.channels) as out:
@@ -231,7 +231,7 @@ def test_track_from_the_shell(tmp_path: Path) -> None:
 
 def test_touch_as_mcap(tmp_path: Path) -> None:
     skin = pp.Skin(PAD, ARRAY)
-    touch = skin.reconstruct(skin.sense(solutions.hertz_point(radius=2e-3, force=1.0)))
+    touch = skin.reconstruct(skin.sense(solutions.hertz_point(contact_radius=2e-3, force=1.0)))
     write_touch(touch, tmp_path / "touch.mcap")
     assert set(topics(tmp_path / "touch.mcap")) == {"/palpate/touch", "/palpate/wrench"}
 

@@ -25,7 +25,7 @@ from skin_files import skin_text
 PAD = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.45)
 LINE = pp.LineArray(count=31, pitch=0.5, depth=1.0, channels=["stress_zz"])
 THREE = pp.AreaArray(shape=(9, 9), pitch=1.0, depth=1.5, channels=["stress_xz", "stress_yz", "stress_zz"])
-BALL = solutions.hertz_point(radius=2.5, force=1.0)
+BALL = solutions.hertz_point(contact_radius=2.5, force=1.0)
 
 
 def noisy(skin: pp.Skin, contact: Any, noise: float, seed: int = 0) -> Any:

@@ -255,7 +255,7 @@ def test_the_listener_ends_and_leaves_its_port(kind: str) -> None:
 def test_from_the_wire_to_newtons() -> None:
     array = pp.AreaArray(shape=(10, 10), pitch=1e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
-    reading = skin.sense(solutions.hertz_point(radius=2e-3, force=1.0))
+    reading = skin.sense(solutions.hertz_point(contact_radius=2e-3, force=1.0))
     tracker = skin.track(friction=0.6)
     with FrameListener((3, 10, 10)) as listener, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.sendto(frame_bytes(0, 0.0, reading), ("127.0.0.1", listener.port))

@@ -368,3 +368,45 @@ def test_components_in_any_order(boundary: str, rng: np.random.Generator) -> Non
             np.testing.assert_array_equal(readings, kept)
             all_of_it = operator.adjoint([readings])[:, list(among)]
             np.testing.assert_allclose(back, all_of_it, atol=within * np.abs(all_of_it).max())
+
+
+@pytest.mark.parametrize("nudge", [0.0, 1e-13, -1e-13])
+@pytest.mark.parametrize(
+    "pad",
+    [
+        pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48),
+        pp.BondedLayers([pp.Layer(thickness=3e-3, youngs_modulus=5e5, poissons_ratio=0.45)]),
+    ],
+    ids=["half-space", "layer"],
+)
+def test_a_surface_taxel_on_a_corner_of_cells_feels_a_quarter_of_each(pad, nudge):
+    pitch = 2e-3
+    array = pp.AreaArray(shape=(4, 4), pitch=pitch, depth=0.0, channels=["stress_zz"], center=(nudge * pitch, 0.0))
+    skin = pp.Skin(pad, array, surface=pp.AreaGrid(shape=(8, 8), spacing=pitch / 2))
+    traction = np.zeros((3, 8, 8))
+    for row, column in ((3, 3), (3, 4), (4, 3), (4, 4), (5, 5)):  # each has one taxel at a corner
+        traction[2, row, column] = 1e4
+    expected = np.zeros((4, 4))
+    expected[1, 1] = expected[1, 2] = expected[2, 1] = 2500.0
+    expected[2, 2] = 5000.0
+    np.testing.assert_allclose(skin.sense(traction)[0], expected, atol=1.0)
+
+
+def test_a_surface_taxel_on_the_edge_of_a_strip_feels_half_of_it():
+    pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+    array = pp.LineArray(count=4, pitch=2e-3, depth=0.0, channels=["stress_xz", "stress_zz"])
+    skin = pp.Skin(pad, array, surface=pp.LineGrid(count=8, spacing=1e-3))
+    traction = np.zeros((2, 8))
+    traction[:, 4] = 1e3, 1e4
+    np.testing.assert_allclose(skin.sense(traction), [[0, 0, 500, 0], [0, 0, 5000, 0]], atol=1e-2)
+
+
+@pytest.mark.parametrize("depth", [0.0, 1e-9])
+def test_the_centre_of_an_even_press_on_surface_taxels_stays_in_the_middle(depth):
+    pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+    skin = pp.Skin(pad, pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=depth, channels=["stress_zz"], noise=50.0))
+    y, x = skin.planes[0].points.T.reshape(2, 8, 8)
+    pressure = 2e4 * np.exp(-(x**2 + y**2) / (2 * 3.2e-3**2))
+    noise = 50.0 * np.random.default_rng(0).standard_normal((1, 8, 8))
+    touch = skin.reconstruct(pressure[None] + noise)
+    assert np.abs(touch.center_of_pressure).max() < 0.05e-3

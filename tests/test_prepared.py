@@ -72,7 +72,7 @@ def test_areas_masks_and_the_linear_method(tmp_path: Path, monkeypatch: pytest.M
         array = pp.AreaArray(shape=(7, 6), pitch=1e-3, depth=1e-3, channels=["stress_zz"], mask=mask, noise=[2.0])
         return pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5), array)
 
-    readings = skin().sense(pp.solutions.hertz_point(radius=2e-3, force=0.05))
+    readings = skin().sense(pp.solutions.hertz_point(contact_radius=2e-3, force=0.05))
     first = skin()
     before = first.reconstruct(readings, method="tikhonov")
     first.save_prepared(tmp_path / "a")
@@ -89,7 +89,7 @@ def test_degrees_of_freedom_at_size(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
     array = pp.AreaArray(shape=(10, 10), pitch=1e-3, depth=1e-3, channels=["stress_zz"])
     skin, again = (pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5), array) for _ in range(2))
-    readings = skin.sense(pp.solutions.hertz_point(radius=2e-3, force=0.05))
+    readings = skin.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=0.05))
     readings += 0.02 * np.abs(readings).max() * np.random.default_rng(0).standard_normal(readings.shape)
     before = skin.reconstruct(readings, method="tikhonov")
     skin.save_prepared(tmp_path / "a")

@@ -35,7 +35,7 @@ def test_a_ball_that_presses_reads_its_force_without_the_second_shear(shear: str
     """It read 0 N: both shears were sought, and pressure was taken as zero."""
     array = pp.AreaArray(shape=(10, 10), pitch=2e-3, depth=2e-3, channels=["stress_zz", shear], noise=5.0)
     skin = pp.Skin(PAD, array)
-    ball = pp.solutions.hertz_point(radius=4e-3, force=1.0)
+    ball = pp.solutions.hertz_point(contact_radius=4e-3, force=1.0)
     readings = skin.sense(ball, rng=np.random.default_rng(0))
     assert float(skin.reconstruct(readings, method="tikhonov").force[-1]) == pytest.approx(1.0, rel=0.1)
     with skin.track() as tracker:

@@ -252,7 +252,7 @@ def test_cattaneo_table(tables: Path) -> None:
     """CONTACT's numerical partial slip of two like bodies against the closed form (no transverse shear): a few per cent."""
     rows = np.loadtxt(tables / "contact_cattaneo.csv", delimiter=",", skiprows=1)
     x, y, gap, pn, px = rows[:, :5].T
-    ball = solutions.hertz_point(radius=1.0, force=9.195).partial_slip(0.4, -3.218)
+    ball = solutions.hertz_point(contact_radius=1.0, force=9.195).partial_slip(0.4, -3.218)
     inside = np.hypot(x, y) < 0.75  # away from the edge, where cells of 0.13 mm are coarse
     traction = ball.traction(x, y)
     np.testing.assert_allclose(traction[2][inside], pn[inside], rtol=0.01)

@@ -23,7 +23,7 @@ AREA = pp.AreaArray(shape=(3, 4), pitch=1e-3, depth=1e-3, channels=["stress_zz"]
 SKIN = pp.Skin(PAD, LINE)
 CREEPING = pp.Skin(pp.Viscoelastic(PAD, [(0.3, 1.0)]), LINE)
 FLAT = np.zeros((2, len(SKIN.surface.x)))
-BALL = pp.solutions.hertz_point(radius=1e-3, force=1.0)
+BALL = pp.solutions.hertz_point(contact_radius=1e-3, force=1.0)
 BEADS = [(x * 1e-3, y * 1e-3) for y in range(3) for x in range(4)]
 TAXELS = pp.Recording(readings=np.zeros((2, 1, 12)), channels=["displacement_x"], positions=BEADS)
 K = np.array([100.0]), np.array([0.0])

@@ -38,7 +38,7 @@ def area(
     """The same of a ball of 1 N."""
     array = pp.AreaArray(shape=shape, pitch=2e-3, depth=2e-3, channels=channels)
     fine = pp.Skin(PAD, array, surface=refined(pp.Skin(PAD, array).surface, 4))
-    contact = pp.solutions.hertz_point(radius=3e-3, force=1.0).shifted(0.3e-3, -0.2e-3)
+    contact = pp.solutions.hertz_point(contact_radius=3e-3, force=1.0).shifted(0.3e-3, -0.2e-3)
     return _with_noise(array, fine.sense(contact), given, seed)
 
 
@@ -255,7 +255,7 @@ def test_a_modulus_off_by_a_fifth_is_within_the_interval_where_it_was_named() ->
         shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["displacement_x", "displacement_y", "displacement_z"]
     )
     true = pp.Skin(pp.HalfSpace(youngs_modulus=1.2 * 2e5, poissons_ratio=0.48), array)
-    readings = true.sense(pp.solutions.hertz_point(radius=3e-3, force=1.0))
+    readings = true.sense(pp.solutions.hertz_point(contact_radius=3e-3, force=1.0))
     skin = pp.Skin(PAD, array, uncertainty=pp.Uncertainty(youngs_modulus=0.2))
     low, high = skin.reconstruct(readings).interval(0.95, "force")
     assert low[2] < 1.0 < high[2]
@@ -308,7 +308,7 @@ def test_no_constant_makes_smaller_what_is_stated() -> None:
 def test_an_offset_of_displacement_on_a_half_space_is_no_wide_pressure() -> None:
     """Displacement is felt far away, and wide pressure explains an offset with nothing left over: the force was half as large again, without a word."""
     pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
-    ball = pp.solutions.hertz_point(radius=4e-3, force=1.0).shifted(1e-3, -1e-3)
+    ball = pp.solutions.hertz_point(contact_radius=4e-3, force=1.0).shifted(1e-3, -1e-3)
     grid = pp.AreaGrid(shape=(32, 40), spacing=0.5e-3)
     plain = pp.AreaArray(shape=(8, 10), pitch=2e-3, depth=4e-3, channels=["displacement_z"])
     clean = np.asarray(pp.Skin(pad, plain, surface=grid).sense(ball))

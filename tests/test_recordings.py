@@ -58,7 +58,10 @@ def test_netcdf_opens_in_xarray(tmp_path: Path) -> None:
 def touches() -> list[pp.Touch]:
     """Two frames on an area and on a line."""
     rng = np.random.default_rng(0)
-    contacts = pp.solutions.hertz_point(radius=1.5e-3, force=0.1), pp.solutions.hertz_line(half_width=2e-3, force=30.0)
+    contacts = (
+        pp.solutions.hertz_point(contact_radius=1.5e-3, force=0.1),
+        pp.solutions.hertz_line(half_width=2e-3, force=30.0),
+    )
     pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.4)
     arrays = (
         pp.AreaArray(shape=(5, 6), pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=500.0),

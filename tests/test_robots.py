@@ -217,7 +217,9 @@ def test_grid_from_foxglove(tmp_path: Path) -> None:
         pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48),
         pp.AreaArray(shape=(7, 8), pitch=1e-3, depth=1e-3, channels=SHEAR),
     )
-    touch = skin.reconstruct(skin.sense(skin.sample(solutions.hertz_point(radius=2e-3, force=1.0).sliding(0.3))))
+    touch = skin.reconstruct(
+        skin.sense(skin.sample(solutions.hertz_point(contact_radius=2e-3, force=1.0).sliding(0.3)))
+    )
     with McapRecorder(tmp_path / "a.mcap", ()) as out:
         for i in range(3):
             out.touch(touch, 0.1 * i)

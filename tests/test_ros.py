@@ -213,7 +213,7 @@ def touch() -> pp.Touch:
         shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"], noise=50.0
     )
     skin = pp.Skin(pad, array)
-    press = pp.solutions.hertz_point(radius=3e-3, force=2.0).shifted(1e-3, -2e-3)
+    press = pp.solutions.hertz_point(contact_radius=3e-3, force=2.0).shifted(1e-3, -2e-3)
     with skin.track(friction=0.5) as tracker:
         # traction that is even in cells: without noise the interval holds no other error
         return tracker.step(skin.sense(skin.sample(press)), 1.0)

@@ -194,7 +194,7 @@ def newest(heard: dict[str, list[Any]], force: tuple[float, float], *topics: str
 
 def story(robot: Robot, skin: pp.Skin) -> None:
     rest = np.zeros((3, 4, 4))
-    press = np.asarray(skin.sense(pp.solutions.hertz_point(radius=4e-3, force=2.0)))
+    press = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=4e-3, force=2.0)))
     heard, now = robot.heard, [1000.0]
 
     def frame(readings: Any = press) -> None:

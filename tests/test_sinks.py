@@ -43,7 +43,7 @@ FILES = (".mcap", ".nc", ".zarr")
 def stream(count: int = 24) -> pp.Recording:
     """A ball that presses and lifts, in single precision, with uneven times that are whole nanoseconds."""
     rng = np.random.default_rng(0)
-    one = np.asarray(SKIN.sense(SKIN.sample(solutions.hertz_point(radius=2e-3, force=1.0).sliding(0.3))))
+    one = np.asarray(SKIN.sense(SKIN.sample(solutions.hertz_point(contact_radius=2e-3, force=1.0).sliding(0.3))))
     load = np.maximum(0.0, np.sin(np.linspace(-0.5, 3.5, count)))
     noisy = load[:, None, None, None] * one + 0.01 * np.abs(one).max() * rng.standard_normal((count, *one.shape))
     return pp.Recording(

@@ -55,7 +55,7 @@ def test_dead_taxels_are_not_heard() -> None:
     mask = np.ones((8, 9), dtype=bool)
     mask[2, 3] = mask[7, 8] = False
     skin = pp.Skin(PAD, area(mask=mask, noise=300.0))
-    contact = solutions.hertz_point(radius=2e-3, force=0.5)
+    contact = solutions.hertz_point(contact_radius=2e-3, force=0.5)
     readings = skin.sense(contact, rng=np.random.default_rng(0))
     assert np.isnan(readings[:, ~mask]).all()
     first = skin.reconstruct(readings).values
@@ -95,7 +95,7 @@ def test_a_dead_taxel_is_named() -> None:
     ("make", "word"),
     [
         (lambda: area(shape=(8,)), "shape"),
-        (lambda: area(shape=(1, 5)), "shape"),
+        (lambda: area(shape=(1, 1)), "shape"),
         (lambda: area(shape=(8.0, 9)), "whole"),
         (lambda: area(pitch=0.0), "pitch"),
         (lambda: area(pitch=(1e-3, -1e-3)), "pitch"),
@@ -115,7 +115,6 @@ def test_a_dead_taxel_is_named() -> None:
         (lambda: pp.ScatteredArray(positions=[[0, 0]], depth=1.0, channels=["stress_zz"]), "positions"),
         (lambda: pp.ScatteredArray(positions=[[0, 0], [0, 0]], depth=1.0, channels=["stress_zz"]), "twice"),
         (lambda: pp.ScatteredArray(positions=[[0, 0], [0, np.nan]], depth=1.0, channels=["stress_zz"]), "finite"),
-        (lambda: pp.ScatteredArray(positions=[[0, 0], [1, 0]], depth=1.0, channels=["stress_zz"]), "one line"),
         (lambda: pp.Skin("gel", area()), "pad"),  # type: ignore[arg-type]
         (lambda: pp.Skin(PAD, []), "array"),
         (lambda: pp.Skin(PAD, area(), boundary="open"), "boundary"),  # type: ignore[arg-type]
@@ -136,7 +135,7 @@ def test_bad_descriptions(make: Any, word: str) -> None:
 
 def test_a_batch_is_its_frames() -> None:
     skin = pp.Skin(PAD, area(noise=300.0))
-    contact = solutions.hertz_point(radius=2e-3, force=0.5).sliding(0.2)
+    contact = solutions.hertz_point(contact_radius=2e-3, force=0.5).sliding(0.2)
     frames = np.stack([skin.sense(contact, rng=np.random.default_rng(i)) for i in range(2)]).reshape(2, 1, 3, 8, 9)
     batch = skin.reconstruct(frames)
     assert batch.values.shape == (2, 1, 3, *skin.surface.shape)

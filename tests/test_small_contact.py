@@ -176,7 +176,7 @@ def test_a_ball_in_the_middle_of_four_taxels(radius: float, seed: int) -> None:
     """Its place is told to a fiftieth of a cell: of discs a third of a cell off none fitted, and 1 N was read as 0.55 N (0.4 to 0.63) without a word."""
     pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
     skin = pp.Skin(pad, pp.AreaArray(shape=(4, 4), pitch=4.7e-3, depth=2e-3, channels=["stress_zz"]))
-    clean = np.asarray(skin.sense(pp.solutions.hertz_point(radius=radius, force=1.0)))
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=radius, force=1.0)))
     touch = skin.reconstruct(clean + 0.01 * clean.max() * np.random.default_rng(seed).standard_normal(clean.shape))
     low, high = (float(side[2]) for side in touch.interval(0.95, "force"))
     assert low < 1.0 < high

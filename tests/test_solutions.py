@@ -22,7 +22,7 @@ LINE = {
 AREA = {
     "point_P": solutions.point_load(force=1),
     "point_Q": solutions.point_load(force=1, component="x"),
-    "hertz_circle_p": solutions.hertz_point(radius=1, force=2 * np.pi / 3),
+    "hertz_circle_p": solutions.hertz_point(contact_radius=1, force=2 * np.pi / 3),
     "rect_p": solutions.patch(half_widths=(1, 0.75), traction=1),
     "rect_q": solutions.patch(half_widths=(1, 0.75), traction=1, component="x"),
 }
@@ -97,7 +97,9 @@ def test_line_fields_are_in_equilibrium(contact: Any, nu: float) -> None:
         solutions.point_load(force=1, component="y"),
         solutions.flat_punch(radius=1, force=1),
         # by quadrature: ten times as long
-        pytest.param(solutions.hertz_point(radius=1, force=1).sliding(0.5, direction=1.0), marks=pytest.mark.long),
+        pytest.param(
+            solutions.hertz_point(contact_radius=1, force=1).sliding(0.5, direction=1.0), marks=pytest.mark.long
+        ),
     ],
 )
 def test_area_fields_are_in_equilibrium(contact: Any, nu: float) -> None:
@@ -132,7 +134,7 @@ def test_area_averages_hold_the_force() -> None:
     x = np.linspace(-3, 3, 61)
     found = solutions.patch(half_widths=(1.03, 0.72), traction=2.0).shifted(0.31, -0.2).averages(x, x)
     assert found[2].sum() * 0.01 == pytest.approx(2.0 * 4 * 1.03 * 0.72, rel=1e-12)
-    ball = solutions.hertz_point(radius=1.2, force=3.0).sliding(0.5, direction=np.pi / 2)
+    ball = solutions.hertz_point(contact_radius=1.2, force=3.0).sliding(0.5, direction=np.pi / 2)
     np.testing.assert_allclose(ball.averages(x, x).sum(axis=(1, 2)) * 0.01, [0, 1.5, 3.0], atol=2e-3)
 
 
@@ -152,7 +154,7 @@ def test_surface_stress_is_the_traction() -> None:
 def test_hertz_surface_displacement() -> None:
     """A ball's indentation: u_z = pi p0 (2a^2 - r^2)/(4 E* a) (Johnson 3.41a), as the limit of small depth."""
     body = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.3)
-    ball = solutions.hertz_point(radius=1.0, force=2 * np.pi / 3)
+    ball = solutions.hertz_point(contact_radius=1.0, force=2 * np.pi / 3)
     r = np.array([0.0, 0.4, 0.7])
     expected = np.pi * (2 - r**2) / 4 * (1 - 0.09)
     near = [ball.fields(body, ["displacement_z"], r, 0.0, z)[0] for z in (0.02, 0.04)]
@@ -166,7 +168,7 @@ def test_hertz_sizes() -> None:
     a = solutions.hertz_contact_radius(body, radius=0.01, force=1.0)
     # p0 = (6 P E*^2/(pi^3 R^2))^(1/3)
     p0 = (6 * 1.0 * (1e6 / 0.75) ** 2 / (np.pi**3 * 0.01**2)) ** (1 / 3)
-    assert solutions.hertz_point(radius=a, force=1.0).traction(0.0, 0.0)[2] == pytest.approx(p0, rel=1e-12)
+    assert solutions.hertz_point(contact_radius=a, force=1.0).traction(0.0, 0.0)[2] == pytest.approx(p0, rel=1e-12)
     b = solutions.hertz_contact_half_width(body, radius=0.01, force=100.0)
     # p0 = sqrt(P E*/(pi R))
     assert solutions.hertz_line(half_width=b, force=100.0).traction(0.0)[1] == pytest.approx(
@@ -176,7 +178,7 @@ def test_hertz_sizes() -> None:
 
 @pytest.mark.parametrize("tangential", [0.2, -0.35])
 def test_partial_slip(tangential: float) -> None:
-    ball = solutions.hertz_point(radius=1.0, force=1.0).partial_slip(0.5, tangential, direction=0.4)
+    ball = solutions.hertz_point(contact_radius=1.0, force=1.0).partial_slip(0.5, tangential, direction=0.4)
     np.testing.assert_allclose(ball.force, [tangential * np.cos(0.4), tangential * np.sin(0.4), 1.0], rtol=1e-12)
     x = np.linspace(-0.99, 0.99, 41)
     t = ball.traction(x, 0.0)
@@ -190,3 +192,23 @@ def test_partial_slip(tangential: float) -> None:
         solutions.hertz_line(half_width=1.0, force=1.0).partial_slip(0.5, 0.5)
     with pytest.raises(pp.Unsupported, match="Hertz"):
         solutions.flat_punch(radius=1.0, force=1.0).partial_slip(0.5, 0.1)
+
+
+def test_the_contact_of_a_ball_is_told_by_the_ball_and_the_pad() -> None:
+    pad = pp.HalfSpace(youngs_modulus=3e5, poissons_ratio=0.5)  # E* = 4e5 Pa
+    force, ball = 2.0, 10e-3
+    a = solutions.hertz_contact_radius(pad, radius=ball, force=force)
+    contact = solutions.hertz_point(contact_radius=a, force=force)
+    assert contact.size == (a, a)
+    assert a == pytest.approx((3 * force * ball / (4 * 4e5)) ** (1 / 3))
+    assert contact.traction(0.0, 0.0)[2] == pytest.approx(1.5 * force / (np.pi * a**2))
+
+
+def test_radius_was_the_contact_s_and_says_so() -> None:
+    with pytest.warns(FutureWarning, match="radius of the contact, not of the ball: write contact_radius="):
+        old = solutions.hertz_point(radius=2e-3, force=0.5)
+    assert old == solutions.hertz_point(contact_radius=2e-3, force=0.5)
+    with pytest.raises(pp.InvalidInput, match="contact_radius is missing"):
+        solutions.hertz_point(force=0.5)
+    with pytest.raises(pp.InvalidInput, match="leave it out"):
+        solutions.hertz_point(contact_radius=2e-3, radius=2e-3, force=0.5)

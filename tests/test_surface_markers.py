@@ -20,7 +20,7 @@ def markers(depth: float) -> pp.AreaArray:
 @pytest.mark.parametrize("kind", ["frictionless", "twisted"])
 def test_the_peak_under_a_ball_is_within_its_interval(kind: str) -> None:
     skin = pp.Skin(GEL, markers(0.0))
-    ball = pp.solutions.hertz_point(radius=3e-3, force=2.0)
+    ball = pp.solutions.hertz_point(contact_radius=3e-3, force=2.0)
     traction = np.asarray(skin.sample(ball))
     if kind == "twisted":
         y, x = np.meshgrid(skin.surface.y, skin.surface.x, indexing="ij")

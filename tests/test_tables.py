@@ -394,7 +394,7 @@ def pressed(folder: Path) -> np.ndarray[Any, Any]:
             positions=at,
         ),
     )
-    ball = skin.sample(pp.solutions.hertz_point(radius=2e-3, force=1.0).sliding(0.2))
+    ball = skin.sample(pp.solutions.hertz_point(contact_radius=2e-3, force=1.0).sliding(0.2))
     rng = np.random.default_rng(5)
     readings = np.stack([skin.sense(k * ball, rng=rng) for k in (0.0, 0.6, 1.0)]).round(9)
     lines = [
@@ -454,7 +454,7 @@ def test_what_the_command_line_refuses(tmp_path: Path) -> None:
     (tmp_path / "fixed.toml").write_text(fixed)
     for arguments, words in {
         ("track", "own.csv", "--skin", "gel.toml", "--map", said): "names its columns itself",
-        ("track", "places.nc", "--skin", "gel.toml", "--map", said): "names the columns of a table (.csv, .txt",
+        ("track", "places.nc", "--skin", "gel.toml", "--map", said): "names the columns of a table (.npz, .csv, .txt",
         ("track", "table.csv", "--skin", "gel.toml"): "--map",
         ("track", "table.csv", "--skin", "gel.toml", "--map", "dx=dx"): "neither a channel nor a key",
         (

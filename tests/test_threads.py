@@ -211,7 +211,7 @@ def test_a_child_forked_while_a_thread_works_does_not_wait_for_that_thread() -> 
 def test_children_forked_while_a_thread_reconstructs_reconstruct_too() -> None:
     array = pp.AreaArray(shape=(8, 8), pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=100.0)
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
-    frame = skin.sense(pp.solutions.hertz_point(radius=2e-3, force=0.3), rng=np.random.default_rng(0))
+    frame = skin.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=0.3), rng=np.random.default_rng(0))
     force = float(skin.reconstruct(frame).force[-1])
     ended = threading.Event()
 

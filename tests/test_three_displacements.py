@@ -11,7 +11,7 @@ from palpate.sensing.uncertainty import EXACT
 
 GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=200e3, poissons_ratio=0.48)])
 CHANNELS = ["displacement_x", "displacement_y", "displacement_z"]
-BALL = pp.solutions.hertz_point(radius=2.5e-3, force=2.0).shifted(0.3e-3, -0.2e-3)
+BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=2.0).shifted(0.3e-3, -0.2e-3)
 
 
 def readings_of(contact: pp.solutions.AreaContact, depth: float) -> tuple[pp.Skin, np.ndarray, float]:

@@ -41,7 +41,7 @@ def test_the_steps_of_every_kind_are_seconds(kind: str) -> None:
 
 
 def test_a_creeping_pad_has_one_force_for_every_kind_of_time() -> None:
-    ball = SKIN.sample(pp.solutions.hertz_point(radius=2e-3, force=0.5))
+    ball = SKIN.sample(pp.solutions.hertz_point(contact_radius=2e-3, force=0.5))
     readings = SKIN.sense(np.stack([ball] * 8), time=SECONDS, rng=np.random.default_rng(0))
     forces = {
         kind: float(SKIN.reconstruct(readings, time=time, method="tikhonov").force[-1][-1])

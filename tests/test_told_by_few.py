@@ -45,7 +45,7 @@ def test_a_ball_across_the_edge_is_said_to_be() -> None:
     array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=50.0)
     skin = pp.Skin(PAD, array)
     for away, beyond in ((0.0, False), (7.5e-3, True)):
-        ball = pp.solutions.hertz_point(radius=3e-3, force=1.0).shifted(away, 0.0)
+        ball = pp.solutions.hertz_point(contact_radius=3e-3, force=1.0).shifted(away, 0.0)
         touch = skin.reconstruct(skin.sense(ball))
         assert said(touch, ACROSS) == beyond
         assert said(touch, "1 of") is False

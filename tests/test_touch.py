@@ -15,7 +15,7 @@ from palpate.uncertainty import Case, constants
 
 def pressed(*, batch: int | None = None) -> pp.Touch:
     grid = pp.AreaGrid(shape=(41, 51), spacing=(0.1, 0.08), center=(0.4, -0.2))
-    ball = solutions.hertz_point(radius=1.0, force=2.0).shifted(0.5, -0.1).sliding(0.3, direction=np.pi / 3)
+    ball = solutions.hertz_point(contact_radius=1.0, force=2.0).shifted(0.5, -0.1).sliding(0.3, direction=np.pi / 3)
     values = ball.averages(grid.x, grid.y)
     if batch:
         values = np.stack([values * (i + 1) for i in range(batch)])

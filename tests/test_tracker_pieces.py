@@ -85,7 +85,7 @@ def skin() -> pp.Skin:
 
 
 def pressed(skin: pp.Skin, force: float) -> Any:
-    press = pp.solutions.hertz_point(radius=3e-3, force=1.0)
+    press = pp.solutions.hertz_point(contact_radius=3e-3, force=1.0)
     return force * np.asarray(skin.sense(skin.sample(press)))
 
 

@@ -15,7 +15,7 @@ from palpate.status import Status
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 THREE = ["stress_xz", "stress_yz", "stress_zz"]
-BALL = solutions.hertz_point(radius=2.0e-3, force=1.0)
+BALL = solutions.hertz_point(contact_radius=2.0e-3, force=1.0)
 #: Frames that are the zero.
 REST = 12
 
@@ -277,7 +277,7 @@ def test_one_channel_is_zeroed_alone(skin: pp.Skin, pressed: Any) -> None:
 def test_a_penalty_learned_from_a_weak_contact_does_not_make_taxels_wrong_in_a_strong_one(weak: float) -> None:
     """What explained the first frame of a ramp smooths the contact away; the readings at its peak are right all the same."""
     skin = pp.Skin(PAD, pp.AreaArray(shape=(16, 16), pitch=1e-3, depth=2e-3, channels=THREE))
-    clean = np.asarray(skin.sense(solutions.hertz_point(radius=2e-3, force=1.0)))
+    clean = np.asarray(skin.sense(solutions.hertz_point(contact_radius=2e-3, force=1.0)))
     stream = Stream(skin, clean, friction=0.6)
     for level in (weak, *np.linspace(weak, 1.0, 20)):
         touch = stream.step(level * clean)

@@ -31,7 +31,7 @@ def skin() -> pp.Skin:
 @pytest.fixture(scope="module")
 def pressed(skin: pp.Skin) -> Any:
     # even in the skin's cells: what is tested is time, not what cells cannot follow
-    return np.asarray(skin.sense(skin.sample(solutions.hertz_point(radius=2e-3, force=1.0))))
+    return np.asarray(skin.sense(skin.sample(solutions.hertz_point(contact_radius=2e-3, force=1.0))))
 
 
 def frames(pressed: Any, loads: Any, seed: int = 0) -> Any:

@@ -20,7 +20,7 @@ from palpate.simulation import Stage
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 THREE = ["stress_xz", "stress_yz", "stress_zz"]
 ARRAY = pp.AreaArray(shape=(14, 14), pitch=1e-3, depth=1.5e-3, channels=THREE)
-BALL = solutions.hertz_point(radius=3e-3, force=1.0)
+BALL = solutions.hertz_point(contact_radius=3e-3, force=1.0)
 MU = 0.6
 
 

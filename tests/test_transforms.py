@@ -68,7 +68,7 @@ def test_cut_before() -> None:
 def test_a_frame_is_the_same_with_either(monkeypatch: pytest.MonkeyPatch) -> None:
     pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
     array = pp.AreaArray(shape=(24, 24), pitch=1e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
-    ball = pp.solutions.hertz_point(radius=8e-3, force=5.0).sliding(0.3)
+    ball = pp.solutions.hertz_point(contact_radius=8e-3, force=5.0).sliding(0.3)
     clean = np.asarray(pp.Skin(pad, array).sense(ball))
     readings = clean + 0.01 * np.abs(clean).max() * np.random.default_rng(3).standard_normal(clean.shape)
     found = []

@@ -75,7 +75,7 @@ def test_the_readings_are_those_of_the_closed_form() -> None:
     sensor = Sensor("area", (9, 9), 1e-3, 1.1e-3, 0.0, ("stress_xz", "stress_yz", "stress_zz"), 1e5, 0.4)
     load = plain_ball(sensor, 5e3)
     readings = sensor.skin(surface=load.grid).sense(load.traction)
-    ball = pp.solutions.hertz_point(radius=0.35 * 4.5e-3, force=float(load.force[2])).shifted(0.1e-3, 0.1e-3)
+    ball = pp.solutions.hertz_point(contact_radius=0.35 * 4.5e-3, force=float(load.force[2])).shifted(0.1e-3, 0.1e-3)
     grid = sensor.skin().planes[0].grid
     pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.4)
     exact = ball.fields(pad, sensor.channels, grid.x[None, :], grid.axes[0][:, None], 1.1e-3)

@@ -21,7 +21,7 @@ SKIN = pp.Skin(
 
 def touched(shear: Any) -> pp.Touch:
     """A ball's pressure with (x, y) shear from pressure and offsets from its centre, as it is, without noise."""
-    traction = np.asarray(SKIN.sample(solutions.hertz_point(radius=2.5e-3, force=1.0)))
+    traction = np.asarray(SKIN.sample(solutions.hertz_point(contact_radius=2.5e-3, force=1.0)))
     grid = SKIN.surface
     x, y = np.meshgrid(np.asarray(grid.x), np.asarray(grid.y))
     traction[0], traction[1] = shear(traction[2], x, y, np.maximum(np.hypot(x, y), 1e-12))

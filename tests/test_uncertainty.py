@@ -30,7 +30,7 @@ def area(**known: float) -> pp.Skin:
 
 CASES = [
     (line, pp.solutions.hertz_line(half_width=2.5e-3, force=10.0)),
-    (area, pp.solutions.hertz_point(radius=3e-3, force=1.0)),
+    (area, pp.solutions.hertz_point(contact_radius=3e-3, force=1.0)),
 ]
 
 

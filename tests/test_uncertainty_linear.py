@@ -19,7 +19,7 @@ IN_PLANE = pp.AreaArray(shape=(10, 10), pitch=1e-6, depth=0.0, channels=["displa
 DEEP = pp.AreaArray(
     shape=(9, 9), pitch=2e-3, depth=3e-3, channels=["displacement_x", "displacement_y", "displacement_z"]
 )
-BALL = pp.solutions.hertz_point(radius=4e-3, force=1.0).sliding(0.4)
+BALL = pp.solutions.hertz_point(contact_radius=4e-3, force=1.0).sliding(0.4)
 
 
 def pulled(skin: pp.Skin) -> np.ndarray:

@@ -161,7 +161,7 @@ def test_an_archive_of_numpy_holds_what_a_netcdf_file_holds(tmp_path: Path) -> N
     """Intervals, standard deviations and what became of each frame too; nothing in it needs pickle."""
     array = pp.AreaArray(shape=(5, 5), pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=100.0)
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
-    press = skin.sense(pp.solutions.hertz_point(radius=1.5e-3, force=0.3), rng=np.random.default_rng(0))
+    press = skin.sense(pp.solutions.hertz_point(contact_radius=1.5e-3, force=0.3), rng=np.random.default_rng(0))
     touch = skin.reconstruct(np.stack([press, 0.0 * press]))
     low, high = touch.interval(0.95, "force")
     for name in ("t.npz", "t.nc"):

@@ -49,7 +49,7 @@ def skin(modulus: float) -> pp.Skin:
 def unit_press() -> np.ndarray:
     """Displacements of a gel of the true modulus under 1 N (channel, row, column)."""
     made = skin(TRUE)
-    ball = pp.solutions.hertz_point(radius=2.5e-3, force=1.0)
+    ball = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.0)
     return np.asarray(made.sense(made.sample(ball)))
 
 

@@ -22,7 +22,7 @@ skin = pp.Skin(pad, taxels)
 # A contact of which the truth is known stands in for the finger: 2 N down, 0.6 N sideways. Put readings of your own here,
 # with the shape (channel, row, column).
 
-ball = pp.solutions.hertz_point(radius=4e-3, force=2.0).sliding(0.3)
+ball = pp.solutions.hertz_point(contact_radius=4e-3, force=2.0).sliding(0.3)
 readings = skin.sense(ball, rng=np.random.default_rng(0))
 
 # %%

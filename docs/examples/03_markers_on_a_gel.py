@@ -18,7 +18,7 @@ skin = pp.Skin(gel, dots)
 # %%
 # A ball presses with 0.5 N and slides with 0.15 N. Dots are found to a micrometre or so; put displacements of your own here [m].
 
-ball = pp.solutions.hertz_point(radius=2.5e-3, force=0.5).sliding(0.3)
+ball = pp.solutions.hertz_point(contact_radius=2.5e-3, force=0.5).sliding(0.3)
 rng = np.random.default_rng(1)
 moved = skin.sense(ball)
 moved = moved + rng.normal(0.0, 1e-6, moved.shape)

@@ -26,7 +26,7 @@ both = pp.Skin(gel, [dots, depth], surface=markers.surface)
 # %%
 # The same press, read without and with the depth.
 
-ball = pp.solutions.hertz_point(radius=2.5e-3, force=1.5).sliding(0.2)
+ball = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.5).sliding(0.2)
 readings = both.sense(ball, rng=np.random.default_rng(2))
 found = {"dots alone": markers.reconstruct(readings[0]), "dots and depth": both.reconstruct(readings)}
 

@@ -15,7 +15,7 @@ pad = pp.HalfSpace(youngs_modulus=200e3, poissons_ratio=0.48)
 taxels = pp.AreaArray(shape=(12, 12), pitch=1e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
 skin = pp.Skin(pad, taxels)
 
-ball = pp.solutions.hertz_point(radius=3e-3, force=1.0).sliding(0.2)
+ball = pp.solutions.hertz_point(contact_radius=3e-3, force=1.0).sliding(0.2)
 readings = skin.sense(ball)
 readings = readings + np.random.default_rng(0).normal(0.0, 0.005 * readings.max(), readings.shape)
 

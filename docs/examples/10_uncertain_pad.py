@@ -15,7 +15,7 @@ array = pp.AreaArray(shape=(12, 12), pitch=1e-3, depth=1.5e-3, channels=["strain
 measured = pp.HalfSpace(youngs_modulus=200e3, poissons_ratio=0.48)
 true_pad = pp.HalfSpace(youngs_modulus=220e3, poissons_ratio=0.48)
 
-ball = pp.solutions.hertz_point(radius=3e-3, force=1.0)
+ball = pp.solutions.hertz_point(contact_radius=3e-3, force=1.0)
 readings = pp.Skin(true_pad, array).sense(ball, rng=np.random.default_rng(0))
 
 # %%

@@ -35,6 +35,6 @@ print(f"taken for a half-space, the force is {wrong.force:.1f} times the true on
 # %%
 # A ball on this pad, found again.
 
-ball = pp.solutions.hertz_point(radius=3e-3, force=1.0).sliding(0.3)
+ball = pp.solutions.hertz_point(contact_radius=3e-3, force=1.0).sliding(0.3)
 touch = skin.reconstruct(skin.sense(ball, rng=np.random.default_rng(0)), friction=0.5)
 figure = touch.plot(truth=skin.sample(ball), title="A ball on a film over a soft layer")

@@ -16,7 +16,7 @@ skin = pp.Skin(pad, taxels)
 # %%
 # A small ball, in contact over a radius of 1.6 mm, on taxels 4 mm apart. It touches between four of them.
 
-tip = pp.solutions.hertz_point(radius=1.6e-3, force=0.8).shifted(1.2e-3, 1.5e-3)
+tip = pp.solutions.hertz_point(contact_radius=1.6e-3, force=0.8).shifted(1.2e-3, 1.5e-3)
 readings = skin.sense(tip)
 readings = readings + np.random.default_rng(0).normal(0.0, 0.01 * readings.max(), readings.shape)
 

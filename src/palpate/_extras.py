@@ -24,6 +24,7 @@ EXTRAS = {
     "uvicorn": "live",
     "websockets": "live",
     "zarr": "zarr",
+    "pyarrow": "parquet",
     "rerun": "rerun",
     "av": "camera",
     "cv2": "camera",

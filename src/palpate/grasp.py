@@ -35,6 +35,7 @@ from palpate.errors import InvalidInput
 from palpate.inverse.drag import STICK
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.units import is_number
 
 __all__ = ["Event", "GraspMonitor", "GraspState"]
 
@@ -185,7 +186,7 @@ class GraspMonitor:
         callback: Callable[[Event], None] | None = None,
     ) -> None:
         for name, value in (("friction", friction), ("max_pressure", max_pressure), ("max_force", max_force)):
-            if value is not None and not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+            if value is not None and not (is_number(value) and value > 0):
                 raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
         if not 0 < incipient < SLIDING:
             raise InvalidInput(f"incipient must lie between 0 and {SLIDING}; got {incipient!r}.")

@@ -82,10 +82,10 @@ def half_space_error(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> HalfS
 
     ``noise`` is relative to each channel's largest reading.
     """
-    extent = float(np.ptp(skin.planes[0].points, axis=0).min())
-    radius = extent / 5
+    extents = np.ptp(skin.planes[0].points, axis=0)
+    radius = float(extents[extents > 0].min()) / 5  # along a single row, its length
     line = skin.surface.dimensions == 1
-    contact = hertz_line(half_width=radius, force=1.0) if line else hertz_point(radius=radius, force=1.0)
+    contact = hertz_line(half_width=radius, force=1.0) if line else hertz_point(contact_radius=radius, force=1.0)
     contact = contact.shifted(*[float(a.mean()) for a in reversed(skin.surface.axes)])
     if set(skin.components) >= {"x"}:
         contact = contact.sliding(0.3)

@@ -21,6 +21,7 @@ from palpate.sensing import AreaArray
 from palpate.sensing.grids import LineGrid
 from palpate.skin import Skin
 from palpate.solutions import hertz_line, hertz_point
+from palpate.units import is_number
 
 __all__ = ["Frame", "Stage", "demonstration", "handling", "stream"]
 
@@ -154,7 +155,7 @@ def stream(
         Adds the arrays' own noise.
     """
     for name, value in (("friction", friction), ("radius", radius), ("rate", rate)):
-        if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+        if not (is_number(value) and value > 0):
             raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
     x, y = start
     force = drag = twist = 0.0
@@ -201,7 +202,7 @@ def _traction(
         stick = math.sqrt(max(1.0 - now.drag, 0.0))
         return skin.sample(contact.shifted(place[0])), 0.0 if slides else stick
     a = (0.75 * now.force * radius / modulus) ** (1.0 / 3.0)
-    ball = hertz_point(radius=a, force=now.force)
+    ball = hertz_point(contact_radius=a, force=now.force)
     if slides:
         ball = ball.sliding(friction, direction=now.direction)
     elif now.drag:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import numbers
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 from palpate.errors import InvalidInput
 
@@ -80,6 +82,21 @@ _EXAMPLES = {
 }
 
 _QUANTITY = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\s\d].*?|1)?\s*$")
+
+
+def is_number(value: Any) -> bool:
+    """Whether ``value`` is one finite real number, of Python or NumPy; True and False are none.
+
+    Examples
+    --------
+    >>> from palpate.units import is_number
+    >>> is_number(1), is_number(True), is_number("1"), is_number(float("nan"))
+    (True, False, False, False)
+    """
+    try:
+        return not isinstance(value, bool) and isinstance(value, numbers.Real) and math.isfinite(float(value))
+    except OverflowError:
+        return False
 
 
 def parse_quantity(text: object, kind: str, what: str) -> float:

@@ -16,6 +16,7 @@ ROOMS = (
     "arguments",
     "skinfiles",
     "tables",
+    "tablefiles",
     "fields",
     "stores",
     "camera",

@@ -41,7 +41,7 @@ from remedies.skins import (
 )
 
 FORCE = float(TOUCH.force[-1])
-BALL = pp.solutions.hertz_point(radius=2e-3, force=1.0)
+BALL = pp.solutions.hertz_point(contact_radius=2e-3, force=1.0)
 PERIODIC = pp.Skin(PAD, line(), boundary="periodic")
 SPREAD = pp.Skin(PAD, pp.ScatteredArray(positions=SCATTERED, depth=1e-3, channels=["stress_zz"]))
 THREE = pp.Skin(PAD, area(channels=["stress_xz", "stress_yz", "stress_zz"]))
@@ -392,7 +392,7 @@ REMEDIES = [
     # closed forms
     value(
         "{} must be a positive, finite number of {}; got",
-        lambda r: pp.solutions.hertz_point(radius=r, force=1.0),
+        lambda r: pp.solutions.hertz_point(contact_radius=r, force=1.0),
         0.0,
         2e-3,
         room="solutions._common",

@@ -41,7 +41,7 @@ SKIN_OF_DOTS = pp.Skin(
     pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)]),
     pp.AreaArray(shape=(5, 7), pitch=2e-3, depth=0.5e-3, channels=["displacement_x", "displacement_y"]),
 )
-BALL = pp.solutions.hertz_point(radius=2e-3, force=1.0)
+BALL = pp.solutions.hertz_point(contact_radius=2e-3, force=1.0)
 PRESSED = AREA.reconstruct(AREA.sense(BALL), **FAST)
 
 #: Forces of eight frames [N], and a recording of the dots that they move.

@@ -57,7 +57,7 @@ def scene(kind: str = "dots") -> Any:
 
 
 def ball(force: float) -> Any:
-    return pp.solutions.hertz_point(radius=2.5e-3, force=force)
+    return pp.solutions.hertz_point(contact_radius=2.5e-3, force=force)
 
 
 def of_pictures(text: str) -> Any:

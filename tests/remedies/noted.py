@@ -225,7 +225,7 @@ def network(**how: Any) -> pp.Touch:
     """A ball of 1 N, 1 % noise, by a network whose smoothness hardly counts, or by another way."""
     channels = ["stress_xz", "stress_yz", "stress_zz"]
     skin = pp.Skin(PAD, pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=1e-3, channels=channels))
-    clean = np.asarray(skin.sense(pp.solutions.hertz_point(radius=2e-3, force=1.0)))
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=1.0)))
     return skin.reconstruct(
         clean + 0.01 * np.abs(clean).max() * np.random.default_rng(0).standard_normal(clean.shape), **how
     )
@@ -403,7 +403,7 @@ def dots(bonded: bool) -> Any:
     pad = BONDED if bonded else SOFT
     how = {"shape": (8, 8), "pitch": 2e-3, "depth": 0.5e-3 if bonded else 1e-3, "channels": IN_PLANE}
     fine = pp.Skin(pad, pp.AreaArray(**how), surface=pp.AreaGrid(shape=(32, 32), spacing=0.5e-3))
-    clean = np.asarray(fine.sense(pp.solutions.hertz_point(radius=3e-3, force=2.0).shifted(0.3e-3, -0.2e-3)))
+    clean = np.asarray(fine.sense(pp.solutions.hertz_point(contact_radius=3e-3, force=2.0).shifted(0.3e-3, -0.2e-3)))
     noise = 0.01 * float(np.abs(clean).max())
     values = clean + noise * np.random.default_rng(0).standard_normal(clean.shape)
     return pp.Skin(pad, pp.AreaArray(**how, noise=noise)), values, noise
@@ -429,7 +429,7 @@ def heights() -> Any:
     how = {"shape": (6, 6), "pitch": 2e-3, "depth": 1e-3, "channels": ["displacement_z"]}
     pad = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
     fine = pp.Skin(pad, pp.AreaArray(**how), surface=pp.AreaGrid(shape=(48, 48), spacing=0.5e-3))
-    clean = np.asarray(fine.sense(pp.solutions.hertz_point(radius=6e-3, force=1.0)))
+    clean = np.asarray(fine.sense(pp.solutions.hertz_point(contact_radius=6e-3, force=1.0)))
     noise = 0.01 * float(np.abs(clean).max())
     return pad, pp.AreaArray(**how, noise=noise), clean + noise * np.random.default_rng(0).standard_normal(clean.shape)
 
@@ -445,7 +445,7 @@ def soft() -> Any:
     how = {"shape": (9, 9), "pitch": 2e-3, "depth": 2e-3, "channels": ["displacement_z"]}
     pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
     fine = pp.Skin(pad, pp.AreaArray(**how), surface=pp.AreaGrid(shape=(60, 60), spacing=0.4e-3))
-    clean = np.asarray(fine.sense(pp.solutions.hertz_point(radius=4e-3, force=1.0)))
+    clean = np.asarray(fine.sense(pp.solutions.hertz_point(contact_radius=4e-3, force=1.0)))
     noise = 0.01 * float(np.abs(clean).max())
     return pad, pp.AreaArray(**how, noise=noise), clean + noise * np.random.default_rng(0).standard_normal(clean.shape)
 

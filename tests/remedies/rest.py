@@ -95,7 +95,7 @@ def two_with_gaps() -> None:
 
 
 LARGE = pp.AreaArray(shape=(80, 80), pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=1.0)
-BALL = pp.solutions.hertz_point(radius=4e-3, force=1.0)
+BALL = pp.solutions.hertz_point(contact_radius=4e-3, force=1.0)
 
 
 def large(surface: Any) -> Any:

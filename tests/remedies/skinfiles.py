@@ -44,7 +44,7 @@ def read(text: str) -> Any:
 
 def feels(skin: Any) -> bool:
     """The skin that is read is whole: it feels a press."""
-    ball = pp.solutions.hertz_point(radius=1e-3, force=0.1)
+    ball = pp.solutions.hertz_point(contact_radius=1e-3, force=0.1)
     return bool(np.abs(skin.sense(PRESS if skin.surface.dimensions == 1 else ball)).max() > 0)
 
 

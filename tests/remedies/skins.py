@@ -193,11 +193,6 @@ REMEDIES = [
         lambda: pp.ScatteredArray(positions=[*SCATTERED, SCATTERED[0]], depth=1e-3, channels=["stress_zz"]),
         lambda: pp.ScatteredArray(positions=SCATTERED, depth=1e-3, channels=["stress_zz"]),
     ),
-    Remedy(
-        "use positions (n,) for line contact",
-        lambda: pp.ScatteredArray(positions=[(x, 0.0) for x in ROWS], depth=1e-3, channels=["stress_zz"]),
-        lambda: pp.ScatteredArray(positions=ROWS, depth=1e-3, channels=["stress_zz"]),
-    ),
     Remedy("shape must be (rows, columns)", lambda: area(shape=12), lambda: area(shape=(3, 4))),
     Remedy(
         "Name them so, x.rename(",

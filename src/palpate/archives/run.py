@@ -20,6 +20,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.method import Method
 from palpate.inverse.registry import method_asked
+from palpate.recordings.described import check_described
 from palpate.recordings.formats import find_format, open_recording
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
@@ -231,6 +232,7 @@ def reconstruct_recording(
     with ExitStack() as stack:
         source = stack.enter_context(_opened(recording))
         count = len(source)
+        check_described(source.head, skin.planes)
         if frame is not None and not -count <= frame < count:
             raise InvalidInput(
                 f"frame {frame} is not among the {count} frames of {source.name}: give 0 to {count - 1}, or -1 for the last."

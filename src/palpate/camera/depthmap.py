@@ -12,6 +12,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing import Array, Grid, ScatteredArray
+from palpate.units import is_number
 
 __all__ = ["DepthMap"]
 
@@ -60,7 +61,7 @@ class DepthMap:
             raise InvalidInput(
                 f"positions of a depth map must be finite and have the shape (n, 2), with n of at least {FEWEST}; got {places.shape}."
             )
-        if not (isinstance(self.std, int | float) and np.isfinite(self.std) and self.std > 0):
+        if not (is_number(self.std) and self.std > 0):
             raise InvalidInput(f"std of a depth map must be a positive number of metres; got {self.std!r}.")
         if not callable(self.depth):
             maps = np.array(self.depth, dtype=np.float64)

@@ -137,7 +137,7 @@ class Displacements:
     >>> from palpate.camera import Displacements, Dots, Scene, dot_grid
     >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
     >>> scene = Scene(pad=gel, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
-    >>> ball = pp.solutions.hertz_point(radius=2.5e-3, force=2.0)
+    >>> ball = pp.solutions.hertz_point(contact_radius=2.5e-3, force=2.0)
     >>> pictures = list(scene.pictures([None, None, ball]))
     >>> with Displacements(pictures, scene.view, reference=2, rate=30.0) as readings:
     ...     recording = readings.recording()

@@ -66,7 +66,7 @@ class Flow(Followed):
     >>> scene = Scene(pad=gel, depth=0.5e-3, print=Texture(grain=0.15e-3), size=(160, 120), scale=0.1e-3)
     >>> rng = np.random.default_rng(0)
     >>> flow = Flow(scene.picture(rng=rng), spacing=10.0)
-    >>> moved = flow.follow(scene.picture(pp.solutions.hertz_point(radius=2.5e-3, force=2.0), rng=rng))
+    >>> moved = flow.follow(scene.picture(pp.solutions.hertz_point(contact_radius=2.5e-3, force=2.0), rng=rng))
     >>> len(flow.positions) > 150, bool(moved.lost.mean() < 0.1), bool(np.nanmax(np.abs(moved.displacement)) > 1.0)
     (True, True, True)
     """

@@ -51,7 +51,7 @@ class Markers(Followed):
     >>> scene = Scene(pad=gel, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
     >>> rng = np.random.default_rng(0)
     >>> markers = Markers(scene.picture(rng=rng))
-    >>> moved = markers.follow(scene.picture(pp.solutions.hertz_point(radius=2.5e-3, force=2.0), rng=rng))
+    >>> moved = markers.follow(scene.picture(pp.solutions.hertz_point(contact_radius=2.5e-3, force=2.0), rng=rng))
     >>> len(markers.positions), int(moved.lost.sum()), bool(np.abs(moved.displacement).max() > 1.0)
     (35, 0, True)
     """

@@ -209,7 +209,7 @@ class Scene:
     >>> from palpate.camera import Dots, Scene, dot_grid
     >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
     >>> scene = Scene(pad=gel, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
-    >>> ball = pp.solutions.hertz_point(radius=2.5e-3, force=2.0)
+    >>> ball = pp.solutions.hertz_point(contact_radius=2.5e-3, force=2.0)
     >>> picture = scene.picture(ball, rng=np.random.default_rng(0))
     >>> picture.shape, picture.dtype.name
     ((120, 160), 'uint8')

@@ -332,7 +332,7 @@ def follow(
     >>> from palpate.camera import Dots, Scene, dot_grid, follow
     >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
     >>> scene = Scene(pad=gel, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
-    >>> ball = pp.solutions.hertz_point(radius=2.5e-3, force=1.0).sliding(0.3)
+    >>> ball = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.0).sliding(0.3)
     >>> pictures = list(scene.pictures([None] * 5 + [ball] * 3))
     >>> array = pp.AreaArray(shape=(5, 7), pitch=2e-3, depth=0.5e-3, channels=["displacement_x", "displacement_y"])
     >>> with follow(pictures, pp.Skin(gel, array), view=scene.view, rate=30.0, track=True) as touches:

@@ -141,7 +141,7 @@ def weigh(
     >>> from palpate.camera import Dots, Scene, dot_grid, weigh
     >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
     >>> scene = Scene(pad=gel, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
-    >>> ball = pp.solutions.hertz_point(radius=2.5e-3, force=1.0)
+    >>> ball = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.0)
     >>> pictures = list(scene.pictures([None] * 5 + [ball]))
     >>> array = pp.AreaArray(shape=(5, 7), pitch=2e-3, depth=0.5e-3, channels=["displacement_x", "displacement_y"])
     >>> guess = pp.Skin(gel, array, surface=pp.AreaGrid(shape=(13, 16), spacing=1e-3))

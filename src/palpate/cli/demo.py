@@ -43,13 +43,17 @@ class Story(StrEnum):
 
     sensor = "sensor"
     camera = "camera"
+    taxels = "taxels"
+    markers = "markers"
+    field = "field"
 
 
 def demo(
     story: Annotated[
         Story,
         typer.Argument(
-            help="sensor: stress taxels in a pad. camera: a video of a gel with dots (needs palpate[camera])."
+            help="sensor: stress taxels in a pad. camera: a video of a gel with dots (needs palpate[camera]). taxels, markers, field: "
+            'the files of the page "The first hour" (raw counts, a table of markers, u.npy and v.npy).'
         ),
     ] = Story.sensor,
     out: Annotated[Path, typer.Option(help="Folder for the picture, the skin, the recording and the result.")] = Path(
@@ -58,7 +62,7 @@ def demo(
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
     force: Force = False,
 ) -> None:
-    """Press and drag a ball on a simulated sensor, or film it, and recover what touched it. Needs no other file."""
+    """Press and drag a ball on a simulated sensor, or film it, and recover what touched it; or write files to begin with. Needs no other file."""
     import numpy as np
 
     from palpate import solutions
@@ -73,13 +77,19 @@ def demo(
         _check_own(folder, force, FILES)
         demo_camera(folder, seed, lambda name: _own(folder, name))
         return
+    if story is not Story.sensor:
+        from palpate.cli import demofiles
+
+        _check_own(folder, force, demofiles.FILES[story])
+        getattr(demofiles, f"demo_{story}")(folder, seed, lambda name: _own(folder, name))
+        return
     skin_path = folder / "skin.toml"
     _check_own(folder, force, ("skin.toml", "recording.nc", "touch.nc", "touch.png"))
     write_text(skin_path, _DEMO_SKIN)
     _own(folder, "skin.toml")
     skin = Skin.from_file(skin_path)
     friction = 0.6
-    ball = solutions.hertz_point(radius=5e-3, force=1.0).shifted(2e-3, -1e-3)
+    ball = solutions.hertz_point(contact_radius=5e-3, force=1.0).shifted(2e-3, -1e-3)
     contact = ball.sliding(0.35, direction=0.5)
     truth = skin.sample(contact)
     readings = skin.sense(truth, rng=np.random.default_rng(seed))

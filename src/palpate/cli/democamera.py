@@ -59,9 +59,9 @@ def demo_camera(folder: Path, seed: int, own: Callable[[str], None]) -> None:
         distance=25e-3,
         looks=Looks(colour=0.7, shading=0.4),
     )
-    ball = scene.skin.sample(solutions.hertz_point(radius=2.5e-3, force=1.5).shifted(1.5e-3, 1e-3))
+    ball = scene.skin.sample(solutions.hertz_point(contact_radius=2.5e-3, force=1.5).shifted(1.5e-3, 1e-3))
     drag = scene.skin.sample(
-        solutions.hertz_point(radius=2.5e-3, force=1.5).shifted(1.5e-3, 1e-3).sliding(0.4, direction=0.5)
+        solutions.hertz_point(contact_radius=2.5e-3, force=1.5).shifted(1.5e-3, 1e-3).sliding(0.4, direction=0.5)
     )
     # rests, is pressed, is dragged, and is let go
     story = [0.0 * ball] * 6 + [p * ball for p in (0.2, 0.4, 0.6, 0.8, 1.0)]

@@ -33,7 +33,7 @@ EXAMPLES = {
         'palpate bench trust --rows "offset,stuck" --frames 50 --out trust.md',
     ],
     "convert": ["palpate convert finger.csv finger.nc", "palpate convert torn.mcap whole.nc --salvage"],
-    "demo": ["palpate demo", "palpate demo camera --out gel"],
+    "demo": ["palpate demo", "palpate demo camera --out gel", "palpate demo taxels --out first-hour"],
     "live": [
         "palpate live --demo",
         "palpate live finger.csv --skin skin.toml --baseline 30 --friction 0.6",

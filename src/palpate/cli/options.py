@@ -69,7 +69,6 @@ def mapping_for(recording: Path, skin_file: Path | None, columns: str | None, *,
     """How a recording of others is read: columns of a table by --map or [columns], messages of a robot by [stream]; None for palpate's own."""
     from palpate.recordings import read_columns, read_stream
     from palpate.recordings.columns import columns_of, columns_of_text
-    from palpate.recordings.csvfile import is_own
     from palpate.recordings.formats import endings, existing
 
     table = recording.suffix.lower() in endings("read_mapped")
@@ -77,12 +76,12 @@ def mapping_for(recording: Path, skin_file: Path | None, columns: str | None, *,
         if skin_file is None:
             return None
         return read_columns(skin_file) if table else read_stream(skin_file)
+    found, known = existing(recording)
     if not table:
         raise InvalidInput(
             f"--map names the columns of a table ({', '.join(endings('read_mapped'))}); {recording} is none: leave it out."
         )
-    existing(recording)
-    if is_own(recording):
+    if known.own(found):
         raise InvalidInput(
             f"--map is for tables of other programs; {recording} names its columns itself: leave it out."
         )

@@ -133,7 +133,7 @@ def _contact(
         turn: dict[str, float] = {}
     else:
         body = {
-            "hertz": lambda: solutions.hertz_point(radius=a, force=load),
+            "hertz": lambda: solutions.hertz_point(contact_radius=a, force=load),
             "punch": lambda: solutions.flat_punch(radius=a, force=load),
             "patch": lambda: solutions.patch(half_widths=(a, a), traction=load / (4 * a * a)),
         }[kind.value]()

@@ -13,6 +13,7 @@ A *table* gives the partial derivatives of the harmonic function of unit tractio
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -28,10 +29,15 @@ __all__ = [
     "PointTable",
     "RectangleTable",
     "Table",
+    "across_edges",
     "area_fields",
     "cell_influence_area",
     "lattice_table",
 ]
+
+
+#: Part of a cell's width within which a point lies on its edge, and the distances from there at which the field is looked at.
+EDGE, BESIDE = 1e-9, (1e-6, 1e-7)
 
 
 class Table(Protocol):
@@ -117,6 +123,30 @@ def area_fields(
     """Channels of a unit traction along ``source`` whose harmonic function is ``table``; ``constants`` are (mu, nu)."""
     fields = AreaFields(table, z, source, constants)
     return [find_channel(name).read(fields) for name in channels]
+
+
+def across_edges(
+    evaluate: Callable[[Sequence[Floats]], Floats], offsets: Sequence[Floats], widths: Sequence[float]
+) -> Floats:
+    """Influence (channel, component, *point) of a cell at its own depth, where it jumps at the cell's edges.
+
+    On an edge or a corner it is the mean of all sides, so that a point there feels a half or a quarter of a pressure, whatever the rounding of
+    its position; infinite where the sides have no finite mean. ``evaluate`` takes offsets, one array (..., n) per axis.
+    """
+    out = evaluate(offsets)
+    lines = [np.abs(np.abs(o) - 0.5 * w) <= EDGE * w for o, w in zip(offsets, widths)]
+    on = lines[0] if len(lines) == 1 else lines[0][..., :, None] | lines[1][..., None, :]
+    if not on.any():
+        return out
+    sides = list(itertools.product((-1.0, 1.0), repeat=len(widths)))
+    near, nearer = (
+        np.mean([evaluate([o + sign * s * w for sign, o, w in zip(side, offsets, widths)]) for side in sides], axis=0)
+        for s in BESIDE
+    )
+    inside = evaluate([np.array([0.2, 0.3]) * w for w in widths])
+    size = np.abs(inside).max(axis=tuple(range(1, inside.ndim)))[:, None, None]
+    out[..., on] = np.where(np.abs(near - nearer)[..., on] <= 1e-5 * size, nearer[..., on], np.inf)
+    return out
 
 
 def cell_influence_area(

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.elastic.closed_form import cell_influence_area
+from palpate.elastic.closed_form import across_edges, cell_influence_area
 from palpate.elastic.closed_form_line import cell_influence_line
 from palpate.elastic.pad import Complexes, Floats, isotropic_compliance
 from palpate.errors import InvalidInput
+from palpate.units import is_number
 
 __all__ = ["HalfSpace", "check_material", "decaying_states", "from_radial"]
 
 
 def check_material(youngs_modulus: float, poissons_ratio: float) -> None:
     """Raise `InvalidInput` unless the constants are those of a stable isotropic solid with 0 <= nu <= 0.5."""
-    if not (isinstance(youngs_modulus, int | float) and math.isfinite(youngs_modulus) and youngs_modulus > 0):
+    if not (is_number(youngs_modulus) and youngs_modulus > 0):
         raise InvalidInput(
             f"youngs_modulus must be a positive, finite number of pascals; got {youngs_modulus!r}. "
             "A soft silicone is about 1e5 to 2e6 Pa."
         )
-    if not (isinstance(poissons_ratio, int | float) and 0.0 <= poissons_ratio <= 0.5):
+    if not (is_number(poissons_ratio) and 0.0 <= poissons_ratio <= 0.5):
         raise InvalidInput(
             f"poissons_ratio must lie between 0 and 0.5 (0.5, incompressible, included); got {poissons_ratio!r}."
         )
@@ -138,7 +138,11 @@ class HalfSpace:
         """
         cell = cell_influence_line if len(offsets) == 1 else cell_influence_area
         constants = (self.shear_modulus, self.poissons_ratio)
-        return cell(constants, offsets, widths, depth, channels, concentrated=concentrated, damping=damping)
+
+        def at(places: Sequence[Floats]) -> Floats:
+            return cell(constants, places, widths, depth, channels, concentrated=concentrated, damping=damping)
+
+        return at(offsets) if depth + damping or concentrated else across_edges(at, offsets, widths)
 
 
 def from_radial(in_plane: Floats, antiplane: Floats, direction: Floats) -> Complexes:

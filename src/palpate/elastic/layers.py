@@ -11,6 +11,7 @@ import numpy as np
 from palpate.elastic.half_space import HalfSpace, check_material, decaying_states, from_radial
 from palpate.elastic.pad import Complexes, Floats, isotropic_compliance
 from palpate.errors import InvalidInput
+from palpate.units import is_number
 
 __all__ = ["BondedLayers", "Layer"]
 
@@ -54,7 +55,7 @@ class Layer:
     def __post_init__(self) -> None:
         check_material(self.youngs_modulus, self.poissons_ratio)
         h = self.thickness
-        if isinstance(h, bool) or not isinstance(h, int | float) or not (math.isfinite(h) and h > 0):
+        if not (is_number(h) and h > 0):
             raise InvalidInput(f"thickness must be a positive, finite number of metres; got {h!r}.")
 
     @property

@@ -8,10 +8,9 @@ file with such a class, and `palpate.inverse.registry.register` (or an entry poi
 from __future__ import annotations
 
 import abc
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -21,6 +20,7 @@ from palpate.inverse.estimate import Estimate
 from palpate.inverse.linear.parameter import RULES
 from palpate.inverse.problem import Problem
 from palpate.sensing.grids import Grid
+from palpate.units import is_number
 
 __all__ = ["Method", "Needs", "Option", "Prepared", "choice", "count", "function", "number", "rule"]
 
@@ -186,16 +186,12 @@ def _declared(default: Any, option: Option) -> Any:
     return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)
 
 
-def _is_number(value: Any) -> bool:
-    return not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(float(value))
-
-
 def number(default: Any = None, *, help: str, unit: str = "", negative: bool = False, required: bool = False) -> Any:
     """A finite number, positive unless ``negative`` (then not 0)."""
     accepts = ("a number other than 0" if negative else "a positive number") + (f" of {unit}" if unit else "")
 
     def check(name: str, value: Any) -> float:
-        if not _is_number(value) or not (value != 0 if negative else value > 0):
+        if not is_number(value) or not (value != 0 if negative else value > 0):
             raise InvalidInput(f"{name} must be {accepts}; got {value!r}.")
         return float(value)
 

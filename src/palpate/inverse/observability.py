@@ -96,7 +96,8 @@ def observability(
 def _probe(planes: Sequence[Array]) -> Floats:
     depth = max(max(p.depth for p in planes), 1e-30)
     if max(p.depth for p in planes) == 0:
-        depth = float(np.ptp(planes[0].points[:, 0])) / 20 + 1e-30
+        extents = np.ptp(planes[0].points, axis=0)
+        depth = float(extents[0] or extents.max()) / 20
     return np.asarray(depth * 2 * np.pi / np.geomspace(0.05, 3.0, 7))
 
 

@@ -12,6 +12,7 @@ from palpate._numbers import plain_number
 from palpate.errors import InvalidInput
 from palpate.recordings import Recording
 from palpate.sensing.arrays import AreaArray
+from palpate.units import is_number
 
 __all__ = ["Field", "mended"]
 
@@ -79,9 +80,9 @@ class Field:
             )
         for name in ("step", "pixel"):
             value = getattr(self, name)
-            if not (isinstance(value, int | float) and np.isfinite(value) and value > 0):
+            if not (is_number(value) and value > 0):
                 raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
-        if not (isinstance(self.aperture, int | float) and np.isfinite(self.aperture) and self.aperture >= 0):
+        if not (is_number(self.aperture) and self.aperture >= 0):
             raise InvalidInput(f"aperture must be a length [m], or 0; got {self.aperture!r}.")
         if np.isinf(u).any():
             raise InvalidInput("the displacements hold infinite values; mark vectors that are missing as NaN.")

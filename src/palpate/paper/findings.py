@@ -289,7 +289,7 @@ def _two_planes() -> Claim:
 def _three_dimensions() -> Claim:
     channels = ["stress_xz", "stress_yz", "stress_zz"]
     skin = Skin(PAD, AreaArray(shape=(16, 16), pitch=PITCH, depth=1.0, channels=channels))
-    contact = hertz_point(radius=2.5, force=1.0).sliding(0.4)
+    contact = hertz_point(contact_radius=2.5, force=1.0).sliding(0.4)
     touch = skin.reconstruct(skin.sense(contact), method="tikhonov")
     true: Any = np.asarray(skin.sample(contact))
     error = float(np.linalg.norm(np.asarray(touch.values) - true) / np.linalg.norm(true))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import numbers
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,19 +10,20 @@ from typing import Any
 
 from palpate.elastic.channels import CHANNELS, channel_unit, is_channel
 from palpate.errors import InvalidInput
-from palpate.units import KIND_OF_SI, UNITS, parse_quantity
+from palpate.recordings.tabletext import SLICE
+from palpate.units import KIND_OF_SI, UNITS, is_number, parse_quantity
 
 __all__ = ["TableMapping", "columns_of", "columns_of_text", "per_count"]
 
 #: What stands for the number of a taxel in the name of a column.
 NUMBER = "{}"
-_ROLES = ("frame", "time", "marker", "x", "y")
+_ROLES = ("frame", "time", "marker", "x", "y", "only")
 _VALUES = ("unit", "position_unit", "pixel", "time_unit", "rate", "reference", "shape", "sort")
 #: Names that columns have in tables of others, for the mapping that an error suggests.
 _USUAL = {
     "frame": ("frame", "frames", "frame_number", "frame_id", "frame_no", "frameid", "image", "img", "picture", "slice"),
     "time": ("time", "t", "timestamp", "seconds", "sec", "time_s"),
-    "marker": ("marker", "id", "particle", "track", "track_id", "marker_id", "dot", "dot_id", "taxel", "bead", "point"),
+    "marker": ("marker", "track_id", "track", "particle", "marker_id", "dot_id", "dot", "taxel", "bead", "point", "id"),
     "x": ("x", "mx", "ox", "x0", "px", "pos_x", "position_x", "x_px", "cx"),
     "y": ("y", "my", "oy", "y0", "py", "pos_y", "position_y", "y_px", "cy"),
     "displacement_x": ("dx", "u", "ux", "u_x", "disp_x", "x_disp", "displacement_x"),
@@ -35,8 +36,10 @@ _USUAL = {
 class TableMapping:
     """What the columns of a table are: one line per frame and marker (long), or one line per frame (wide).
 
-    A column is named by its title, with or without a unit in brackets at its end ("dx (mm)"), or by its number from 1 where the table has no
-    titles. In a wide table the columns of x, y and each channel are listed, or written with ``{}`` for the number of the taxel ("S{}").
+    A column is named by its title, with or without a unit in brackets at its end ("dx (mm)"), or by its number from 1 where it has no
+    title. In a wide table the columns of x, y and each channel are listed, or written with ``{}`` for the number of the taxel ("S{}"), or as a
+    slice: "tactile[0::3]" is every third of the numbers tactile[0], tactile[1], ... (or of columns tactile0, tactile1, ...) from the first on, and
+    "[:]" all columns.
 
     Parameters
     ----------
@@ -48,8 +51,11 @@ class TableMapping:
     frame, time : str, optional
         Number of the frame, and its time: numbers, dates (ISO 8601, or as spreadsheets write them) or times of day; or (date, time of day), two
         columns. Without either a long table is one frame.
-    marker : str, optional
-        Number of the marker or taxel. Without it a place is a marker, which must not move.
+    marker : str or sequence of str, optional
+        Number of the marker or taxel, or columns that together name it (its row and its column). Lines without it are left out, with a warning.
+        Without a column of markers a place is a marker, which must not move.
+    only : str, optional
+        Which lines count, "episode_index=3": those with this number in this column.
     scale : float or sequence of float, optional
         Multiplies readings (of each channel) to SI units; negative turns the sign. Without it the titles must name units.
     position_scale : float or (float, float), optional
@@ -103,7 +109,8 @@ class TableMapping:
     y: str | Sequence[str] | None = None
     frame: str | None = None
     time: str | Sequence[str] | None = None
-    marker: str | None = None
+    marker: str | Sequence[str] | None = None
+    only: str | None = None
     scale: float | Sequence[float] | None = None
     position_scale: float | tuple[float, float] | None = None
     time_scale: float | None = None
@@ -130,9 +137,11 @@ class TableMapping:
             )
         for name, many in (("scale", len(self.channels) or 2), ("position_scale", 2)):
             self._check_scale(name, many)
+        if self.only is not None:
+            self.chosen  # noqa: B018 - refuses what is no COLUMN=NUMBER
         for name in ("time_scale", "rate"):
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
+            if value is not None and not (is_number(value) and value > 0):
                 raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
         if not isinstance(self.sort, bool):
             raise InvalidInput(f"sort must be true or false; got {self.sort!r}.")
@@ -149,9 +158,27 @@ class TableMapping:
         given = getattr(self, name)
         if given is None:
             return
-        values = [given] if isinstance(given, int | float) else list(given)
-        if len(values) not in (1, many) or not all(math.isfinite(v) and v != 0 for v in values):
+        values = [given] if isinstance(given, numbers.Real) else list(given)
+        if len(values) not in (1, many) or not all(is_number(v) and v != 0 for v in values):
             raise InvalidInput(f"{name} must be one number or {many}, finite and not 0; got {given!r}.")
+
+    @property
+    def chosen(self) -> tuple[str, float]:
+        """Column and number of ``only``.
+
+        Examples
+        --------
+        >>> from palpate.recordings import TableMapping
+        >>> TableMapping(channels={"stress_zz": "S{}"}, only="episode_index=3").chosen
+        ('episode_index', 3.0)
+        """
+        column, _, value = (self.only or "").rpartition("=")
+        try:
+            return column.strip(), float(value)
+        except ValueError as error:
+            raise InvalidInput(
+                f"only must be a column and a number, such as episode_index=3; got {self.only!r}."
+            ) from error
 
     @property
     def wide(self) -> bool:
@@ -174,7 +201,7 @@ class TableMapping:
 
 
 def _wide(column: str | Sequence[str]) -> bool:
-    return NUMBER in column if isinstance(column, str) else True
+    return NUMBER in column or SLICE.fullmatch(column) is not None if isinstance(column, str) else True
 
 
 def per_count(text: str, kind: str, what: str = "unit") -> float:
@@ -194,8 +221,8 @@ def columns_of(given: Mapping[str, Any], *, order: Sequence[str] = (), shape: An
             f"{', '.join(unknown)} is neither a channel nor a key of columns; keys are {', '.join((*_ROLES, *_VALUES))}, channels {', '.join(CHANNELS)}."
         )
     for key, value in given.items():
-        if key in ("frame", "time", "marker", "pixel", "position_unit", "time_unit"):
-            _check_text(key, value, several=key in ("pixel", "position_unit", "time"))
+        if key in ("frame", "time", "marker", "only", "pixel", "position_unit", "time_unit"):
+            _check_text(key, value, several=key in ("marker", "pixel", "position_unit", "time"))
         elif key in channels or key in ("x", "y", "unit"):
             _check_text(key, value, several=True)
     if set(order) == set(channels):

@@ -31,6 +31,7 @@ from palpate.recordings.mapped import explained, read_mapped
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
+from palpate.recordings.tabletext import Table, Titles, read_table_text
 from palpate.recordings.textlines import cells, lines_of, number, text_of, warn_of_a_cut
 from palpate.recordings.touchstream import Piece, TouchStream
 from palpate.touch import Forces
@@ -59,6 +60,7 @@ class Csv(Format):
 
     name = "csv"
     extensions = (".csv",)
+    text = True
 
     def recognises(self, path: Path) -> bool:
         with path.open("rb") as file:
@@ -67,6 +69,12 @@ class Csv(Format):
             b"\xff\xfe",
             b"\xfe\xff",
         )  # UTF-16: refused where it is read, with what to do
+
+    def own(self, path: Path) -> bool:
+        return is_own(path)
+
+    def columns(self, path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
+        return read_table_text(path, wanted)
 
     def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
         return self.read(path) if is_own(path) else read_mapped(path, mapping)

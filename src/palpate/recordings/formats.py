@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.metadata
+import importlib.util
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -27,6 +28,7 @@ from palpate.recordings.redaction import without_secrets_in_meta
 
 if TYPE_CHECKING:
     from palpate.recordings.recorder import Recorder
+    from palpate.recordings.tabletext import Table, Titles
     from palpate.recordings.touchstream import TouchStream
     from palpate.touch import Touch
 
@@ -53,6 +55,8 @@ BUILT_IN = (
     "palpate.recordings.zarrstore:Zarr",
     "palpate.recordings.csvfile:Csv",
     "palpate.recordings.tablefile:Table",
+    "palpate.recordings.arraytables:Parquet",
+    "palpate.recordings.arraytables:Npy",
 )
 #: Entry points of other packages, one per format.
 ENTRY_POINTS = "palpate.formats"
@@ -85,9 +89,15 @@ class Format:
     libraries: ClassVar[tuple[str, ...]] = ()
     #: a recording is a folder
     folder: ClassVar[bool] = False
+    #: text, as which any other text may pass
+    text: ClassVar[bool] = False
 
     def recognises(self, path: Path) -> bool:
         """Whether what is inside looks like this format. Only what begins alike is asked for, not that it is whole."""
+        return False
+
+    def own(self, path: Path) -> bool:
+        """Whether a file of a format that tables of other programs may have is a recording of ours."""
         return False
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
@@ -97,6 +107,10 @@ class Format:
     def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
         """The recording in a table of another program."""
         raise self._cannot("read_mapped", path)
+
+    def columns(self, path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
+        """The columns of a table that ``wanted`` picks."""
+        raise self._cannot("columns", path)
 
     @contextmanager
     def opened(self, path: Path, *, mapping: TopicMapping | None = None) -> Iterator[OpenRecording]:
@@ -166,8 +180,17 @@ class Format:
         return InvalidInput(f"{path}: {_TASKS[task]} as {', '.join(endings(task))}; got {path.suffix.lower()!r}.")
 
 
+#: Endings of Python's own format, which runs what it holds: never read.
+PICKLES = (".pkl", ".pickle")
+#: What serves files that are not read here.
+_ELSEWHERE = {
+    ".mat": "; a displacement field is for palpate tfm",
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "; save the sheet as CSV"),
+    **dict.fromkeys((".feather", ".arrow"), "; pandas.read_feather(...).to_parquet(...) saves it as Parquet"),
+}
 _TASKS = {
     "read": "a recording is read",
+    "columns": "positions are read",
     "read_mapped": "columns are named of a table that another program wrote, which is read",
     "write": "a recording is written",
     "read_touch": "a result is read back",
@@ -226,8 +249,9 @@ def find_format(path: str | Path, *, task: str | None = None) -> Format:
                 if task is not None and not known.can(task):
                     raise known._cannot(task, Path(path))
                 return known.usable()
-    field = "; a displacement field is for palpate tfm" if suffix in (".npy", ".mat") else ""
-    raise InvalidInput(f"{path}: the ending {suffix!r} is not known; accepted: {', '.join(endings(task))}{field}.")
+    raise InvalidInput(
+        f"{path}: the ending {suffix!r} is not known; accepted: {', '.join(endings(task))}{_ELSEWHERE.get(suffix, '')}."
+    )
 
 
 def file_format(path: str | Path, *, task: str | None = None) -> str:
@@ -257,6 +281,8 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
         raise InvalidInput(f"{found}: cannot be read as {known.name}; it is damaged or something else.")
     if found.stat().st_size == 0:
         raise InvalidInput(f"{found} is empty.")
+    if found.suffix.lower() in PICKLES:
+        _refuse_pickle(found)
     try:
         known = find_format(found)
     except InvalidInput as error:
@@ -279,11 +305,31 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
     return found, known
 
 
+def _refuse_pickle(path: Path) -> None:
+    """What to do in place of reading a pickle."""
+    ending, call = (".parquet", "to_parquet") if importlib.util.find_spec("pyarrow") else (".csv", "to_csv")
+    table = f"pandas.DataFrame(pandas.read_pickle({str(path)!r})).rename(columns=str)"
+    raise InvalidInput(
+        f"{path} is a pickle, which can run any program when it is read, and is not read. If you trust who made it, save its table in another format: "
+        f"{shell_line('pandas', f'{table}.{call}({str(path.with_suffix(ending))!r})')}"
+    )
+
+
+def shell_line(module: str, code: str) -> str:
+    """A line for the shell that runs some Python.
+
+    Examples
+    --------
+    >>> from palpate.recordings.formats import shell_line
+    >>> print(shell_line("numpy", "numpy.save('a.npy', [1.0])"))
+    python -c "import numpy; numpy.save('a.npy', [1.0])"
+    """
+    return f'python -c "import {module}; {code}"'
+
+
 def _inside(path: Path, task: str) -> Format | None:
     """The format that a file looks like; any text would look like CSV."""
-    return next(
-        (f for f in formats() if not f.can("read_mapped") and not f.folder and f.can(task) and f.recognises(path)), None
-    )
+    return next((f for f in formats() if not f.text and not f.folder and f.can(task) and f.recognises(path)), None)
 
 
 def read_recording(

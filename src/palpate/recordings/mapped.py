@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from palpate.recordings.recording import Recording
 from palpate.recordings.tabletext import Table, Titles, first_titles, read_table_text
 from palpate.units import KIND_OF_SI, UNITS
 
-__all__ = ["check_apart", "check_one_frame", "explained", "is_frame", "read_mapped"]
+__all__ = ["check_apart", "check_one_frame", "explained", "is_frame", "plain_name", "read_mapped"]
 
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
@@ -30,12 +31,16 @@ MOST_MISSING = 4
 ROUNDED = 0.1
 #: Markers that pass their neighbours in one frame, as a part of all, from which on they are numbered anew.
 RENUMBERED = 0.2
+#: Titles of columns that tell recordings apart.
+_EPISODES = ("episode_index", "episode", "episode_id")
 #: Titles of columns that tell frames or times.
 _FRAMES = ("frame", "frames", "frame_number", "frame_id", "frame_no", "frameid", "image", "time", "t", "timestamp")
 
 
-def read_mapped(path: Path, mapping: TableMapping) -> Recording:
-    """The recording in a table.
+def read_mapped(
+    path: Path, mapping: TableMapping, *, read: Callable[[Path, Callable[[Titles], list[int]]], Table] = read_table_text
+) -> Recording:
+    """The recording in a table; ``read`` takes the columns out of files that are no text.
 
     Raises
     ------
@@ -48,14 +53,18 @@ def read_mapped(path: Path, mapping: TableMapping) -> Recording:
 
     def wanted(titles: Titles) -> list[int]:
         for role, columns in _named(mapping).items():
-            names, roles[role] = _places(titles, columns)
+            names, roles[role] = _places(titles, columns, mapping.wide)
             if names and role != "time":
                 labels.append(names)
         if not mapping.wide and mapping.frame is None and mapping.time is None:
             roles["unnamed frame"] = [i for i, n in enumerate(titles.names) if is_frame(n)][:1]
+        if mapping.only is not None:
+            roles["only"] = [titles.find(mapping.chosen[0])]
+        else:
+            roles["episode"] = [i for i, n in enumerate(titles.names) if plain_name(n) in _EPISODES][:1]
         return [i for places in roles.values() for i in places]
 
-    table = read_table_text(path, wanted)
+    table = _chosen(path, mapping, read(path, wanted), roles)
     for role, places in roles.items():
         if role not in ("time", "unnamed frame") and table.dated & set(places):
             title = table.titles.names[min(table.dated & set(places))]
@@ -90,6 +99,31 @@ def read_mapped(path: Path, mapping: TableMapping) -> Recording:
     return _recording(path, mapping, frames.ordered(clock.order), clock)
 
 
+def _chosen(path: Path, mapping: TableMapping, table: Table, roles: dict[str, list[int]]) -> Table:
+    """The lines that count; several episodes in one table are several recordings."""
+    where, start = {}, 0
+    for role, places in roles.items():
+        where[role], start = start, start + len(places)
+    if mapping.only is not None:
+        value = table.values[:, where["only"]]
+        kept = value == mapping.chosen[1]
+        if not kept.any():
+            known = ", ".join(f"{v:g}" for v in np.unique(value[np.isfinite(value)])[:12])
+            raise InvalidInput(
+                f"{path}: no line has {mapping.only}; {mapping.chosen[0]} is {known or 'never a number'}."
+            )
+        return replace(table, values=table.values[kept], lines=table.lines[kept])
+    if roles["episode"]:
+        found = np.unique(table.values[:, where["episode"]])
+        if len(found) > 1:
+            title = next(n for n in table.titles.names if plain_name(n) in _EPISODES)
+            raise InvalidInput(
+                f"{path}: the column {title} holds {len(found)} values, {found[0]:g} to {found[-1]:g}: each episode is a recording of its own. Name one with "
+                f'only={title}={found[0]:g} in --map (only = "{title}={found[0]:g}" in the section [columns]).'
+            )
+    return table
+
+
 @dataclass(eq=False)
 class _Frames:
     """Everything by frame and marker."""
@@ -115,19 +149,29 @@ def _named(mapping: TableMapping) -> dict[str, Any]:
     return {k: v for k, v in (*named.items(), *mapping.channels.items()) if v is not None}
 
 
-def _places(titles: Titles, columns: str | Sequence[str]) -> tuple[list[str], list[int]]:
+def _places(titles: Titles, columns: str | Sequence[str], wide: bool) -> tuple[list[str], list[int]]:
     """What columns are called among the taxels (in a wide table), and where they are."""
     if isinstance(columns, str):
+        places = titles.sliced(columns)
+        if places is not None:
+            return [str(i) for i in range(len(places))], places
         if NUMBER not in columns:
             return [], [titles.find(columns)]
         found = titles.matching(columns)
         return list(found), list(found.values())
+    if not wide:  # columns that together name a marker
+        return [], [titles.find(c) for c in columns]
     return [str(i) for i in range(len(columns))], [titles.find(c) for c in columns]
 
 
 def is_frame(title: str) -> bool:
     """Whether a column by its title tells frames or times."""
-    return title.split("(")[0].split("[")[0].strip().lower().replace(" ", "_") in _FRAMES
+    return plain_name(title) in _FRAMES
+
+
+def plain_name(title: str) -> str:
+    """A title without its unit, in lower case."""
+    return title.split("(")[0].split("[")[0].strip().lower().replace(" ", "_")
 
 
 def _factors(mapping: TableMapping, titles: Titles, roles: dict[str, list[int]]) -> dict[str, float]:
@@ -209,6 +253,7 @@ def _whole(path: Path, table: Table, values: Floats, what: str) -> None:
 
 
 def _long(path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floats]) -> _Frames:
+    table, parts = _with_markers(path, table, mapping, parts)
     rows = len(table.values)
     flat = {role: values[:, 0] for role, values in parts.items() if values.shape[1]}
     if "unnamed frame" in flat:
@@ -222,8 +267,14 @@ def _long(path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floa
     count = len(np.unique(key))
     where = np.stack([flat[a] for a in "xy" if a in flat], axis=-1) if "x" in flat else None
     if mapping.marker is not None:
-        _whole(path, table, flat["marker"], "marker")
-        markers, marker = np.unique(flat["marker"], return_inverse=True)
+        for values in parts["marker"].T:
+            _whole(path, table, values, "marker")
+        markers, marker = np.unique(parts["marker"], axis=0, return_inverse=True)
+        marker = np.ravel(marker)
+        if markers.shape[1] > 1:  # rows and columns: in their order
+            markers = _counted(path, mapping, markers, where is None)
+        else:
+            markers = markers[:, 0]
     elif where is not None:
         markers, marker = _by_place(path, table, where, count)
     else:
@@ -287,6 +338,43 @@ def _frames_of(key: Floats, marker: Ints, markers: int, sort: bool) -> tuple[Flo
     if not sort and (len(lines) == len(numbers) or (again and apart)):
         return key[first], piece
     return numbers, np.ravel(frame)
+
+
+def _with_markers(
+    path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floats]
+) -> tuple[Table, dict[str, Floats]]:
+    """Without the lines that belong to no marker: those of trackers that could not link a spot."""
+    if mapping.marker is None:
+        return table, parts
+    found = parts["marker"]
+    gone: Bools = np.asarray(np.isnan(found).any(axis=1))
+    if found.shape[1] == 1:  # -1 of several spots of a frame is no number of one
+        loose: Bools = np.asarray(found[:, 0] == -1)
+        key = next((parts[r][:, 0] for r in ("frame", "time") if r in parts), np.zeros(len(found)))
+        if np.unique(key[loose]).size < loose.sum():
+            gone |= loose
+    if not gone.any():
+        return table, parts
+    if gone.all():
+        raise InvalidInput(f"{path}: no line has a number in the column of markers; name another column as marker.")
+    _warn(f"{path}: {int(gone.sum())} of {len(gone)} lines belong to no marker (no number of one) and are left out.")
+    return (
+        replace(table, values=table.values[~gone], lines=table.lines[~gone]),
+        {role: values[~gone] for role, values in parts.items()},
+    )
+
+
+def _counted(path: Path, mapping: TableMapping, markers: Floats, placeless: bool) -> Floats:
+    """Numbers of markers that several columns name; without positions they must fill a grid, so that which is where is clear."""
+    each = [np.unique(axis) for axis in markers.T]
+    whole = math.prod(len(axis) for axis in each)
+    if placeless and (whole != len(markers) or any(np.any(np.diff(axis) != 1) for axis in each)):
+        names = " and ".join(mapping.marker or ())
+        raise InvalidInput(
+            f"{path}: {len(markers)} markers do not fill the {' x '.join(str(len(axis)) for axis in each)} places of {names}: name x and y, or add lines with empty "
+            "readings for those that are missing."
+        )
+    return np.arange(len(markers), dtype=np.float64)
 
 
 def _by_place(path: Path, table: Table, where: Floats, frames: int) -> tuple[Floats, Ints]:
@@ -525,10 +613,10 @@ def _as_area(path: Path, shape: tuple[int, int], readings: Any, positions: Float
     return readings[..., order].reshape(*readings.shape[:2], *shape)
 
 
-def explained(path: Path) -> str:
-    """How a table of another program is read, for the error of one that is not explained."""
+def explained(path: Path, read: Callable[[Path], Titles] = first_titles) -> str:
+    """How a table of another program is read, for the error of one that is not explained; ``read`` finds its titles."""
     try:
-        titles = first_titles(path)
+        titles = read(path)
     except InvalidInput:
         return "A table of another program needs --map, or a section [columns] in the skin.toml, that says what its columns are."
     return (

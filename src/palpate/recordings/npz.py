@@ -5,19 +5,23 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palpate.errors import InvalidInput
+from palpate.recordings.arraytables import array_table
 from palpate.recordings.checked import CHECKSUM, affordable, confirm_recording, json_object, recording_checksum
 from palpate.recordings.clock import Clock, stored_clock
+from palpate.recordings.columns import TableMapping
 from palpate.recordings.formats import Format
 from palpate.recordings.labelled import touch_dataset
+from palpate.recordings.mapped import read_mapped
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
+from palpate.recordings.tabletext import Table, Titles
 from palpate.status import Status
 
 if TYPE_CHECKING:
@@ -25,6 +29,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Npz"]
 
+#: Keys of a recording of ours.
+OWN = ("readings", "channel", "time")
 #: What a damaged archive raises in zipfile, zlib and NumPy.
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -43,7 +49,12 @@ _DAMAGE = (
 
 
 class Npz(Format):
-    """NumPy archives: the zip's own CRC-32 guards each array, one of ours guards the whole."""
+    """NumPy archives: the zip's own CRC-32 guards each array, one of ours guards the whole.
+
+    A recording has the keys ``readings`` (frame, channel, taxel) or (frame, channel, y, x) in SI units, ``channel`` (names) and ``time`` (frame) in
+    seconds; ``positions`` (taxel, 2) in metres, ``meta`` (JSON) and ``palpate_crc32`` may be there. Archives with other keys are tables of another
+    program: each array with a line per frame is a column, or as many as a line holds.
+    """
 
     name = "npz"
     extensions = (".npz",)
@@ -53,18 +64,13 @@ class Npz(Format):
             return file.read(4) == b"PK\x03\x04"
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
-        try:
-            held = _arrays(path)
-        except InvalidInput:
-            raise
-        except _DAMAGE as error:
-            raise InvalidInput(
-                f"{path}: cannot be read as NPZ; the file is truncated, damaged or of another format."
-            ) from error
-        missing = [n for n in ("readings", "channel", "time") if n not in held]
+        held = _whole(path)
+        missing = [n for n in OWN if n not in held]
         if missing:
+            shapes = ", ".join(f"{n} {a.shape}" for n, a in held.items())
             raise InvalidInput(
-                f"{path}: not a palpate recording: it lacks {', '.join(missing)} (it holds {', '.join(held) or 'nothing'})."
+                f"{path}: not a palpate recording: it lacks {', '.join(missing)} (it holds {shapes or 'nothing'}). Save readings (frame, channel, taxel or y, x) in SI units, channel and time, "
+                "or say what its arrays are with --map (a TableMapping)."
             )
         meta = json_object(str(held["meta"]), f"{path}: meta") if "meta" in held else {}
         clock = Clock(held["time"]) if CHECKSUM in held else stored_clock(held["time"], None, str(path))
@@ -77,6 +83,24 @@ class Npz(Format):
             meta={**{str(k): str(v) for k, v in meta.items()}, **clock.meta()},
         )
         return confirm_recording(found, held.get(CHECKSUM), path)
+
+    def own(self, path: Path) -> bool:
+        try:
+            with zipfile.ZipFile(path) as archive:
+                return {f"{n}.npy" for n in OWN} <= set(archive.namelist())
+        except _DAMAGE:
+            return False  # said where it is read
+
+    def columns(self, path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
+        held = _whole(path)
+        frames = max((len(a) for a in held.values() if a.ndim), default=0)
+        columns = {n: a for n, a in held.items() if a.ndim and len(a) == frames and a.size}
+        if not columns:
+            raise InvalidInput(f"{path}: no array has a line per frame; it holds {', '.join(held) or 'nothing'}.")
+        return array_table(path, columns, wanted)
+
+    def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
+        return self.read(path) if self.own(path) else read_mapped(path, mapping, read=self.columns)
 
     def write(self, recording: Recording, path: Path) -> None:
         arrays: dict[str, Any] = {
@@ -107,6 +131,18 @@ class Npz(Format):
             np.savez_compressed(file, **arrays)
 
 
+def _whole(path: Path) -> dict[str, Any]:
+    """The arrays of an archive, or `InvalidInput`."""
+    try:
+        return _arrays(path)
+    except InvalidInput:
+        raise
+    except _DAMAGE as error:
+        raise InvalidInput(
+            f"{path}: cannot be read as NPZ; the file is truncated, damaged or of another format."
+        ) from error
+
+
 def _arrays(path: Path) -> dict[str, Any]:
     """The arrays of an archive; each header is read before its numbers, so that nothing is allocated that is not there."""
     with zipfile.ZipFile(path) as archive:
@@ -118,6 +154,11 @@ def _arrays(path: Path) -> dict[str, Any]:
                     np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
                 )
                 shape, _, dtype = header(member)
+                if dtype.hasobject:
+                    raise InvalidInput(
+                        f"{path}: {info.filename.removesuffix('.npy')} holds Python objects, which can run any program when they are read, and is not read. "
+                        "Save arrays of numbers, numpy.asarray(values, dtype=float)."
+                    )
                 count = 1
                 for size in shape:
                     count *= int(size)

@@ -14,6 +14,7 @@ channels = ["stress_xz", "stress_yz", "stress_zz"]
 aperture = "0.8 mm"              # optional
 noise = "50 Pa"                  # optional; or one per channel
 noise_correlation = "1 mm"       # optional; length over which the noise of neighbours is alike
+# positions = [["0 mm", "0 mm"], ...] of a scattered plane; or positions_file = "taxels.csv" with columns x and y; with positions_unit = "mm" for bare numbers
 limits = ["0 Pa", "30 kPa"]      # optional; ends of the range of a reading; "30 kPa" for -30 to 30; or one [low, high] per channel
 
 [surface]                        # optional
@@ -53,6 +54,8 @@ from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.pad import Pad, check_pad
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
+from palpate.recordings.columns import per_count
+from palpate.recordings.described import check_described, metres_said
 from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
@@ -174,6 +177,8 @@ class _Plane(_Strict):
     pitch: Lengths | None = None
     center: Any = None
     positions_file: str | None = None
+    positions_unit: str | None = None
+    positions: list[Any] | None = None
 
 
 class _Surface(_Strict):
@@ -249,7 +254,7 @@ class SkinFile(_Strict):
 def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad, list[Array], Grid | None, Boundary]:
     """Read a skin.toml; returns pad, planes, surface (or None) and boundary.
 
-    A scattered plane without ``positions_file`` takes the positions of ``recording``, and an area plane without shape and
+    A scattered plane without ``positions`` and ``positions_file`` takes the positions of ``recording``, and an area plane without shape and
     pitch those of a gridded one.
 
     Raises
@@ -382,6 +387,9 @@ def skin_from_text(
         for i, plane in enumerate(skin.plane):
             where = ("plane", i)
             planes.append(_plane(plane, folder, recording))
+        where = ("plane", 0)
+        if recording is not None:
+            check_described(recording, planes)
         where = ("surface",)
         surface = _surface(skin.surface, planes[0].dimensions)
     except PalpateError as error:
@@ -458,7 +466,7 @@ def _center(value: Any, dimensions: int) -> Any:
 
 def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
     if plane.kind == "line":
-        _refuse(plane, ("shape", "positions_file"))
+        _refuse(plane, ("shape", "positions_file", "positions_unit", "positions"))
         if isinstance(plane.pitch, tuple) or isinstance(plane.aperture, tuple):
             raise InvalidInput("pitch and aperture must be one length on a line.")
         return LineArray(
@@ -473,11 +481,11 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
             center=_center(plane.center, 1),
         )
     if plane.kind == "area":
-        _refuse(plane, ("count", "positions_file"))
+        _refuse(plane, ("count", "positions_file", "positions_unit", "positions"))
         meta = recording.meta if recording is not None and recording.readings.ndim == 4 else {}
         shape, pitch = plane.shape, plane.pitch
         if shape is None and pitch is None and recording is not None and "pitch" in meta:
-            shape, pitch = (recording.readings.shape[2], recording.readings.shape[3]), float(meta["pitch"])
+            shape, pitch = (recording.readings.shape[2], recording.readings.shape[3]), metres_said(meta["pitch"])
         return AreaArray(
             shape=_need(shape, "shape", "area"),
             pitch=_need(pitch, "pitch", "area"),
@@ -490,11 +498,7 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
             center=_center(plane.center, 2),
         )
     _refuse(plane, ("count", "shape", "pitch", "center"))
-    if plane.positions_file is None and recording is not None and recording.positions is not None:
-        positions = np.asarray(recording.positions)
-        positions = positions if positions.ndim == 2 else positions[:, None]
-    else:
-        positions = _positions(_need(plane.positions_file, "positions_file", "scattered"), folder)
+    positions = _positions(plane, folder, recording)
     return ScatteredArray(
         positions=positions,
         depth=plane.depth,
@@ -506,15 +510,57 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
     )
 
 
-def _positions(name: str, folder: Path) -> Any:
-    """Positions of a recording, from its file."""
-    from palpate.recordings.formats import read_recording
-
-    recording = read_recording(folder / name)
-    if recording.positions is None:
-        raise InvalidInput(f"positions_file {name} is a recording without positions.")
+def _positions(plane: _Plane, folder: Path, recording: Recording | None) -> Any:
+    """Where scattered taxels are (taxel, axis) [m]: as the plane lists them, from its file, or from the recording."""
+    if plane.positions is not None:
+        if plane.positions_file is not None:
+            raise InvalidInput("positions_file and positions both say where the taxels are; leave one out.")
+        return _listed(plane.positions, plane.positions_unit)
+    if plane.positions_file is not None:
+        return _of_file(folder / plane.positions_file, plane.positions_unit)
+    if plane.positions_unit is not None:
+        raise InvalidInput("positions_unit belongs to positions or positions_file; leave it out.")
+    if recording is None or recording.positions is None:
+        raise InvalidInput(
+            'positions is missing, and the recording has none: list them, positions = [["0 mm", "0 mm"], ["2 mm", "0 mm"], ...], or name a table with the columns x and y in positions_file.'
+        )
     found = np.asarray(recording.positions)
     return found if found.ndim == 2 else found[:, None]
+
+
+def _listed(places: list[Any], unit: str | None) -> Any:
+    """Positions as a skin.toml lists them: [x, y] or x, each a length, or a number where ``unit`` says what a 1 is."""
+    each = [place if isinstance(place, list) else [place] for place in places]
+    if {len(place) for place in each} not in ({1}, {2}):
+        raise InvalidInput(
+            f'positions must be a list of [x, y] (or of x on a line) such as [["0 mm", "0 mm"], ["2 mm", "0 mm"]]; got {places[:2]!r}.'
+        )
+
+    def length(value: Any) -> float:
+        if unit is None or isinstance(value, str):
+            return parse_quantity(value, "length", "positions")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InvalidInput(f"positions must be numbers or lengths; got {value!r}.")
+        return value * per_count(unit, "length", "positions_unit")
+
+    return np.array([[length(value) for value in place] for place in each])
+
+
+def _of_file(path: Path, unit: str | None) -> Any:
+    """Positions of a recording that has some, or of a table with the columns x and y."""
+    from palpate.recordings.formats import existing, read_recording
+    from palpate.recordings.tables import read_positions
+
+    found, known = existing(path)
+    if known.can("columns") and not known.own(found):
+        return read_positions(found, unit=unit)
+    if unit is not None:
+        raise InvalidInput(f"positions_unit is for tables; the positions of the recording {path} are in metres.")
+    recording = read_recording(found)
+    if recording.positions is None:
+        raise InvalidInput(f"positions_file {path} is a recording without positions.")
+    places = np.asarray(recording.positions)
+    return places if places.ndim == 2 else places[:, None]
 
 
 def _surface(surface: _Surface | None, dimensions: int) -> Grid | None:
@@ -561,7 +607,7 @@ KEYS = (
         "count",
         "spacing",
     ),
-    *("positions_file", "topic", "unit", "gain"),
+    *("positions", "positions_file", "positions_unit", "topic", "unit", "gain"),
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from palpate.errors import InvalidInput
@@ -10,6 +11,8 @@ from palpate.recordings.formats import Format
 from palpate.recordings.mapped import explained, read_mapped
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
+from palpate.recordings.tabletext import Table as TextTable
+from palpate.recordings.tabletext import Titles, read_table_text
 
 __all__ = ["Table"]
 
@@ -19,6 +22,7 @@ class Table(Format):
 
     name = "table"
     extensions = (".txt", ".tsv", ".dat")
+    text = True
 
     def recognises(self, path: Path) -> bool:
         with path.open("rb") as file:
@@ -30,6 +34,9 @@ class Table(Format):
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         raise InvalidInput(f"{path} is a table of another program. {explained(path)}")
+
+    def columns(self, path: Path, wanted: Callable[[Titles], Sequence[int]]) -> TextTable:
+        return read_table_text(path, wanted)
 
     def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
         return read_mapped(path, mapping)

@@ -1,4 +1,4 @@
-"""Tables that other programs made: positions and vectors of one frame."""
+"""Tables that other programs made: positions of taxels, and positions and vectors of one frame."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.recordings.formats import existing
-from palpate.recordings.mapped import check_apart, check_one_frame, is_frame
+from palpate.recordings.columns import per_count
+from palpate.recordings.formats import endings, existing
+from palpate.recordings.mapped import check_apart, check_one_frame, is_frame, plain_name
 from palpate.recordings.netcdf import DAMAGE, NetCDF, data_sets, guard, opened
 from palpate.recordings.recording import Recording
 from palpate.recordings.tabletext import Titles, read_table_text
+from palpate.units import UNITS
 
-__all__ = ["read_table"]
+__all__ = ["read_positions", "read_table"]
 
 
 def read_table(
@@ -94,6 +96,115 @@ def read_table(
     )
 
 
+#: What the columns of a table of positions may be called.
+_PLACES = {
+    "number": (
+        "taxel",
+        "sensor",
+        "channel",
+        "marker",
+        "id",
+        "number",
+        "no",
+        "n",
+        "i",
+        "index",
+        "taxel_id",
+        "sensor_id",
+    ),
+    "x": ("x", "px", "pos_x", "position_x", "x0", "cx"),
+    "y": ("y", "py", "pos_y", "position_y", "y0", "cy"),
+    "z": ("z", "pz", "pos_z", "position_z", "z0", "cz"),
+}
+
+
+def read_positions(path: str | Path, *, unit: str | None = None) -> Floats:
+    """Positions (taxel, 2) or (taxel, 1) [m] from a table with the columns x and y, or x alone on a line.
+
+    Parameters
+    ----------
+    unit : str, optional
+        What a 1 means, "mm"; without it the titles must name units, "x (mm)".
+
+    Where a column numbers the taxels ("taxel"), they come in the order of these numbers, else in that of the lines. A table without titles has two
+    columns, x and y.
+
+    Raises
+    ------
+    InvalidInput
+        No columns x and y, no unit or two of them, cells without a number, taxels that are there twice or at several heights.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from palpate.recordings.tables import read_positions
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(f"{folder}/taxels.csv").write_text("taxel,x (mm),y (mm)\\n1,2,0\\n0,0,0\\n")
+    ...     read_positions(f"{folder}/taxels.csv").tolist()
+    [[0.0, 0.0], [0.002, 0.0]]
+    """
+    found, known = existing(path)
+    roles: dict[str, int] = {}
+
+    def wanted(titles: Titles) -> list[int]:
+        if titles.titled:
+            plain = [plain_name(n) for n in titles.names]
+            for role, names in _PLACES.items():
+                name = next((n for n in names if n in plain), None)
+                if name is not None:
+                    roles[role] = plain.index(name)
+        elif len(titles.names) == 2:
+            roles.update(x=0, y=1)
+        if "x" not in roles:
+            raise InvalidInput(
+                f"{found}: no columns of positions; it has {titles.listed()}. Write titles into its first line, such as taxel,x (mm),y (mm)."
+            )
+        return list(roles.values())
+
+    table = known.columns(found, wanted)
+    values = dict(zip(roles, table.values.T))
+    for role, numbers in values.items():
+        if not np.isfinite(numbers).all():
+            line = int(table.lines[int(np.argmin(np.isfinite(numbers)))])
+            raise InvalidInput(f"{found}, line {line}: no number in the column {table.titles.names[roles[role]]}.")
+    scale = {role: _metres(found, table.titles, roles[role], unit) for role in "xyz" if role in roles}
+    places = np.stack([values[role] * scale[role] for role in "xy" if role in roles], axis=1)
+    if "z" in values and np.ptp(values["z"]) * scale["z"] > 0.05 * np.ptp(places, axis=0).max():
+        raise InvalidInput(
+            f"{found}: the taxels lie at heights z from {values['z'].min():g} to {values['z'].max():g}, and a plane of a skin is flat. Describe each height as a plane of its own, or lay "
+            "the surface out flat and leave z out."
+        )
+    apart, counts = np.unique(places, axis=0, return_counts=True)
+    if (counts > 1).any():
+        where = ", ".join(f"{v:g}" for v in apart[int(np.argmax(counts))])
+        raise InvalidInput(
+            f"{found}: {counts.max()} taxels are at the same place ({where}) m. Take out the lines of taxels that measure nothing, and mend those that are mistaken."
+        )
+    if "number" in values:
+        order = np.argsort(values["number"], kind="stable")
+        double = np.flatnonzero(np.diff(values["number"][order]) == 0)
+        if len(double):
+            raise InvalidInput(f"{found}: two lines are of taxel {values['number'][order[double[0]]]:g}.")
+        places = places[order]
+    return places
+
+
+def _metres(path: Path, titles: Titles, place: int, unit: str | None) -> float:
+    said = titles.unit(place)
+    if said is not None and said in UNITS["length"]:
+        if unit is not None and per_count(unit, "length") != UNITS["length"][said]:
+            raise InvalidInput(
+                f"{path}: the title {titles.names[place]!r} says {said}, but positions_unit {unit}: leave out the wrong one."
+            )
+        return UNITS["length"][said]
+    if unit is None:
+        raise InvalidInput(
+            f'{path}: no unit of the column {titles.names[place]!r}: write positions_unit = "mm" below positions_file, or the title {titles.names[place]} (mm).'
+        )
+    return per_count(unit, "length")
+
+
 def _read_h5_vectors(path: Path, names: Sequence[str]) -> Floats:
     try:
         with opened(path) as file:
@@ -129,7 +240,8 @@ def _read_columns(path: Path, columns: Sequence[str]) -> Floats:
         unnamed.extend([n for n in titles.names if is_frame(n) and n not in columns][:1])
         return [titles.find(n) for n in (*columns, *unnamed)]
 
-    values = read_table_text(path, wanted).values.T
+    other = path.suffix.lower() in endings("columns")
+    values = (existing(path)[1].columns if other else read_table_text)(path, wanted).values.T
     if unnamed:
         check_one_frame(path, unnamed[0], values[-1])
     check_apart(path, values[:2].T, unit="")

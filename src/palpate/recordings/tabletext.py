@@ -9,7 +9,7 @@ import re
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,18 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings.dates import TimeCells, is_date
 from palpate.recordings.textlines import lines_of, number, warn_of_a_cut
-from palpate.units import plain_unit
+from palpate.units import UNITS, plain_unit
 
-__all__ = ["Table", "Titles", "first_titles", "read_table_text"]
+__all__ = ["SLICE", "Table", "Titles", "first_titles", "read_table_text"]
 
 #: Separators in the order in which they are tried; None: blanks.
 SEPARATORS = ("\t", ";", ",", None)
+#: Some of a row of columns, as Python slices them.
+SLICE = re.compile(r"(?P<name>.*)\[(?P<slice>\d*:\d*(?::\d+)?)\]")
+#: A number of a column that holds several.
+_ENTRY = re.compile(r"(.+)\[(\d+)\]")
+#: Lines in which titles are looked for.
+HEAD = 32
 _UNIT = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]*)[)\]]$")
 _MISSING = ("", "nan", "na", "n/a", "null")
 _PLAIN = re.compile(r"[-+0-9.eE ]*")
@@ -53,6 +59,10 @@ class Titles:
         places = places or [i for i, n in enumerate(self.names) if _bare(n) == name]
         if not places:
             raise InvalidInput(f"{self.source}: no column {name}; it has {self.listed()}.")
+        if len(places) > 1 and all(_ENTRY.fullmatch(self.names[i]) for i in places):
+            raise InvalidInput(
+                f"{self.source}: {name} holds {len(places)} numbers a line: name all of them as {name}[:], or some of them as in {name}[0::3]."
+            )
         if len(places) > 1:
             raise InvalidInput(
                 f"{self.source}: the column {name} is there {len(places)} times; name each column once in its first line."
@@ -79,18 +89,46 @@ class Titles:
             raise InvalidInput(f"{self.source}: no column is like {pattern}; it has {self.listed()}.")
         return found
 
+    def sliced(self, pattern: str) -> list[int] | None:
+        """The places of "name[first:after:step]" among the columns name[0], name[1], ..., as Python counts; of "[::3]" among all."""
+        match = SLICE.fullmatch(pattern)
+        if match is None:
+            return None
+        steps = [int(v) if v else None for v in match["slice"].split(":")]
+        if 0 in steps[2:]:
+            raise InvalidInput(f"{pattern}: the step of a slice must be 1 or more.")
+        numbered = re.compile(rf"{re.escape(match['name'])}\[?(\d{{1,9}})\]?")
+        found = [numbered.fullmatch(_bare(n)) or numbered.fullmatch(n) for n in self.names]
+        order = {int(m[1]): i for i, m in enumerate(found) if m is not None}
+        places = [order[n] for n in sorted(order)] if match["name"] else list(range(len(self.names)))
+        if not places[slice(*steps)]:
+            raise InvalidInput(f"{self.source}: no column is among {pattern}; it has {self.listed()}.")
+        return places[slice(*steps)]
+
     def unit(self, place: int) -> str | None:
         """The unit in the title of a column."""
         match = _UNIT.match(self.names[place])
-        return plain_unit(match["unit"]) if match is not None and self.titled else None
+        return (
+            plain_unit(match["unit"])
+            if match is not None and self.titled and not _ENTRY.fullmatch(self.names[place])
+            else None
+        )
 
     def listed(self) -> str:
         """The titles in words."""
-        some = ", ".join(self.names[:12])[:300] + (f" and {len(self.names) - 12} more" if len(self.names) > 12 else "")
+        names: list[str] = []
+        for name in self.names:  # a list of numbers is one name
+            entry = _ENTRY.fullmatch(name)
+            if entry is not None and names and names[-1].startswith(f"{entry[1]}[0"):
+                names[-1] = f"{entry[1]}[0] to [{entry[2]}]"
+            else:
+                names.append(name)
+        some = ", ".join(names[:12])[:300] + (f" and {len(names) - 12} more" if len(names) > 12 else "")
         return some if self.titled else f"{len(self.names)} columns without titles: name them by their numbers {some}"
 
 
 def _bare(title: str) -> str:
+    """A title without its unit."""
     match = _UNIT.match(title)
     return title if match is None else match["name"].strip()
 
@@ -109,7 +147,9 @@ def read_table_text(path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Ta
     """Read the columns that ``wanted`` picks, by their places; dates and times of day become seconds.
 
     Separators are commas, semicolons, tabs or blanks; decimals have a point, or a comma where that does not separate. Lines that begin with # or %
-    are comments; the last of them may hold the titles.
+    are comments; the last of them may hold the titles. Titles may take several lines (names, then units), below lines of text with other numbers of
+    cells; the first column without a title is
+    named index, as in tables of pandas, and others column 2, column 3, ...
 
     Raises
     ------
@@ -118,19 +158,11 @@ def read_table_text(path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Ta
     """
     tail = _Tail()
     lines = _content(tail.watched(lines_of(path)))
-    head: list[tuple[int, str]] = []
-    comment = ""
-    for count, line in lines:
-        if line[0] in "#%":
-            comment = line.lstrip("#% \t")
-        else:
-            head.append((count, line))
-        if len(head) == 2:
-            break
+    head, comment = _head(lines)
     if not head:
         raise InvalidInput(f"{path}: no lines of numbers; a table has a line of titles and one line per reading.")
     separator, titles, above = _layout(path, head, comment)
-    body = chain(head[1:] if above else head, lines)
+    body = chain(head[above:], lines)
     places = list(wanted(titles))
     clocks = [TimeCells(str(path)) for _ in places]
     values, at = _numbers(path, body, separator, len(titles.names), places, clocks)
@@ -143,6 +175,20 @@ def read_table_text(path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Ta
             values[:, i] = clock.settled(values[:, i])
     dated = frozenset(place for place, clock in zip(places, clocks) if clock.kind)
     return Table(titles, values, np.array(at), dated)
+
+
+def _head(lines: Iterator[tuple[int, str]]) -> tuple[list[tuple[int, str]], str]:
+    """The first lines that are no comments, and the last comment above the second of them."""
+    head: list[tuple[int, str]] = []
+    comment = ""
+    for count, line in lines:
+        if line[0] not in "#%":
+            head.append((count, line))
+        elif len(head) < 2:
+            comment = line.lstrip("#% \t")
+        if len(head) == HEAD:
+            break
+    return head, comment
 
 
 class _Tail:
@@ -178,36 +224,129 @@ def _split(line: str, separator: str | None) -> list[str]:
         return [c.strip() for c in line.split(separator)]
 
 
-def _layout(path: Path, head: list[tuple[int, str]], comment: str) -> tuple[str | None, Titles, bool]:
-    """Separator, titles, and whether these stand in the first line, from the first two lines and the comment above."""
-    first, second = head[0][1], head[-1][1]
-    separator: str | None
-    for separator in SEPARATORS:
-        columns, cells = len(_trimmed(_split(first, separator))), _split(second, separator)
-        if columns > 1 and columns in (len(cells), len(_trimmed(cells))):
-            break
-    else:
-        counts = {s: (len(_split(first, s)), len(_split(second, s))) for s in SEPARATORS}
-        if counts[","][0] > 1 and counts[","][1] == 2 * counts[","][0]:
-            raise InvalidInput(
-                f"{path}, line {head[-1][0]}: {counts[','][1]} cells for {counts[','][0]} columns.{_BOTH}"
-            )
-        if any(c != (1, 1) for c in counts.values()):
-            likely = max(counts, key=lambda s: min(counts[s]))
-            raise InvalidInput(
-                f"{path}, line {head[-1][0]}: {counts[likely][1]} values for {counts[likely][0]} columns, where {_NAMES[likely]} separate them; the file may be truncated. A table has a "
-                "line of titles and lines of as many numbers, separated by commas, semicolons, tabs or blanks."
-            )
-        separator = ","
-    names = _trimmed(_split(first, separator))
-    if not all(_numeric(n, separator) for n in names):
-        return separator, Titles(str(path), tuple(names), True), True
+def _layout(path: Path, head: list[tuple[int, str]], comment: str) -> tuple[str | None, Titles, int]:
+    """Separator, titles, and how many of the first lines hold no numbers, from these lines and the comment above."""
+    lines = [line for _, line in head]
+    separator = _separator(lines[0], lines[min(1, len(lines) - 1)])
+    start, index = 0, False
+    if separator == _NONE:
+        separator, index = _with_index(lines), True
+    if separator == _NONE:
+        (separator, start), index = _after_preamble(lines), False
+    if separator == _NONE:
+        separator = _refused(path, head)
+    rows = [_split(line, separator) for line in lines[start:]]
+    if index:
+        return separator, Titles(str(path), (_INDEX, *rows[0]), True), 1
+    shared = _counts(rows[0]) & _counts(rows[min(1, len(rows) - 1)])
+    count = min(shared, default=1)
+    rows = [(row + [""] * count)[:count] for row in rows]
+    counted = rows[0] == ["", *map(str, range(count - 1))]  # of a data frame whose columns have no names
+    if counted or not all(_numeric(cell, separator) for cell in rows[0]):
+        names, count = _names(rows, separator)
+        return separator, Titles(str(path), names, True), start + count
     said = _trimmed(_split(comment, separator))
-    if len(said) == len(names) and not all(_numeric(n, separator) for n in said):
-        return separator, Titles(str(path), tuple(said), True), False
-    return separator, Titles(str(path), tuple(str(i) for i in range(1, len(names) + 1)), False), False
+    if len(said) == len(rows[0]) and not all(_numeric(n, separator) for n in said):
+        return separator, Titles(str(path), tuple(said), True), start
+    return separator, Titles(str(path), tuple(str(i) for i in range(1, len(rows[0]) + 1)), False), start
 
 
+def _separator(first: str, second: str) -> str | None:
+    """The first separator that splits both lines into as many cells, more than one; or ``_NONE``."""
+    for separator in SEPARATORS:
+        if max(_counts(_split(first, separator)) & _counts(_split(second, separator)), default=0) > 1:
+            return separator
+    return _NONE
+
+
+def _counts(row: Sequence[str]) -> set[int]:
+    """Cells of a line, with and without an empty one at its end."""
+    return {len(row), len(_trimmed(list(row)))} - {1}
+
+
+def _with_index(lines: Sequence[str]) -> str | None:
+    """The separator of a printed data frame: one title less than columns, the first of which counts the rows."""
+    for separator in ("\t", None):
+        titles, *rows = (_split(line, separator) for line in lines)
+        if not rows or any(len(row) != len(titles) + 1 for row in rows) or any(_number(t) for t in titles):
+            continue
+        counts = [row[0].strip('"') for row in rows]
+        if counts[0] in ("0", "1") and counts == [str(i + int(counts[0])) for i in range(len(counts))]:
+            return separator
+    return _NONE
+
+
+def _after_preamble(lines: Sequence[str]) -> tuple[str | None, int]:
+    """The separator of a table below some lines of text, and how many these are."""
+    for separator in SEPARATORS:
+        rows = [_trimmed(_split(line, separator)) for line in lines]
+        count = len(rows[-1])
+        start = next((i + 1 for i in range(len(rows) - 1, -1, -1) if len(rows[i]) != count), 0)
+        above = rows[:start]
+        if (
+            count > 1
+            and 0 < start < len(rows) - 1
+            # a line of titles that are too few is no text
+            and (not all(_numeric(c, separator) for c in rows[start]) or all(len(row) == 1 for row in above))
+            and all(len(row) != count and not all(_numeric(c, separator) for c in row) for row in above)
+        ):
+            return separator, start
+    return _NONE, 0
+
+
+def _names(rows: Sequence[Sequence[str]], separator: str | None) -> tuple[tuple[str, ...], int]:
+    """The titles of the columns, and how many lines they take: names, more of these, units in a line of their own."""
+    count = 1
+    while count < len(rows) - 1 and _words_alone(rows[count]):
+        count += 1
+    titles = [list(row) for row in rows[:count]]
+    units = [""] * len(titles[0])
+    if len(titles) > 1 and all(_is_unit(cell) for cell in titles[-1] if cell):
+        units = [cell.strip("()[] ") for cell in titles.pop()]
+    if len(titles) > 1 and len(set(titles[0])) < len(titles[0]):  # a name above several columns goes on to the right
+        for row in titles[:-1]:
+            for i in range(1, len(row)):
+                row[i] = row[i] or row[i - 1]
+        names = ["_".join(dict.fromkeys(c for c in column if c)) for column in zip(*titles)]
+    else:
+        names = titles[0]
+    names = [name or (f"column {i}" if i > 1 else _INDEX) for i, name in enumerate(names, 1)]
+    return tuple(f"{n} ({u})" if u and _UNIT.match(n) is None else n for n, u in zip(names, units)), count
+
+
+def _words_alone(row: Sequence[str]) -> bool:
+    return any(cell.lower() not in _MISSING for cell in row) and not any(_number(cell) for cell in row)
+
+
+def _is_unit(cell: str) -> bool:
+    return (cell[0] + cell[-1]) in ("()", "[]") or any(cell in known for known in UNITS.values())
+
+
+def _number(cell: str) -> bool:
+    """Whether a cell is, or begins like, a number (or a date)."""
+    return re.match(r"[\"']?[-+.]?\d", cell) is not None
+
+
+def _refused(path: Path, head: list[tuple[int, str]]) -> str:
+    """The separator of a table of one column; `InvalidInput` where lines have other numbers of cells."""
+    first, second = head[0][1], head[min(1, len(head) - 1)][1]
+    line = head[min(1, len(head) - 1)][0]
+    counts = {s: (len(_split(first, s)), len(_split(second, s))) for s in SEPARATORS}
+    if counts[","][0] > 1 and counts[","][1] == 2 * counts[","][0]:
+        raise InvalidInput(f"{path}, line {line}: {counts[','][1]} cells for {counts[','][0]} columns.{_BOTH}")
+    if counts[None][1] > 1 or any(c != (1, 1) for s, c in counts.items() if s is not None):
+        likely = max(counts, key=lambda s: min(counts[s]))
+        raise InvalidInput(
+            f"{path}, line {line}: {counts[likely][1]} values for {counts[likely][0]} columns, where {_NAMES[likely]} separate them; the file may be truncated. A table has a "
+            "line of titles and lines of as many numbers, separated by commas, semicolons, tabs or blanks."
+        )
+    return ","
+
+
+#: What no separator is.
+_NONE = ""
+#: The first column where it has no title: the index of a data frame.
+_INDEX = "index"
 _BOTH = " If commas stand for the decimal point too, save the table with a decimal point, or with semicolons or tabs between cells."
 _NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", None: "blanks"}
 
@@ -319,9 +458,7 @@ class _Decimals:
 
 def first_titles(path: Path) -> Titles:
     """The titles alone; `InvalidInput` as for `read_table_text`."""
-    lines = [(n, t) for n, t in islice(_content(lines_of(path)), 200)]
-    head = [(n, t) for n, t in lines if t[0] not in "#%"][:2]
-    comments = [t.lstrip("#% \t") for n, t in lines if t[0] in "#%" and (not head or n < head[-1][0])]
+    head, comment = _head(_content(lines_of(path)))
     if not head:
         raise InvalidInput(f"{path}: no lines of numbers; a table has a line of titles and one line per reading.")
-    return _layout(path, head, comments[-1] if comments else "")[1]
+    return _layout(path, head, comment)[1]

@@ -14,9 +14,12 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.grids import AreaGrid, LineGrid, check_count, check_length, pair
 from palpate.sensing.limits import check_limits, of_readings
+from palpate.units import is_number
 
 __all__ = ["AreaArray", "Array", "LineArray", "ScatteredArray"]
 
+#: Taxels this many times farther from their neighbours than is usual are mistaken: at 20 the surface's cells are still fine enough.
+FAR_APART = 20.0
 Mask = npt.NDArray[np.bool_]
 Noise = float | Sequence[float] | None
 
@@ -24,18 +27,19 @@ Noise = float | Sequence[float] | None
 def _check_noise(noise: Noise, channels: tuple[str, ...]) -> tuple[float, ...] | None:
     if noise is None:
         return None
-    values = [float(noise)] * len(channels) if isinstance(noise, int | float) else [float(v) for v in noise]
+    each = isinstance(noise, list | tuple | np.ndarray) and getattr(noise, "ndim", 1) > 0
+    values: list[Any] = list(noise) if each else [noise] * len(channels)  # type: ignore[arg-type]
     if len(values) != len(channels):
         raise InvalidInput(
             f"noise must be one standard deviation or one per channel ({len(channels)}: {', '.join(channels)}); "
             f"got {len(values)}."
         )
-    if not all(np.isfinite(v) and v > 0 for v in values):
+    if not all(is_number(v) and v > 0 for v in values):
         raise InvalidInput(
             f"noise must be a positive standard deviation in the unit of the channel; got {noise!r}. "
             "Leave it out where it is not known."
         )
-    return tuple(values)
+    return tuple(float(v) for v in values)
 
 
 def _check_depth(depth: object) -> None:
@@ -55,6 +59,27 @@ def _check_mask(mask: Any, shape: tuple[int, ...]) -> Mask | None:
         raise InvalidInput("mask leaves no working taxel.")
     found.setflags(write=False)
     return found
+
+
+def _check_apart(positions: Floats) -> None:
+    """Refuse a few positions far from all others: the surface would be stretched to them, in cells as coarse.
+
+    Judged by the distance to the third neighbour (of few positions the second), so that up to three mistaken ones are found.
+    """
+    from scipy.spatial import cKDTree
+
+    few = min(3, len(positions) // 4)
+    if few < 2:
+        return
+    away = cKDTree(positions).query(positions, k=few + 1)[0][:, -1]
+    usual = float(np.median(away))
+    worst = int(np.argmax(away))
+    if away[worst] > FAR_APART * usual:
+        where = ", ".join(f"{v:g}" for v in positions[worst])
+        raise InvalidInput(
+            f"positions: taxel {worst} at ({where}) m lies {away[worst]:.3g} m from the others, which lie {usual:.3g} m apart. Correct its position (its unit?), or take it out of positions "
+            "and readings."
+        )
 
 
 class _Common:
@@ -247,7 +272,7 @@ class AreaArray(_Common):
     Parameters
     ----------
     shape : (int, int)
-        Rows and columns (ny, nx).
+        Rows and columns (ny, nx); one of them may be 1, a single row of taxels on a pad that is pressed anywhere.
     pitch : float or (float, float)
         Distance between taxels [m], one or (dy, dx).
     depth : float or "base"
@@ -304,7 +329,9 @@ class AreaArray(_Common):
     def __post_init__(self) -> None:
         if not isinstance(self.shape, tuple | list) or len(self.shape) != 2:
             raise InvalidInput(f"shape must be (rows, columns); got {self.shape!r}.")
-        object.__setattr__(self, "shape", tuple(check_count("shape", n) for n in self.shape))
+        object.__setattr__(self, "shape", tuple(check_count("shape", n, 1) for n in self.shape))
+        if max(self.shape) < 2:
+            raise InvalidInput("shape must have at least 2 taxels; got 1 x 1.")
         pair("pitch", self.pitch)
         _check_depth(self.depth)
         pair("aperture", self.aperture, zero=True)
@@ -395,8 +422,7 @@ class ScatteredArray(_Common):
             raise InvalidInput(f"positions contain {np.count_nonzero(~np.isfinite(found))} values that are not finite.")
         if len(np.unique(found, axis=0)) != len(found):
             raise InvalidInput("positions name one place twice: average such markers before you pass them.")
-        if np.any(np.ptp(found, axis=0) == 0):
-            raise InvalidInput("positions lie on one line along an axis: use positions (n,) for line contact.")
+        _check_apart(found)
         found.setflags(write=False)
         object.__setattr__(self, "positions", found)
         _check_depth(self.depth)

@@ -211,7 +211,7 @@ def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:
     if isinstance(array, ScatteredArray):
         some = np.flatnonzero(wanted)
         points = array.points
-        if len(some) < 2 or np.any(np.ptp(points[some], axis=0) == 0):  # an array has a size
+        if len(some) < 2:  # an array has two at least
             some = np.unique(np.concatenate([some, points.argmin(axis=0), points.argmax(axis=0)]))
         return replace(array, positions=np.asarray(array.positions)[some], mask=None, limits=None), some
     there = wanted.reshape(array.shape)
@@ -220,7 +220,7 @@ def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:
         others = tuple(a for a in range(there.ndim) if a != axis)
         found = np.flatnonzero(there.any(axis=others))
         low, high = int(found[0]), int(found[-1])
-        if low == high:  # an array has two at least
+        if low == high and n > 1:  # an array has two at least
             low, high = (low, high + 1) if high + 1 < n else (low - 1, high)
         ranges.append(np.arange(low, high + 1))
     chosen = np.ravel_multi_index(np.meshgrid(*ranges, indexing="ij"), array.shape).ravel()

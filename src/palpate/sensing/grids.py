@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +26,7 @@ def check_count(name: str, value: object, minimum: int = 2) -> int:
 
 def check_length(name: str, value: object, *, zero: bool = False, sign: bool = False) -> float:
     """``value`` as a float length [m], or `InvalidInput`."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise InvalidInput(f"{name} must be one number of metres; got {value!r}.")
     number = float(value)
     ok = math.isfinite(number) and (sign or number > 0 or (zero and number == 0))
@@ -131,7 +132,7 @@ class AreaGrid:
     Raises
     ------
     InvalidInput
-        Fewer than 2 cells along an axis, or a spacing that is not positive and finite.
+        Fewer than 2 cells, or a spacing that is not positive and finite.
 
     Examples
     --------
@@ -155,7 +156,9 @@ class AreaGrid:
         if len(self.shape) != 2:
             raise InvalidInput(f"shape must be (ny, nx); got {self.shape!r}.")
         for n in self.shape:
-            check_count("shape", n)
+            check_count("shape", n, 1)
+        if max(self.shape) < 2:
+            raise InvalidInput("shape must have at least 2 cells; got 1 x 1.")
         pair("spacing", self.spacing)
         pair("center", self.center, sign=True)
 

@@ -571,7 +571,11 @@ class Operator:
 
 
 def check_surface(planes: Sequence[Array], surface: Grid) -> None:
-    """Refuse a surface of another kind of contact than the arrays are in."""
+    """Refuse a surface of another kind of contact than the arrays are in, or of a single row of cells."""
+    if min(surface.shape) < 2:
+        raise InvalidInput(
+            f"the surface has {' x '.join(map(str, surface.shape))} cells, and at least 2 are needed along each axis. Leave surface out, or give more rows."
+        )
     for array in planes:
         if array.dimensions != surface.dimensions:
             raise InvalidInput(

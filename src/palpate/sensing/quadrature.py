@@ -30,6 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._threads import cached_property
+from palpate.elastic.closed_form import across_edges
 from palpate.elastic.pad import Complexes, Floats, Pad
 from palpate.elastic.quantities import WaveFields
 from palpate.errors import Unsupported
@@ -204,7 +205,11 @@ class Uppermost:
     ) -> Floats:
         """Channels per unit traction of one cell, see `palpate.HalfSpace.influence`."""
         if len(offsets) == 1:
-            return self._line(offsets[0], widths[0], depth, channels, concentrated, damping)
+
+            def at(places: Sequence[Floats]) -> Floats:
+                return self._line(places[0], widths[0], depth, channels, concentrated, damping)
+
+            return at(offsets) if depth + damping or concentrated else across_edges(at, offsets, widths)
         y, x = offsets
         shape = (*y.shape, x.shape[-1])
         yy, xx = (np.broadcast_to(v, shape).ravel() for v in (y[..., :, None], x[..., None, :]))

@@ -12,6 +12,7 @@ from palpate.elastic.layers import BondedLayers
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import Array
+from palpate.units import is_number
 
 __all__ = ["EXACT", "GAIN", "GEOMETRY", "MODULUS", "SCALE", "STEP", "Uncertainty", "scale_free", "stretched"]
 
@@ -84,7 +85,7 @@ class Uncertainty:
             value = getattr(self, f.name)
             if value is None and f.default is None:
                 continue
-            good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+            good = is_number(value)
             if not good or not 0.0 <= value < 1.0:
                 raise InvalidInput(
                     f"uncertainty: {f.name} must be a relative standard deviation from 0 to less than 1 (0.1 for ten per cent); got {value!r}."

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
-
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.pad import offered
 from palpate.errors import InvalidInput, Unsupported
+from palpate.units import is_number
 
 __all__ = ["check_half_space", "positive", "slip_ratio", "smoothed_modulus"]
 
 
 def positive(name: str, value: float, unit: str) -> float:
     """``value`` as a float, or `InvalidInput` unless it is positive and finite."""
-    if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+    if not (is_number(value) and value > 0):
         raise InvalidInput(f"{name} must be a positive, finite number of {unit}; got {value!r}.")
     return float(value)
 

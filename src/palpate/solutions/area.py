@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -78,7 +79,7 @@ class AreaContact:
     Examples
     --------
     >>> from palpate import HalfSpace, solutions
-    >>> ball = solutions.hertz_point(radius=1e-3, force=1.0)
+    >>> ball = solutions.hertz_point(contact_radius=1e-3, force=1.0)
     >>> ball.sliding(0.5).force.round(3).tolist()  # dragged towards +x
     [0.5, 0.0, 1.0]
 
@@ -283,22 +284,43 @@ def patch(*, half_widths: tuple[float, float], traction: float, component: str =
     return _single("patch", (a, b), 4 * a * b * traction, component)
 
 
-def hertz_point(*, radius: float, force: float) -> AreaContact:
-    """A ball: p = (3P/(2 pi a^2)) sqrt(1 - r^2/a^2), ``force`` P [N], contact ``radius`` a [m] (Hertz 1882).
+def hertz_point(*, force: float, contact_radius: float | None = None, radius: float | None = None) -> AreaContact:
+    """A ball: p = (3P/(2 pi a^2)) sqrt(1 - r^2/a^2) within the ``contact_radius`` a [m], ``force`` P [N] (Hertz 1882).
+
+    The radius a of the contact is not that of the ball: `hertz_contact_radius` tells it from the ball's, the force and the pad. ``radius`` is the
+    former name of ``contact_radius``, and warns.
 
     Raises
     ------
     InvalidInput
-        A radius or force that is not positive and finite.
+        No radius or two of them, or a radius or force that is not positive and finite.
 
     Examples
     --------
-    >>> from palpate import solutions
-    >>> ball = solutions.hertz_point(radius=1e-3, force=1.0)
+    >>> from palpate import HalfSpace, solutions
+    >>> ball = solutions.hertz_point(contact_radius=1e-3, force=1.0)
     >>> ball.traction(0.0, 0.0).round(-2).tolist()  # peak 3 P / (2 pi a^2)
     [0.0, 0.0, 477500.0]
+
+    >>> pad = HalfSpace(youngs_modulus=3e5, poissons_ratio=0.5)
+    >>> a = solutions.hertz_contact_radius(pad, radius=10e-3, force=1.0)  # of a ball of 20 mm across
+    >>> round(solutions.hertz_point(contact_radius=a, force=1.0).size[0], 6)
+    0.002657
     """
-    a = positive("radius", radius, "metres")
+    if radius is not None:
+        if contact_radius is not None:
+            raise InvalidInput("contact_radius and radius are both given; radius is its former name: leave it out.")
+        warnings.warn(
+            "hertz_point(radius=...) is the radius of the contact, not of the ball: write contact_radius=. hertz_contact_radius tells it from the ball's.",
+            FutureWarning,
+            stacklevel=2,
+        )
+        contact_radius = radius
+    if contact_radius is None:
+        raise InvalidInput(
+            "contact_radius is missing: the radius of the contact [m]; hertz_contact_radius(pad, radius=..., force=...) tells it from the ball's."
+        )
+    a = positive("contact_radius", contact_radius, "metres")
     return _single("hertz", (a, a), positive("force", force, "newtons"), "z")
 
 

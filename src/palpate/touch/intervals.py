@@ -21,6 +21,7 @@ from palpate.inverse.registry import methods as known_methods
 from palpate.status import Status
 from palpate.touch.outcome import pulling
 from palpate.uncertainty import Calibration, Constants, constants
+from palpate.units import is_number
 
 if TYPE_CHECKING:
     from palpate.touch.result import Touch
@@ -97,7 +98,7 @@ def std(touch: Touch) -> Floats:
 
 def interval(touch: Touch, level: float, of: str, friction: float | None) -> tuple[Floats, Floats]:
     """See `Touch.interval`."""
-    if not (isinstance(level, int | float) and 0 < level < 1):
+    if not (is_number(level) and 0 < level < 1):
         raise InvalidInput(f"level must lie between 0 and 1; got {level!r}.")
     errors(touch)
 

@@ -10,6 +10,7 @@ import numpy as np
 from palpate._arrays import from_numpy, namespace
 from palpate.errors import InvalidInput, NotObservable
 from palpate.sensing.grids import Grid
+from palpate.units import is_number
 
 __all__ = ["Numbers"]
 
@@ -218,7 +219,7 @@ class Numbers:
         -100.0
         """
         self._require(*self.surface.components)
-        if not (isinstance(friction, int | float) and math.isfinite(friction) and friction > 0):
+        if not (is_number(friction) and friction > 0):
             raise InvalidInput(f"friction must be a positive number; got {friction!r}.")
         xp = namespace(self.values)
         margin = friction * self._component("z") - self._shear_size()

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy, to_numpy
-from palpate.errors import Unsupported
+from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.cone import Cone
 from palpate.inverse.contact.constrained import ConstrainedEstimator
@@ -24,6 +24,8 @@ from palpate.inverse.problem import Problem
 
 __all__ = ["Adaptive", "Automatic", "AutomaticEstimator", "Constrained", "Local", "cone_of"]
 
+#: Beyond this coefficient of friction the bound |q| <= mu p says nothing, and its scale spoils the numerics.
+LARGEST_FRICTION = 10.0
 _FRICTION = "coefficient of friction mu: |shear| <= mu * pressure in every cell"
 _DRAWS = "samples of the posterior kept with the result (slow: each is an optimisation)"
 
@@ -34,6 +36,11 @@ def cone_of(components: tuple[str, ...], friction: float | None) -> Cone:
         raise Unsupported(
             "friction ties shear to pressure, and only pressure is sought here. Leave friction out, or seek shear too, with "
             "channels that can tell it from pressure."
+        )
+    if friction is not None and friction > LARGEST_FRICTION:
+        raise InvalidInput(
+            f"friction = {friction:g} is no coefficient of friction: those of rubber and skin end below {LARGEST_FRICTION:g}. Where a contact cannot slip, leave friction out: shear is "
+            "then not bounded by pressure."
         )
     return Cone(components, friction)
 

@@ -111,7 +111,8 @@ def _remedy(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) ->
     first = planes[0]
     if isinstance(first, ScatteredArray):
         extent = np.ptp(first.points, axis=0)
-        pitch = float((np.prod(extent) / len(first.points)) ** (1.0 / first.dimensions))
+        wide = extent[extent > 0]
+        pitch = float((np.prod(wide) / len(first.points)) ** (1.0 / len(wide)))
         for _ in range(PITCHES):
             pitch = float(f"{COARSER * pitch:.2g}")
             counts = np.maximum(2, np.floor(extent / pitch + 1e-9).astype(int))
