@@ -3,12 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-__all__ = ["FrameTime", "FrameTimes"]
+import numpy as np
+
+from palpate.errors import InvalidInput
+
+__all__ = ["FrameTime", "FrameTimes", "checked_time"]
+
+#: Times beyond this many seconds (31,000 years) are no times: in double precision their frames cannot be a millisecond apart.
+LATEST = 1e12
 
 #: Least time between two frames, as a part of the usual one: the memory of creep needs time that increases. Nothing in a pad
 #: changes in so little of a frame.
 LEAST_STEP = 1e-6
+
+
+def checked_time(time: Any) -> float | None:
+    """The time of a frame [s], None where it has none; `InvalidInput` where it is no number of seconds."""
+    if time is None:
+        return None
+    number = np.asarray(time)
+    if number.ndim == 0 and number.dtype.kind in "iuf" and abs(float(number)) <= LATEST:
+        return float(number)
+    raise InvalidInput(f"time must be a finite number of seconds, at most {LATEST:.0e} in size; got {time!r}.")
 
 
 @dataclass(frozen=True)

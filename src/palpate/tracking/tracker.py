@@ -35,10 +35,11 @@ from palpate.tracking.misfit import Misfit
 from palpate.tracking.offsets import Offsets
 from palpate.tracking.ready import make_ready
 from palpate.tracking.region import NormalEquations
+from palpate.tracking.rest import Rest
 from palpate.tracking.search import LOST, TAKEN
 from palpate.tracking.standing import Standing
-from palpate.tracking.times import FrameTime, FrameTimes
-from palpate.tracking.zero import Zero
+from palpate.tracking.times import FrameTime, FrameTimes, checked_time
+from palpate.tracking.zero import FRAMES_FOR_NOISE, Zero
 from palpate.uncertainty import Case
 
 __all__ = ["FRAMES_OF_ZERO", "Tracker", "check_settings"]
@@ -191,7 +192,7 @@ class Tracker:
         n, estimator = len(self._std), self.estimator
         self.health = Health(left_out=np.zeros(n, dtype=bool), reasons=np.zeros(n, dtype="<U12"), label=self._label)
         self._check = ReadingCheck(self.health, self._limits, ends_of(estimator.operator.planes_of), self._std)
-        self._standing = Standing()
+        self._standing, self._rest = Standing(), Rest()
         self._times = FrameTimes(self.rate)
         self._zero = Zero(self._given_zero, self._zero_frames, self.drift_time, self._offsets.index)
         self._learning = Learning(estimator)
@@ -332,7 +333,7 @@ class Tracker:
         Raises
         ------
         InvalidInput
-            A reading or std of the wrong shape or kind, or a time that is not finite; the tracker is then as it was before.
+            A reading or std of the wrong shape or kind, or a time that is no finite number of seconds; the tracker is then as it was before.
 
         Examples
         --------
@@ -355,10 +356,9 @@ class Tracker:
         """`step`, before which work beside the stream gives way."""
         started = clock.perf_counter()
         flat, like = self._flat(reading)
-        if time is not None and not math.isfinite(time):
-            raise InvalidInput(f"time must be a finite number of seconds; got {time!r}.")
+        seconds = checked_time(time)
         known = None if std is None else self._typical(std)
-        frame = self._times.next(time)
+        frame = self._times.next(seconds)
         self._said = []
         note = self._note(frame)
         try:
@@ -406,8 +406,10 @@ class Tracker:
         if zero.baseline is None or zero.capturing:
             self._standing = Standing()
             learning.take_noise(zero.capture(scaled))
-            if zero.moved and not zero.capturing:
-                self._said.append(MOVED)
+            if not zero.capturing:
+                self._rested(zero.shown)
+                if zero.moved:
+                    self._said.append(MOVED)
             return Status.CAPTURING_ZERO, True
         if known is not None:
             learning.state(known)
@@ -425,22 +427,28 @@ class Tracker:
             noise = max(rough_noise(y[~unused]), ROUNDING * float(np.abs(scaled[~unused]).max(initial=0.0)))
         if follows:
             offsets.pass_time(elapsed, offsets.scale(learning.noise, y), observed=self._contact.observes)
-        slope = self._equations.adjoint(y, unused)
-        highest = float(np.abs(self._equations.score(slope)).max()) / max(noise, 1e-30)
-        if not self._touching and highest > TAKEN and self._one_taxel(y, noise):
+        slope, level = self._equations.adjoint(y, unused), self._rest.level(max(noise, 1e-30))
+        score = self._equations.score(slope)
+        highest = float((np.abs(score) / level).max())
+        if not self._touching and highest > TAKEN and self._one_taxel(y, level):
             return self._unless_frozen(Status.NO_CONTACT), True  # a glitch of one taxel is not a contact
-        if self._touching and self._could_be_none(offsets.mean, unused, highest * noise, noise):
-            # quiet on the zero as it was: the offsets were none
-            whole = slope + self._equations.of_offsets(offsets.mean, unused)
-            if float(np.abs(self._equations.score(whole)).max()) < LOST * noise:
+        if self._touching and offsets.mean.any():
+            whole = self._equations.score(slope + self._equations.of_offsets(offsets.mean, unused))
+            without = float((np.abs(whole) / level).max())
+            if without < LOST:
+                # at rest on the zero as it was: the offsets, and their rate where they only disturb, were none
                 offsets.clear()
-                y, highest = check.zeroed(scaled - zero.baseline, flat, offsets.index), 0.0
+                if without <= highest:
+                    offsets.rate = np.zeros_like(offsets.rate)
+                y, score, highest = check.zeroed(scaled - zero.baseline, flat, offsets.index), whole, without
         before, self._touching = self._touching, highest > (LOST if self._touching else TAKEN)
         if not self._touching:
             if before:
                 self._release()
                 zero.shift(offsets.value())  # quiet with them: they are the zero's
             offsets.clear()
+            if learning.noise is not None:
+                self._rest.look(np.where(unused, math.nan, y), score, largest=TAKEN * float(level.max()))
             health.rezeroed += zero.follow(scaled, elapsed, noise)
             if follows:
                 zero.shift(offsets.follow(y, unused))
@@ -474,6 +482,17 @@ class Tracker:
             return self._unless_frozen(Status.NOT_PUSHING), converged
         return self._unless_frozen(Status.SOLVED if converged else Status.NOT_CONVERGED), converged
 
+    def _rested(self, frames: Floats) -> None:
+        """Take in what the frames of a zero (frame, reading) leave of it: nothing touches in them."""
+        self._rest = Rest()
+        if len(frames) < FRAMES_FOR_NOISE:
+            return
+        for y in frames * math.sqrt(len(frames) / (len(frames) - 1)):
+            absent = ~np.isfinite(y)
+            self._rest.look(
+                y, self._equations.score(self._equations.adjoint_of(np.where(absent, 0.0, y), absent)), largest=math.inf
+            )
+
     def _unfinished(self) -> str:
         """What helps where the iteration did not end."""
         if self.budget is not None and not self._contact.exhausted:
@@ -482,10 +501,6 @@ class Tracker:
             f"the steps of this frame ended the iteration: the next frame goes on from here, and a tolerance looser than {self.tolerance:.3g} "
             "(tolerance=) ends it earlier"
         )
-
-    def _could_be_none(self, offsets: Floats, unused: Flags, highest: float, noise: float) -> bool:
-        """Whether these offsets (channel,), put back, might leave no contact."""
-        return bool(offsets.any()) and highest - self._equations.score_of_offsets(offsets, unused) < LOST * noise
 
     def _say(self, elapsed: float) -> None:
         """What there is to say about the present contact."""
@@ -582,13 +597,13 @@ class Tracker:
             scaled = np.where(creeping & usable, self.estimator.readings.flat(planes), scaled)
         return scaled / self._std
 
-    def _one_taxel(self, y: Floats, noise: float) -> bool:
+    def _one_taxel(self, y: Floats, level: Floats) -> bool:
         """Whether one reading alone makes the frame look like contact; it is then counted as bad."""
         largest = int(np.argmax(np.abs(y)))
         without = y.copy()
         without[largest] = 0.0
         adjoint = self._equations.adjoint(without, self._check.unused)
-        if float((np.abs(self._equations.score(adjoint)) / max(noise, 1e-300)).max()) > TAKEN:
+        if float((np.abs(self._equations.score(adjoint)) / level).max()) > TAKEN:
             return False
         self._check.count(np.arange(len(y)) == largest, "unexplained")
         return True

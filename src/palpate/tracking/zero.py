@@ -12,7 +12,7 @@ from palpate.sensing.zero import far_frames, moved
 from palpate.tracking.health import Flags
 from palpate.tracking.search import TAKEN
 
-__all__ = ["Zero"]
+__all__ = ["FRAMES_FOR_NOISE", "Zero"]
 
 #: Frames from which the noise is taken with the zero: with 5, and some hundred readings that share it, it is known to a few per cent.
 FRAMES_FOR_NOISE = 5
@@ -35,6 +35,7 @@ class Zero:
         self.time_constant = time_constant
         self._frames = frames
         self._captured: list[Floats] = []
+        self.shown: Floats = np.zeros((0, 0))  # frames of the last zero less their mean (frame, reading); NaN where missing
         self.variance = 0.0  # of the zero, in units of the noise's
         self._only: Flags | None = None  # readings whose zero is captured again
         self.moved, self._index, self._left = False, index, 1.0
@@ -75,6 +76,7 @@ class Zero:
             taken = good.any(axis=0) if self._only is None else good.any(axis=0) & self._only
             self.baseline, self._only = np.where(taken, mean, old), None
             self.variance = 1.0 / max(len(frames) - int(far.sum()), 1)
+            self.shown = np.where(good, frames - mean, math.nan)[~far]
             if self._frames < FRAMES_FOR_NOISE:
                 return None
             square = np.where(good, (frames - mean) ** 2, 0.0).sum() / max((count - 1).sum(), 1)
