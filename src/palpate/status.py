@@ -74,6 +74,18 @@ class Status(enum.IntEnum):
         "a coarser surface or a larger parameter helps; please report the frame",
         False,
     )
+    UNEXPLAINED = (
+        8,
+        "unexplained",
+        "the pad's model does not explain these readings",
+        "check pad, depth, units, axes and signs of the channels, and broken taxels; press with a known force to check the unit",
+    )
+    OVERLOAD = (
+        9,
+        "overload",
+        "the readings under the contact are at the end of their range: the load is at least what is told, and may be any more",
+        "press less, or use a sensor or a setting of a larger range; the next frame in range is answered again",
+    )
 
     @classmethod
     def of(cls, label: str) -> Status:

@@ -19,6 +19,7 @@ from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.estimate import Errors, Stated
 from palpate.tracking.background import Background
+from palpate.tracking.discrepancy import LARGEST, PRIOR, share_of
 from palpate.tracking.dragging import Drag, Dragging
 from palpate.tracking.errors import ErrorBars
 from palpate.tracking.health import Flags, Index, ReadingCheck
@@ -346,16 +347,15 @@ class Contact:
         self._offsets.update(observed.counts, innovation, self.noise)
 
     def _fit(self, found: _Found, frame: Frame) -> float:
-        """Misfit probability of what is left; NaN until it is known how much the contact takes up."""
-        if math.isnan(self._errors.taken):
-            return math.nan
+        """Misfit probability of what is left."""
         used = ~found.unused
+        noise = self._learning.in_contact(frame.actual[used])
         return self._misfit.probability(
             found.rest,
             used,
-            frame.noise * frame.noisier,
+            (frame.noise if noise is None else noise) * frame.noisier,
             largest=float(np.abs(frame.actual[used]).max(initial=0.0)),
-            taken=self._errors.taken + self._offsets.columns.shape[1],
+            taken=min(self._taken(int(used.sum())) + self._offsets.columns.shape[1], used.sum() - 1.0),
             known=self._learning.noise_known,
         )
 
@@ -480,6 +480,7 @@ class Contact:
         pushed, converged, pulls = self._pushed(frame)
         count = int(check.suspects.sum())
         suspects = check.suspects.copy()
+        unexplained = PRIOR if self._learning.discrepancy.zeroed else self._limits.unexplained_signal
         if pushed.fits and not pulls and count <= max(FEWEST, FEW * len(pushed.rest)):
             return self._accept_push(frame, pushed, converged)
         marginal = self._marginal
@@ -487,7 +488,7 @@ class Contact:
         pulled = self._pulled(frame)
         variance = (
             frame.noise**2
-            + (self._limits.unexplained_signal * float(np.sqrt(np.mean(frame.actual[~pushed.unused] ** 2)))) ** 2
+            + (unexplained * float(np.sqrt(np.mean(frame.actual[~pushed.unused] ** 2)))) ** 2
         )
         costs = [
             0.5 * f.left**2 * float((~f.unused).sum()) / variance + COST_OF_READING * c + extra
@@ -533,6 +534,7 @@ class Contact:
     def _accept_push(self, frame: Frame, pushed: _Found, converged: bool) -> bool:
         self.pushing = True
         self._pulling.clear()
+        frame, pushed = self._with_discrepancy(frame, pushed)
         if pushed.fits and self._check.suspects.sum() <= MOST * len(pushed.rest):
             _, limit = self._wrong(frame, pushed)
             self._check.judge(self._check.suspects.copy(), pushed.rest, limit, EVERY)
@@ -540,6 +542,29 @@ class Contact:
         self._tolerated = max(ENERGY, TOLERATED * excess / max(self._energy, 1e-300))
         self._take(pushed, frame.noise)
         return converged
+
+    def _with_discrepancy(self, frame: Frame, found: _Found) -> tuple[Frame, _Found]:
+        """Learn what the pad's model leaves unexplained; a frame with no more than that is explained."""
+        noise, known, used = self._learning.noise, self._learning.discrepancy, ~found.unused
+        if noise is None or not known.zeroed or not used.any():
+            return frame, found
+        size, count = float(np.sqrt(np.mean(frame.actual[used] ** 2))), int(used.sum())
+        free = count - self._taken(count)
+        share = share_of(found.left, noise, size, used=count, free=free)
+        if share <= LARGEST:
+            known.look(share, free=free)
+            if not found.fits:
+                known.raised(share)
+            frame, found = frame._replace(noise=known.noise(noise, size)), found._replace(fits=True)
+        return frame, found
+
+    def _taken(self, count: int) -> float:
+        """Degrees of freedom of so many readings that the contact takes up, one less at the most."""
+        taken = self._errors.taken
+        if math.isnan(taken):
+            pressed = np.count_nonzero(self._solution.pressure) / self._estimator.taxels
+            taken = min(pressed, 1.0) * self._estimator.effective_freedom(self._parameter)
+        return min(taken, count - 1.0)
 
     def _take(self, found: _Found, noise: float) -> None:
         self.fits, self.residual, self._looked = found.fits, found.left, found

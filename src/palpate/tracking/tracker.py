@@ -29,6 +29,7 @@ from palpate.status import Status
 from palpate.touch import Touch
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact, Frame
+from palpate.tracking.discrepancy import widened
 from palpate.tracking.health import Flags, Health, ReadingCheck
 from palpate.tracking.learning import Learning, rough_noise
 from palpate.tracking.misfit import Misfit
@@ -54,6 +55,8 @@ AFTER_RESTART = 10
 FRAMES_OF_ZERO = 10
 #: What subtracting a zero, the mean of some frames, leaves of a reading in double precision.
 ROUNDING = 1e-12
+#: Share of the readings that a pad's model leaves unexplained from which on it is said.
+SAID = 0.05
 #: Part of the budget in which a frame's iteration ends; the rest is for the answer.
 BUDGET_OF_ITERATION = 0.8
 
@@ -478,7 +481,9 @@ class Tracker:
         self._say(elapsed)
         if not converged:
             health.approximate += 1
-        if not (contact.pushing and contact.fits):
+        if not contact.fits:
+            return self._unless_frozen(Status.UNEXPLAINED), converged
+        if not contact.pushing:
             return self._unless_frozen(Status.NOT_PUSHING), converged
         return self._unless_frozen(Status.SOLVED if converged else Status.NOT_CONVERGED), converged
 
@@ -508,12 +513,13 @@ class Tracker:
         self._standing.interrupt()
         if self._standing.now:
             said.append(STANDS)
-        if not contact.pushing:
+        if not contact.pushing and contact.fits:
+            said.append("traction of either sign was sought, which explains the readings")
+        share = self._learning.discrepancy.posterior
+        if contact.fits and share >= SAID:
             said.append(
-                "traction of either sign was sought, which explains the readings" + ("" if contact.fits else " better")
+                f"the pad's model leaves {share:.0%} of these readings unexplained; intervals allow for it"
             )
-        if not contact.fits:
-            said.append("neither contact nor a few wrong readings explain this frame: error bars go by what is left")
         if self._check.clipped.any():
             said.append(
                 f"{int(self._check.clipped.sum())} readings are at the end of their range: left out, and the load is at least what they tell"
@@ -629,10 +635,13 @@ class Tracker:
         elif self._touching and contact.cells is not None:
             values[np.asarray(estimator.columns)[:, None], contact.cells[None, :]] = contact.traction
             errors, stated = contact.errors, contact.stated
+            share = learning.discrepancy.posterior
+            if share and values.any():
+                stated = widened(stated, values.reshape(-1, *grid.shape), grid, share)
         else:
             errors = contact.undetected(noise)
         said = [*([] if note is None else [note]), *self._said]
-        pushing = status is not Status.NOT_PUSHING
+        pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
         drag = contact.drag if status.known and self._touching else None
         if status is Status.NOT_CONVERGED:
             said.append(self._unfinished())
