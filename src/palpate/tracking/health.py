@@ -28,6 +28,9 @@ STUCK_ALONE = 0.1
 SELDOM = 0.1
 #: So many readings of a channel at one value, its largest, are at a ceiling, where at least this part of the others differ.
 CEILING, ALIKE = 2, 0.9
+#: Beyond this part of a channel's readings at an end of their range the others do not tell the load. Of balls on 6 x 6 and 10 x 10 taxels the
+#: truth was above the upper end of the interval in none of 16 frames with up to 15 %, and in one of 6 with up to 25 %.
+MOST_CLIPPED = 0.2
 #: A frame is answered where at least this part of the readings is finite, in range and not left out: with half of the taxels
 #: the spacing of those left is 1.4 times as wide.
 ENOUGH = 0.5
@@ -118,6 +121,7 @@ class ReadingCheck:
         self._absent = np.zeros(n, dtype=bool)  # not usable in this frame, besides those left out
         self.suspects = np.zeros(n, dtype=bool)  # not explained at the last look
         self.clipped = np.zeros(n, dtype=bool)  # at a given or evident end of their range in this frame
+        self.overload = False  # whether so many are that the load has no upper end
 
     @property
     def unused(self) -> Flags:
@@ -166,7 +170,11 @@ class ReadingCheck:
         """A frame with 0 for the readings that are not used; what is clipped shows in the readings as they came (``flat``)."""
         high, low = at_ends(flat, self._ends, y * self._std)
         self.clipped = clipped(flat, index) | high | low
-        self._absent = (~np.isfinite(y) | self.clipped) & ~self.health.left_out
+        came = np.bincount(index, np.isfinite(flat))
+        self.overload = bool((np.bincount(index, self.clipped) > MOST_CLIPPED * np.maximum(came, 1)).any())
+        # of a few the others tell how far they are beyond their ends; of many nothing does, and what they say is the least
+        absent = ~np.isfinite(y) if self.overload else ~np.isfinite(y) | self.clipped
+        self._absent = absent & ~self.health.left_out
         return np.where(self.unused, 0.0, y)
 
     def count(self, bad: Flags, reason: str) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -481,6 +482,8 @@ class Tracker:
         self._say(elapsed)
         if not converged:
             health.approximate += 1
+        if check.overload and contact.pushing:
+            return Status.OVERLOAD, converged
         if not contact.fits:
             return self._unless_frozen(Status.UNEXPLAINED), converged
         if not contact.pushing:
@@ -521,9 +524,9 @@ class Tracker:
                 f"the pad's model leaves {share:.0%} of these readings unexplained; intervals allow for it"
             )
         if self._check.clipped.any():
-            said.append(
-                f"{int(self._check.clipped.sum())} readings are at the end of their range: left out, and the load is at least what they tell"
-            )
+            count = int(self._check.clipped.sum())
+            used = "the load has no upper end" if self._check.overload else "left out, and the load is at least what they tell"
+            said.append(f"{count} readings are at the end of their range: {used}")
         drift = self._offsets.notable()
         for c in np.flatnonzero(drift):
             first = int(np.argmax(self._offsets.index == c))
@@ -636,6 +639,8 @@ class Tracker:
             values[np.asarray(estimator.columns)[:, None], contact.cells[None, :]] = contact.traction
             errors, stated = contact.errors, contact.stated
             share = learning.discrepancy.posterior
+            if status is Status.OVERLOAD and errors is not None:
+                errors = _open(errors)
             if share and values.any():
                 stated = widened(stated, values.reshape(-1, *grid.shape), grid, share)
         else:
@@ -671,3 +676,8 @@ class Tracker:
             sticking=None if drag is None else drag.sticking,
             fit=np.asarray(self._fit if status.known else math.nan),
         )
+
+
+def _open(errors: Errors) -> Errors:
+    """Errors of a load of which only the least is known: the interval of its force has no upper end."""
+    return replace(errors, beyond_force=np.full_like(errors.beyond_force, math.inf))
