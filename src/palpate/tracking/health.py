@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -22,8 +23,14 @@ Single = npt.NDArray[np.float32]
 BAD, GOOD = 5, 40
 #: Frames in which a reading, or the whole sensor, may repeat itself exactly: a quarter of a second at 200 Hz.
 STUCK = 50
-#: One reading is stuck only where most others have changed within this part of STUCK: a coarse converter repeats itself everywhere.
-STUCK_ALONE = 0.1
+#: Readings are stuck where they repeat themselves so often in a row that, as often as they did before, it happens once in so many frames ...
+CHANCE = 1e-6
+#: ... of at least so many before, ...
+BEFORE = 20
+#: ... and so many times as often as most: a coarse converter repeats itself everywhere.
+ALONE = 5
+#: A reading rests at its zero where it is less than this part of the largest.
+RESTING = 0.01
 #: A sensor is taken for frozen only where so small a part of its frames repeated themselves before.
 SELDOM = 0.1
 #: So many readings of a channel at one value, its largest, are at a ceiling, where at least this part of the others differ.
@@ -116,6 +123,9 @@ class ReadingCheck:
         self._bad = np.zeros(n, dtype=np.int32)  # bad frames in a row; negative: good ones
         self._gone = np.zeros(n, dtype=np.int32)  # frames in a row in which a reading was missing or out of range
         self._repeats = np.zeros(n, dtype=np.int32)
+        self._repeated, self._compared = np.zeros(n, dtype=np.int64), 0  # repeats, and frames in which not all readings repeated themselves
+        self._stuck = np.zeros(n, dtype=bool)
+        self._resting = np.zeros(n, dtype=bool)  # next to their zero in the last frame
         self._last: Floats | None = None
         self._frames_repeated = 0  # whole frames in a row that repeated themselves
         self._absent = np.zeros(n, dtype=bool)  # not usable in this frame, besides those left out
@@ -149,9 +159,15 @@ class ReadingCheck:
             else:
                 self._frames_repeated = 0
                 self._repeats = np.where(same, self._repeats + 1, 0)
-                stuck = self._repeats > STUCK
-                if stuck.any() and health.frames > STUCK and np.median(self._repeats) < STUCK_ALONE * STUCK:
-                    self.count(stuck & finite & ~wild, "stuck")
+                self._compared += 1
+                self._repeated += same
+                before = self._compared - self._repeats
+                rate = (self._repeated - self._repeats + 1.0) / (before + 2.0)
+                often = (self._repeats * np.log(rate) < math.log(CHANCE)) & (before >= BEFORE)
+                # at an end of its range a reading repeats itself because it is there, and at its zero it may in a sensor that is coarse there
+                alone = self._repeats > ALONE * np.median(self._repeats)
+                self._stuck = often & alone & finite & ~wild & ~self.clipped & ~self._resting
+                self.count(self._stuck, "stuck")
         self._last = flat
         # a bad reading is given back after many good frames
         settled = finite & ~wild & (self._repeats == 0)
@@ -160,7 +176,7 @@ class ReadingCheck:
             self._bad = np.where(again, self._bad - 1, self._bad)
             back = health.left_out & (self._bad <= -GOOD)
             health.left_out[back], health.reasons[back], self._bad[back] = False, "", 0
-        return ~gone
+        return ~gone & ~self._stuck
 
     def enough(self, usable: Flags) -> bool:
         """Whether a frame with these readings can be answered."""
@@ -170,6 +186,8 @@ class ReadingCheck:
         """A frame with 0 for the readings that are not used; what is clipped shows in the readings as they came (``flat``)."""
         high, low = at_ends(flat, self._ends, y * self._std)
         self.clipped = clipped(flat, index) | high | low
+        size = np.abs(y)
+        self._resting = size < RESTING * float(size[np.isfinite(size)].max(initial=0.0))
         came = np.bincount(index, np.isfinite(flat))
         self.overload = bool((np.bincount(index, self.clipped) > MOST_CLIPPED * np.maximum(came, 1)).any())
         # of a few the others tell how far they are beyond their ends; of many nothing does, and what they say is the least
