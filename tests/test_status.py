@@ -28,5 +28,7 @@ def test_codes_are_those_of_files_already_written() -> None:
         "frozen",
         "missing",
         "failed",
+        "unexplained",
+        "overload",
     ]
     assert [s for s in Status if not s.known] == [Status.MISSING, Status.FAILED]

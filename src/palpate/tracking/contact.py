@@ -18,6 +18,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.estimate import Errors, Stated
+from palpate.inverse.fit import POOR_FIT
 from palpate.tracking.background import Background
 from palpate.tracking.discrepancy import LARGEST, PRIOR, share_of
 from palpate.tracking.dragging import Drag, Dragging
@@ -169,6 +170,11 @@ class Contact:
         return float(np.abs(self._solution.pressure if self.pushing else self._pulling.traction[-1]).sum())
 
     @property
+    def _net_pull(self) -> bool:
+        """Whether traction of either sign pulls on the whole."""
+        return float(self._pulling.traction[-1].sum()) < 0.0
+
+    @property
     def errors(self) -> Errors | None:
         return self._bars
 
@@ -202,8 +208,10 @@ class Contact:
         frame = frame._replace(noise=noise)
         converged = True
         if not self.pushing:
+            pulled = self._net_pull
             found = self._pull(frame)
-            if regular or (self.fits and not found.fits):  # what nothing explains is looked at now and then
+            turned = pulled and not self._net_pull
+            if regular or turned or (self.fits and not found.fits):  # what nothing explains is looked at now and then
                 converged = self._weigh(frame, restarted)
             else:
                 self._take(found, noise)
@@ -333,6 +341,8 @@ class Contact:
             if bars is None or not self._errors.serves(self._solution):
                 bars = wider(bars, interim(self._estimator, self._solution, self.noise))
             self._bars = bars if converged or bars is None else unconverged(self._estimator, self._solution, bars)
+        if self._looked is None and self.fit < POOR_FIT and self.pushing:
+            self._looked = self._here(frame)  # that a frame is not explained is no news of the next
         if self._looked is not None:
             self.fit, self._looked = self._fit(self._looked, frame), None
         observed = self._errors.observed
@@ -357,6 +367,7 @@ class Contact:
             largest=float(np.abs(frame.actual[used]).max(initial=0.0)),
             taken=min(self._taken(int(used.sum())) + self._offsets.columns.shape[1], used.sum() - 1.0),
             known=self._learning.noise_known,
+            ordered=self._learning.discrepancy.least * float(np.sqrt(np.mean(frame.actual[used] ** 2))),
         )
 
     def _firm(self) -> tuple[Index, Floats]:

@@ -49,6 +49,11 @@ class Discrepancy:
         return math.sqrt(self._square)
 
     @property
+    def least(self) -> float:
+        """The share that is left at least; 0 where nothing tells it from noise."""
+        return LEAST if self.zeroed else 0.0
+
+    @property
     def posterior(self) -> float:
         """The share with what is known before a frame says more; 0 where nothing tells noise from what the model leaves."""
         if not self.zeroed or not self._looks:
@@ -67,7 +72,7 @@ class Discrepancy:
 
     def noise(self, noise: float, size: float) -> float:
         """Noise and discrepancy together, of readings with the root mean square ``size``."""
-        return math.hypot(noise, max(self.share, LEAST if self.zeroed else 0.0) * size)
+        return math.hypot(noise, max(self.share, self.least) * size)
 
 
 def share_of(left: float, noise: float, size: float, *, used: float, free: float) -> float:

@@ -28,7 +28,7 @@ class Rest:
     >>> for _ in range(30):
     ...     rest.look(np.zeros(4), np.array([1.0, 1.0, 5.0]) * rng.standard_normal(3), largest=50.0)
     >>> rest.level(1.0).round().tolist()
-    [1.0, 1.0, 5.0]
+    [1.0, 1.0, 4.0]
     """
 
     def __init__(self) -> None:
