@@ -522,7 +522,9 @@ def _chance_of_contact(touch: Touch, force: Floats) -> float:
     if touch.errors is None or not np.isfinite(touch.errors.force[-1]):
         return 1.0
     low, high = touch.interval(0.6827, "force")
-    below = float(force[-1] - low[-1]) if low[-1] > 0 else float(high[-1] - force[-1])  # the lower end may be cut off at zero
+    below = (
+        float(force[-1] - low[-1]) if low[-1] > 0 else float(high[-1] - force[-1])
+    )  # the lower end may be cut off at zero
     if not math.isfinite(below):
         return 1.0
     return 0.5 * math.erfc(-float(force[-1]) / (math.sqrt(2.0) * max(below, 1e-300)))

@@ -68,6 +68,8 @@ COMPACT = 0.4
 #: A look is taken at once where the misfit is so many standard deviations of its own beyond the noise, and this part of the readings'
 #: energy (a dead taxel under a contact: per cents), or so many times what was found acceptable before.
 UNUSUAL, ENERGY, TOLERATED = 6.0, 5e-4, 1.5
+#: Traction of either sign leaves at least this part of the readings' degrees of freedom to noise where it explains them.
+LEAST_FREE = 0.05
 #: Pressure that wants to pull by this part of the highest score, and by as much as a contact is taken up for, speaks for a pull.
 WANTS = 0.05
 #: Log odds that a reading is wrong, and that a frame pulls: one reading in 3000, and one cell in 1000 by as much as is taken for contact.
@@ -497,10 +499,7 @@ class Contact:
         marginal = self._marginal
         check.suspects[:] = False
         pulled = self._pulled(frame)
-        variance = (
-            frame.noise**2
-            + (unexplained * float(np.sqrt(np.mean(frame.actual[~pushed.unused] ** 2)))) ** 2
-        )
+        variance = frame.noise**2 + (unexplained * float(np.sqrt(np.mean(frame.actual[~pushed.unused] ** 2)))) ** 2
         costs = [
             0.5 * f.left**2 * float((~f.unused).sum()) / variance + COST_OF_READING * c + extra
             for f, c, extra in ((pushed, count, 0.0), (pulled, int(check.suspects.sum()), COST_OF_PULL))
@@ -635,12 +634,16 @@ class Contact:
             wrong = wrong & ~check.health.left_out
             if wrong.mean() > MOST:
                 check.suspects[:] = False
-                return self._pull(frame)
+                found = self._pull(frame)
+                break
             if np.array_equal(wrong, check.suspects):
                 break
             check.suspects = wrong
             found = self._pull(frame)
-        return found
+        # traction that takes up all that is measured explains anything
+        used = float((~found.unused).sum())
+        free = used - self._estimator.effective_freedom(self._parameter)
+        return found._replace(fits=found.fits and free >= LEAST_FREE * used)
 
     # -- cells ---------------------------------------------------------------------------------------------------------
 

@@ -123,7 +123,10 @@ class ReadingCheck:
         self._bad = np.zeros(n, dtype=np.int32)  # bad frames in a row; negative: good ones
         self._gone = np.zeros(n, dtype=np.int32)  # frames in a row in which a reading was missing or out of range
         self._repeats = np.zeros(n, dtype=np.int32)
-        self._repeated, self._compared = np.zeros(n, dtype=np.int64), 0  # repeats, and frames in which not all readings repeated themselves
+        self._repeated, self._compared = (
+            np.zeros(n, dtype=np.int64),
+            0,
+        )  # repeats, and frames in which not all readings repeated themselves
         self._stuck = np.zeros(n, dtype=bool)
         self._resting = np.zeros(n, dtype=bool)  # next to their zero in the last frame
         self._last: Floats | None = None
@@ -210,6 +213,13 @@ class ReadingCheck:
         self._bad[right] = np.minimum(self._bad[right], 0)
         self.suspects = wrong & ~self.health.left_out
         self.forgive(np.abs(rest) < limit, frames)
+
+    def pardon(self) -> None:
+        """Take back all readings that contact did not explain."""
+        health = self.health
+        doubted = health.left_out & (health.reasons == "unexplained")
+        health.left_out[doubted], health.reasons[doubted], self._bad[doubted] = False, "", 0
+        self.suspects[:] = False
 
     def forgive(self, right: Flags, frames: int) -> None:
         """Take readings back that were left out as unexplained and have been right for long enough."""

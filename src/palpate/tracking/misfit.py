@@ -21,7 +21,15 @@ class Misfit:
         self._estimator = estimator
 
     def probability(
-        self, rest: Floats, used: Flags, noise: float, *, largest: float, taken: float, known: bool, ordered: float = 0.0
+        self,
+        rest: Floats,
+        used: Flags,
+        noise: float,
+        *,
+        largest: float,
+        taken: float,
+        known: bool,
+        ordered: float = 0.0,
     ) -> float:
         """Of what is left of each reading, in units of the readings' standard deviations.
 

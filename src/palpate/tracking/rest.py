@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 
 from palpate.elastic.pad import Floats
@@ -32,13 +30,14 @@ class Rest:
     """
 
     def __init__(self) -> None:
-        self.frames: deque[Floats] = deque(maxlen=KEPT)
+        self.frames: list[Floats] = []  # the first ones, less the zero; NaN where missing
         self._square: Floats | None = None
         self._count = 0
 
     def look(self, y: Floats, score: Floats, *, largest: float) -> None:
         """Take in a frame: readings less the zero (NaN where missing) and scores, which count up to ``largest``."""
-        self.frames.append(y)
+        if len(self.frames) < KEPT and np.isfinite(y).all():
+            self.frames.append(y)
         square = np.minimum(np.abs(score), largest) ** 2
         self._count = min(self._count + 1, COUNTED)
         self._square = square if self._square is None else self._square + (square - self._square) / self._count

@@ -39,6 +39,7 @@ from palpate.tracking.ready import make_ready
 from palpate.tracking.region import NormalEquations
 from palpate.tracking.rest import Rest
 from palpate.tracking.search import LOST, TAKEN
+from palpate.tracking.single import Alone, Answer, Comparison
 from palpate.tracking.standing import Standing
 from palpate.tracking.times import FrameTime, FrameTimes, checked_time
 from palpate.tracking.zero import FRAMES_FOR_NOISE, Zero
@@ -138,6 +139,7 @@ class Tracker:
         notes: tuple[str, ...] = (),
         creep: Callable[[], list[CreepFilter | None]] | None = None,
         case: Case | None = None,
+        alone: Alone | None = None,
         baseline: Any = 0,
         tolerance: float = 1e-3,
         budget: float | None = None,
@@ -158,6 +160,7 @@ class Tracker:
         # of its linear algebra: few are no work for several threads
         self.unknowns = min(estimator.inside.size * len(estimator.columns), WIDEST * len(self._std))
         self._background = Background(threaded=budget is not None)
+        self._alone, self._beside = alone, Background(threaded=budget is not None and alone is not None)
         self._misfit = Misfit(estimator)
         make_ready(estimator, self._equations)
         self._seconds = 0.0
@@ -214,6 +217,10 @@ class Tracker:
             self.tolerance,
         )
         self._touching = False
+        self._comparison = Comparison(n)
+        self._beside.forget()
+        self._compared: Answer | None = None  # that of the frame that is solved by itself beside the stream
+        self._frame: Frame | None = None
         self._steady, self._usual = 0.0, math.nan
         self._restarted = 0
         self._said: list[str] = []
@@ -373,9 +380,51 @@ class Tracker:
             self._release()
             self._offsets.clear()
             status, converged = Status.FAILED, False
-        touch = self._answer(status, frame.now, converged, like, note)
+
+        def answer(status: Status, converged: bool) -> Touch:
+            return self._answer(status, frame.now, converged, like, note)
+
+        touch = answer(status, converged)
+        if self._touching and status.known:
+            touch = self._compare(touch, answer)
         self._seconds = clock.perf_counter() - started
         return touch
+
+    def _compare(self, touch: Touch, again: Callable[[Status, bool], Touch]) -> Touch:
+        """The touch of a frame in contact, after what the frame says by itself, where it is time to ask; ``again`` makes the touch of what is found then."""
+        alone, comparison, frame, beside = self._alone, self._comparison, self._frame, self._beside
+        if alone is None or frame is None:
+            return touch
+        if "alone" not in beside:
+            left_out = self._check.clipped | (self.health.left_out & (self.health.reasons != "unexplained"))
+            if not comparison.due(self._contact.size) or left_out.any() or not np.isfinite(frame.actual).all():
+                return touch
+            comparison.begun(self._contact.size)
+            self._compared = Answer.of(touch)
+        planes, y = self.estimator.readings.planes, frame.actual * self._std
+        rest = [planes(f * self._std) for f in self._rest.frames]
+        found = beside.result("alone", lambda: Answer.of(alone(planes(y), rest)))
+        if found is None or self._compared is None:
+            return touch
+        if comparison.settle(self._compared, found):
+            return again(*self._status(bool(touch.converged))) if comparison.refuted or comparison.share else touch
+        self._begin_anew()
+        self._said.append(
+            comparison.words(self._compared, found, "N/m" if self.estimator.operator.surface.dimensions == 1 else "N")
+        )
+        if beside.threaded:
+            return again(*self._status(bool(touch.converged)))
+        touch = again(*self._in_contact(frame, 0.0, regular=True, restarted=False))
+        comparison.settle(Answer.of(touch), found)
+        return again(*self._status(bool(touch.converged))) if comparison.share else touch
+
+    def _begin_anew(self) -> None:
+        """Forget what the contact's answer hangs on besides its readings, the zero and its noise."""
+        self._contact.release()
+        self._offsets.clear()
+        self._offsets.rate = np.zeros_like(self._offsets.rate)
+        self._learning.anew()
+        self._check.pardon()
 
     def _note(self, frame: FrameTime) -> str | None:
         """Counts a frame whose time is out of order; what there is to say about it."""
@@ -472,23 +521,35 @@ class Tracker:
                 )
             return self._unless_frozen(Status.NO_CONTACT), True
         deadline = math.inf if self.budget is None else started + BUDGET_OF_ITERATION * self.budget
-        contact = self._contact
-        converged = contact.solve(
-            Frame(np.where(np.isfinite(actual), actual, math.nan), noise, deadline, of_zero),
+        self._frame = Frame(scaled - zero.baseline, noise, deadline, of_zero)
+        return self._in_contact(
+            self._frame._replace(actual=actual),
+            elapsed,
             regular=health.frames % EVERY == 0,
             restarted=follows and self._restarted > 0,
         )
+
+    def _in_contact(self, frame: Frame, elapsed: float, *, regular: bool, restarted: bool) -> tuple[Status, bool]:
+        """What touches in a frame (readings less zero and offsets)."""
+        contact = self._contact
+        converged = contact.solve(frame, regular=regular, restarted=restarted)
         self._residual, self._fit = contact.residual, contact.fit
         self._say(elapsed)
         if not converged:
-            health.approximate += 1
-        if check.overload and contact.pushing:
+            self.health.approximate += 1
+        return self._status(converged)
+
+    def _status(self, converged: bool) -> tuple[Status, bool]:
+        """The status of a frame in contact."""
+        contact = self._contact
+        if self._check.overload and contact.pushing:
             return Status.OVERLOAD, converged
-        if not contact.fits:
-            return self._unless_frozen(Status.UNEXPLAINED), converged
-        if not contact.pushing:
-            return self._unless_frozen(Status.NOT_PUSHING), converged
-        return self._unless_frozen(Status.SOLVED if converged else Status.NOT_CONVERGED), converged
+        status = Status.SOLVED if converged else Status.NOT_CONVERGED
+        if not contact.fits or self._comparison.refuted:
+            status = Status.UNEXPLAINED
+        elif not contact.pushing:
+            status = Status.NOT_PUSHING
+        return self._unless_frozen(status), converged
 
     def _rested(self, frames: Floats) -> None:
         """Take in what the frames of a zero (frame, reading) leave of it: nothing touches in them."""
@@ -520,12 +581,14 @@ class Tracker:
             said.append("traction of either sign was sought, which explains the readings")
         share = self._learning.discrepancy.posterior
         if contact.fits and share >= SAID:
-            said.append(
-                f"the pad's model leaves {share:.0%} of these readings unexplained; intervals allow for it"
-            )
+            said.append(f"the pad's model leaves {share:.0%} of these readings unexplained; intervals allow for it")
         if self._check.clipped.any():
             count = int(self._check.clipped.sum())
-            used = "the load has no upper end" if self._check.overload else "left out, and the load is at least what they tell"
+            used = (
+                "the load has no upper end"
+                if self._check.overload
+                else "left out, and the load is at least what they tell"
+            )
             said.append(f"{count} readings are at the end of their range: {used}")
         drift = self._offsets.notable()
         for c in np.flatnonzero(drift):
@@ -579,6 +642,7 @@ class Tracker:
         >>> tracker.close()  # or: with skin.track(budget=0.02) as tracker
         """
         self._background.close()
+        self._beside.close()
 
     def __enter__(self) -> Tracker:
         return self
@@ -621,6 +685,8 @@ class Tracker:
         """No contact."""
         self._touching = False
         self._contact.release()
+        self._comparison.release()
+        self._beside.forget()
         self._steady, self._usual = 0.0, math.nan
         self._fit = math.nan
 
@@ -641,6 +707,7 @@ class Tracker:
             share = learning.discrepancy.posterior
             if status is Status.OVERLOAD and errors is not None:
                 errors = _open(errors)
+            share = math.hypot(share, self._comparison.share)
             if share and values.any():
                 stated = widened(stated, values.reshape(-1, *grid.shape), grid, share)
         else:

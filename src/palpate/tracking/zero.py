@@ -35,7 +35,9 @@ class Zero:
         self.time_constant = time_constant
         self._frames = frames
         self._captured: list[Floats] = []
-        self.shown: Floats = np.zeros((0, 0))  # frames of the last zero less their mean (frame, reading); NaN where missing
+        self.shown: Floats = np.zeros(
+            (0, 0)
+        )  # frames of the last zero less their mean (frame, reading); NaN where missing
         self.variance = 0.0  # of the zero, in units of the noise's
         self._only: Flags | None = None  # readings whose zero is captured again
         self.moved, self._index, self._left = False, index, 1.0
