@@ -654,6 +654,7 @@ class Skin:
 
         plain = self.without_creep() if filters is not None else self
         made: dict[tuple[float, ...], Skin] = {}
+        known_friction: dict[str, Any] = {} if friction is None else {"friction": friction}
 
         def alone(readings: list[Floats], rest: list[list[Floats]]) -> Touch:
             # the noise of frames at rest, in steps: a skin that is prepared serves again
@@ -670,10 +671,12 @@ class Skin:
                     )
                 made.clear()
                 made[steps] = plain._with(plain._pad, planes)
+                if known and not any(c.startswith("displacement") for a in planes for c in a.channels):
+                    made[steps]._problem.nuisance = ()  # the zero took the offsets
             return made[steps].reconstruct(
                 readings if len(readings) > 1 else readings[0],
                 components=names,
-                **({} if friction is None else {"friction": friction}),
+                **known_friction,
             )
 
         return Tracker(

@@ -23,6 +23,8 @@ __all__ = ["Alone", "Answer", "Comparison"]
 Alone = Callable[[list[Floats], list[list[Floats]]], Touch]
 #: Frames between two comparisons at least, of so many readings; and if the last two answers parted.
 SPACING, READINGS, DOUBTED = 64, 200, 16
+#: Standard deviations by which two answers that part are said to differ at most: less than the 1.96 of half an interval of 95 %.
+REACH = 1.8
 #: A comparison is due after so many frames, or where the load has changed by this factor.
 AGAIN, ANOTHER = 512, 3.0
 
@@ -106,8 +108,8 @@ class Comparison:
             self.anew = True
             return False
         gap = float(np.abs(tracked.force - alone.force).max())
-        # half an interval of 95 % reaches from one to the other
-        self.share, self.anew = gap / (1.96 * max(tracked.load, 1e-300)), False
+        # half an interval of 95 % reaches from one to the other, and a little beyond
+        self.share, self.anew = gap / (REACH * max(tracked.load, 1e-300)), False
         return True
 
     def words(self, tracked: Answer, alone: Answer, unit: str) -> str:

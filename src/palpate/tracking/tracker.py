@@ -57,6 +57,8 @@ AFTER_RESTART = 10
 FRAMES_OF_ZERO = 10
 #: What subtracting a zero, the mean of some frames, leaves of a reading in double precision.
 ROUNDING = 1e-12
+#: Half of an interval of 95 % in standard deviations; and standard deviations of what would not be detected by which a drift is worth a word.
+HALF_WIDTH, DRIFTED = 1.96, 10.0
 #: Share of the readings that a pad's model leaves unexplained from which on it is said.
 SAID = 0.05
 #: Part of the budget in which a frame's iteration ends; the rest is for the answer.
@@ -162,6 +164,7 @@ class Tracker:
         self._background = Background(threaded=budget is not None)
         self._alone, self._beside = alone, Background(threaded=budget is not None and alone is not None)
         self._misfit = Misfit(estimator)
+        self._even = _even(estimator)
         make_ready(estimator, self._equations)
         self._seconds = 0.0
         self.reset()
@@ -690,6 +693,20 @@ class Tracker:
         self._steady, self._usual = 0.0, math.nan
         self._fit = math.nan
 
+    def _with_drift(self, errors: Errors) -> Errors:
+        """Errors of a frame without contact, with room for an even press that grew so slowly that the zero followed it."""
+        drift, (even, area) = self._zero.wandered, self._even
+        size = max(float(np.linalg.norm(even)), 1e-300)
+        along = abs(float(drift @ even)) / size
+        force = along / size * area if along > LOST * (self._learning.noise or 0.0) else 0.0
+        if force > DRIFTED * float(errors.force[-1]):
+            self._said.append(
+                f"the zero has followed the readings since it was taken: what they drifted by, an even press of {force:.2g} "
+                f"{'N/m' if self.estimator.operator.surface.dimensions == 1 else 'N'} would look like. Take it anew while nothing touches (Z on the page, Tracker.rezero)"
+            )
+        room = np.where(np.arange(len(errors.force)) == len(errors.force) - 1, force / HALF_WIDTH, 0.0)
+        return replace(errors, force=np.hypot(errors.force, room))
+
     # -- the answer ----------------------------------------------------------------------------------------------------
 
     def _answer(self, status: Status, now: float, converged: bool, like: Any, note: str | None) -> Touch:
@@ -712,6 +729,8 @@ class Tracker:
                 stated = widened(stated, values.reshape(-1, *grid.shape), grid, share)
         else:
             errors = contact.undetected(noise)
+            if errors is not None and status is Status.NO_CONTACT:
+                errors = self._with_drift(errors)
         said = [*([] if note is None else [note]), *self._said]
         pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
         drag = contact.drag if status.known and self._touching else None
@@ -743,6 +762,15 @@ class Tracker:
             sticking=None if drag is None else drag.sticking,
             fit=np.asarray(self._fit if status.known else math.nan),
         )
+
+
+def _even(estimator: ConstrainedEstimator) -> tuple[Floats, float]:
+    """What an even pressure of 1 Pa over the array makes of the readings, in units of their standard deviations, and its net force."""
+    inside = estimator.inside.ravel().astype(np.float64)
+    traction = np.zeros((len(estimator.columns), inside.size))
+    traction[-1] = inside
+    readings = estimator.explained_by(traction) / estimator.readings.std
+    return readings, float(inside.sum()) * estimator.operator.surface.cell
 
 
 def _open(errors: Errors) -> Errors:

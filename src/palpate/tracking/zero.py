@@ -32,6 +32,7 @@ class Zero:
 
     def __init__(self, baseline: Floats | None, frames: int, time_constant: float | None, index: Any = None) -> None:
         self.baseline = None if baseline is None else baseline.copy()
+        self._taken = None if baseline is None else baseline.copy()
         self.time_constant = time_constant
         self._frames = frames
         self._captured: list[Floats] = []
@@ -46,6 +47,13 @@ class Zero:
     def capturing(self) -> bool:
         """Whether frames are taken for the zero."""
         return self.baseline is None or self._only is not None
+
+    @property
+    def wandered(self) -> Floats:
+        """By how much the zero of each reading has moved since it was taken."""
+        if self.baseline is None or self._taken is None:
+            return np.zeros(0)
+        return np.nan_to_num(self.baseline - self._taken)
 
     def again(self, frames: int, only: Flags) -> None:
         """Take the zero of some readings from the next frames."""
@@ -77,6 +85,7 @@ class Zero:
             old = np.full(len(mean), math.nan) if self.baseline is None else self.baseline
             taken = good.any(axis=0) if self._only is None else good.any(axis=0) & self._only
             self.baseline, self._only = np.where(taken, mean, old), None
+            self._taken = np.where(taken, mean, old if self._taken is None else self._taken)
             self.variance = 1.0 / max(len(frames) - int(far.sum()), 1)
             self.shown = np.where(good, frames - mean, math.nan)[~far]
             if self._frames < FRAMES_FOR_NOISE:
