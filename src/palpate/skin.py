@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,8 +38,9 @@ from palpate.sensing.surface import default_surface
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
-from palpate.tracking.tracker import Tracker, check_settings, check_sought
-from palpate.tracking.zero import FRAMES_FOR_NOISE
+from palpate.tracking.settings import check_settings, check_sought, creep_filters
+from palpate.tracking.single import SingleSolve
+from palpate.tracking.tracker import Tracker
 from palpate.uncertainty import Case
 
 if TYPE_CHECKING:
@@ -47,8 +48,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Skin"]
 
-#: Noise that frames at rest tell is rounded up to powers of this.
-NOISE_STEP = 1.1
 #: Methods prepared that are kept; what they share is kept by `Problem`.
 PREPARED = 8
 
@@ -646,39 +645,7 @@ class Skin:
         solver = self._prepared(method, names)
         filters: Callable[[], list[CreepFilter | None]] | None = None
         if isinstance(self._pad, Viscoelastic):
-            prony = self._pad.prony
-            creeps = [bool(creeping(a).any()) for a in self._planes]
-
-            def filters() -> list[CreepFilter | None]:
-                return [CreepFilter(prony) if c else None for c in creeps]
-
-        plain = self.without_creep() if filters is not None else self
-        made: dict[tuple[float, ...], Skin] = {}
-        known_friction: dict[str, Any] = {} if friction is None else {"friction": friction}
-
-        def alone(readings: list[Floats], rest: list[list[Floats]]) -> Touch:
-            # the noise of frames at rest, in steps: a skin that is prepared serves again
-            frames = [np.stack(planes) for planes in zip(*rest)] if len(rest) >= FRAMES_FOR_NOISE else []
-            levels = [np.sqrt((f[:, :, a.valid] ** 2).mean(axis=(0, 2))) for f, a in zip(frames, plain._planes)]
-            known = bool(levels) and all((level > 0).all() for level in levels)
-            steps = tuple(np.ceil(np.log(np.concatenate(levels)) / np.log(NOISE_STEP)).tolist()) if known else ()
-            if steps not in made:
-                planes, noise = [], NOISE_STEP ** np.array(steps)
-                for a in plain._planes:
-                    mine, noise = noise[: len(a.channels)], noise[len(a.channels) :]
-                    planes.append(
-                        replace(a, limits=None, noise=mine.tolist() if known and a.noise is None else a.noise)
-                    )
-                made.clear()
-                made[steps] = plain._with(plain._pad, planes)
-                if known and not any(c.startswith("displacement") for a in planes for c in a.channels):
-                    made[steps]._problem.nuisance = ()  # the zero took the offsets
-            return made[steps].reconstruct(
-                readings if len(readings) > 1 else readings[0],
-                components=names,
-                **known_friction,
-            )
-
+            filters = partial(creep_filters, self._pad.prony, [bool(creeping(a).any()) for a in self._planes])
         return Tracker(
             solver,
             names,
@@ -686,7 +653,7 @@ class Skin:
             notes=notes(self._problem.seeking(names), self.components, method, solver),
             case=self.case(names),
             creep=filters,
-            alone=alone,
+            alone=SingleSolve(self.without_creep() if filters is not None else self, names, friction),
             baseline=baseline,
             tolerance=tolerance,
             budget=budget,

@@ -372,7 +372,7 @@ REMEDIES = [
         lambda t: SKIN.track().step(PRESS, t),
         np.nan,
         0.0,
-        room="tracking.tracker",
+        room="tracking.times",
     ),
     value(
         "std must not be negative",

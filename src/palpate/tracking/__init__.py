@@ -19,6 +19,7 @@
 """
 
 from palpate.tracking.health import Health
-from palpate.tracking.tracker import FRAMES_OF_ZERO, Tracker, check_settings
+from palpate.tracking.settings import check_settings
+from palpate.tracking.tracker import FRAMES_OF_ZERO, Tracker
 
 __all__ = ["FRAMES_OF_ZERO", "Health", "Tracker", "check_settings"]

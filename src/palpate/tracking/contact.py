@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from palpate.tracking.background import Background
 from palpate.tracking.discrepancy import LARGEST, PRIOR, share_of
 from palpate.tracking.dragging import Drag, Dragging
 from palpate.tracking.errors import ErrorBars
+from palpate.tracking.frames import Found, Frame
 from palpate.tracking.health import Flags, Index, ReadingCheck
 from palpate.tracking.interim import interim, unconverged, wider
 from palpate.tracking.iteration import Iteration
@@ -30,10 +30,10 @@ from palpate.tracking.learning import NORMAL, Learning
 from palpate.tracking.misfit import Misfit
 from palpate.tracking.offsets import Marginal, Offsets
 from palpate.tracking.pulling import Pulling
-from palpate.tracking.region import NormalEquations, Region
+from palpate.tracking.region import Making, NormalEquations, Region
 from palpate.tracking.search import TAKEN, Search
 
-__all__ = ["EVERY", "Contact", "Frame"]
+__all__ = ["EVERY", "Contact"]
 
 #: Everything is looked at (new contacts, taxels that contact does not explain) at least once in so many frames: a look costs about as
 #: much as a frame.
@@ -76,26 +76,6 @@ WANTS = 0.05
 COST_OF_READING, COST_OF_PULL = 8.0, TAKEN**2
 
 
-class Frame(NamedTuple):
-    """A frame to be explained: readings without zero and offsets (NaN where missing), noise, when it must be done, and how much noisier it is
-    for the noise of the zero.
-    """
-
-    actual: Floats
-    noise: float
-    deadline: float
-    noisier: float = 1.0
-
-
-class _Found(NamedTuple):
-    """What a hypothesis leaves of each reading, its root mean square, and which readings it does not use."""
-
-    rest: Floats
-    left: float
-    unused: Flags
-    fits: bool
-
-
 class Contact:
     """The contact of a stream."""
 
@@ -118,7 +98,7 @@ class Contact:
         self._pulling = Pulling(estimator, equations)
         self._dragging = Dragging(estimator, equations)
         self.residual = math.nan
-        self._looked: _Found | None = None
+        self._looked: Found | None = None
         self._misfit = misfit
         self.release()
 
@@ -165,6 +145,11 @@ class Contact:
     def exhausted(self) -> bool:
         """Whether the iteration of this frame ended for its steps, not for its time."""
         return self._solution.exhausted
+
+    @property
+    def judged(self) -> bool:
+        """Whether its error bars are made."""
+        return self._errors.errors is not None
 
     @property
     def size(self) -> float:
@@ -302,7 +287,7 @@ class Contact:
             slope = equations.adjoint_of(y, nothing)
             cells = self._search.first(equations.score(slope) / noise) if there is None else there
             trial = Iteration(estimator.cone, len(estimator.columns), math.prod(estimator.operator.surface.shape))
-            trial.move(_Making(equations, cells, parameter, nothing)())
+            trial.move(Making(equations, cells, parameter, nothing)())
             give_way()
             trial.solve(slope, tolerance=self._tolerance, deadline=math.inf)
             rest = estimator.readings.white(y - equations.explained(trial.region, trial.traction), ~nothing)
@@ -358,7 +343,7 @@ class Contact:
         innovation = observed.innovation(marginal.sums, self._equations.adjoint(y, unused), cells, traction)
         self._offsets.update(observed.counts, innovation, self.noise)
 
-    def _fit(self, found: _Found, frame: Frame) -> float:
+    def _fit(self, found: Found, frame: Frame) -> float:
         """Misfit probability of what is left."""
         used = ~found.unused
         noise = self._learning.in_contact(frame.actual[used])
@@ -435,7 +420,7 @@ class Contact:
         self._used = int((~unused).sum())
         return converged
 
-    def _pull(self, frame: Frame) -> _Found:
+    def _pull(self, frame: Frame) -> Found:
         """Traction of either sign."""
         y, unused, marginal = self._prepared(frame)
         self._pulling.solve(y, frame.noise, unused, self._parameter, marginal)
@@ -447,7 +432,7 @@ class Contact:
         n = self._used
         return self._objective > noise**2 * (n + UNUSUAL * math.sqrt(2.0 * n)) + tolerated * self._energy
 
-    def _left(self, frame: Frame, explained: Floats, shared: Floats) -> _Found:
+    def _left(self, frame: Frame, explained: Floats, shared: Floats) -> Found:
         """What a solution leaves of a frame."""
         if self._marginal is None:
             raise RuntimeError("the frame was not solved")
@@ -459,15 +444,15 @@ class Contact:
         left = float(np.sqrt(np.mean(rest[used] ** 2)))
         signal = float(np.sqrt(np.mean(frame.actual[used] ** 2)))
         fits = left <= math.hypot(EXCESS * frame.noise, self._limits.unexplained_signal * signal)
-        return _Found(rest, left, unused.copy(), fits)
+        return Found(rest, left, unused.copy(), fits)
 
-    def _here(self, frame: Frame) -> _Found:
+    def _here(self, frame: Frame) -> Found:
         """What the present contact that pushes leaves of a frame."""
         solution = self._solution
         explained = self._equations.explained(solution.region, solution.traction, single=True)
         return self._left(frame, explained, solution.shared())
 
-    def _wrong(self, frame: Frame, found: _Found) -> tuple[Flags, float]:
+    def _wrong(self, frame: Frame, found: Found) -> tuple[Flags, float]:
         """Readings that the solution does not explain, the worst first; and beyond what they are wrong."""
         used, rest = ~found.unused, found.rest
         typical = max(frame.noise, float(np.median(np.abs(rest[used]))) / NORMAL)
@@ -517,7 +502,7 @@ class Contact:
             pushed = self._here(frame)
         return self._accept_push(frame, pushed, converged)
 
-    def _jumped(self, frame: Frame) -> tuple[_Found | None, bool]:
+    def _jumped(self, frame: Frame) -> tuple[Found | None, bool]:
         """Contact that only pushes on a zero that has jumped, or None where that does not explain the frame."""
         offsets, solution = self._offsets, self._solution
         state = offsets.state()
@@ -541,7 +526,7 @@ class Contact:
         solution.clear()
         return None, True
 
-    def _accept_push(self, frame: Frame, pushed: _Found, converged: bool) -> bool:
+    def _accept_push(self, frame: Frame, pushed: Found, converged: bool) -> bool:
         self.pushing = True
         self._pulling.clear()
         frame, pushed = self._with_discrepancy(frame, pushed)
@@ -553,7 +538,7 @@ class Contact:
         self._take(pushed, frame.noise)
         return converged
 
-    def _with_discrepancy(self, frame: Frame, found: _Found) -> tuple[Frame, _Found]:
+    def _with_discrepancy(self, frame: Frame, found: Found) -> tuple[Frame, Found]:
         """Learn what the pad's model leaves unexplained; a frame with no more than that is explained."""
         noise, known, used = self._learning.noise, self._learning.discrepancy, ~found.unused
         if noise is None or not known.zeroed or not used.any():
@@ -576,18 +561,18 @@ class Contact:
             taken = min(pressed, 1.0) * self._estimator.effective_freedom(self._parameter)
         return min(taken, count - 1.0)
 
-    def _take(self, found: _Found, noise: float) -> None:
+    def _take(self, found: Found, noise: float) -> None:
         self.fits, self.residual, self._looked = found.fits, found.left, found
         self._level(found, noise)
 
-    def _level(self, found: _Found, noise: float) -> None:
+    def _level(self, found: Found, noise: float) -> None:
         """The noise that error bars go by."""
         level = noise if found.fits else max(noise, found.left)
         if not 0.8 * level < self.noise < 1.25 * level:
             self._errors.outdate()
             self.noise = level
 
-    def _pushed(self, frame: Frame) -> tuple[_Found, bool, bool]:
+    def _pushed(self, frame: Frame) -> tuple[Found, bool, bool]:
         """Contact that only pushes, with cells added where it is missing and readings left out that it does not explain."""
         check, equations, solution = self._check, self._equations, self._solution
         if solution.region is None or not self.pushing:
@@ -625,7 +610,7 @@ class Contact:
                 break
         return found, converged, pulls
 
-    def _pulled(self, frame: Frame) -> _Found:
+    def _pulled(self, frame: Frame) -> Found:
         """Traction of either sign, with readings left out that it does not explain."""
         check = self._check
         found = self._pull(frame)
@@ -647,9 +632,9 @@ class Contact:
 
     # -- cells ---------------------------------------------------------------------------------------------------------
 
-    def _making(self, cells: Index) -> _Making:
+    def _making(self, cells: Index) -> Making:
         """The making of a region, for the readings and the penalty of this frame."""
-        return _Making(self._equations, cells, self._parameter, self._check.unused)
+        return Making(self._equations, cells, self._parameter, self._check.unused)
 
     def _renew(self) -> None:
         """The region's inverse, where the penalty or the readings that are used have changed."""
@@ -708,15 +693,3 @@ class Contact:
     def _moved(self, region: Region) -> None:
         self._solution.move(region)
         self._search.moved()
-
-
-class _Making(NamedTuple):
-    """A region to be made."""
-
-    equations: NormalEquations
-    cells: Index
-    parameter: float
-    unused: Flags
-
-    def __call__(self) -> Region:
-        return self.equations.region(self.cells, self.parameter, self.unused)

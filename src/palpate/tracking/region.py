@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from palpate.tracking.inverting import inverse as inverted
 from palpate.tracking.inverting import inverse_beside
 from palpate.tracking.pieces import lower_factor
 
-__all__ = ["SMALLEST", "NormalEquations", "Region"]
+__all__ = ["SMALLEST", "Making", "NormalEquations", "Region"]
 
 #: Entries of the normal matrix of the whole surface that are kept: 160 MB in double precision.
 LARGEST = 20_000_000
@@ -294,3 +295,15 @@ def _largest_eigenvalue(size_of: int, times: Callable[[Floats], Floats]) -> floa
         betas.append(beta)
         before, x = x, w / beta
     return float(scipy.linalg.eigvalsh_tridiagonal(alphas, betas[: len(alphas) - 1])[-1])
+
+
+class Making(NamedTuple):
+    """A region to be made."""
+
+    equations: NormalEquations
+    cells: Index
+    parameter: float
+    unused: Flags
+
+    def __call__(self) -> Region:
+        return self.equations.region(self.cells, self.parameter, self.unused)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.tracking.region import NormalEquations
+from palpate.tracking.zero import FRAMES_FOR_NOISE
 
 __all__ = ["Rest"]
 
@@ -33,6 +37,17 @@ class Rest:
         self.frames: list[Floats] = []  # the first ones, less the zero; NaN where missing
         self._square: Floats | None = None
         self._count = 0
+
+    @classmethod
+    def of(cls, frames: Floats, equations: NormalEquations) -> Rest:
+        """Of frames (frame, reading) less their mean; of few they tell nothing."""
+        out = cls()
+        if len(frames) >= FRAMES_FOR_NOISE:
+            for y in frames * math.sqrt(len(frames) / (len(frames) - 1)):
+                absent = ~np.isfinite(y)
+                score = equations.score(equations.adjoint_of(np.where(absent, 0.0, y), absent))
+                out.look(y, score, largest=math.inf)
+        return out
 
     def look(self, y: Floats, score: Floats, *, largest: float) -> None:
         """Take in a frame: readings less the zero (NaN where missing) and scores, which count up to ``largest``."""

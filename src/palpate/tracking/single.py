@@ -7,8 +7,9 @@ noise, hangs on nothing. It takes as long as many frames, so it is rare: when co
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,17 +17,55 @@ from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.tracking.zero import FRAMES_FOR_NOISE
 
-__all__ = ["Alone", "Answer", "Comparison"]
+__all__ = ["Alone", "Answer", "Comparison", "SingleSolve"]
 
 #: Solves readings less their zero (one array per plane) by themselves, with the noise of frames at rest (the same, a list of them).
 Alone = Callable[[list[Floats], list[list[Floats]]], Touch]
+#: Noise that frames at rest tell is rounded up to powers of this: a skin that is prepared serves again.
+NOISE_STEP = 1.1
 #: Frames between two comparisons at least, of so many readings; and if the last two answers parted.
 SPACING, READINGS, DOUBTED = 64, 200, 16
 #: Standard deviations by which two answers that part are said to differ at most: less than the 1.96 of half an interval of 95 %.
 REACH = 1.8
 #: A comparison is due after so many frames, or where the load has changed by this factor.
 AGAIN, ANOTHER = 512, 3.0
+
+
+class SingleSolve:
+    """What a skin's default method says of readings less their zero, with the noise of frames at rest; an `Alone`."""
+
+    def __init__(self, skin: Any, components: Sequence[str], friction: float | None) -> None:
+        self._skin, self._components = skin, components
+        self._options = {} if friction is None else {"friction": friction}
+        self._made: tuple[tuple[float, ...], Any] | None = None
+
+    def __call__(self, readings: list[Floats], rest: list[list[Floats]]) -> Touch:
+        planes = self._skin.planes
+        frames = [np.stack(parts) for parts in zip(*rest)] if len(rest) >= FRAMES_FOR_NOISE else []
+        levels = [np.sqrt((f[:, :, a.valid] ** 2).mean(axis=(0, 2))) for f, a in zip(frames, planes)]
+        known = bool(levels) and all((level > 0).all() for level in levels)
+        steps = tuple(np.ceil(np.log(np.concatenate(levels)) / math.log(NOISE_STEP)).tolist()) if known else ()
+        if self._made is None or self._made[0] != steps:
+            self._made = steps, self._zeroed(NOISE_STEP ** np.array(steps), known)
+        found: Touch = self._made[1].reconstruct(
+            readings if len(readings) > 1 else readings[0], components=self._components, **self._options
+        )
+        return found
+
+    def _zeroed(self, noise: Floats, known: bool) -> Any:
+        """The skin with this noise (channel of all planes,), without ends of ranges, which are those of raw readings, and without offsets where a
+        zero took them.
+        """
+        planes = []
+        for a in self._skin.planes:
+            mine, noise = noise[: len(a.channels)], noise[len(a.channels) :]
+            planes.append(replace(a, limits=None, noise=mine.tolist() if known and a.noise is None else a.noise))
+        out = self._skin._with(self._skin.pad, planes)
+        if known and not any(c.startswith("displacement") for a in planes for c in a.channels):
+            out._problem.nuisance = ()
+        return out
 
 
 @dataclass(frozen=True)
@@ -58,6 +97,13 @@ class Answer:
             float(size.sum()) * touch.surface.cell,
             0.0 if share is None else float(np.nan_to_num(share)),
         )
+
+    def without(self, share: float) -> Answer:
+        """The answer whose interval has no room for an error of this ``share`` of the load (standard deviation)."""
+        room = (1.96 * share * self.load) ** 2
+        low = self.force - np.sqrt(np.maximum((self.force - self.low) ** 2 - room, 0.0))
+        high = self.force + np.sqrt(np.maximum((self.high - self.force) ** 2 - room, 0.0))
+        return replace(self, low=low, high=high)
 
     def parted(self, other: Answer) -> bool:
         """Whether the intervals of two answers do not meet; where one is not known they do."""
@@ -101,10 +147,10 @@ class Comparison:
     def settle(self, tracked: Answer, alone: Answer) -> bool:
         """Take in two answers of a frame; False where the tracker must begin anew first."""
         self.refuted = not alone.explained
-        if not tracked.parted(alone):
+        if not tracked.without(self.share).parted(alone):
             self.share, self.anew = 0.0, False
             return True
-        if not self.anew:
+        if not self.anew and not self.share:
             self.anew = True
             return False
         gap = float(np.abs(tracked.force - alone.force).max())

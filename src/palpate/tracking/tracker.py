@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from palpate._arrays import from_numpy
 from palpate._threads import WIDEST, few_threads
 from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import CreepFilter
-from palpate.errors import InvalidInput, Unsupported
+from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.limits import ends_of
@@ -29,8 +28,10 @@ from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.tracking.background import Background
-from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact, Frame
+from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.discrepancy import widened
+from palpate.tracking.errors import open_above
+from palpate.tracking.frames import Frame
 from palpate.tracking.health import Flags, Health, ReadingCheck
 from palpate.tracking.learning import Learning, rough_noise
 from palpate.tracking.misfit import Misfit
@@ -39,60 +40,26 @@ from palpate.tracking.ready import make_ready
 from palpate.tracking.region import NormalEquations
 from palpate.tracking.rest import Rest
 from palpate.tracking.search import LOST, TAKEN
+from palpate.tracking.settings import MISREAD, check_settings
 from palpate.tracking.single import Alone, Answer, Comparison
-from palpate.tracking.standing import Standing
+from palpate.tracking.slow import SlowPress
+from palpate.tracking.standing import Standing, Steady
 from palpate.tracking.times import FrameTime, FrameTimes, checked_time
-from palpate.tracking.zero import FRAMES_FOR_NOISE, Zero
+from palpate.tracking.zero import Zero
 from palpate.uncertainty import Case
 
-__all__ = ["FRAMES_OF_ZERO", "Tracker", "check_settings"]
+__all__ = ["FRAMES_OF_ZERO", "Tracker"]
 
-#: A contact that has not changed by a tenth (and by more than its error) for so long [s] is questioned: drift looks the same.
-STEADY, VARIED = 60.0, 0.1
-#: Time constant [s] with which what a contact was is remembered.
-REMEMBERED = 2.0
 #: Frames after a clock that went back in which the zero may have jumped with it.
 AFTER_RESTART = 10
 #: Frames that are taken for a new zero.
 FRAMES_OF_ZERO = 10
 #: What subtracting a zero, the mean of some frames, leaves of a reading in double precision.
 ROUNDING = 1e-12
-#: Half of an interval of 95 % in standard deviations; and standard deviations of what would not be detected by which a drift is worth a word.
-HALF_WIDTH, DRIFTED = 1.96, 10.0
 #: Share of the readings that a pad's model leaves unexplained from which on it is said.
 SAID = 0.05
 #: Part of the budget in which a frame's iteration ends; the rest is for the answer.
 BUDGET_OF_ITERATION = 0.8
-
-
-def check_settings(**settings: float | None) -> None:
-    """Refuse settings that are no positive numbers; None, where it is a choice, passes."""
-    for name, value in settings.items():
-        if value is None and name in ("budget", "rezero"):
-            continue
-        if isinstance(value, bool) or not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
-            raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
-
-
-def check_sought(components: Sequence[str], boundary: str) -> None:
-    """Refuse what no tracker can follow, with what serves: a tracker has one method, so that another method is no advice."""
-    frames = 'Skin.reconstruct(readings, method="tikhonov") (palpate reconstruct --method tikhonov)'
-    if boundary == "periodic":
-        raise Unsupported(
-            f'a tracker needs boundary="free". On a periodic surface take frames by themselves, {frames}.'
-        )
-    if "z" not in components:
-        raise Unsupported(
-            f"a tracker keeps pressure from pulling, so it needs the pressure: seek z too, with channels that measure it, or take frames by themselves, {frames}."
-        )
-
-
-#: What is said where the channels alone do not tell pressure from shear. Balls that press, slide and twist were read 1 to 35 % too small from markers 0.5 mm
-#: deep in a gel of 3.5 to 4 mm, 4 to 20 % too large 1 mm deep, and 60 % too small on its surface; shear forces were within their intervals.
-MISREAD = (
-    "a tracker misreads the normal force from markers that only move sideways, by up to a third where they lie in the gel and more on its surface, and its intervals need not know; "
-    "shear is as good as that of frames by themselves (Skin.reconstruct, palpate reconstruct, and of pictures palpate track without --fast)"
-)
 
 
 class Tracker:
@@ -164,7 +131,7 @@ class Tracker:
         self._background = Background(threaded=budget is not None)
         self._alone, self._beside = alone, Background(threaded=budget is not None and alone is not None)
         self._misfit = Misfit(estimator)
-        self._even = _even(estimator)
+        self._slow = SlowPress(estimator)
         make_ready(estimator, self._equations)
         self._seconds = 0.0
         self.reset()
@@ -224,7 +191,7 @@ class Tracker:
         self._beside.forget()
         self._compared: Answer | None = None  # that of the frame that is solved by itself beside the stream
         self._frame: Frame | None = None
-        self._steady, self._usual = 0.0, math.nan
+        self._steady = Steady()
         self._restarted = 0
         self._said: list[str] = []
         self._held = np.zeros(n)  # the last good value of each reading, for the memory of creep
@@ -400,7 +367,12 @@ class Tracker:
             return touch
         if "alone" not in beside:
             left_out = self._check.clipped | (self.health.left_out & (self.health.reasons != "unexplained"))
-            if not comparison.due(self._contact.size) or left_out.any() or not np.isfinite(frame.actual).all():
+            if (
+                not self._contact.judged
+                or not comparison.due(self._contact.size)
+                or left_out.any()
+                or not np.isfinite(frame.actual).all()
+            ):
                 return touch
             comparison.begun(self._contact.size)
             self._compared = Answer.of(touch)
@@ -463,7 +435,7 @@ class Tracker:
             self._standing = Standing()
             learning.take_noise(zero.capture(scaled))
             if not zero.capturing:
-                self._rested(zero.shown)
+                self._rest = Rest.of(zero.shown, self._equations)
                 if zero.moved:
                     self._said.append(MOVED)
             return Status.CAPTURING_ZERO, True
@@ -554,17 +526,6 @@ class Tracker:
             status = Status.NOT_PUSHING
         return self._unless_frozen(status), converged
 
-    def _rested(self, frames: Floats) -> None:
-        """Take in what the frames of a zero (frame, reading) leave of it: nothing touches in them."""
-        self._rest = Rest()
-        if len(frames) < FRAMES_FOR_NOISE:
-            return
-        for y in frames * math.sqrt(len(frames) / (len(frames) - 1)):
-            absent = ~np.isfinite(y)
-            self._rest.look(
-                y, self._equations.score(self._equations.adjoint_of(np.where(absent, 0.0, y), absent)), largest=math.inf
-            )
-
     def _unfinished(self) -> str:
         """What helps where the iteration did not end."""
         if self.budget is not None and not self._contact.exhausted:
@@ -598,20 +559,7 @@ class Tracker:
             first = int(np.argmax(self._offsets.index == c))
             what = self._label(first).split(" at ")[0]
             said.append(f"the zero of {what} has drifted by {drift[c] * self._std[first]:.3g}: taken out")
-        self._usual_force(elapsed)
-        if self._steady > STEADY:
-            said.append(f"steady for {self._steady:.0f} s: contact or drift? rezero() where nothing touches")
-
-    def _usual_force(self, elapsed: float) -> None:
-        """For how long the contact has hardly changed."""
-        contact = self._contact
-        size = contact.size
-        if math.isnan(self._usual):
-            self._usual = size
-        self._steady += elapsed
-        if abs(size - self._usual) > VARIED * self._usual:
-            self._steady = 0.0
-        self._usual += -math.expm1(-elapsed / REMEMBERED) * (size - self._usual)
+        said += self._steady.look(contact.size, elapsed)
 
     def _unless_frozen(self, status: Status) -> Status:
         """The status of a frame that is answered, unless the sensor stands still."""
@@ -690,22 +638,8 @@ class Tracker:
         self._contact.release()
         self._comparison.release()
         self._beside.forget()
-        self._steady, self._usual = 0.0, math.nan
+        self._steady = Steady()
         self._fit = math.nan
-
-    def _with_drift(self, errors: Errors) -> Errors:
-        """Errors of a frame without contact, with room for an even press that grew so slowly that the zero followed it."""
-        drift, (even, area) = self._zero.wandered, self._even
-        size = max(float(np.linalg.norm(even)), 1e-300)
-        along = abs(float(drift @ even)) / size
-        force = along / size * area if along > LOST * (self._learning.noise or 0.0) else 0.0
-        if force > DRIFTED * float(errors.force[-1]):
-            self._said.append(
-                f"the zero has followed the readings since it was taken: what they drifted by, an even press of {force:.2g} "
-                f"{'N/m' if self.estimator.operator.surface.dimensions == 1 else 'N'} would look like. Take it anew while nothing touches (Z on the page, Tracker.rezero)"
-            )
-        room = np.where(np.arange(len(errors.force)) == len(errors.force) - 1, force / HALF_WIDTH, 0.0)
-        return replace(errors, force=np.hypot(errors.force, room))
 
     # -- the answer ----------------------------------------------------------------------------------------------------
 
@@ -723,14 +657,15 @@ class Tracker:
             errors, stated = contact.errors, contact.stated
             share = learning.discrepancy.posterior
             if status is Status.OVERLOAD and errors is not None:
-                errors = _open(errors)
+                errors = open_above(errors)
             share = math.hypot(share, self._comparison.share)
             if share and values.any():
                 stated = widened(stated, values.reshape(-1, *grid.shape), grid, share)
         else:
             errors = contact.undetected(noise)
             if errors is not None and status is Status.NO_CONTACT:
-                errors = self._with_drift(errors)
+                errors, drifted = self._slow.room(errors, self._zero.wandered, noise or 0.0)
+                self._said += drifted
         said = [*([] if note is None else [note]), *self._said]
         pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
         drag = contact.drag if status.known and self._touching else None
@@ -762,17 +697,3 @@ class Tracker:
             sticking=None if drag is None else drag.sticking,
             fit=np.asarray(self._fit if status.known else math.nan),
         )
-
-
-def _even(estimator: ConstrainedEstimator) -> tuple[Floats, float]:
-    """What an even pressure of 1 Pa over the array makes of the readings, in units of their standard deviations, and its net force."""
-    inside = estimator.inside.ravel().astype(np.float64)
-    traction = np.zeros((len(estimator.columns), inside.size))
-    traction[-1] = inside
-    readings = estimator.explained_by(traction) / estimator.readings.std
-    return readings, float(inside.sum()) * estimator.operator.surface.cell
-
-
-def _open(errors: Errors) -> Errors:
-    """Errors of a load of which only the least is known: the interval of its force has no upper end."""
-    return replace(errors, beyond_force=np.full_like(errors.beyond_force, math.inf))
