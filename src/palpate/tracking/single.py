@@ -19,8 +19,10 @@ from palpate.status import Status
 from palpate.touch import Touch
 from palpate.tracking.zero import FRAMES_FOR_NOISE
 
-__all__ = ["Alone", "Answer", "Comparison", "SingleSolve"]
+__all__ = ["BEGUN", "Alone", "Answer", "Comparison", "SingleSolve"]
 
+#: How what is said begins where a contact is begun anew.
+BEGUN = "followed from frame to frame this contact read"
 #: Solves readings less their zero (one array per plane) by themselves, with the noise of frames at rest (the same, a list of them).
 Alone = Callable[[list[Floats], list[list[Floats]]], Touch]
 #: Noise that frames at rest tell is rounded up to powers of this: a skin that is prepared serves again.
@@ -161,4 +163,4 @@ class Comparison:
     def words(self, tracked: Answer, alone: Answer, unit: str) -> str:
         """What is said when the tracker begins anew."""
         both = (f"{a.force[-1]:.3g} ({a.low[-1]:.3g} to {a.high[-1]:.3g}) {unit}" for a in (tracked, alone))
-        return "followed from frame to frame this contact read {}, by itself {}: it is begun anew".format(*both)
+        return f"{BEGUN} {', by itself '.join(both)}: it is begun anew"
