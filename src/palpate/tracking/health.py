@@ -25,8 +25,8 @@ BAD, GOOD = 5, 40
 STUCK = 50
 #: Readings are stuck where they repeat themselves so often in a row that, as often as they did before, it happens once in so many frames ...
 CHANCE = 1e-6
-#: ... of at least so many before, ...
-BEFORE = 20
+#: ... of at least so many before, so many times at least, ...
+BEFORE, FEWEST_REPEATS = 20, 3
 #: ... and so many times as often as most: a coarse converter repeats itself everywhere.
 ALONE = 5
 #: A reading rests at its zero where it is less than this part of the largest.
@@ -164,12 +164,7 @@ class ReadingCheck:
                 self._repeats = np.where(same, self._repeats + 1, 0)
                 self._compared += 1
                 self._repeated += same
-                before = self._compared - self._repeats
-                rate = (self._repeated - self._repeats + 1.0) / (before + 2.0)
-                often = (self._repeats * np.log(rate) < math.log(CHANCE)) & (before >= BEFORE)
-                # at an end of its range a reading repeats itself because it is there, and at its zero it may in a sensor that is coarse there
-                alone = self._repeats > ALONE * np.median(self._repeats)
-                self._stuck = often & alone & finite & ~wild & ~self.clipped & ~self._resting
+                self._stuck = self._stand_still() & finite & ~wild
                 self.count(self._stuck, "stuck")
         self._last = flat
         # a bad reading is given back after many good frames
@@ -180,6 +175,16 @@ class ReadingCheck:
             back = health.left_out & (self._bad <= -GOOD)
             health.left_out[back], health.reasons[back], self._bad[back] = False, "", 0
         return ~gone & ~self._stuck
+
+    def _stand_still(self) -> Flags:
+        """Readings that repeat themselves, which they seldom did before, while others still change."""
+        if self._repeats.max() < FEWEST_REPEATS:
+            return np.zeros(len(self._repeats), dtype=bool)
+        before = self._compared - self._repeats
+        rate = (self._repeated - self._repeats + 1.0) / (before + 2.0)
+        often = (self._repeats * np.log(rate) < math.log(CHANCE)) & (before >= BEFORE)
+        # at an end of its range a reading repeats itself because it is there, and at its zero it may in a sensor that is coarse there
+        return often & (self._repeats > ALONE * np.median(self._repeats)) & ~self.clipped & ~self._resting
 
     def enough(self, usable: Flags) -> bool:
         """Whether a frame with these readings can be answered."""
