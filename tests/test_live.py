@@ -85,8 +85,9 @@ def told(socket: Any, key: str) -> Any:
 
 def test_packets_hold_what_the_touch_holds(skin: pp.Skin) -> None:
     tracker, monitor = skin.track(friction=0.6), pp.GraspMonitor(friction=0.6)
-    touch = tracker.step(skin.sense(BALL), 1.5)
-    events = monitor.update(touch)
+    for seconds in (1.3, 1.4, 1.5):
+        touch = tracker.step(skin.sense(BALL), seconds)
+        events = monitor.update(touch)
     numbers, maps = unpacked(packed(touch, monitor, events, {"frames": 1}, born=1e12, ms=1.0))
     ny, nx = skin.surface.shape
     assert maps.size == 3 * ny * nx

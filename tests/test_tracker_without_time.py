@@ -50,10 +50,10 @@ def test_what_is_stated_of_the_pad_and_the_taxels_widens_a_trackers_intervals_as
     """Force from strain is proportional to the modulus; from stress it does not depend on it, but on gains."""
     press = solutions.hertz_line(half_width=3e-3, force=10.0)
     cases: list[tuple[str, pp.Uncertainty, bool]] = [
-        ("strain_zz", replace(EXACT, youngs_modulus=0.1), True),
-        ("stress_zz", replace(EXACT, youngs_modulus=0.1), False),
-        ("stress_zz", replace(EXACT, gain=0.1), True),
-        ("strain_zz", replace(EXACT, depth=0.1), True),
+        ("strain_zz", replace(EXACT, youngs_modulus=0.25), True),
+        ("stress_zz", replace(EXACT, youngs_modulus=0.25), False),
+        ("stress_zz", replace(EXACT, gain=0.25), True),
+        ("strain_zz", replace(EXACT, depth=0.2), True),
     ]
     for channel, uncertainty, wider in cases:
         array = pp.LineArray(count=25, pitch=1e-3, depth=1.5e-3, channels=[channel])
@@ -178,7 +178,7 @@ def test_a_tracker_without_time_lets_go_of_what_has_left(skin: pp.Skin, pressed:
             reading[2, 4, 4] = 0.0
             touch = tracker.step(reading + slope * max(i - 40, 0) / 50.0)
             wait(tracker._background._pending.values())  # a stream pauses between its frames: long work ends there
-            assert abs(float(touch.force[2])) < 3.0
+            assert abs(float(touch.force[2])) < 4.0
             if i >= REST:
                 low, high = bounds(touch)
                 held.append(low - 0.02 <= load <= high + 0.02)

@@ -33,6 +33,7 @@ from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.drag import STICK
+from palpate.inverse.fit import POOR_FIT
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.units import is_number
@@ -58,6 +59,9 @@ SHAPE_MEMORY, COUNTS = 0.85, 2.5
 COUNTS_OF_READINGS = 5.0
 #: An alarm is raised at the first probability and taken back below the second.
 RAISE, CLEAR = 0.9, 0.5
+#: What begins or ends must do so in so many frames in a row; slip, in frames that follow so many others that were explained: one frame alone, or a sensor
+#: that recovers, raises no alarm.
+EVIDENCE, SETTLED = 3, 3
 #: Part of the friction limit beyond which a contact counts as sliding.
 SLIDING = 0.95
 #: Frames in a row of sliding from which friction is learned.
@@ -168,12 +172,12 @@ class GraspMonitor:
     >>> grid = pp.LineGrid(count=5, spacing=1e-3)
     >>> pressure = np.array([0.0, 500.0, 1000.0, 500.0, 0.0])
     >>> monitor = pp.GraspMonitor(friction=0.5)
-    >>> for time in range(10):
+    >>> for time in range(12):
     ...     pull = 0.1 if time == 0 else 0.49  # shear over pressure
     ...     values = np.stack([pull * pressure, pressure])
     ...     found = monitor.update(pp.Touch(values, grid, ("x", "z"), "tikhonov", time=np.array(float(time))))
     >>> [(event.kind, event.time) for event in monitor.events]
-    [('contact', 0.0), ('incipient slip', 6.0)]
+    [('contact', 2.0), ('incipient slip', 8.0)]
     """
 
     def __init__(
@@ -211,6 +215,8 @@ class GraspMonitor:
         """
         self.learned: float | None = None
         self._on: dict[str, bool] = {}
+        self._since: dict[str, int] = {}  # frames in a row that speak for a change
+        self._settled = 0  # explained frames in a row, of a contact
         self._past: Floats = np.zeros(len(STICK))
         self._smooth: float | None = None
         self._slid: list[float] = []
@@ -218,7 +224,8 @@ class GraspMonitor:
         self.state: GraspState | None = None
 
     def update(self, touch: Touch) -> list[Event]:
-        """Take in one touch (without batch axes) and return what began or ended.
+        """Take in one touch (without batch axes) and return what began or ended: what three explained frames in a row say. Of a frame that nothing explains
+        (status "unexplained", or a fit below 0.01) nothing else begins or ends.
 
         Raises
         ------
@@ -232,8 +239,9 @@ class GraspMonitor:
         >>> grid = pp.LineGrid(count=3, spacing=1e-3)
         >>> touch = pp.Touch(np.array([[0.0, 100.0, 0.0], [0.0, 1000.0, 0.0]]), grid, ("x", "z"), "tikhonov")
         >>> monitor = pp.GraspMonitor(friction=0.5, max_pressure=800.0)
-        >>> [str(event) for event in monitor.update(touch)]
-        ['0.000 s  contact began', '0.000 s  excess pressure began: 1000 Pa, sure to 100 %']
+        >>> events = [str(event) for _ in range(3) for event in monitor.update(touch)]  # one frame alone is no event
+        >>> events
+        ['2.000 s  contact began', '2.000 s  excess pressure began: 1000 Pa, sure to 100 %']
 
         >>> round(monitor.state.utilisation, 3)  # Q / (mu P)
         0.2
@@ -244,9 +252,11 @@ class GraspMonitor:
             raise InvalidInput("a GraspMonitor needs the pressure: seek component z.")
         time = float(self._frames if touch.time is None else touch.time)
         self._frames += 1
-        if touch.status is not None and not Status.coded(int(touch.status)).known:
+        status = None if touch.status is None else Status.coded(int(touch.status))
+        if status is not None and (not status.known or status is Status.FROZEN):
             # nothing is known of this frame: what goes on goes on, and nothing is said to have ended
             lost = np.full(len(touch.surface.components), math.nan)
+            self._forget()
             self.state = GraspState(time, False, lost, math.nan, math.nan, *self._friction())
             return []
         values = to_numpy(touch.values).astype(np.float64)
@@ -254,16 +264,25 @@ class GraspMonitor:
         touching = bool(values[-1].any()) if touch.touching is None else bool(touch.touching)
         # what pulls, and what nothing explains, is no contact
         pushing = touch.pushing is None or bool(touch.pushing)
-        pulling = touching and not pushing and force[-1] < 0
+        poor = touch.fit is not None and float(touch.fit) < POOR_FIT
+        explained = status is not Status.UNEXPLAINED and not poor
+        pulling = touching and explained and not pushing and force[-1] < 0
+        unexplained = touching and (not explained or (not pushing and force[-1] > 0))
         touching = touching and force[-1] > 0
-        unexplained = touching and not pushing
-        touching = touching and (pushing or self._on.get("contact", False))
         probabilities: dict[str, float] = {}
+        if unexplained:
+            # such a frame says nothing of what goes on
+            self._forget()
+            self.state = GraspState(time, touching, force, math.nan, math.nan, *self._friction())
+            return self._watch({"unexplained": (1.0, float(force[-1]), 0.0)}, time)
         utilisation = std = twist = math.nan
         margins: Floats | None = None
         friction, friction_std = self._friction()
+        overload = status is Status.OVERLOAD
         if not touching:
-            self._past, self._smooth = np.zeros(len(STICK)), None
+            self._forget()
+        elif overload:
+            self._settled = 0  # shear over pressure is not known
         elif set(touch.components) == set(touch.surface.components):
             net, error = _likely(touch, force)
             ratio = float(np.linalg.norm(net[:-1])) / float(net[-1])
@@ -283,21 +302,21 @@ class GraspMonitor:
                 utilisation, std = self._from_forces(ratio, error, friction, friction_std, probabilities)
             self._learn(probabilities["slip"], ratio)
             margins = _margins(values, friction)
+            self._settled += 1
         for kind, limit, of, value in (
             ("excess pressure", self.max_pressure, "peak_pressure", float(values[-1].max())),
             ("excess force", self.max_force, "force", float(force[-1])),
         ):
             if touching and limit is not None:
-                probabilities[kind] = float(value > limit if touch.errors is None else touch.exceeds(limit, of))
+                sure = overload or touch.errors is None  # an overload is at least its value
+                probabilities[kind] = float(value > limit if sure else touch.exceeds(limit, of))
         self.state = GraspState(
             time, touching, force, utilisation, std, friction, friction_std, probabilities, twist, margins
         )
         watched = {
-            "contact": (float(touching), float(force[-1]), 0.0),
+            "contact": (self._contact(touch, force) if touching else 0.0, float(force[-1]), 0.0),
             "pull": (_chance_of_pull(touch) if pulling else 0.0, float(force[-1]), 0.0),
-            "unexplained": (float(unexplained), float(force[-1]), 0.0),
-            "incipient slip": (probabilities.get("incipient slip", 0.0), utilisation, self.incipient),
-            "slip": (probabilities.get("slip", 0.0), utilisation, SLIDING),
+            "unexplained": (0.0, float(force[-1]), 0.0),
             "excess pressure": (
                 probabilities.get("excess pressure", 0.0),
                 float(values[-1].max()),
@@ -305,13 +324,31 @@ class GraspMonitor:
             ),
             "excess force": (probabilities.get("excess force", 0.0), float(force[-1]), self.max_force or math.nan),
         }
+        if not touching or self._settled > SETTLED:
+            for kind, limit in (("incipient slip", self.incipient), ("slip", SLIDING)):
+                watched[kind] = (probabilities.get(kind, 0.0), utilisation, limit)
+        return self._watch(watched, time)
+
+    def _forget(self) -> None:
+        """Slip is judged anew."""
+        self._past, self._smooth, self._settled = np.zeros(len(STICK)), None, 0
+
+    def _contact(self, touch: Touch, force: Floats) -> float:
+        """Probability of the contact of a touch that presses; one that goes on is not doubted."""
+        return 1.0 if self._on.get("contact", False) else _chance_of_contact(touch, force)
+
+    def _watch(self, watched: dict[str, tuple[float, float, float]], time: float) -> list[Event]:
+        """What began or ended, of what is watched: probability, value and limit of each kind; the evidence for what is not starts anew."""
         found = []
+        since, self._since = self._since, {}
         for kind, (probability, value, limit) in watched.items():
             was = self._on.get(kind, False)
-            now = probability >= (CLEAR if was else RAISE)
-            self._on[kind] = now
-            if now != was:
-                found.append(Event(kind, now, time, probability, value, limit))
+            if math.isnan(probability) or (probability >= (CLEAR if was else RAISE)) is was:
+                continue
+            self._since[kind] = since.get(kind, 0) + 1
+            if self._since[kind] >= EVIDENCE:
+                self._on[kind] = not was
+                found.append(Event(kind, not was, time, probability, value, limit))
         for event in found:
             self.events.append(event)
             if self.callback is not None:
@@ -328,7 +365,7 @@ class GraspMonitor:
         >>> import palpate as pp
         >>> touch = pp.Touch(np.ones((2, 3)), pp.LineGrid(count=3, spacing=1e-3), ("x", "z"), "tikhonov")
         >>> monitor = pp.GraspMonitor(friction=2.0)
-        >>> found = monitor.update(touch)
+        >>> found = [monitor.update(touch) for _ in range(3)]
         >>> monitor.going_on()
         ('contact',)
         """
@@ -480,6 +517,19 @@ def _chance_of_pull(touch: Touch) -> float:
     low, high = touch.interval(0.6827, "force")
     middle, std = 0.5 * (low[-1] + high[-1]), 0.5 * (high[-1] - low[-1])
     return 0.5 * math.erfc(float(middle) / (math.sqrt(2.0) * max(float(std), 1e-300)))
+
+
+def _chance_of_contact(touch: Touch, force: Floats) -> float:
+    """Probability that the net force presses, of a touch whose net force does; above zero by what is not known of it."""
+    if touch.errors is None or not np.isfinite(touch.errors.force[-1]):
+        return 1.0
+    low, high = touch.interval(0.6827, "force")
+    below = (
+        float(force[-1] - low[-1]) if low[-1] > 0 else float(high[-1] - force[-1])
+    )  # the lower end may be cut off at zero
+    if not math.isfinite(below):
+        return 1.0
+    return 0.5 * math.erfc(-float(force[-1]) / (math.sqrt(2.0) * max(below, 1e-300)))
 
 
 def _likely(touch: Touch, force: Floats) -> tuple[Floats, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +37,9 @@ from palpate.sensing.uncertainty import Uncertainty
 from palpate.sensing.zero import Rest, rest_frames
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
-from palpate.tracking.tracker import Tracker, check_settings, check_sought
+from palpate.tracking.settings import check_settings, check_sought, creep_filters
+from palpate.tracking.single import SingleSolve
+from palpate.tracking.tracker import Tracker
 
 if TYPE_CHECKING:
     from palpate.recordings.recording import Recording
@@ -571,12 +574,7 @@ class Skin(SkinProperties):
         solver = self._prepared(method, names)
         filters: Callable[[], list[CreepFilter | None]] | None = None
         if isinstance(self._pad, Viscoelastic):
-            prony = self._pad.prony
-            creeps = [bool(creeping(a).any()) for a in self._planes]
-
-            def filters() -> list[CreepFilter | None]:
-                return [CreepFilter(prony) if c else None for c in creeps]
-
+            filters = partial(creep_filters, self._pad.prony, [bool(creeping(a).any()) for a in self._planes])
         return Tracker(
             solver,
             names,
@@ -584,6 +582,7 @@ class Skin(SkinProperties):
             notes=notes(self._problem.seeking(names), self.components, method, solver),
             case=self.case(names),
             creep=filters,
+            alone=SingleSolve(self.without_creep() if filters is not None else self, names, friction),
             baseline=baseline,
             tolerance=tolerance,
             budget=budget,

@@ -80,7 +80,6 @@ class Status(enum.IntEnum):
         "the pad's model does not explain these readings",
         "check pad, depth, units, axes and signs of the channels, and broken taxels; press with a known force to check the unit",
     )
-
     UNDECIDED = (
         9,
         "undecided",
@@ -91,7 +90,7 @@ class Status(enum.IntEnum):
         10,
         "overload",
         "readings lie at the end of their range: the load is at least this, and nothing tells how much more",
-        "press less, or choose a larger range of the sensor",
+        "press less, or use a sensor or a setting of a larger range",
     )
 
     @classmethod

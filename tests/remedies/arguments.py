@@ -346,7 +346,7 @@ REMEDIES = [
     # trackers and monitors
     value("incipient must lie between 0 and", lambda i: pp.GraspMonitor(friction=0.5, incipient=i), 2.0, 0.3),
     value("{} must be a positive number; got", lambda f: pp.GraspMonitor(friction=f), -0.5, 0.5, room="grasp"),
-    value("{} must be a positive number; got", lambda r: SKIN.track(rate=r), 0.0, 100.0, room="tracking.tracker"),
+    value("{} must be a positive number; got", lambda r: SKIN.track(rate=r), 0.0, 100.0, room="tracking.settings"),
     value("baseline must be a number of frames >= 0, or one frame", lambda b: SKIN.track(baseline=b), -1, 5),
     value(
         "or leave these taxels out (Skin.masked)",

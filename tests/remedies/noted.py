@@ -594,6 +594,25 @@ def stuck(*, mended: bool) -> pp.Touch:
     return one_frame(frame)
 
 
+def overloaded(load: float) -> list[pp.Touch]:
+    """A press in parts of the full one, of a sensor that ends at a third of it."""
+    top = 0.3 * float(np.abs(line()[1]).max())
+    skin = pp.Skin(PAD, pp.LineArray(**LINE, noise=5.0, limits=(-top, top)))
+    return tracked(np.clip(readings(0.0, 0.0, load), -top, top), skin=skin)[-1:]
+
+
+def slow_press(rezeroed: bool) -> list[pp.Touch]:
+    """Normal stress that grows evenly for 8 s; then a new zero, and a press."""
+    tracker, grown = line()[0].track(), np.array([0.0, 400.0])[:, None]
+    ramp = np.concatenate([readings(0.0, offset=k / 400 * grown, seed=k) for k in range(400)])
+    found = tracked(ramp, tracker=tracker)
+    if not rezeroed:
+        return found[-1:]
+    tracker.rezero(frames=5)
+    tracked(readings(*REST, offset=grown, seed=1), tracker=tracker, begin=9.0)
+    return tracked(readings(0.5, offset=grown, seed=2), tracker=tracker, begin=10.0)
+
+
 def frozen(*, runs: bool) -> list[pp.Touch]:
     """A sensor that repeats one frame; then it goes on."""
     frames = np.concatenate([readings(*[0.0] * 60), np.repeat(readings(1.0, seed=5), 60, axis=0)])

@@ -34,7 +34,7 @@ from palpate.sensing.zero import MOVED, STANDS
 from palpate.skin import Skin
 from palpate.status import Status
 from palpate.touch import Touch
-from palpate.tracking import FRAMES_OF_ZERO, Tracker
+from palpate.tracking import BEGUN, FRAMES_OF_ZERO, Tracker
 
 __all__ = ["MAGIC", "Session", "packed", "recorded", "unpacked"]
 
@@ -412,10 +412,13 @@ class Session:
         self._notify()
 
     def _doubt_the_zero(self, touch: Touch, time: float) -> None:
-        """Says once that readings stand far from 0, and once for each zero that its frames moved."""
+        """Says once that readings stand far from 0, once for each zero that its frames moved, and where a contact is begun anew."""
         if STANDS in touch.notes and not self._stands:
             self._stands = True
             self.note(f"{time:.3f} s  {STANDS}")
+        for text in touch.notes:
+            if text.startswith(BEGUN):
+                self.note(f"{time:.3f} s  {text}")
         if (MOVED in touch.notes) is not self._moved:
             self._moved = not self._moved
             if self._moved:

@@ -15,10 +15,14 @@
 - `search`: when the region moves, and what the contact does not explain;
 - `iteration`: the alternating direction method of multipliers;
 - `errors`: error bars, made anew now and then;
+- `rest`, `discrepancy`: what frames without contact show, and what the pad's model leaves unexplained;
+- `single`: the answer compared with that of a frame by itself;
 - `background`: long work beside the stream.
 """
 
 from palpate.tracking.health import Health
-from palpate.tracking.tracker import FRAMES_OF_ZERO, Tracker, check_settings
+from palpate.tracking.settings import check_settings
+from palpate.tracking.single import BEGUN
+from palpate.tracking.tracker import FRAMES_OF_ZERO, Tracker
 
-__all__ = ["FRAMES_OF_ZERO", "Health", "Tracker", "check_settings"]
+__all__ = ["BEGUN", "FRAMES_OF_ZERO", "Health", "Tracker", "check_settings"]

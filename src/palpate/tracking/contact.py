@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +17,12 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.estimate import Errors, Stated
+from palpate.inverse.fit import POOR_FIT
 from palpate.tracking.background import Background
+from palpate.tracking.discrepancy import LARGEST, PRIOR, share_of
 from palpate.tracking.dragging import Drag, Dragging
 from palpate.tracking.errors import ErrorBars
+from palpate.tracking.frames import Found, Frame
 from palpate.tracking.health import Flags, Index, ReadingCheck
 from palpate.tracking.interim import interim, unconverged, wider
 from palpate.tracking.iteration import Iteration
@@ -28,10 +30,10 @@ from palpate.tracking.learning import NORMAL, Learning
 from palpate.tracking.misfit import Misfit
 from palpate.tracking.offsets import Marginal, Offsets
 from palpate.tracking.pulling import Pulling
-from palpate.tracking.region import NormalEquations, Region
+from palpate.tracking.region import Making, NormalEquations, Region
 from palpate.tracking.search import TAKEN, Search
 
-__all__ = ["EVERY", "Contact", "Frame"]
+__all__ = ["EVERY", "Contact"]
 
 #: Everything is looked at (new contacts, taxels that contact does not explain) at least once in so many frames: a look costs about as
 #: much as a frame.
@@ -66,30 +68,12 @@ COMPACT = 0.4
 #: A look is taken at once where the misfit is so many standard deviations of its own beyond the noise, and this part of the readings'
 #: energy (a dead taxel under a contact: per cents), or so many times what was found acceptable before.
 UNUSUAL, ENERGY, TOLERATED = 6.0, 5e-4, 1.5
+#: Traction of either sign leaves at least this part of the readings' degrees of freedom to noise where it explains them.
+LEAST_FREE = 0.05
 #: Pressure that wants to pull by this part of the highest score, and by as much as a contact is taken up for, speaks for a pull.
 WANTS = 0.05
 #: Log odds that a reading is wrong, and that a frame pulls: one reading in 3000, and one cell in 1000 by as much as is taken for contact.
 COST_OF_READING, COST_OF_PULL = 8.0, TAKEN**2
-
-
-class Frame(NamedTuple):
-    """A frame to be explained: readings without zero and offsets (NaN where missing), noise, when it must be done, and how much noisier it is
-    for the noise of the zero.
-    """
-
-    actual: Floats
-    noise: float
-    deadline: float
-    noisier: float = 1.0
-
-
-class _Found(NamedTuple):
-    """What a hypothesis leaves of each reading, its root mean square, and which readings it does not use."""
-
-    rest: Floats
-    left: float
-    unused: Flags
-    fits: bool
 
 
 class Contact:
@@ -114,7 +98,7 @@ class Contact:
         self._pulling = Pulling(estimator, equations)
         self._dragging = Dragging(estimator, equations)
         self.residual = math.nan
-        self._looked: _Found | None = None
+        self._looked: Found | None = None
         self._misfit = misfit
         self.release()
 
@@ -163,9 +147,19 @@ class Contact:
         return self._solution.exhausted
 
     @property
+    def judged(self) -> bool:
+        """Whether its error bars are made."""
+        return self._errors.errors is not None
+
+    @property
     def size(self) -> float:
         """Sum of the magnitudes of pressure, in any unit."""
         return float(np.abs(self._solution.pressure if self.pushing else self._pulling.traction[-1]).sum())
+
+    @property
+    def _net_pull(self) -> bool:
+        """Whether traction of either sign pulls on the whole."""
+        return float(self._pulling.traction[-1].sum()) < 0.0
 
     @property
     def errors(self) -> Errors | None:
@@ -201,8 +195,10 @@ class Contact:
         frame = frame._replace(noise=noise)
         converged = True
         if not self.pushing:
+            pulled = self._net_pull
             found = self._pull(frame)
-            if regular or (self.fits and not found.fits):  # what nothing explains is looked at now and then
+            turned = pulled and not self._net_pull
+            if regular or turned or (self.fits and not found.fits):  # what nothing explains is looked at now and then
                 converged = self._weigh(frame, restarted)
             else:
                 self._take(found, noise)
@@ -291,7 +287,7 @@ class Contact:
             slope = equations.adjoint_of(y, nothing)
             cells = self._search.first(equations.score(slope) / noise) if there is None else there
             trial = Iteration(estimator.cone, len(estimator.columns), math.prod(estimator.operator.surface.shape))
-            trial.move(_Making(equations, cells, parameter, nothing)())
+            trial.move(Making(equations, cells, parameter, nothing)())
             give_way()
             trial.solve(slope, tolerance=self._tolerance, deadline=math.inf)
             rest = estimator.readings.white(y - equations.explained(trial.region, trial.traction), ~nothing)
@@ -332,6 +328,8 @@ class Contact:
             if bars is None or not self._errors.serves(self._solution):
                 bars = wider(bars, interim(self._estimator, self._solution, self.noise))
             self._bars = bars if converged or bars is None else unconverged(self._estimator, self._solution, bars)
+        if self._looked is None and self.fit < POOR_FIT and self.pushing:
+            self._looked = self._here(frame)  # that a frame is not explained is no news of the next
         if self._looked is not None:
             self.fit, self._looked = self._fit(self._looked, frame), None
         observed = self._errors.observed
@@ -345,18 +343,18 @@ class Contact:
         innovation = observed.innovation(marginal.sums, self._equations.adjoint(y, unused), cells, traction)
         self._offsets.update(observed.counts, innovation, self.noise)
 
-    def _fit(self, found: _Found, frame: Frame) -> float:
-        """Misfit probability of what is left; NaN until it is known how much the contact takes up."""
-        if math.isnan(self._errors.taken):
-            return math.nan
+    def _fit(self, found: Found, frame: Frame) -> float:
+        """Misfit probability of what is left."""
         used = ~found.unused
+        noise = self._learning.in_contact(frame.actual[used])
         return self._misfit.probability(
             found.rest,
             used,
-            frame.noise * frame.noisier,
+            (frame.noise if noise is None else noise) * frame.noisier,
             largest=float(np.abs(frame.actual[used]).max(initial=0.0)),
-            taken=self._errors.taken + self._offsets.columns.shape[1],
+            taken=min(self._taken(int(used.sum())) + self._offsets.columns.shape[1], used.sum() - 1.0),
             known=self._learning.noise_known,
+            ordered=self._learning.discrepancy.least * float(np.sqrt(np.mean(frame.actual[used] ** 2))),
         )
 
     def _firm(self) -> tuple[Index, Floats]:
@@ -422,7 +420,7 @@ class Contact:
         self._used = int((~unused).sum())
         return converged
 
-    def _pull(self, frame: Frame) -> _Found:
+    def _pull(self, frame: Frame) -> Found:
         """Traction of either sign."""
         y, unused, marginal = self._prepared(frame)
         self._pulling.solve(y, frame.noise, unused, self._parameter, marginal)
@@ -434,7 +432,7 @@ class Contact:
         n = self._used
         return self._objective > noise**2 * (n + UNUSUAL * math.sqrt(2.0 * n)) + tolerated * self._energy
 
-    def _left(self, frame: Frame, explained: Floats, shared: Floats) -> _Found:
+    def _left(self, frame: Frame, explained: Floats, shared: Floats) -> Found:
         """What a solution leaves of a frame."""
         if self._marginal is None:
             raise RuntimeError("the frame was not solved")
@@ -446,15 +444,15 @@ class Contact:
         left = float(np.sqrt(np.mean(rest[used] ** 2)))
         signal = float(np.sqrt(np.mean(frame.actual[used] ** 2)))
         fits = left <= math.hypot(EXCESS * frame.noise, self._limits.unexplained_signal * signal)
-        return _Found(rest, left, unused.copy(), fits)
+        return Found(rest, left, unused.copy(), fits)
 
-    def _here(self, frame: Frame) -> _Found:
+    def _here(self, frame: Frame) -> Found:
         """What the present contact that pushes leaves of a frame."""
         solution = self._solution
         explained = self._equations.explained(solution.region, solution.traction, single=True)
         return self._left(frame, explained, solution.shared())
 
-    def _wrong(self, frame: Frame, found: _Found) -> tuple[Flags, float]:
+    def _wrong(self, frame: Frame, found: Found) -> tuple[Flags, float]:
         """Readings that the solution does not explain, the worst first; and beyond what they are wrong."""
         used, rest = ~found.unused, found.rest
         typical = max(frame.noise, float(np.median(np.abs(rest[used]))) / NORMAL)
@@ -480,15 +478,13 @@ class Contact:
         pushed, converged, pulls = self._pushed(frame)
         count = int(check.suspects.sum())
         suspects = check.suspects.copy()
+        unexplained = PRIOR if self._learning.discrepancy.zeroed else self._limits.unexplained_signal
         if pushed.fits and not pulls and count <= max(FEWEST, FEW * len(pushed.rest)):
             return self._accept_push(frame, pushed, converged)
         marginal = self._marginal
         check.suspects[:] = False
         pulled = self._pulled(frame)
-        variance = (
-            frame.noise**2
-            + (self._limits.unexplained_signal * float(np.sqrt(np.mean(frame.actual[~pushed.unused] ** 2)))) ** 2
-        )
+        variance = frame.noise**2 + (unexplained * float(np.sqrt(np.mean(frame.actual[~pushed.unused] ** 2)))) ** 2
         costs = [
             0.5 * f.left**2 * float((~f.unused).sum()) / variance + COST_OF_READING * c + extra
             for f, c, extra in ((pushed, count, 0.0), (pulled, int(check.suspects.sum()), COST_OF_PULL))
@@ -506,7 +502,7 @@ class Contact:
             pushed = self._here(frame)
         return self._accept_push(frame, pushed, converged)
 
-    def _jumped(self, frame: Frame) -> tuple[_Found | None, bool]:
+    def _jumped(self, frame: Frame) -> tuple[Found | None, bool]:
         """Contact that only pushes on a zero that has jumped, or None where that does not explain the frame."""
         offsets, solution = self._offsets, self._solution
         state = offsets.state()
@@ -530,9 +526,10 @@ class Contact:
         solution.clear()
         return None, True
 
-    def _accept_push(self, frame: Frame, pushed: _Found, converged: bool) -> bool:
+    def _accept_push(self, frame: Frame, pushed: Found, converged: bool) -> bool:
         self.pushing = True
         self._pulling.clear()
+        frame, pushed = self._with_discrepancy(frame, pushed)
         if pushed.fits and self._check.suspects.sum() <= MOST * len(pushed.rest):
             _, limit = self._wrong(frame, pushed)
             self._check.judge(self._check.suspects.copy(), pushed.rest, limit, EVERY)
@@ -541,18 +538,41 @@ class Contact:
         self._take(pushed, frame.noise)
         return converged
 
-    def _take(self, found: _Found, noise: float) -> None:
+    def _with_discrepancy(self, frame: Frame, found: Found) -> tuple[Frame, Found]:
+        """Learn what the pad's model leaves unexplained; a frame with no more than that is explained."""
+        noise, known, used = self._learning.noise, self._learning.discrepancy, ~found.unused
+        if noise is None or not known.zeroed or not used.any():
+            return frame, found
+        size, count = float(np.sqrt(np.mean(frame.actual[used] ** 2))), int(used.sum())
+        free = count - self._taken(count)
+        share = share_of(found.left, noise, size, used=count, free=free)
+        if share <= LARGEST:
+            known.look(share, free=free)
+            if not found.fits:
+                known.raised(share)
+            frame, found = frame._replace(noise=known.noise(noise, size)), found._replace(fits=True)
+        return frame, found
+
+    def _taken(self, count: int) -> float:
+        """Degrees of freedom of so many readings that the contact takes up, one less at the most."""
+        taken = self._errors.taken
+        if math.isnan(taken):
+            pressed = np.count_nonzero(self._solution.pressure) / self._estimator.taxels
+            taken = min(pressed, 1.0) * self._estimator.effective_freedom(self._parameter)
+        return min(taken, count - 1.0)
+
+    def _take(self, found: Found, noise: float) -> None:
         self.fits, self.residual, self._looked = found.fits, found.left, found
         self._level(found, noise)
 
-    def _level(self, found: _Found, noise: float) -> None:
+    def _level(self, found: Found, noise: float) -> None:
         """The noise that error bars go by."""
         level = noise if found.fits else max(noise, found.left)
         if not 0.8 * level < self.noise < 1.25 * level:
             self._errors.outdate()
             self.noise = level
 
-    def _pushed(self, frame: Frame) -> tuple[_Found, bool, bool]:
+    def _pushed(self, frame: Frame) -> tuple[Found, bool, bool]:
         """Contact that only pushes, with cells added where it is missing and readings left out that it does not explain."""
         check, equations, solution = self._check, self._equations, self._solution
         if solution.region is None or not self.pushing:
@@ -590,7 +610,7 @@ class Contact:
                 break
         return found, converged, pulls
 
-    def _pulled(self, frame: Frame) -> _Found:
+    def _pulled(self, frame: Frame) -> Found:
         """Traction of either sign, with readings left out that it does not explain."""
         check = self._check
         found = self._pull(frame)
@@ -599,18 +619,22 @@ class Contact:
             wrong = wrong & ~check.health.left_out
             if wrong.mean() > MOST:
                 check.suspects[:] = False
-                return self._pull(frame)
+                found = self._pull(frame)
+                break
             if np.array_equal(wrong, check.suspects):
                 break
             check.suspects = wrong
             found = self._pull(frame)
-        return found
+        # traction that takes up all that is measured explains anything
+        used = float((~found.unused).sum())
+        free = used - self._estimator.effective_freedom(self._parameter)
+        return found._replace(fits=found.fits and free >= LEAST_FREE * used)
 
     # -- cells ---------------------------------------------------------------------------------------------------------
 
-    def _making(self, cells: Index) -> _Making:
+    def _making(self, cells: Index) -> Making:
         """The making of a region, for the readings and the penalty of this frame."""
-        return _Making(self._equations, cells, self._parameter, self._check.unused)
+        return Making(self._equations, cells, self._parameter, self._check.unused)
 
     def _renew(self) -> None:
         """The region's inverse, where the penalty or the readings that are used have changed."""
@@ -669,15 +693,3 @@ class Contact:
     def _moved(self, region: Region) -> None:
         self._solution.move(region)
         self._search.moved()
-
-
-class _Making(NamedTuple):
-    """A region to be made."""
-
-    equations: NormalEquations
-    cells: Index
-    parameter: float
-    unused: Flags
-
-    def __call__(self) -> Region:
-        return self.equations.region(self.cells, self.parameter, self.unused)

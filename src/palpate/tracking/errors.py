@@ -26,7 +26,7 @@ from palpate.tracking.offsets import Observed, Offsets
 from palpate.tracking.pulling import Pulling, firm
 from palpate.tracking.region import NormalEquations
 
-__all__ = ["ErrorBars"]
+__all__ = ["ErrorBars", "open_above"]
 
 Shrink = Callable[[Floats], Floats]
 #: Errors, what is owed to a pad that is not known exactly, what is told about offsets, and degrees of freedom taken.
@@ -289,3 +289,8 @@ def _taken(model: ContactModel) -> float:
     if face is None or factor is None or not len(face.index):
         return 0.0
     return float(np.trace(factor.inverse(face.restrict(model.data.gram))))
+
+
+def open_above(errors: Errors) -> Errors:
+    """Errors of a load of which only the least is known: the interval of its force has no upper end."""
+    return replace(errors, beyond_force=np.full_like(errors.beyond_force, math.inf))

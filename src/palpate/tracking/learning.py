@@ -15,6 +15,7 @@ from palpate.inverse.contact.hypotheses import rough
 from palpate.inverse.contact.sharp import sharp_contact
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background
+from palpate.tracking.discrepancy import Discrepancy
 
 __all__ = ["NORMAL", "Learning", "rough_noise"]
 
@@ -63,7 +64,7 @@ class Learning:
         self._from_contact = self.noise is None  # the noise is learned with the penalty, unless the baseline tells it
         self.parameter: float | None = None
         self.resolution: float | None = None
-        self._coarse = 0.0  # what cells of the surface cannot follow, in parts of the readings' root mean square
+        self.discrepancy = Discrepancy()
         self._energy = self._signal = 0.0
         self._doubts = 0
         self._outgrown = 0  # penalties in a row that the load had outgrown when they were learned
@@ -75,18 +76,20 @@ class Learning:
 
     def take_noise(self, noise: float | None) -> None:
         """The noise of the frames that were captured as the zero, where they tell it."""
-        if self.noise is None and noise is not None:
-            self.noise, self._told, self._from_contact = noise, noise, False
+        if noise is not None:
+            self.discrepancy = Discrepancy(zeroed=True)
+            if self.noise is None:
+                self.noise, self._told, self._from_contact = noise, noise, False
 
     def state(self, noise: float) -> None:
         """The noise of a frame whose source knows it; no less than that of the zero."""
         self.noise, self._from_contact = max(noise, self._told or 0.0), False
 
     def in_contact(self, y: Floats) -> float | None:
-        """The noise of a frame in contact: what is known, and what cells of the surface cannot follow of the readings ``y``."""
-        if self.noise is None or not self._coarse or not y.size:
+        """The noise of a frame in contact: what is known, and what the pad's model and the cells of the surface cannot follow of the readings ``y``."""
+        if self.noise is None or self._from_contact or not y.size:
             return self.noise
-        return math.hypot(self.noise, self._coarse * float(np.sqrt(np.mean(y**2))))
+        return self.discrepancy.noise(self.noise, float(np.sqrt(np.mean(y**2))))
 
     def doubt(self, used: Floats) -> None:
         """Forget a noise that was learned from a frame unlike those that follow: contact would hide in it for ever."""
@@ -95,6 +98,12 @@ class Learning:
         self._doubts = self._doubts + 1 if loud else 0
         if self._doubts >= DOUBTED_FRAMES:
             self.noise, self._energy, self._doubts = None, 0.0, 0
+
+    def anew(self) -> None:
+        """Forget the penalty and what it was learned from."""
+        self.parameter, self.resolution, self._energy, self._signal, self._outgrown = None, None, 0.0, 0.0, 0
+        if self._from_contact:
+            self.noise = None
 
     def again(self, y: Floats, noise: float, largest: float) -> None:
         """Begin with a penalty that is too smooth rather than too rough, and learn from the next frame, whatever its load."""
@@ -133,7 +142,7 @@ class Learning:
             return False
         leaves = leaving()  # of the region as it is now, not when the work begins
         rows = estimator.readings.planes(y * estimator.readings.std)
-        known = None if self._from_contact else self.noise
+        known = None if self._from_contact else self.in_contact(y)
 
         def work() -> tuple[float, float, float, float, float]:
             with estimator.rounds:  # what a linear model makes of the frame is asked for several times
@@ -177,7 +186,8 @@ class Learning:
             background.result("learn", work)
             return False
         self._outgrown = 0
-        self.parameter, scale, self._energy, self._signal, self._coarse = found
+        self.parameter, scale, self._energy, self._signal, coarse = found
+        self.discrepancy.raised(math.hypot(self.discrepancy.share, coarse) if coarse else 0.0)
         self.resolution = estimator.resolution(self.parameter)
         if self._from_contact:
             # one frame of garbage must not make so much noise that contact hides in it

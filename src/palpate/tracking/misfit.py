@@ -21,15 +21,29 @@ class Misfit:
         self._estimator = estimator
 
     def probability(
-        self, rest: Floats, used: Flags, noise: float, *, largest: float, taken: float, known: bool
+        self,
+        rest: Floats,
+        used: Flags,
+        noise: float,
+        *,
+        largest: float,
+        taken: float,
+        known: bool,
+        ordered: float = 0.0,
     ) -> float:
         """Of what is left of each reading, in units of the readings' standard deviations.
 
         ``noise`` is that of a frame less the zero, ``largest`` the largest reading, ``taken`` the degrees of freedom that contact and offsets
-        took; with ``known`` noise the size of what is left is tested too.
+        took; with ``known`` noise the size of what is left is tested too. ``ordered`` is what may be left alike from taxel to taxel (root mean square).
         """
         noise = max(noise, 1e-300)
         residual = np.zeros(len(rest))
         residual[used] = self._estimator.readings.white(rest[used] / noise, used)
         detail = math.hypot(MODEL_DETAIL, self._estimator.problem.doubts.stated_gain) * largest / noise
-        return misfit_probability(residual, used, self._estimator.pairs, taken=taken, known=known, detail=detail)
+        pairs = self._estimator.pairs
+        if known and ordered and len(pairs[0]):
+            both = used[pairs[0]] & used[pairs[1]]
+            alike = float((residual[pairs[0]] * residual[pairs[1]])[both].sum()) / max(int(both.sum()), 1)
+            if alike <= (ordered / noise) ** 2:
+                pairs = pairs[0][:0], pairs[1][:0]
+        return misfit_probability(residual, used, pairs, taken=taken, known=known, detail=detail)

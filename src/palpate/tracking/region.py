@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from palpate.tracking.inverting import inverse as inverted
 from palpate.tracking.inverting import inverse_beside
 from palpate.tracking.pieces import lower_factor
 
-__all__ = ["SMALLEST", "NormalEquations", "Region"]
+__all__ = ["SMALLEST", "Making", "NormalEquations", "Region"]
 
 #: Entries of the normal matrix of the whole surface that are kept: 160 MB in double precision.
 LARGEST = 20_000_000
@@ -75,7 +76,7 @@ class NormalEquations:
     def __init__(self, estimator: ConstrainedEstimator, columns: Floats, *, beside: bool = False) -> None:
         self.estimator, self._beside = estimator, beside
         self._columns = columns  # of the channels' offsets (reading, channel)
-        self._shared: tuple[bytes, Floats, Single, Floats] | None = None
+        self._shared: tuple[bytes, Floats, Single] | None = None
         self._grams = Grams(estimator)
         self._kept: tuple[Index, Flags, Floats] | None = None  # A'A without some readings whose noise is shared
         self._adjoints: tuple[tuple[Floats, Flags, Single], ...] = ()  # the last ones
@@ -140,23 +141,18 @@ class NormalEquations:
         """A'B, (channel, component, cell), of the readings that are used."""
         return self._sharing(unused)[1]
 
-    def _sharing(self, unused: Flags) -> tuple[bytes, Floats, Single, Floats]:
+    def _sharing(self, unused: Flags) -> tuple[bytes, Floats, Single]:
         key, kept = unused.tobytes(), self._shared
         if kept is None or kept[0] != key:
             used = np.where(unused[:, None], 0.0, self._columns)
             single = np.stack([self.adjoint_of(b, unused) for b in used.T])
-            highest = np.array([np.abs(self.score(s)).max() for s in single])
-            kept = self._shared = key, single.astype(np.float64), single.reshape(len(single), -1), highest
+            kept = self._shared = key, single.astype(np.float64), single.reshape(len(single), -1)
         return kept
 
     def of_offsets(self, offsets: Floats, unused: Flags) -> Single:
         """A'B c, (component, cell), of offsets c (channel,)."""
         shared = self._sharing(unused)
         return (offsets.astype(np.float32) @ shared[2]).reshape(shared[1].shape[1:])
-
-    def score_of_offsets(self, offsets: Floats, unused: Flags) -> float:
-        """No cell's score (`score`) of A'B c is larger than this."""
-        return float(np.abs(offsets) @ self._sharing(unused)[3])
 
     def score(self, adjoint: Single) -> Floats:
         """Pressure on each cell alone, in standard deviations of what unit noise would make of it."""
@@ -299,3 +295,15 @@ def _largest_eigenvalue(size_of: int, times: Callable[[Floats], Floats]) -> floa
         betas.append(beta)
         before, x = x, w / beta
     return float(scipy.linalg.eigvalsh_tridiagonal(alphas, betas[: len(alphas) - 1])[-1])
+
+
+class Making(NamedTuple):
+    """A region to be made."""
+
+    equations: NormalEquations
+    cells: Index
+    parameter: float
+    unused: Flags
+
+    def __call__(self) -> Region:
+        return self.equations.region(self.cells, self.parameter, self.unused)

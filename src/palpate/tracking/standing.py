@@ -1,4 +1,4 @@
-"""Readings in which nothing is found, and which stand far from 0 all the same: offsets that no zero was taken of."""
+"""What stands still: readings in which nothing is found, far from 0 all the same (offsets that no zero was taken of), and a contact that hardly changes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,12 @@ from palpate.elastic.pad import Floats
 from palpate.sensing.zero import FRAMES, STILL
 from palpate.tracking.health import Flags
 
-__all__ = ["Standing"]
+__all__ = ["Standing", "Steady"]
+
+#: A contact that has not changed by a tenth for so long [s] is questioned: drift looks the same.
+STEADY, VARIED = 60.0, 0.1
+#: Time constant [s] with which what a contact was is remembered.
+REMEMBERED = 2.0
 
 
 class Standing:
@@ -52,3 +57,22 @@ class Standing:
     def interrupt(self) -> None:
         """The frame after this one is none that follows the last."""
         self._last = None
+
+
+class Steady:
+    """For how long a contact has hardly changed."""
+
+    def __init__(self) -> None:
+        self._time, self._usual = 0.0, math.nan
+
+    def look(self, size: float, elapsed: float) -> list[str]:
+        """A frame of a contact of this size, ``elapsed`` seconds after the last one; what is said of it."""
+        if math.isnan(self._usual):
+            self._usual = size
+        self._time += elapsed
+        if abs(size - self._usual) > VARIED * self._usual:
+            self._time = 0.0
+        self._usual += -math.expm1(-elapsed / REMEMBERED) * (size - self._usual)
+        if self._time <= STEADY:
+            return []
+        return [f"steady for {self._time:.0f} s: contact or drift? rezero() where nothing touches"]

@@ -20,9 +20,10 @@ from palpate._numbers import plain_time
 from palpate._threads import WIDEST, few_threads
 from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import CreepFilter
-from palpate.errors import InvalidInput, Unsupported
+from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors, Stated
+from palpate.inverse.words import surface_strain
 from palpate.sensing.limits import ends_of
 from palpate.sensing.readings import Layout
 from palpate.sensing.times import as_second
@@ -30,25 +31,28 @@ from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.tracking.background import Background
-from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact, Frame
+from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
+from palpate.tracking.discrepancy import widened
+from palpate.tracking.errors import open_above
+from palpate.tracking.frames import Frame
 from palpate.tracking.health import Flags, Health, ReadingCheck
 from palpate.tracking.learning import Learning, rough_noise
 from palpate.tracking.misfit import Misfit
 from palpate.tracking.offsets import Offsets
 from palpate.tracking.ready import make_ready
 from palpate.tracking.region import NormalEquations
+from palpate.tracking.rest import Rest
 from palpate.tracking.search import LOST, TAKEN
-from palpate.tracking.standing import Standing
+from palpate.tracking.settings import MISREAD, check_settings
+from palpate.tracking.single import Alone, Answer, Comparison
+from palpate.tracking.slow import SlowPress
+from palpate.tracking.standing import Standing, Steady
 from palpate.tracking.times import FrameTime, FrameTimes
 from palpate.tracking.zero import Zero
 from palpate.uncertainty import Case
 
-__all__ = ["FRAMES_OF_ZERO", "Tracker", "check_settings"]
+__all__ = ["FRAMES_OF_ZERO", "Tracker"]
 
-#: A contact that has not changed by a tenth (and by more than its error) for so long [s] is questioned: drift looks the same.
-STEADY, VARIED = 60.0, 0.1
-#: Time constant [s] with which what a contact was is remembered.
-REMEMBERED = 2.0
 #: Frames after a clock that went back in which the zero may have jumped with it.
 AFTER_RESTART = 10
 #: Frames that are taken for a new zero.
@@ -57,36 +61,6 @@ FRAMES_OF_ZERO = 10
 ROUNDING = 1e-12
 #: Part of the budget in which a frame's iteration ends; the rest is for the answer.
 BUDGET_OF_ITERATION = 0.8
-
-
-def check_settings(**settings: float | None) -> None:
-    """Refuse settings that are no positive numbers; None, where it is a choice, passes."""
-    for name, value in settings.items():
-        if value is None and name in ("budget", "rezero"):
-            continue
-        if isinstance(value, bool) or not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
-            raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
-
-
-def check_sought(components: Sequence[str], boundary: str) -> None:
-    """Refuse what no tracker can follow, with what serves: a tracker has one method, so that another method is no advice."""
-    frames = 'Skin.reconstruct(readings, method="tikhonov") (palpate reconstruct --method tikhonov)'
-    if boundary == "periodic":
-        raise Unsupported(
-            f'a tracker needs boundary="free". On a periodic surface take frames by themselves, {frames}.'
-        )
-    if "z" not in components:
-        raise Unsupported(
-            f"a tracker keeps pressure from pulling, so it needs the pressure: seek z too, with channels that measure it, or take frames by themselves, {frames}."
-        )
-
-
-#: What is said where the channels alone do not tell pressure from shear. Balls that press, slide and twist were read 1 to 35 % too small from markers 0.5 mm
-#: deep in a gel of 3.5 to 4 mm, 4 to 20 % too large 1 mm deep, and 60 % too small on its surface; shear forces were within their intervals.
-MISREAD = (
-    "a tracker misreads the normal force from markers that only move sideways, by up to a third where they lie in the gel and more on its surface, and its intervals need not know; "
-    "shear is as good as that of frames by themselves (Skin.reconstruct, palpate reconstruct, and of pictures palpate track without --fast)"
-)
 
 
 class Tracker:
@@ -135,6 +109,7 @@ class Tracker:
         notes: tuple[str, ...] = (),
         creep: Callable[[], list[CreepFilter | None]] | None = None,
         case: Case | None = None,
+        alone: Alone | None = None,
         baseline: Any = 0,
         tolerance: float = 1e-3,
         budget: float | None = None,
@@ -155,7 +130,9 @@ class Tracker:
         # of its linear algebra: few are no work for several threads
         self.unknowns = min(estimator.inside.size * len(estimator.columns), WIDEST * len(self._std))
         self._background = Background(threaded=budget is not None)
+        self._alone, self._beside = alone, Background(threaded=budget is not None and alone is not None)
         self._misfit = Misfit(estimator)
+        self._slow = SlowPress(estimator)
         make_ready(estimator, self._equations)
         self._seconds = 0.0
         self.reset()
@@ -193,7 +170,7 @@ class Tracker:
         n, estimator = len(self._std), self.estimator
         self.health = Health(left_out=np.zeros(n, dtype=bool), reasons=np.zeros(n, dtype="<U12"), label=self._label)
         self._check = ReadingCheck(self.health, self._limits, ends_of(estimator.operator.planes_of), self._std)
-        self._standing = Standing()
+        self._standing, self._rest = Standing(), Rest()
         self._times = FrameTimes(self.rate)
         self._zero = Zero(self._given_zero, self._zero_frames, self.drift_time, self._offsets.index)
         self._learning = Learning(estimator)
@@ -211,7 +188,11 @@ class Tracker:
             self.tolerance,
         )
         self._touching = False
-        self._steady, self._usual = 0.0, math.nan
+        self._comparison = Comparison(n)
+        self._beside.forget()
+        self._compared: Answer | None = None  # that of the frame that is solved by itself beside the stream
+        self._frame: Frame | None = None
+        self._steady = Steady()
         self._restarted = 0
         self._said: list[str] = []
         self._held = np.zeros(n)  # the last good value of each reading, for the memory of creep
@@ -357,9 +338,9 @@ class Tracker:
         """`step`, before which work beside the stream gives way."""
         started = clock.perf_counter()
         flat, like = self._flat(reading)
-        time = None if time is None else as_second(time)
+        seconds = None if time is None else as_second(time)
         known = None if std is None else self._typical(std)
-        frame = self._times.next(time)
+        frame = self._times.next(seconds)
         self._said = []
         note = self._note(frame)
         try:
@@ -370,9 +351,56 @@ class Tracker:
             self._release()
             self._offsets.clear()
             status, converged = Status.FAILED, False
-        touch = self._answer(status, frame.now, converged, like, note)
+
+        def answer(status: Status, converged: bool) -> Touch:
+            return self._answer(status, frame.now, converged, like, note)
+
+        touch = answer(status, converged)
+        if self._touching and status.known:
+            touch = self._compare(touch, answer)
         self._seconds = clock.perf_counter() - started
         return touch
+
+    def _compare(self, touch: Touch, again: Callable[[Status, bool], Touch]) -> Touch:
+        """The touch of a frame in contact, after what the frame says by itself, where it is time to ask; ``again`` makes the touch of what is found then."""
+        alone, comparison, frame, beside = self._alone, self._comparison, self._frame, self._beside
+        if alone is None or frame is None:
+            return touch
+        if "alone" not in beside:
+            left_out = self._check.clipped | (self.health.left_out & (self.health.reasons != "unexplained"))
+            if (
+                not self._contact.judged
+                or not comparison.due(self._contact.size)
+                or left_out.any()
+                or not np.isfinite(frame.actual).all()
+            ):
+                return touch
+            comparison.begun(self._contact.size)
+            self._compared = Answer.of(touch)
+        planes, y = self.estimator.readings.planes, frame.actual * self._std
+        rest = [planes(f * self._std) for f in self._rest.frames]
+        found = beside.result("alone", lambda: Answer.of(alone(planes(y), rest)))
+        if found is None or self._compared is None:
+            return touch
+        if comparison.settle(self._compared, found):
+            return again(*self._status(bool(touch.converged))) if comparison.refuted or comparison.share else touch
+        self._begin_anew()
+        self._said.append(
+            comparison.words(self._compared, found, "N/m" if self.estimator.operator.surface.dimensions == 1 else "N")
+        )
+        if beside.threaded:
+            return again(*self._status(bool(touch.converged)))
+        touch = again(*self._in_contact(frame, 0.0, regular=True, restarted=False))
+        comparison.settle(Answer.of(touch), found)
+        return again(*self._status(bool(touch.converged))) if comparison.share else touch
+
+    def _begin_anew(self) -> None:
+        """Forget what the contact's answer hangs on besides its readings, the zero and its noise."""
+        self._contact.release()
+        self._offsets.clear()
+        self._offsets.rate = np.zeros_like(self._offsets.rate)
+        self._learning.anew()
+        self._check.pardon()
 
     def _note(self, frame: FrameTime) -> str | None:
         """Counts a frame whose time is out of order; what there is to say about it."""
@@ -407,8 +435,10 @@ class Tracker:
         if zero.baseline is None or zero.capturing:
             self._standing = Standing()
             learning.take_noise(zero.capture(scaled))
-            if zero.moved and not zero.capturing:
-                self._said.append(MOVED)
+            if not zero.capturing:
+                self._rest = Rest.of(zero.shown, self._equations)
+                if zero.moved:
+                    self._said.append(MOVED)
             return Status.CAPTURING_ZERO, True
         if known is not None:
             learning.state(known)
@@ -426,22 +456,28 @@ class Tracker:
             noise = max(rough_noise(y[~unused]), ROUNDING * float(np.abs(scaled[~unused]).max(initial=0.0)))
         if follows:
             offsets.pass_time(elapsed, offsets.scale(learning.noise, y), observed=self._contact.observes)
-        slope = self._equations.adjoint(y, unused)
-        highest = float(np.abs(self._equations.score(slope)).max()) / max(noise, 1e-30)
-        if not self._touching and highest > TAKEN and self._one_taxel(y, noise):
+        slope, level = self._equations.adjoint(y, unused), self._rest.level(max(noise, 1e-30))
+        score = self._equations.score(slope)
+        highest = float((np.abs(score) / level).max())
+        if not self._touching and highest > TAKEN and self._one_taxel(y, level):
             return self._unless_frozen(Status.NO_CONTACT), True  # a glitch of one taxel is not a contact
-        if self._touching and self._could_be_none(offsets.mean, unused, highest * noise, noise):
-            # quiet on the zero as it was: the offsets were none
-            whole = slope + self._equations.of_offsets(offsets.mean, unused)
-            if float(np.abs(self._equations.score(whole)).max()) < LOST * noise:
+        if self._touching and offsets.mean.any():
+            whole = self._equations.score(slope + self._equations.of_offsets(offsets.mean, unused))
+            without = float((np.abs(whole) / level).max())
+            if without < LOST:
+                # at rest on the zero as it was: the offsets, and their rate where they only disturb, were none
                 offsets.clear()
-                y, highest = check.zeroed(scaled - zero.baseline, flat, offsets.index), 0.0
+                if without <= highest:
+                    offsets.rate = np.zeros_like(offsets.rate)
+                y, score, highest = check.zeroed(scaled - zero.baseline, flat, offsets.index), whole, without
         before, self._touching = self._touching, highest > (LOST if self._touching else TAKEN)
         if not self._touching:
             if before:
                 self._release()
                 zero.shift(offsets.value())  # quiet with them: they are the zero's
             offsets.clear()
+            if learning.noise is not None:
+                self._rest.look(np.where(unused, math.nan, y), score, largest=TAKEN * float(level.max()))
             health.rezeroed += zero.follow(scaled, elapsed, noise)
             if follows:
                 zero.shift(offsets.follow(y, unused))
@@ -461,19 +497,35 @@ class Tracker:
                 )
             return self._unless_frozen(Status.NO_CONTACT), True
         deadline = math.inf if self.budget is None else started + BUDGET_OF_ITERATION * self.budget
-        contact = self._contact
-        converged = contact.solve(
-            Frame(np.where(np.isfinite(actual), actual, math.nan), noise, deadline, of_zero),
+        self._frame = Frame(scaled - zero.baseline, noise, deadline, of_zero)
+        return self._in_contact(
+            self._frame._replace(actual=actual),
+            elapsed,
             regular=health.frames % EVERY == 0,
             restarted=follows and self._restarted > 0,
         )
+
+    def _in_contact(self, frame: Frame, elapsed: float, *, regular: bool, restarted: bool) -> tuple[Status, bool]:
+        """What touches in a frame (readings less zero and offsets)."""
+        contact = self._contact
+        converged = contact.solve(frame, regular=regular, restarted=restarted)
         self._residual, self._fit = contact.residual, contact.fit
         self._say(elapsed)
         if not converged:
-            health.approximate += 1
-        if not (contact.pushing and contact.fits):
-            return self._unless_frozen(Status.NOT_PUSHING), converged
-        return self._unless_frozen(Status.SOLVED if converged else Status.NOT_CONVERGED), converged
+            self.health.approximate += 1
+        return self._status(converged)
+
+    def _status(self, converged: bool) -> tuple[Status, bool]:
+        """The status of a frame in contact."""
+        contact = self._contact
+        if self._check.overload and contact.pushing:
+            return Status.OVERLOAD, converged
+        status = Status.SOLVED if converged else Status.NOT_CONVERGED
+        if not contact.fits or self._comparison.refuted:
+            status = Status.UNEXPLAINED
+        elif not contact.pushing:
+            status = Status.NOT_PUSHING
+        return self._unless_frozen(status), converged
 
     def _unfinished(self) -> str:
         """What helps where the iteration did not end."""
@@ -484,45 +536,28 @@ class Tracker:
             "(tolerance=) ends it earlier"
         )
 
-    def _could_be_none(self, offsets: Floats, unused: Flags, highest: float, noise: float) -> bool:
-        """Whether these offsets (channel,), put back, might leave no contact."""
-        return bool(offsets.any()) and highest - self._equations.score_of_offsets(offsets, unused) < LOST * noise
-
     def _say(self, elapsed: float) -> None:
         """What there is to say about the present contact."""
         contact, said = self._contact, self._said
         self._standing.interrupt()
         if self._standing.now:
             said.append(STANDS)
-        if not contact.pushing:
-            said.append(
-                "traction of either sign was sought, which explains the readings" + ("" if contact.fits else " better")
-            )
-        if not contact.fits:
-            said.append("neither contact nor a few wrong readings explain this frame: error bars go by what is left")
+        if not contact.pushing and contact.fits:
+            said.append("traction of either sign was sought, which explains the readings")
         if self._check.clipped.any():
-            said.append(
-                f"{int(self._check.clipped.sum())} readings are at the end of their range: left out, and the load is at least what they tell"
+            count = int(self._check.clipped.sum())
+            used = (
+                "the load has no upper end"
+                if self._check.overload
+                else "left out, and the load is at least what they tell"
             )
+            said.append(f"{count} readings are at the end of their range: {used}")
         drift = self._offsets.notable()
         for c in np.flatnonzero(drift):
             first = int(np.argmax(self._offsets.index == c))
             what = self._label(first).split(" at ")[0]
             said.append(f"the zero of {what} has drifted by {drift[c] * self._std[first]:.3g}: taken out")
-        self._usual_force(elapsed)
-        if self._steady > STEADY:
-            said.append(f"steady for {self._steady:.0f} s: contact or drift? rezero() where nothing touches")
-
-    def _usual_force(self, elapsed: float) -> None:
-        """For how long the contact has hardly changed."""
-        contact = self._contact
-        size = contact.size
-        if math.isnan(self._usual):
-            self._usual = size
-        self._steady += elapsed
-        if abs(size - self._usual) > VARIED * self._usual:
-            self._steady = 0.0
-        self._usual += -math.expm1(-elapsed / REMEMBERED) * (size - self._usual)
+        said += self._steady.look(contact.size, elapsed)
 
     def _unless_frozen(self, status: Status) -> Status:
         """The status of a frame that is answered, unless the sensor stands still."""
@@ -556,6 +591,7 @@ class Tracker:
         >>> tracker.close()  # or: with skin.track(budget=0.02) as tracker
         """
         self._background.close()
+        self._beside.close()
 
     def __enter__(self) -> Tracker:
         return self
@@ -583,13 +619,13 @@ class Tracker:
             scaled = np.where(creeping & usable, self.estimator.readings.flat(planes), scaled)
         return scaled / self._std
 
-    def _one_taxel(self, y: Floats, noise: float) -> bool:
+    def _one_taxel(self, y: Floats, level: Floats) -> bool:
         """Whether one reading alone makes the frame look like contact; it is then counted as bad."""
         largest = int(np.argmax(np.abs(y)))
         without = y.copy()
         without[largest] = 0.0
         adjoint = self._equations.adjoint(without, self._check.unused)
-        if float((np.abs(self._equations.score(adjoint)) / max(noise, 1e-300)).max()) > TAKEN:
+        if float((np.abs(self._equations.score(adjoint)) / level).max()) > TAKEN:
             return False
         self._check.count(np.arange(len(y)) == largest, "unexplained")
         return True
@@ -598,7 +634,9 @@ class Tracker:
         """No contact."""
         self._touching = False
         self._contact.release()
-        self._steady, self._usual = 0.0, math.nan
+        self._comparison.release()
+        self._beside.forget()
+        self._steady = Steady()
         self._fit = math.nan
 
     # -- the answer ----------------------------------------------------------------------------------------------------
@@ -609,16 +647,25 @@ class Tracker:
         values = np.zeros((len(grid.components), math.prod(estimator.operator.surface.shape)))
         errors: Errors | None = None
         stated: Stated | None = None
+        share = 0.0
         if not status.known:
             self.health.unknown += 1
             values[:] = math.nan
         elif self._touching and contact.cells is not None:
             values[np.asarray(estimator.columns)[:, None], contact.cells[None, :]] = contact.traction
             errors, stated = contact.errors, contact.stated
+            share = learning.discrepancy.posterior
+            if status is Status.OVERLOAD and errors is not None:
+                errors = open_above(errors)
+            if self._comparison.share and values.any():
+                stated = widened(stated, values.reshape(-1, *grid.shape), grid, self._comparison.share)
         else:
             errors = contact.undetected(noise)
+            if errors is not None and status is Status.NO_CONTACT:
+                errors, drifted = self._slow.room(errors, self._zero.wandered, noise or 0.0)
+                self._said += drifted
         said = [*([] if note is None else [note]), *self._said]
-        pushing = status is not Status.NOT_PUSHING
+        pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
         drag = contact.drag if status.known and self._touching else None
         if status is Status.NOT_CONVERGED:
             said.append(self._unfinished())
@@ -647,4 +694,6 @@ class Tracker:
             drag_std=None if drag is None else np.asarray(drag.std),
             sticking=None if drag is None else drag.sticking,
             fit=np.asarray(self._fit if status.known else math.nan),
+            discrepancy=np.asarray(share),
+            strain=surface_strain(estimator.problem, values.reshape(-1, *grid.shape)),
         )

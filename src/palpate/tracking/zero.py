@@ -12,7 +12,7 @@ from palpate.sensing.zero import far_frames, moved
 from palpate.tracking.health import Flags
 from palpate.tracking.search import TAKEN
 
-__all__ = ["Zero"]
+__all__ = ["FRAMES_FOR_NOISE", "Zero"]
 
 #: Frames from which the noise is taken with the zero: with 5, and some hundred readings that share it, it is known to a few per cent.
 FRAMES_FOR_NOISE = 5
@@ -32,9 +32,13 @@ class Zero:
 
     def __init__(self, baseline: Floats | None, frames: int, time_constant: float | None, index: Any = None) -> None:
         self.baseline = None if baseline is None else baseline.copy()
+        self._taken = None if baseline is None else baseline.copy()
         self.time_constant = time_constant
         self._frames = frames
         self._captured: list[Floats] = []
+        self.shown: Floats = np.zeros(
+            (0, 0)
+        )  # frames of the last zero less their mean (frame, reading); NaN where missing
         self.variance = 0.0  # of the zero, in units of the noise's
         self._only: Flags | None = None  # readings whose zero is captured again
         self.moved, self._index, self._left = False, index, 1.0
@@ -43,6 +47,13 @@ class Zero:
     def capturing(self) -> bool:
         """Whether frames are taken for the zero."""
         return self.baseline is None or self._only is not None
+
+    @property
+    def wandered(self) -> Floats:
+        """By how much the zero of each reading has moved since it was taken."""
+        if self.baseline is None or self._taken is None:
+            return np.zeros(0)
+        return np.nan_to_num(self.baseline - self._taken)
 
     def again(self, frames: int, only: Flags) -> None:
         """Take the zero of some readings from the next frames."""
@@ -74,7 +85,9 @@ class Zero:
             old = np.full(len(mean), math.nan) if self.baseline is None else self.baseline
             taken = good.any(axis=0) if self._only is None else good.any(axis=0) & self._only
             self.baseline, self._only = np.where(taken, mean, old), None
+            self._taken = np.where(taken, mean, old if self._taken is None else self._taken)
             self.variance = 1.0 / max(len(frames) - int(far.sum()), 1)
+            self.shown = np.where(good, frames - mean, math.nan)[~far]
             if self._frames < FRAMES_FOR_NOISE:
                 return None
             square = np.where(good, (frames - mean) ** 2, 0.0).sum() / max((count - 1).sum(), 1)

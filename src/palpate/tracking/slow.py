@@ -1,0 +1,45 @@
+"""An even press that grows as slowly as drift: the zero follows it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.estimate import Errors
+from palpate.tracking.search import LOST
+
+__all__ = ["SlowPress"]
+
+#: Half of an interval of 95 % in standard deviations; and standard deviations of what would not be detected by which a drift is worth a word.
+HALF_WIDTH, DRIFTED = 1.96, 10.0
+
+
+class SlowPress:
+    """The net force of an even pressure over the array that readings which have drifted may be."""
+
+    def __init__(self, estimator: ConstrainedEstimator) -> None:
+        inside = estimator.inside.ravel().astype(np.float64)
+        traction = np.zeros((len(estimator.columns), inside.size))
+        traction[-1] = inside
+        self._readings = estimator.explained_by(traction) / estimator.readings.std  # of 1 Pa
+        self._area = float(inside.sum()) * estimator.operator.surface.cell
+        self._unit = "N/m" if estimator.operator.surface.dimensions == 1 else "N"
+
+    def room(self, errors: Errors, drift: Floats, noise: float) -> tuple[Errors, list[str]]:
+        """Errors of a frame without contact with room for it, and what is said; ``drift`` (reading,) of the zero since it was taken, and the noise."""
+        size = max(float(np.linalg.norm(self._readings)), 1e-300)
+        along = abs(float(drift @ self._readings)) / size
+        if along <= LOST * noise:
+            return errors, []
+        force = along / size * self._area
+        said = []
+        if force > DRIFTED * float(errors.force[-1]):
+            said.append(
+                f"the zero has followed a drift of the readings since it was taken, which an even press of {force:.2g} {self._unit} would look like: "
+                "take it anew while nothing touches (Z on the page, Tracker.rezero)"
+            )
+        last = np.arange(len(errors.force)) == len(errors.force) - 1
+        return replace(errors, force=np.hypot(errors.force, np.where(last, force / HALF_WIDTH, 0.0))), said
