@@ -15,6 +15,7 @@ from palpate.cli.bench import bench_app
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
 from palpate.cli.examples import SHORT, example
+from palpate.cli.files import sole_writers
 from palpate.cli.live import live
 from palpate.cli.methods import MethodCommand, TrackerCommand
 from palpate.cli.pad import pad
@@ -52,6 +53,7 @@ def _root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
+    ctx.with_resource(sole_writers())
     if ctx.invoked_subcommand is None:
         typer.echo(ctx.get_help())
 
