@@ -65,7 +65,7 @@ sys.stdin.readline()
 def test_a_recording_under_way_is_not_taken_from_its_writer(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"r{suffix}"
     with elsewhere(RECORDING, str(path)) as child:
-        with pytest.raises(pp.InvalidInput, match="exists|being written by another process"):
+        with pytest.raises(pp.InvalidInput, match=r"exists|being written by another process"):
             recorder(path, ["stress_zz"])
         with pytest.raises(pp.InvalidInput, match=rf"being written by another process \({child.pid}\)|exists"):
             write_recording(PRESS, path)

@@ -148,7 +148,9 @@ class Format:
 
         return Collected(path, count, record, self.write_touch)
 
-    def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
+    def recorder(
+        self, path: Path, channels: Sequence[str], *, positions: Any, meta: Mapping[str, Any] | None
+    ) -> Recorder:
         """What writes a stream while it happens."""
         raise self._cannot("recorder", path)
 

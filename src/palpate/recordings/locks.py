@@ -80,7 +80,9 @@ def sole_writer(path: str | Path, *, alone: bool = False) -> Iterator[None]:
 def _lock_file(target: str) -> str:
     """Beside the target, under a name of few letters whatever the length of its own."""
     folder, name = os.path.split(target)
-    return os.path.join(folder, f".palpate-{hashlib.sha1(os.fsencode(name), usedforsecurity=False).hexdigest()[:16]}.lock")
+    return os.path.join(
+        folder, f".palpate-{hashlib.sha1(os.fsencode(name), usedforsecurity=False).hexdigest()[:16]}.lock"
+    )
 
 
 def _locked(target: str, path: str | Path) -> int:

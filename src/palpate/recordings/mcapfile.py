@@ -26,6 +26,7 @@ from palpate.recordings.checked import CHECKSUM
 from palpate.recordings.heldfile import Apart, HeldFile
 from palpate.recordings.locks import claim
 from palpate.recordings.messages import READINGS, Encoder, Kind, nanoseconds, ros_types
+from palpate.recordings.meta import plain_meta
 from palpate.recordings.recording import Recording
 from palpate.touch import Touch
 
@@ -62,8 +63,8 @@ class McapRecorder:
         Of the readings.
     positions : array (taxel, 2) or (taxel,), optional
         Of scattered taxels [m].
-    meta : mapping of str to str
-        Anything worth keeping.
+    meta : mapping
+        Anything worth keeping, as in `palpate.Recording`.
     chunk : int
         Bytes after which a chunk is written.
     """
@@ -74,13 +75,13 @@ class McapRecorder:
         channels: Sequence[str],
         *,
         positions: Any = None,
-        meta: dict[str, str] | None = None,
+        meta: Mapping[str, Any] | None = None,
         chunk: int = CHUNK,
     ) -> None:
         mcap = _library()
         self.path, self.channels = Path(path), tuple(channels)
         self._encoder = Encoder(self.channels)
-        facts = {"channels": json.dumps(self.channels), "meta": json.dumps(meta or {})}
+        facts = {"channels": json.dumps(self.channels), "meta": json.dumps(plain_meta(meta))}
         if positions is not None:
             facts["positions"] = json.dumps(np.asarray(positions).tolist())
         facts[CHECKSUM] = str(_sum(facts))

@@ -16,6 +16,7 @@ from palpate.errors import InvalidInput
 from palpate.recordings.checked import CHECKSUM, affordable, confirm_recording, json_object, recording_checksum
 from palpate.recordings.formats import Format
 from palpate.recordings.mapping import TopicMapping
+from palpate.recordings.meta import plain_meta
 from palpate.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ class Npz(Format):
             channels=tuple(str(c) for c in np.atleast_1d(held["channel"])),
             time=held["time"],
             positions=held.get("positions"),
-            meta={str(k): str(v) for k, v in meta.items()},
+            meta=meta,
         )
         return confirm_recording(found, held.get(CHECKSUM), path)
 
@@ -93,7 +94,7 @@ class Npz(Format):
             "traction": to_numpy(touch.values),
             "component": np.array(touch.surface.components),
             "force": to_numpy(touch.force),
-            "record": np.array(json.dumps({**record, "sought": ",".join(touch.components)})),
+            "record": np.array(json.dumps({**plain_meta(record, "provenance"), "sought": ",".join(touch.components)})),
         }
         if touch.errors is not None:
             arrays["std"] = to_numpy(touch.std.values)

@@ -12,6 +12,7 @@ from palpate._arrays import as_real
 from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.recordings.meta import plain_meta
 from palpate.sensing.labels import is_labelled
 
 __all__ = ["Recording", "checked_time"]
@@ -42,8 +43,8 @@ class Recording:
         Seconds, increasing; default: frame numbers.
     positions : array (taxel, 2) or (taxel,), optional
         Positions (x, y) [m] of scattered taxels; only with one array axis.
-    meta : mapping of str to str
-        Anything worth keeping.
+    meta : mapping
+        Anything worth keeping, by names: text, numbers, truth values, None, and lists and mappings of them. Every format keeps their types.
 
     Raises
     ------
@@ -71,7 +72,7 @@ class Recording:
     channels: tuple[str, ...]
     time: Any = None
     positions: Any = None
-    meta: dict[str, str] = field(default_factory=dict)
+    meta: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if is_labelled(self.readings):
@@ -113,6 +114,7 @@ class Recording:
         object.__setattr__(self, "channels", channels)
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "meta", plain_meta(self.meta))
 
     @property
     def units(self) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from palpate.errors import InvalidInput
 from palpate.recordings.heldfile import Apart, HeldFile
 from palpate.recordings.labelled import CONVENTIONS, STATUS_FLAGS
 from palpate.recordings.locks import claim
+from palpate.recordings.meta import plain_meta
 from palpate.status import Status
 from palpate.touch import Touch, intervals
 
@@ -64,12 +65,12 @@ class _Recorder(abc.ABC):
         channels: Sequence[str],
         *,
         positions: Any = None,
-        meta: dict[str, str] | None = None,
+        meta: Mapping[str, Any] | None = None,
         block: int = BLOCK,
     ) -> None:
         self.path, self.channels, self.left_out = Path(path), tuple(channels), 0
         self._positions = None if positions is None else np.asarray(positions, dtype=np.float64)
-        self._meta, self._block = dict(meta or {}), block
+        self._meta, self._block = plain_meta(meta), block
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._begun: set[str] = set()
         self._kept: dict[str, int] = {}
