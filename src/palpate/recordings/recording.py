@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate._arrays import as_real
+from palpate._arrays import as_double, as_real
 from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -20,7 +20,7 @@ __all__ = ["Recording", "checked_time"]
 
 def checked_time(time: Any, count: int) -> Floats:
     """Times of ``count`` frames [s], finite and increasing; None: frame numbers."""
-    found = np.arange(count, dtype=np.float64) if time is None else np.asarray(time, dtype=np.float64)
+    found = np.arange(count, dtype=np.float64) if time is None else as_double(time)
     if found.shape != (count,) or not np.isfinite(found).all():
         raise InvalidInput(f"time must be {count} finite seconds; got shape {found.shape}.")
     if np.any(np.diff(found) <= 0):
@@ -81,7 +81,8 @@ class Recording:
                 'in order and take the values: x.transpose("time", "channel", "y", "x").values (scattered: "taxel"), with SI units.'
             )
         readings = self.readings
-        readings = as_real(readings, "readings") if isinstance(readings, np.ndarray) else np.asarray(readings)
+        known = isinstance(readings, np.ndarray | list | tuple)
+        readings = as_real(readings, "readings") if known else np.asarray(readings)
         if readings.dtype not in (np.float32, np.float64):
             if not (np.issubdtype(readings.dtype, np.number) and not np.iscomplexobj(readings)):
                 raise InvalidInput(f"readings must be real numbers; got dtype {readings.dtype}.")
@@ -102,7 +103,7 @@ class Recording:
         time = checked_time(self.time, len(readings))
         positions = self.positions
         if positions is not None:
-            positions = np.asarray(positions, dtype=np.float64)
+            positions = as_double(positions)
             if readings.ndim != 3 or positions.shape not in ((readings.shape[2],), (readings.shape[2], 2)):
                 raise InvalidInput(
                     f"positions must have shape ({readings.shape[2]}, 2) or ({readings.shape[2]},), one per taxel; got "

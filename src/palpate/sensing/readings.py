@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from palpate._arrays import as_real, from_numpy, namespace, to_numpy
+from palpate._arrays import as_double, as_real, from_numpy, namespace, to_numpy
 from palpate._memory import SHARE, SMALL, available, require
 from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats, Pad, isotropic_constants
@@ -42,6 +42,10 @@ __all__ = [
 #: Copies of a batch's readings, and of its traction, that any method takes at least. The most that one was found to take (Tikhonov's of 32 x 32 x 3,
 #: dense) is 4.8 times as much: so much fewer frames are recommended.
 FRAME_READINGS, FRAME_CELLS, MOST = 3, 1, 5.0
+
+
+#: Noise below this part of the readings is less than the rounding of their numbers.
+ROUNDING = 1e-14
 
 
 # -- what depends on the kind of a channel, one function each --------------------------------------------------------------
@@ -201,15 +205,20 @@ def check_frames(readings: Any, planes: Sequence[Array], surface: Grid, draws: i
 
 
 def check_size(values: Any, array: Array, limits: Sequence[tuple[float, str]]) -> None:
-    """Readings far outside linear elasticity are a unit mistake."""
+    """Readings far outside linear elasticity are a unit mistake, and so is noise below the rounding of their numbers."""
     xp = namespace(values)
-    d = len(array.shape)
+    d, noise = len(array.shape), array.noise_std
     for i, (channel, (limit, what)) in enumerate(zip(array.channels, limits)):
         largest = float(xp.max(xp.abs(values[(..., i, *(slice(None),) * d)])))
         if largest > limit:
             raise InvalidInput(
                 f"{channel} reaches {largest:g} {channel_unit(channel)}, more than {what}: no elastic pad does that. Check the "
                 f"units: readings are in {channel_unit(channel)}, lengths in m, moduli in Pa."
+            )
+        if noise is not None and noise[i] < ROUNDING * largest:
+            raise InvalidInput(
+                f"the noise of {channel}, {noise[i]:g} {channel_unit(channel)}, is {largest / noise[i]:.1g} times less than its readings, which reach "
+                f"{largest:g}: their numbers are rounded more. Give noise= in {channel_unit(channel)}, or leave it out."
             )
 
 
@@ -275,7 +284,7 @@ def frame_times(
         time = labelled_time(readings)
         if time is None:
             return None
-    found = np.asarray(time, dtype=np.float64)
+    found = as_double(time)
     d = len(planes[0].shape)
     frames = tuple(parts[0].shape[: -1 - d])
     if len(frames) != 1 or found.shape != frames:
