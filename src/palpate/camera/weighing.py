@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import to_numpy
+from palpate._files import small_text
 from palpate.camera.displacements import Displacements, Reading
 from palpate.camera.touches import Touches, camera_of, gel_skin
 from palpate.elastic.half_space import HalfSpace
@@ -141,7 +142,7 @@ def weigh(
 
 def _begun(skin: Path, folder: Path) -> Path:
     """The skin with a modulus to begin with where it says "unknown": displacements give forces over the modulus, whatever that is."""
-    text = skin.read_text(encoding="utf-8") if skin.is_file() else ""
+    text = small_text(skin, "a skin file") if skin.exists() and not skin.is_dir() else ""
     key = re.compile(r'^(\s*youngs_modulus\s*=\s*)("[^"\n]*"|\'[^\'\n]*\')', re.MULTILINE)
     values = [value.strip("\"'").strip().lower() for _, value in key.findall(text)]
     if UNKNOWN not in values:

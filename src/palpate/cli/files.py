@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import typer
 
 import palpate
+from palpate._files import small_text
 from palpate.errors import InvalidInput
 
 #: Seconds after which the rows of a table that is still growing are written, and the part of the time that this may take.
@@ -101,8 +102,8 @@ def skin_files(skin_file: Path | None) -> list[Path]:
     if skin_file is None:
         return []
     try:
-        tables: Any = tomllib.loads(skin_file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        tables: Any = tomllib.loads(small_text(skin_file, "a skin file"))
+    except (InvalidInput, tomllib.TOMLDecodeError, RecursionError):
         return [skin_file]  # said where it is read
     planes = tables.get("plane", [])
     named = [p.get("positions_file") for p in planes if isinstance(p, dict)] if isinstance(planes, list) else []
@@ -110,7 +111,7 @@ def skin_files(skin_file: Path | None) -> list[Path]:
 
 
 def skin_text(skin_file: Path | None) -> str:
-    return "" if skin_file is None else skin_file.read_text(encoding="utf-8")
+    return "" if skin_file is None else small_text(skin_file, "a skin file")
 
 
 def provenance(skin: str, recording: str = "") -> dict[str, str]:

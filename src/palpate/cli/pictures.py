@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import typer
 
-from palpate.cli.files import check_output, kept_rows, provenance, save_figure, skin_files
+from palpate.cli.files import check_output, kept_rows, provenance, save_figure, skin_files, skin_text
 from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
 from palpate.units import UNKNOWN
@@ -73,7 +73,7 @@ def track_pictures(
             check_picture(path)
     if fast and every is not None:
         raise InvalidInput("--fast follows all pictures with a tracker: leave out --every.")
-    record = provenance(skin_file.read_text(encoding="utf-8") if skin_file.is_file() else "", str(source))
+    record = provenance(skin_text(skin_file) if skin_file.is_file() else "", str(source))
     touches, lost, taken, marks, strongest = [], [], [], [], None
     forces = Forces()
     with contextlib.ExitStack() as stack:

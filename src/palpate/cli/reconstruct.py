@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.files import Force, check_output, provenance, save_figure, skin_files
+from palpate.cli.files import Force, check_output, provenance, save_figure, skin_files, skin_text
 from palpate.cli.methods import chosen_method
 from palpate.cli.options import Columns, check_matching, check_picture, mapping_for
 from palpate.cli.progress import Frames
@@ -136,7 +136,7 @@ def reconstruct(
                 overwrite=force,
                 frame=frame,
                 baseline=baseline,
-                provenance=provenance(skin_file.read_text(encoding="utf-8"), str(recording_file)),
+                provenance=provenance(skin_text(skin_file), str(recording_file)),
                 progress=lambda finished, _: bar(finished),
             )
         total = len(recording)

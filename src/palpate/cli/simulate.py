@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.files import Overwrite, check_output, command_line, skin_files, written
+from palpate.cli.files import Overwrite, check_output, command_line, skin_files, skin_text, written
 from palpate.cli.progress import progress
 from palpate.errors import InvalidInput
 
@@ -86,7 +86,7 @@ def simulate(
         positions = skin.planes[0].points[:, 0] if skin.surface.dimensions == 1 else None
     meta = {
         "made by": command_line(),
-        "skin": skin_file.read_text(encoding="utf-8"),
+        "skin": skin_text(skin_file),
         "force": ", ".join(repr(float(f)) for f in body.force),
     }
     channels = tuple(c for p in skin.planes for c in p.channels)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.files import Force, check_output, command_line, provenance, save_figure, skin_files
+from palpate.cli.files import Force, check_output, command_line, provenance, save_figure, skin_files, skin_text
 from palpate.cli.options import numbers
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
@@ -154,7 +154,7 @@ def tfm(
     write_touch(
         forces.touch,
         targets[".nc"],
-        provenance=provenance("" if skin_file is None else skin_file.read_text(encoding="utf-8"), told),
+        provenance=provenance(skin_text(skin_file), told),
     )
     rows, columns = field.shape
     typer.echo(f"{columns} x {rows} vectors, one every {field.step:.3g} px = {1e6 * field.pitch:.3g} um")

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.cli.files import Force, check_output, kept_rows, provenance, save_figure, skin_files
+from palpate.cli.files import Force, check_output, kept_rows, provenance, save_figure, skin_files, skin_text
 from palpate.cli.methods import tracker_options
 from palpate.cli.options import Columns, check_matching, check_picture, grasp_monitor, mapping_for
 from palpate.cli.progress import Bar, busy
@@ -144,7 +144,7 @@ def track(
         typer.echo(f"warning: {OFFSETS}.", err=True)
     with busy("preparing the skin"):
         tracker = skin.track(**options, baseline=baseline, budget=None if budget is None else 1e-3 * budget)
-    record = provenance(skin_file.read_text(encoding="utf-8"), str(recording_file))
+    record = provenance(skin_text(skin_file), str(recording_file))
     with contextlib.ExitStack() as stack:
         stack.enter_context(tracker)
         sink = None

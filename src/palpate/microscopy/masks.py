@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._files import ordinary, small_text
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.microscopy.fields import Field
@@ -52,9 +53,7 @@ def read_mask(source: str | Path | npt.ArrayLike) -> npt.NDArray[Any]:
         values = np.asarray(source)
         corners = values.ndim == 2 and values.shape[1] == 2 and values.dtype != np.bool_
         return _outline(values, "the outline") if corners else _picture(values, "the mask")
-    path = Path(source)
-    if not path.is_file():
-        raise InvalidInput(f"{path} is a folder; give a file." if path.is_dir() else f"{path}: no such file.")
+    path = ordinary(source)
     ending = path.suffix.lower()
     if ending in OUTLINES:
         return _outline(_corners(path, ending), str(path))
@@ -118,8 +117,8 @@ def _corners(path: Path, ending: str) -> Any:
     if ending in (".csv", ".txt"):
         return read_matrix(path)
     try:
-        held = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError, RecursionError) as error:
+        held = json.loads(small_text(path, "an outline"))
+    except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{path}: cannot be read as JSON ({str(error)[:80]}).") from error
     for _ in range(4):
         if not isinstance(held, dict):

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from palpate._extras import missing
+from palpate._files import ordinary
+from palpate._memory import require
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.microscopy.fields import EVEN, Field
@@ -97,14 +99,12 @@ def read_field(
     if unit is not None and unit not in known:
         raise InvalidInput(f"unit must be one of {', '.join(known)}; got {unit!r}.")
     for path in paths:
-        if path.is_dir():
-            raise InvalidInput(f"{path} is a folder; give a file.")
-        if not path.exists():
-            raise InvalidInput(f"{path}: no such file.")
-        if path.stat().st_size == 0:
+        size_of_file = ordinary(path).stat().st_size
+        if size_of_file == 0:
             raise InvalidInput(f"{path} is empty.")
         if path.suffix.lower() not in READERS:
             raise InvalidInput(f"{path}: the ending {path.suffix!r} is not known; accepted: {', '.join(READERS)}.")
+        require(3.0 * size_of_file, f"{path}: fields of this size", "Cut it to the fields that are wanted.")
     if not 1 <= len(paths) <= 2:
         raise InvalidInput(f"a field is one file, or two with one component each; got {len(paths)}.")
     found = _pair(paths, name) if len(paths) == 2 else READERS[paths[0].suffix.lower()](paths[0], name)

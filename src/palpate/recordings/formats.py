@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from palpate._extras import require
+from palpate._files import ordinary
 from palpate.errors import InvalidInput
 from palpate.recordings.checked import SALVAGED
 from palpate.recordings.columns import TableMapping
@@ -256,7 +257,7 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
         if not known.folder:
             raise InvalidInput(f"{found} is a folder; give a file.")
         raise InvalidInput(f"{found}: cannot be read as {known.name}; it is damaged or something else.")
-    if found.stat().st_size == 0:
+    if ordinary(found).stat().st_size == 0:
         raise InvalidInput(f"{found} is empty.")
     try:
         known = find_format(found)
