@@ -82,11 +82,7 @@ class Recording:
             )
         readings = self.readings
         known = isinstance(readings, np.ndarray | list | tuple)
-        readings = as_real(readings, "readings") if known else np.asarray(readings)
-        if readings.dtype not in (np.float32, np.float64):
-            if not (np.issubdtype(readings.dtype, np.number) and not np.iscomplexobj(readings)):
-                raise InvalidInput(f"readings must be real numbers; got dtype {readings.dtype}.")
-            readings = readings.astype(np.float64)
+        readings = as_real(readings if known else np.asarray(readings), "readings")
         if readings.ndim not in (3, 4):
             raise InvalidInput(
                 f"readings must have axes (time, channel, taxel) or (time, channel, y, x); got shape {readings.shape}."

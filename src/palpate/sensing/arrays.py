@@ -36,8 +36,7 @@ def _check_noise(noise: Noise, channels: tuple[str, ...]) -> tuple[float, ...] |
         given = np.asarray(None)
     if given.dtype.kind not in "iuf" or np.ma.is_masked(noise):
         raise InvalidInput(
-            f"noise must be a number in the unit of the channel, or one for each channel; got {noise!r}. "
-            "Leave it out where it is not known."
+            f"noise must be a number in the unit of the channel, or one for each channel; got {noise!r}."
         )
     values = tuple(map(float, np.full(len(channels), given) if given.ndim == 0 else given.ravel()))
     if given.ndim > 1 or len(values) != len(channels):
