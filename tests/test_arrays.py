@@ -10,7 +10,7 @@ import pytest
 import palpate as pp
 from long_runs import long_runs
 from palpate import solutions
-from palpate._arrays import to_numpy
+from palpate._arrays import as_double, as_real, to_numpy
 
 PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.45)
 NAMES = ["stress_xz", "stress_yz", "stress_zz"]
@@ -118,3 +118,49 @@ def test_read_only_lists_and_integers() -> None:
     expected = skin.reconstruct(readings).values
     np.testing.assert_array_equal(skin.reconstruct(readings.tolist()).values, expected)
     assert skin.reconstruct(np.zeros((3, 8, 9), dtype=np.int16)).values.dtype == np.float64
+
+
+MASKED = np.ma.array([[1.0, 2.0], [3.0, 4.0]], mask=[[False, True], [False, False]])
+GAPS = np.array([[1.0, np.nan], [3.0, 4.0]])
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ([MASKED, MASKED], [GAPS, GAPS]),
+        ([[MASKED, MASKED]], [[GAPS, GAPS]]),
+        (([[MASKED], [MASKED]],), [[[GAPS], [GAPS]]]),
+        ([[MASKED, np.ones((2, 2))]], [[GAPS, np.ones((2, 2))]]),
+        ([1.0, np.ma.masked, 3.0], [1.0, np.nan, 3.0]),
+        ([[1, 2], [np.ma.masked, 4]], [[1.0, 2.0], [np.nan, 4.0]]),
+    ],
+    ids=["list", "nested", "deeper", "beside plain", "constant", "constant within"],
+)
+def test_masks_survive_lists_at_any_depth(given: Any, expected: Any) -> None:
+    np.testing.assert_array_equal(as_real(given, "readings"), expected)
+    np.testing.assert_array_equal(as_double(given), expected)
+
+
+def test_masks_of_recordings_fields_and_depth_maps_are_gaps() -> None:
+    """Numbers behind a mask are never taken: a gap where gaps may be, a refusal where they may not."""
+    import palpate as pp
+    from palpate.camera import DepthMap
+    from palpate.microscopy import Field
+    from palpate.sensing.zero import zero_of
+
+    frames = pp.Recording(readings=[[MASKED], [MASKED]], channels=["stress_zz"])
+    np.testing.assert_array_equal(frames.readings, [[GAPS], [GAPS]])
+    u = np.ma.array(np.full((2, 6, 6), 1e-7), mask=np.zeros((2, 6, 6), dtype=bool))
+    u[0, 2, 3] = np.ma.masked
+    assert np.isnan(Field(displacement=u, start=(0.0, 0.0), step=8.0, pixel=1e-7).displacement[:, 2, 3]).all()
+    places = np.stack(np.meshgrid([0.0, 1.0, 2.0], [0.0, 1.0, 2.0]), axis=-1).reshape(-1, 2)
+    depth = np.ma.array(np.ones((1, 9)), mask=np.arange(9)[None] == 4)
+    assert np.isnan(DepthMap(positions=places, depth=depth, std=1e-6).of(0)).tolist() == (np.arange(9) == 4).tolist()
+    np.testing.assert_array_equal(zero_of(np.ma.stack([MASKED[None], MASKED[None]])), GAPS[None])
+    hidden = np.ma.array(places, mask=np.arange(18).reshape(9, 2) == 5)
+    with pytest.raises(pp.InvalidInput, match="not finite"):
+        pp.ScatteredArray(positions=hidden, depth=0.0, channels=["displacement_x"])
+    with pytest.raises(pp.InvalidInput, match="finite seconds"):
+        pp.Recording(
+            readings=np.ones((2, 1, 3)), channels=["stress_zz"], time=np.ma.array([0.0, 1.0], mask=[False, True])
+        )

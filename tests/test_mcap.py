@@ -189,7 +189,7 @@ def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
             out.readings(-1.0, np.zeros((1, 4)))
     with pytest.raises(pp.InvalidInput, match="not overwritten"):
         McapRecorder(tmp_path / "a.mcap", ["stress_zz"])
-    with pytest.raises(pp.InvalidInput, match="cannot write"):
+    with pytest.raises(pp.InvalidInput, match="does not exist; make it first"):
         McapRecorder(tmp_path / "no" / "a.mcap", ["stress_zz"])
     assert len(read_recording(tmp_path / "a.mcap").readings) == 1
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ import pytest
 import xarray
 
 import palpate as pp
-from palpate.recordings import read_recording, read_table, read_touch, write_recording, write_touch
+from palpate.errors import InvalidInput
+from palpate.recordings import Recording, read_recording, read_table, read_touch, recorder, write_recording, write_touch
 from palpate.units import parse_quantity
 
 GRIDDED = pp.Recording(
@@ -269,3 +271,63 @@ def test_quantities(text: str, kind: str, value: float) -> None:
 def test_bad_quantities(text: Any, word: str) -> None:
     with pytest.raises(pp.InvalidInput, match=word):
         parse_quantity(text, "length", "pitch")
+
+
+META = {
+    "trial": 3,
+    "rate": 100.0,
+    "glued": True,
+    "who": None,
+    "skin": "left finger, µ",
+    "weights": [100, 200.5],
+    "at": {"x": 1, "clean": False},
+    "big": 2**70,
+    "gap": float("nan"),
+}
+
+
+@pytest.mark.parametrize("suffix", [".nc", ".h5", ".npz", ".csv", ".zarr", ".mcap"])
+def test_meta_keeps_its_types(tmp_path: Path, suffix: str) -> None:
+    pytest.importorskip("zarr" if suffix == ".zarr" else "mcap" if suffix == ".mcap" else "h5py")
+    numpy = {
+        "trial": np.int64(3),
+        "glued": np.bool_(True),
+        "weights": (100, np.float64(200.5)),
+        "rate": np.float32(100),
+    }
+    recording = Recording(readings=np.ones((2, 1, 2, 2)), channels=["stress_zz"], meta={**META, **numpy})
+    assert repr(recording.meta) == repr(META)  # types and the NaN too
+    write_recording(recording, tmp_path / f"r{suffix}")
+    assert repr(read_recording(tmp_path / f"r{suffix}").meta) == repr(META)
+    if suffix in (".nc", ".h5", ".zarr", ".mcap"):
+        with recorder(tmp_path / f"s{suffix}", ["stress_zz"], meta={**META, **numpy}) as out:
+            out.readings(0.0, np.ones((1, 2, 2)))
+        assert repr(read_recording(tmp_path / f"s{suffix}").meta) == repr(META)
+
+
+@pytest.mark.parametrize(
+    ("meta", "words"),
+    [
+        ({3: "x"}, "names in meta must be text; got '3' (int)"),
+        ({"at": {1: "x"}}, "names in meta must be text; got '1' (int)"),
+        ({"who": b"me"}, "got \"b'me'\" (bytes)"),
+        ({"when": np.datetime64("2026-01-01")}, "got '2026-01-01' (date)"),
+        ({"z": 1j}, "got '1j' (complex)"),
+        ({"n": 10**5000}, "meta cannot be written"),
+        ("text", "must be a mapping"),
+    ],
+    ids=["number as name", "number as name within", "bytes", "date", "complex", "too long", "no mapping"],
+)
+def test_meta_of_other_kinds_is_refused_before_anything_is_written(tmp_path: Path, meta: Any, words: str) -> None:
+    with pytest.raises(InvalidInput, match=re.escape(words)):
+        Recording(readings=np.ones((2, 1, 2, 2)), channels=["stress_zz"], meta=meta)
+    with pytest.raises(InvalidInput, match=re.escape(words)):
+        recorder(tmp_path / "r.nc", ["stress_zz"], meta=meta)
+    assert not list(tmp_path.iterdir())
+
+
+def test_meta_that_holds_itself_is_refused() -> None:
+    meta: dict[str, Any] = {}
+    meta["again"] = meta
+    with pytest.raises(InvalidInput, match="meta cannot be written"):
+        Recording(readings=np.ones((2, 1, 2, 2)), channels=["stress_zz"], meta=meta)

@@ -15,6 +15,7 @@ SOURCE = Path(pp.__file__).parent
 ROOMS = [
     "errors",
     "_memory",
+    "_files",
     "_threads",
     "status",
     "units",

@@ -16,7 +16,18 @@ import numpy.typing as npt
 from palpate._transforms import irfft2, rfft2
 from palpate.errors import InvalidInput
 
-__all__ = ["as_real", "device_of", "fftn", "from_numpy", "irfftn", "is_numpy", "namespace", "rfftn", "to_numpy"]
+__all__ = [
+    "as_double",
+    "as_real",
+    "device_of",
+    "fftn",
+    "from_numpy",
+    "irfftn",
+    "is_numpy",
+    "namespace",
+    "rfftn",
+    "to_numpy",
+]
 
 
 def namespace(*x: Any) -> Any:
@@ -75,8 +86,8 @@ def _from_sequence(x: Sequence[Any], what: str) -> npt.NDArray[Any]:
         if hasattr(v, "dtype"):
             _refuse_foreign(v, what)
     try:
-        if any(isinstance(v, np.ma.MaskedArray) for v in x):
-            found: npt.NDArray[Any] = np.ma.stack([np.ma.asarray(v) for v in x])
+        if _any_masked(x):
+            found: npt.NDArray[Any] = _masked(x)
             return found
         found = np.asarray([to_numpy(v) if hasattr(v, "detach") else v for v in x])
     except (TypeError, ValueError) as error:
@@ -86,6 +97,26 @@ def _from_sequence(x: Sequence[Any], what: str) -> npt.NDArray[Any]:
             found = np.asarray(x, dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise InvalidInput(f"{what} must be numbers in a rectangular array; got {type(x).__name__}.") from error
+    return found
+
+
+def _any_masked(x: Any) -> bool:
+    """Whether a nested list holds a masked array, or the constant that stands for a masked number, at any depth."""
+    return any(isinstance(v, np.ma.MaskedArray) or (isinstance(v, list | tuple) and _any_masked(v)) for v in x)
+
+
+def _masked(x: Any) -> Any:
+    """A nested list as a masked array."""
+    return np.ma.stack([_masked(v) for v in x]) if isinstance(x, list | tuple) else np.ma.asarray(to_numpy(x))
+
+
+def as_double(x: Any) -> npt.NDArray[np.float64]:
+    """A copy of numbers in double precision; masked entries, in lists too, become NaN. `ValueError` or `TypeError` where they are none."""
+    if isinstance(x, list | tuple) and _any_masked(x):
+        x = _masked(x)
+    found = np.array(x, dtype=np.float64)
+    if isinstance(x, np.ma.MaskedArray):
+        found[np.ma.getmaskarray(x)] = np.nan
     return found
 
 

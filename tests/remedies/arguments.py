@@ -416,7 +416,13 @@ REMEDIES = [
         lambda: BALL.fields(PAD, ["stress_zz"], ROWS, ROWS, 1e-6),
         lambda: BALL.traction(ROWS, ROWS),
     ),
-    value("friction and direction must be finite", lambda d: BALL.sliding(0.5, direction=d), np.nan, 0.0),
+    value(
+        "{} must be a finite number of {}; got {}.",
+        lambda d: BALL.sliding(0.5, direction=d),
+        np.nan,
+        0.0,
+        room="solutions._common",
+    ),
     value(
         "make one with hertz_point",
         lambda c: c.partial_slip(0.5, 0.1),
@@ -430,7 +436,20 @@ REMEDIES = [
         "x",
     ),
     value("force must be a finite number of N/m", lambda f: pp.solutions.line_load(force=f), np.nan, 1.0),
-    value("friction must be a finite number; got", PUNCH.sliding, np.nan, 0.5, room="solutions.line"),
+    value(
+        "names in {} must be text",
+        lambda m: Recording(readings=PRESS[None], channels=BOTH, meta=m),
+        {3: "trial"},
+        {"3": "trial"},
+        room="recordings.meta",
+    ),
+    value(
+        "{} takes text, numbers, truth values, and lists and mappings of them",
+        lambda m: Recording(readings=PRESS[None], channels=BOTH, meta=m),
+        {"when": np.datetime64("2026-01-01")},
+        {"when": str(np.datetime64("2026-01-01"))},
+    ),
+    value("{} must be a finite number of {}; got {}.", PUNCH.sliding, np.nan, 0.5, room="solutions._common"),
     value(
         "make one with hertz_line",
         lambda c: c.partial_slip(0.5, 1.0),
@@ -476,13 +495,6 @@ REMEDIES = [
         lambda p: Recording(readings=np.zeros((1, 1, 12)), channels=["stress_zz"], positions=SCATTERED).gridded(p),
         1e-9,
         1e-3,
-    ),
-    value(
-        "readings must be real numbers; got dtype",
-        lambda r: Recording(readings=r, channels=BOTH),
-        [[["a"] * 9] * 2],
-        PRESS[None].tolist(),
-        room="recordings.recording",
     ),
     value(
         "positions must have shape ({}, 2) or ({},), one per taxel",

@@ -184,8 +184,8 @@ def forces(**given: Any) -> Any:
 REMEDIES = [
     field("pixel must be a positive number of metres; got", (PAIR, {"pixel": 0.0}), PAIR, room="microscopy.readers"),
     field("{} must be one of {}; got", (PAIR, {"unit": "pixels"}), PAIR, room="microscopy.readers"),
-    field("is a folder; give a file", ".", PAIR, room="microscopy.readers"),
-    field(": no such file.", ["u.npy", "w.npy"], PAIR, room="microscopy.readers"),
+    field("is a folder; give a file.", ".", PAIR, room="_files"),
+    field(": no such file.", ["u.npy", "w.npy"], PAIR, room="_files"),
     field(
         ": the ending {} is not known; accepted: {}.",
         "u.xlsx",
@@ -513,7 +513,7 @@ REMEDIES = [
         lambda: read_pair(["rest.png", "lost.png"]),
         lambda: read_pair(["rest.png", "pulled.png"]),
         given=lambda: pictures(rest=beads(0.0), pulled=beads(2.0)),
-        room="microscopy.pictures",
+        room="_files",
     ),
     Remedy(
         "is no picture: .tif, .png and so on",

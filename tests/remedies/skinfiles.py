@@ -142,7 +142,7 @@ REMEDIES = [
         "{}: cannot be read as text in UTF-8 ({}); save it in UTF-8.",
         lambda: (laid(skin_toml=LINE.replace("200 kPa", "200 µPa").encode("latin-1")), pp.Skin.from_file("skin.toml")),
         lambda: read(LINE),
-        room="recordings.skinfile",
+        room="_files",
         right=feels,
     ),
     skin(": not valid TOML", LINE.replace("[[plane]]", "[[plane]"), LINE),

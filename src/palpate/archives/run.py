@@ -22,6 +22,7 @@ from palpate.inverse.method import Method
 from palpate.inverse.registry import method_asked
 from palpate.recordings.described import check_described
 from palpate.recordings.formats import find_format, open_recording
+from palpate.recordings.locks import sole_writer
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
 from palpate.recordings.touchstream import Collected
@@ -221,8 +222,6 @@ def reconstruct_recording(
     length = piece_length(skin, chosen) if length is None else length
     if isinstance(length, bool) or not isinstance(length, int) or length < 1:
         raise InvalidInput(f"chunk must be a whole number of frames from 1 on; got {chunk!r}.")
-    if target.exists() and not overwrite:
-        raise InvalidInput(f"{target} exists. Give another name, or overwrite=True (--force) to replace it.")
     if resume and frame is not None:
         raise InvalidInput(
             f"frame {frame} alone is solved at once: leave out resume (--resume), or frame (--frame) for all frames."
@@ -230,6 +229,9 @@ def reconstruct_recording(
     if resume and not known.can("touch_stream"):
         raise InvalidInput(f"{target}: only a run into a Zarr store (.zarr) can go on after it was broken off.")
     with ExitStack() as stack:
+        stack.enter_context(sole_writer(target))
+        if target.exists() and not overwrite:
+            raise InvalidInput(f"{target} exists. Give another name, or overwrite=True (--force) to replace it.")
         source = stack.enter_context(_opened(recording))
         count = len(source)
         check_described(source.head, skin.planes)

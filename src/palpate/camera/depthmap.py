@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._arrays import as_double
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing import Array, Grid, ScatteredArray
@@ -56,7 +57,7 @@ class DepthMap:
     std: float
 
     def __post_init__(self) -> None:
-        places = np.array(self.positions, dtype=np.float64)
+        places = as_double(self.positions)
         if places.ndim != 2 or places.shape[1] != 2 or len(places) < FEWEST or not np.isfinite(places).all():
             raise InvalidInput(
                 f"positions of a depth map must be finite and have the shape (n, 2), with n of at least {FEWEST}; got {places.shape}."
@@ -64,7 +65,7 @@ class DepthMap:
         if not (is_number(self.std) and self.std > 0):
             raise InvalidInput(f"std of a depth map must be a positive number of metres; got {self.std!r}.")
         if not callable(self.depth):
-            maps = np.array(self.depth, dtype=np.float64)
+            maps = as_double(self.depth)
             if maps.ndim != 2 or maps.shape[1] != len(places):
                 raise InvalidInput(
                     f"depth must be a function of a picture's number, or have the shape (picture, {len(places)}), one depth for each place; got {maps.shape}."
@@ -78,7 +79,7 @@ class DepthMap:
         """Depths (n,) [m] in a picture, NaN where they are not known; `InvalidInput` where there is no such picture, or they cannot be depths."""
         places: Any = self.positions
         if callable(self.depth):
-            found = np.asarray(self.depth(index), dtype=np.float64)
+            found = as_double(self.depth(index))
         else:
             maps: Any = self.depth
             if not 0 <= index < len(maps):

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._extras import missing
+from palpate._files import ordinary
 from palpate.camera.stacks import check_axes, check_page, check_size, pages_claimed, rate_of, size_claimed
 from palpate.errors import InvalidInput
 from palpate.sensing.view import grey, opencv
@@ -197,7 +198,7 @@ def open_pictures(source: Any, *, rate: float | None = None) -> Pictures:
     if path.is_dir():
         return _folder(path, rate)
     ending = path.suffix.lower()
-    if path.stat().st_size == 0:
+    if ordinary(path).stat().st_size == 0:
         raise InvalidInput(f"{path} is empty: the recording was not finished. Record it again.")
     if ending in STACKS:
         return _stack(path, rate)
@@ -233,7 +234,7 @@ def _natural(path: Path) -> list[Any]:
 
 
 def _folder(path: Path, rate: float | None) -> Pictures:
-    found = sorted((p for p in path.iterdir() if p.suffix.lower() in (*STILLS, *STACKS)), key=_natural)
+    found = sorted((p for p in path.iterdir() if p.suffix.lower() in (*STILLS, *STACKS) and p.is_file()), key=_natural)
     if not found:
         raise InvalidInput(f"{path} holds no pictures ({', '.join((*STILLS, *STACKS))}).")
     return Pictures(_read(found), name=str(path), count=len(found), rate=rate)

@@ -18,6 +18,7 @@ from palpate.cli.command import Command
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
 from palpate.cli.examples import SHORT, example
+from palpate.cli.files import sole_writers
 from palpate.cli.live import live
 from palpate.cli.methods import MethodCommand, TrackerCommand
 from palpate.cli.pad import pad
@@ -57,6 +58,7 @@ def _root(
     ] = False,
 ) -> None:
     ctx.with_resource(guarded())
+    ctx.with_resource(sole_writers())
     # what libraries say of damaged files, palpate says once and in words
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)

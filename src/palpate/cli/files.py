@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import contextvars
 import os
 import sys
 import time
@@ -26,9 +27,11 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help=_HELP)]
 def check_output(path: Path, *, inputs: Iterable[Path | None] = (), force: bool, option: str = "--force") -> None:
     """Refuse, before any work, a name that must not or cannot be written: that of an input, of a result that exists, in no folder.
 
-    An input is the same under any name: through a link, another path, another case; and so is what lies in an input folder.
+    An input is the same under any name: through a link, another path, another case; and so is what lies in an input folder. What another process is
+    writing is refused too, and other processes are refused what this command writes (`sole_writers`).
     """
     from palpate.recordings.files import is_store
+    from palpate.recordings.locks import sole_writer
 
     try:
         for source in inputs:
@@ -40,6 +43,9 @@ def check_output(path: Path, *, inputs: Iterable[Path | None] = (), force: bool,
             raise InvalidInput(f"{path}: the folder {path.parent} does not exist; make it first.")
         with contextlib.suppress(FileNotFoundError):
             os.lstat(path)  # is_dir() and lexists() may keep to themselves that a name is too long
+        locks = _locks.get()
+        if locks is not None:
+            locks.enter_context(sole_writer(path))
         if path.is_dir() and not (path.suffix.lower() == ".zarr" and is_store(path)):
             raise InvalidInput(f"{path} is a folder; give a file name.")
         if os.path.lexists(path) and not force:
@@ -64,6 +70,21 @@ def check_outputs(
             if real == taken or real in taken.parents or taken in real.parents:
                 raise InvalidInput(f"{other} and {name} both write {path}: give one of them another name.")
         before[name] = real
+
+
+#: Locks of what the running command writes.
+_locks: contextvars.ContextVar[contextlib.ExitStack | None] = contextvars.ContextVar("locks", default=None)
+
+
+@contextlib.contextmanager
+def sole_writers() -> Iterator[None]:
+    """As long as the ``with`` lasts, this process is the only one that writes what `check_output` has passed."""
+    with contextlib.ExitStack() as stack:
+        token = _locks.set(stack)
+        try:
+            yield
+        finally:
+            _locks.reset(token)
 
 
 def _overlap(target: Path, source: Path) -> bool:

@@ -23,7 +23,7 @@ from palpate.inverse.observability import is_observable
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.operator import Boundary, Operator, check_surface
-from palpate.sensing.surface import WIDE, default_surface
+from palpate.sensing.surface import WIDE, check_above, check_depth, check_thickness, default_surface
 from palpate.sensing.uncertainty import STEP, Uncertainty, scale_free, stretched
 
 __all__ = ["Kept", "Problem"]
@@ -117,6 +117,7 @@ class Problem:
         zeroed: bool = False,
     ) -> None:
         check_surface(planes, surface)
+        check_thickness(planes, pad.thickness)
         self.pad, self.planes, self.surface, self.boundary = pad, tuple(planes), surface, boundary
         self.components, self.fixed, self.nuisance = tuple(components), fixed, nuisance
         self.uncertainty = uncertainty or Uncertainty()
@@ -129,7 +130,13 @@ class Problem:
         self.zeroed = zeroed
 
     def seeking(self, components: Sequence[str]) -> Problem:
-        """The same problem with other components sought; it shares what does not depend on them."""
+        """The same problem with other components sought; it shares what does not depend on them.
+
+        `InvalidInput` where the surface is out of proportion to the arrays, or lies beside them.
+        """
+        check_above(self.planes, self.surface)
+        if not self.fixed:
+            check_depth(self.planes, self.surface)
         return Problem(
             self.pad,
             self.planes,

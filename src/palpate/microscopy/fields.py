@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._arrays import as_double
 from palpate._numbers import plain_number
 from palpate.errors import InvalidInput
 from palpate.recordings import Recording
@@ -73,7 +74,7 @@ class Field:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        u = np.array(self.displacement, dtype=np.float64)
+        u = as_double(self.displacement)
         if u.ndim != 3 or u.shape[0] != 2 or min(u.shape[1:]) < 4:
             raise InvalidInput(
                 f"a displacement field has the shape (2, row, column), with at least 4 x 4 vectors; got {u.shape}."
@@ -94,7 +95,7 @@ class Field:
             )
         object.__setattr__(self, "displacement", u)
         if self.std is not None:
-            std = np.array(self.std, dtype=np.float64)
+            std = as_double(self.std)
             if std.shape != u.shape or (std[:, there] < 0).any():
                 raise InvalidInput(
                     f"std must have the shape of the displacements, {u.shape}, and no negative values; got {std.shape}."

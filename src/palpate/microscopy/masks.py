@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._files import ordinary, small_text
 from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -73,9 +74,7 @@ def read_mask(
             if corners
             else _picture(values, "the mask", cell)
         )
-    path = Path(source)
-    if not path.is_file():
-        raise InvalidInput(f"{path} is a folder; give a file." if path.is_dir() else f"{path}: no such file.")
+    path = ordinary(source)
     ending = path.suffix.lower()
     if ending in OUTLINES:
         return _outline(_one(_corners(path, ending, pixel), cell, str(path)), str(path))
@@ -182,8 +181,8 @@ def _corners(path: Path, ending: str, pixel: float | None) -> list[Any]:
     if ending in (".csv", ".txt"):
         return _text_corners(path, pixel)
     try:
-        held = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (ValueError, OSError, RecursionError) as error:
+        held = json.loads(small_text(path, "an outline"))
+    except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{path}: cannot be read as JSON ({str(error)[:80]}).") from error
     features = held.get("features") if isinstance(held, dict) else None
     return [_ring(path, each) for each in (features if isinstance(features, list) and features else [held])]

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._extras import missing
+from palpate._files import ordinary
 from palpate._memory import require
 from palpate.camera import grey, is_pictures, open_pictures
 from palpate.camera.stacks import check_axes, check_size
@@ -21,9 +22,7 @@ __all__ = ["read_pair", "read_picture"]
 
 
 def _all(path: Path, most: int = 10_000) -> list[npt.NDArray[Any]]:
-    if not path.exists():
-        raise InvalidInput(f"{path}: no such file.")
-    if path.is_file() and path.stat().st_size == 0:
+    if not path.is_dir() and ordinary(path).stat().st_size == 0:
         raise InvalidInput(f"{path} is empty.")
     if not is_pictures(path):
         raise InvalidInput(f"{path}: is no picture: .tif, .png and so on.")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate._extras import missing
+from palpate._files import ordinary
 from palpate._memory import require
 from palpate._numbers import plain_number
 from palpate.camera.stacks import check_page, check_size
@@ -113,14 +114,12 @@ def read_field(
         if value is not None and value not in known:
             raise InvalidInput(f"{option} must be one of {', '.join(known)}; got {value!r}.")
     for path in paths:
-        if path.is_dir():
-            raise InvalidInput(f"{path} is a folder; give a file.")
-        if not path.exists():
-            raise InvalidInput(f"{path}: no such file.")
-        if path.stat().st_size == 0:
+        size_of_file = ordinary(path).stat().st_size
+        if size_of_file == 0:
             raise InvalidInput(f"{path} is empty.")
         if path.suffix.lower() not in READERS:
             raise InvalidInput(f"{path}: the ending {path.suffix!r} is not known; accepted: {', '.join(READERS)}.")
+        require(3.0 * size_of_file, f"{path}: fields of this size", "Cut it to the fields that are wanted.")
     if not 1 <= len(paths) <= 2:
         raise InvalidInput(f"a field is one file, or two with one component each; got {len(paths)}.")
     found = _pair(paths, name) if len(paths) == 2 else READERS[paths[0].suffix.lower()](paths[0], name)

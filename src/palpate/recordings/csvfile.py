@@ -331,8 +331,7 @@ class _Head:
         if line.startswith("# positions (m): "):
             self.positions = _positions(line.removeprefix("# positions (m): "), where)
         elif line.startswith("# meta: "):
-            found = json_object(line.removeprefix("# meta: "), f"{where}: meta")
-            self.meta = {str(k): str(v) for k, v in found.items()}
+            self.meta = json_object(line.removeprefix("# meta: "), f"{where}: meta")
         elif line.startswith(f"# {CHECKSUM} "):
             self.expected = line.removeprefix(f"# {CHECKSUM} ").strip(" ,\n")
         return not line.strip() or line.startswith("#")

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from palpate.errors import InvalidInput
+from palpate.recordings.locks import sole_writer
 
 __all__ = ["atomically", "in_place", "is_store", "moved_into_place"]
 
@@ -21,17 +22,18 @@ def is_store(path: str | Path) -> bool:
 
 
 @contextlib.contextmanager
-def in_place(path: str | Path) -> Iterator[Path]:
+def in_place(path: str | Path, *, sole: bool = True) -> Iterator[Path]:
     """A fresh name to write a file or a folder to; it is moved to ``path`` when the block ends well.
 
     What was at ``path`` before is replaced in one step, and stays as it is where the block fails or is interrupted. The fresh name has
     the same ending and lies in a hidden folder beside ``path`` (".palpate-...") that is removed in any case; only a killed process
-    leaves it. A symbolic link stays one: what it points to is replaced.
+    leaves it. A symbolic link stays one: what it points to is replaced. With ``sole``, nobody else may write ``path`` meanwhile (`sole_writer`);
+    else the last one wins.
 
     Raises
     ------
     InvalidInput
-        The folder does not exist, cannot be written to, or the disk does not take it.
+        The folder does not exist, cannot be written to, the disk does not take it, or another process writes it.
     """
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
@@ -49,6 +51,14 @@ def in_place(path: str | Path) -> Iterator[Path]:
         folder = Path(tempfile.mkdtemp(prefix=".palpate-", dir=target.parent))
     except OSError as error:
         raise InvalidInput(f"{path}: cannot write there ({error.strerror}).") from error
+    with contextlib.ExitStack() as stack:
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        if sole:
+            stack.enter_context(sole_writer(path))
+        yield from _moved(path, target, folder, before)
+
+
+def _moved(path: str | Path, target: Path, folder: Path, before: os.stat_result | None) -> Iterator[Path]:
     fresh = folder / target.name
     try:
         yield fresh
@@ -63,15 +73,13 @@ def in_place(path: str | Path) -> Iterator[Path]:
             raise
         kept = "" if before is None else ", and what was there is kept"
         raise InvalidInput(f"{path}: writing failed ({cause.strerror or cause}); nothing was written{kept}.") from cause
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
-def atomically(path: str | Path, write: Callable[[str], None]) -> None:
+def atomically(path: str | Path, write: Callable[[str], None], *, sole: bool = True) -> None:
     """Call ``write`` with the name of an empty file beside ``path``, then move it there; leave nothing on failure (`in_place`)."""
     if os.path.isdir(path):  # that of Path raises where a name is too long
         raise InvalidInput(f"{path} is a folder; give a file name.")
-    with in_place(path) as fresh:
+    with in_place(path, sole=sole) as fresh:
         fresh.touch()
         write(str(fresh))
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from palpate._extras import require
+from palpate._files import ordinary
 from palpate.errors import InvalidInput
 from palpate.recordings.checked import SALVAGED
 from palpate.recordings.columns import TableMapping
@@ -163,7 +164,9 @@ class Format:
 
         return Collected(path, count, record, self.write_touch)
 
-    def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
+    def recorder(
+        self, path: Path, channels: Sequence[str], *, positions: Any, meta: Mapping[str, Any] | None
+    ) -> Recorder:
         """What writes a stream while it happens."""
         raise self._cannot("recorder", path)
 
@@ -279,7 +282,7 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
         if not known.folder:
             raise InvalidInput(f"{found} is a folder; give a file.")
         raise InvalidInput(f"{found}: cannot be read as {known.name}; it is damaged or something else.")
-    if found.stat().st_size == 0:
+    if ordinary(found).stat().st_size == 0:
         raise InvalidInput(f"{found} is empty.")
     if found.suffix.lower() in PICKLES:
         _refuse_pickle(found)

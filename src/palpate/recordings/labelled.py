@@ -17,6 +17,7 @@ from palpate.elastic.quantities import COMPONENTS
 from palpate.errors import InvalidInput
 from palpate.inverse.estimate import Errors, Stated
 from palpate.recordings.clock import read_clock
+from palpate.recordings.meta import plain_meta
 from palpate.recordings.recording import Recording
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.times import as_seconds
@@ -145,7 +146,7 @@ def recording_of(dataset: xarray.Dataset, name: str = "the data set") -> Recordi
         channels=tuple(text(c) for c in dataset["channel"].values),
         time=clock.time,
         positions=positions,
-        meta={**_meta(dataset.attrs.get("meta", "{}"), name), **clock.meta()},
+        meta={**_json(dataset.attrs.get("meta", "{}"), name), **clock.meta()},
     )
 
 
@@ -153,14 +154,14 @@ def text(value: Any) -> str:
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
-def _meta(text: Any, name: str) -> dict[str, str]:
+def _json(text: Any, name: str) -> dict[str, Any]:
     try:
         found = json.loads(text)
     except (TypeError, ValueError, RecursionError) as error:
         raise InvalidInput(f"{name}: meta cannot be read; the file may be truncated.") from error
     if not isinstance(found, dict):
         raise InvalidInput(f"{name}: meta must be a JSON object.")
-    return {str(k): str(v) for k, v in found.items()}
+    return found
 
 
 # -- touches -----------------------------------------------------------------------------------------------------------
@@ -225,7 +226,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
             "sought": ",".join(touch.components),
             "unobservable_force": ",".join(touch.unobservable_force),
             "surface": json.dumps(_described(touch.surface)),
-            "meta": json.dumps(touch.meta),
+            "meta": json.dumps(plain_meta(touch.meta)),
         }
     )
     if touch.found_by is not None:
@@ -278,10 +279,10 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         components=_listed(attrs["sought"]),
         method=attrs["method"],
         assumptions=tuple(_loaded(attrs.get("assumptions", "[]"), name)),
-        reading_names={int(r): n for r, n in _meta(attrs.get("reading_names", "{}"), name).items()},
+        reading_names={int(r): str(n) for r, n in _json(attrs.get("reading_names", "{}"), name).items()},
         unobservable_force=_listed(attrs.get("unobservable_force", "")),
         time=None if time is None else time.values,
-        meta=_meta(attrs.get("meta", "{}"), name),
+        meta=_json(attrs.get("meta", "{}"), name),
         errors=errors,
         stated=stated,
         common_std=float(attrs.get("common_std", 0.0)),

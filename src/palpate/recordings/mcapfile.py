@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import struct
+import weakref
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -23,7 +24,9 @@ from palpate._extras import missing
 from palpate.errors import InvalidInput, PalpateError, Unsupported
 from palpate.recordings.checked import CHECKSUM
 from palpate.recordings.heldfile import Apart, HeldFile
+from palpate.recordings.locks import claim
 from palpate.recordings.messages import READINGS, Encoder, Kind, nanoseconds, ros_types
+from palpate.recordings.meta import plain_meta
 from palpate.recordings.recording import Recording
 from palpate.touch import Touch
 
@@ -62,8 +65,8 @@ class McapRecorder:
         Of the readings.
     positions : array (taxel, 2) or (taxel,), optional
         Of scattered taxels [m].
-    meta : mapping of str to str
-        Anything worth keeping.
+    meta : mapping
+        Anything worth keeping, as in `palpate.Recording`.
     chunk : int
         Bytes after which a chunk is written.
     """
@@ -74,22 +77,27 @@ class McapRecorder:
         channels: Sequence[str],
         *,
         positions: Any = None,
-        meta: dict[str, str] | None = None,
+        meta: Mapping[str, Any] | None = None,
         chunk: int = CHUNK,
     ) -> None:
         mcap = _library()
         self.path, self.channels = Path(path), tuple(channels)
         self._encoder = Encoder(self.channels)
-        facts = {"channels": json.dumps(self.channels), "meta": json.dumps(meta or {})}
+        facts = {"channels": json.dumps(self.channels), "meta": json.dumps(plain_meta(meta))}
         if positions is not None:
             facts["positions"] = json.dumps(np.asarray(positions).tolist())
         facts[CHECKSUM] = str(_sum(facts))
+        release = claim(self.path)
         try:
             self._file = HeldFile(self.path)
         except FileExistsError as error:
+            release()
             raise InvalidInput(f"{path} exists; a recording is not overwritten. Give another name.") from error
         except OSError as error:
+            release()
             raise InvalidInput(f"{path}: cannot write there ({error.strerror}).") from error
+        # until the recording is closed or forgotten, at the latest until the process ends
+        self._release = weakref.finalize(self, release)
         self._open = True
         self._apart = Apart()
         self._ids: dict[str, int] = {}
@@ -128,6 +136,7 @@ class McapRecorder:
             self._guarded(self._finish)
             self._open = False
             self._apart.end()
+            self._release()
 
     def __enter__(self) -> McapRecorder:
         return self
@@ -183,6 +192,7 @@ class McapRecorder:
             self._open = False
             self._file.close()
             self._apart.end()
+            self._release()
             what = (
                 f"the {self._kept} frames before are readable with palpate convert --salvage"
                 if self._kept

@@ -115,7 +115,9 @@ class NetCDF(Format):
 
         return NetCDFStream(path, count, record)
 
-    def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
+    def recorder(
+        self, path: Path, channels: Sequence[str], *, positions: Any, meta: Mapping[str, Any] | None
+    ) -> Recorder:
         from palpate.recordings.stores import HdfRecorder
 
         return HdfRecorder(path, channels, positions=positions, meta=meta)

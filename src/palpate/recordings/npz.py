@@ -20,6 +20,7 @@ from palpate.recordings.formats import Format
 from palpate.recordings.labelled import touch_dataset
 from palpate.recordings.mapped import read_mapped
 from palpate.recordings.mapping import TopicMapping
+from palpate.recordings.meta import plain_meta
 from palpate.recordings.recording import Recording
 from palpate.recordings.tabletext import Table, Titles
 from palpate.status import Status
@@ -80,7 +81,7 @@ class Npz(Format):
             channels=tuple(str(c) for c in np.atleast_1d(held["channel"])),
             time=clock.time,
             positions=held.get("positions"),
-            meta={**{str(k): str(v) for k, v in meta.items()}, **clock.meta()},
+            meta={**meta, **clock.meta()},
         )
         return confirm_recording(found, held.get(CHECKSUM), path)
 
@@ -119,7 +120,9 @@ class Npz(Format):
     def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
         dataset = touch_dataset(touch)
         arrays: dict[str, Any] = {str(name): variable.values for name, variable in dataset.variables.items()}
-        arrays["record"] = np.array(json.dumps({**record, "sought": ",".join(touch.components)}))
+        arrays["record"] = np.array(
+            json.dumps({**plain_meta(record, "provenance"), "sought": ",".join(touch.components)})
+        )
         if touch.status is not None:
             labels = [Status.coded(int(code)).label for code in np.ravel(touch.status)]
             arrays["status_label"] = np.reshape(labels, np.shape(touch.status))

@@ -21,7 +21,8 @@ def write_prepared(problem: Problem, path: str | Path) -> None:
     entries = problem.worked_out()
     if not entries:
         raise InvalidInput("nothing is prepared yet that takes long: call prepare() or reconstruct() first.")
-    atomically(path, lambda fresh: write(fresh, entries, about))
+    # the same whoever writes it: runs that prepare one skin at a time do not stop each other
+    atomically(path, lambda fresh: write(fresh, entries, about), sole=False)
 
 
 def read_prepared(problem: Problem, path: str | Path) -> Recall:

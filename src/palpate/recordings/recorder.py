@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -60,7 +60,7 @@ class Recorder(Sink, Protocol):
 
 
 def recorder(
-    path: str | Path, channels: Sequence[str], *, positions: Any = None, meta: dict[str, str] | None = None
+    path: str | Path, channels: Sequence[str], *, positions: Any = None, meta: Mapping[str, Any] | None = None
 ) -> Recorder:
     """The recorder of a file name: .mcap, .nc / .h5 / .hdf5, or .zarr; each writes while the stream runs.
 
@@ -72,8 +72,8 @@ def recorder(
         Of the readings.
     positions : array (taxel, 2) or (taxel,), optional
         Of scattered taxels [m].
-    meta : mapping of str to str
-        Anything worth keeping.
+    meta : mapping
+        Anything worth keeping, by names: text, numbers, truth values, None, and lists and mappings of them.
 
     Raises
     ------

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate._arrays import as_real
+from palpate._arrays import as_double, as_real
 from palpate._numbers import plain_time
 from palpate.elastic.channels import channel_unit, find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.recordings.meta import plain_meta
 from palpate.sensing.labels import is_labelled
 from palpate.sensing.times import as_seconds
 
@@ -47,8 +48,8 @@ class Recording:
         Seconds, increasing, or dates and differences of times (``datetime64``, ``timedelta64``, those of pandas); default: frame numbers.
     positions : array (taxel, 2) or (taxel,), optional
         Positions (x, y) [m] of scattered taxels; only with one array axis.
-    meta : mapping of str to str
-        Anything worth keeping.
+    meta : mapping
+        Anything worth keeping, by names: text, numbers, truth values, None, and lists and mappings of them. Every format keeps their types.
 
     Raises
     ------
@@ -76,7 +77,7 @@ class Recording:
     channels: tuple[str, ...]
     time: Any = None
     positions: Any = None
-    meta: dict[str, str] = field(default_factory=dict)
+    meta: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if is_labelled(self.readings):
@@ -85,11 +86,8 @@ class Recording:
                 'in order and take the values: x.transpose("time", "channel", "y", "x").values (scattered: "taxel"), with SI units.'
             )
         readings = self.readings
-        readings = as_real(readings, "readings") if isinstance(readings, np.ndarray) else np.asarray(readings)
-        if readings.dtype not in (np.float32, np.float64):
-            if not (np.issubdtype(readings.dtype, np.number) and not np.iscomplexobj(readings)):
-                raise InvalidInput(f"readings must be real numbers; got dtype {readings.dtype}.")
-            readings = readings.astype(np.float64)
+        known = isinstance(readings, np.ndarray | list | tuple)
+        readings = as_real(readings if known else np.asarray(readings), "readings")
         if readings.ndim not in (3, 4):
             raise InvalidInput(
                 f"readings must have axes (time, channel, taxel) or (time, channel, y, x); got shape {readings.shape}."
@@ -106,7 +104,7 @@ class Recording:
         time = checked_time(self.time, len(readings))
         positions = self.positions
         if positions is not None:
-            positions = np.asarray(positions, dtype=np.float64)
+            positions = as_double(positions)
             if readings.ndim != 3 or positions.shape not in ((readings.shape[2],), (readings.shape[2], 2)):
                 raise InvalidInput(
                     f"positions must have shape ({readings.shape[2]}, 2) or ({readings.shape[2]},), one per taxel; got "
@@ -118,6 +116,7 @@ class Recording:
         object.__setattr__(self, "channels", channels)
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "meta", plain_meta(self.meta))
 
     @property
     def units(self) -> tuple[str, ...]:

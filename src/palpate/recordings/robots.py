@@ -213,7 +213,7 @@ def read_robot(path: str | Path, mapping: TopicMapping | None = None, *, salvage
         readings = readings[:, :, 0]
     if rest is not None and readings.ndim == 3:
         positions = rest[:2].T
-    meta = {str(k): str(v) for k, v in known["meta"].items()} if known is not None else {"source": found.name}
+    meta = known["meta"] if known is not None else {"source": found.name}
     return Recording(
         readings=readings, channels=channels, time=clock.time, positions=positions, meta={**meta, **clock.meta()}
     )
@@ -280,7 +280,9 @@ class Mcap(Format):
     def _touches(self, path: Path, count: int, record: Mapping[str, str]) -> TouchStream:
         return _McapStream(path, count, record)
 
-    def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
+    def recorder(
+        self, path: Path, channels: Sequence[str], *, positions: Any, meta: Mapping[str, Any] | None
+    ) -> Recorder:
         return mcapfile.McapRecorder(path, channels, positions=positions, meta=meta)
 
 

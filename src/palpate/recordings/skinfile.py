@@ -48,6 +48,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from palpate._extras import missing
+from palpate._files import small_text
 from palpate.elastic.channels import channel_unit, check_channels
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.layers import BondedLayers, Layer
@@ -341,11 +342,7 @@ def skin_text(found: Path) -> str:
         )
     if found.is_dir():
         raise InvalidInput(f"{found} is a folder; give a skin.toml.")
-    try:
-        return found.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else error.reason
-        raise InvalidInput(f"{found}: cannot be read as text in UTF-8 ({why}); save it in UTF-8.") from error
+    return small_text(found, "a skin file")
 
 
 def validated(text: str, name: str) -> SkinFile:

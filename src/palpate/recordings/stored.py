@@ -36,7 +36,7 @@ def stored_recording(held: Any, channels: Iterable[Any], path: Path, *, salvage:
         channels=tuple(text(c) for c in channels),
         time=time,
         positions=held["positions"][...] if "positions" in held else None,
-        meta={**{str(k): str(v) for k, v in meta.items()}, **told},
+        meta={**meta, **told},
     )
     expected = held.attrs.get(CHECKSUM)
     if not salvage:
@@ -84,7 +84,7 @@ def opened_recording(
         channels=tuple(text(c) for c in channels),
         time=time[:1],
         positions=held["positions"][...] if "positions" in held else None,
-        meta={**{str(k): str(v) for k, v in meta.items()}, **told},
+        meta={**meta, **told},
     )
     return OpenRecording(head, time, _Guarded(held["readings"], path, readable), held.attrs.get(CHECKSUM), str(path))
 

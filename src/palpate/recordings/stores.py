@@ -23,6 +23,8 @@ from palpate.elastic.channels import channel_unit
 from palpate.errors import InvalidInput
 from palpate.recordings.heldfile import Apart, HeldFile
 from palpate.recordings.labelled import CONVENTIONS, STATUS_FLAGS
+from palpate.recordings.locks import claim
+from palpate.recordings.meta import plain_meta
 from palpate.sensing.times import as_second
 from palpate.status import Status
 from palpate.touch import Touch, intervals
@@ -64,12 +66,12 @@ class _Recorder(abc.ABC):
         channels: Sequence[str],
         *,
         positions: Any = None,
-        meta: dict[str, str] | None = None,
+        meta: Mapping[str, Any] | None = None,
         block: int = BLOCK,
     ) -> None:
         self.path, self.channels = Path(path), tuple(channels)
         self._positions = None if positions is None else np.asarray(positions, dtype=np.float64)
-        self._meta, self._block = dict(meta or {}), block
+        self._meta, self._block = plain_meta(meta), block
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._begun: set[str] = set()
         self._kept: dict[str, int] = {}
@@ -79,12 +81,17 @@ class _Recorder(abc.ABC):
             raise InvalidInput(f"{path} exists; a recording is not overwritten. Give another name.")
         if not self.path.parent.is_dir():
             raise InvalidInput(f"{path}: the folder {self.path.parent} does not exist; make it first.")
+        # until the recording is closed or forgotten, at the latest until the process ends
+        self._release = weakref.finalize(self, claim(self.path))
+        self._made = False
         self._apart = Apart()
         try:
             self._guarded(self._create)
             self._guarded(lambda: self._start("events", self._event_layout()))
         except InvalidInput:
-            _removed(self.path)
+            if self._made:
+                _removed(self.path)
+            self._release()
             raise
 
     def readings(self, time: float, values: Any) -> None:
@@ -131,6 +138,7 @@ class _Recorder(abc.ABC):
             self._guarded(self._finish)
             self._open = False
             self._apart.end()
+            self._release()
 
     def __enter__(self) -> Any:
         return self
@@ -142,7 +150,7 @@ class _Recorder(abc.ABC):
 
     @abc.abstractmethod
     def _create(self) -> None:
-        """An empty file or store."""
+        """An empty file or store under a name that is free, or `FileExistsError`; `_made` from then on."""
 
     @abc.abstractmethod
     def _start(self, group: str, layout: dict[str, _Variable]) -> None:
@@ -241,6 +249,9 @@ class _Recorder(abc.ABC):
             self._open, self._rows = False, {}
             self._apart(self._abandon)
             self._apart.end()
+            self._release()
+            if isinstance(error, FileExistsError) and not self._made:
+                raise InvalidInput(f"{self.path} exists; a recording is not overwritten. Give another name.") from error
             kept = self._kept.get("", self._kept.get("touch", 0))
             what = f"the {kept} frames before are kept and can be read" if kept else "no frame was kept"
             raise InvalidInput(f"{self.path}: writing failed ({error.strerror or error}); {what}.") from error
@@ -267,6 +278,7 @@ class HdfRecorder(_Recorder):
 
         self._opened: list[Any] = []
         self._held = HeldFile(self.path)
+        self._made = True
         # what is still open when the process ends would call back when nothing can answer
         self._left = weakref.finalize(self, _let_go, self._held, self._opened)
         with h5netcdf.File(self._held, "w") as file:
@@ -347,7 +359,10 @@ class ZarrRecorder(_Recorder):
     """
 
     def _create(self) -> None:
-        self._root = zarr_library().create_group(store=str(self.path), zarr_format=3)
+        zarr = zarr_library()
+        self.path.mkdir()
+        self._made = True
+        self._root = zarr.create_group(store=str(self.path), zarr_format=3)
         self._root.attrs.update({"meta": json.dumps(self._meta), "Conventions": CONVENTIONS})
         self._arrays: dict[tuple[str, str], Any] = {}
 

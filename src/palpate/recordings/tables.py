@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate._files import ordinary
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings.columns import per_count
@@ -71,9 +72,7 @@ def read_table(
     >>> beads.positions[1].round(9).tolist(), beads.readings.round(9).tolist()
     ([0.0001, 0.0], [[[1e-06, 2e-06, 1e-06]]])
     """
-    found = Path(path)
-    if not found.is_file():
-        raise InvalidInput(f"{found} is a folder; give a file." if found.is_dir() else f"{found}: no such file.")
+    found = ordinary(path)
     if found.stat().st_size == 0:
         raise InvalidInput(f"{found} is empty.")
     if found.suffix.lower() in NetCDF.extensions:

@@ -11,15 +11,26 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate._files import ordinary
+from palpate._memory import require
 from palpate.errors import InvalidInput, UncheckedInput
 
 __all__ = ["cells", "lines_of", "number", "text_of", "warn_of_a_cut"]
 
+#: Characters of a line, those of ten million numbers: more are not read as one.
+LONGEST = 1 << 28
 _NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?\s*", re.ASCII)
 
 
 def text_of(path: Path) -> tuple[list[str], bool]:
     """Lines of a text file, and whether the last one is ended; a file that is not text is refused."""
+    next(lines_of(path), "")  # what is no text is refused by its first line
+    # the bytes, the text, and its lines
+    require(
+        6.0 * ordinary(path).stat().st_size,
+        f"{path}: lines of text of this size",
+        "Write it as .nc or .h5, which are read piece by piece.",
+    )
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
@@ -67,7 +78,9 @@ def lines_of(path: Path) -> Iterator[str]:
     """The lines of a text file, each with its end; a file that is not text is refused."""
     try:
         with path.open(encoding="utf-8-sig") as file:
-            for line in file:
+            while line := file.readline(LONGEST):
+                if len(line) == LONGEST:
+                    raise InvalidInput(f"{path}: a line of more than {LONGEST} characters; it is damaged or no table.")
                 if "\0" in line:
                     raise InvalidInput(f"{path}: holds NUL characters; it is damaged or not text.")
                 yield line

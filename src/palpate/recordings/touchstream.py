@@ -91,7 +91,7 @@ class Whole:
         self.methods: list[str] = []
         self._assumptions = Counted()
         self._names: dict[str, str] = {}
-        self._meta: dict[str, str] = {}
+        self._meta: dict[str, Any] = {}
         self._outcome: Outcome | None = None
         self._calibration = ""
 

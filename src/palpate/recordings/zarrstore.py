@@ -120,7 +120,9 @@ class Zarr(Format):
         with growing(path, count, record, run or {}, resume=resume, replace=replace) as stream:
             yield stream
 
-    def recorder(self, path: Path, channels: Sequence[str], *, positions: Any, meta: dict[str, str] | None) -> Recorder:
+    def recorder(
+        self, path: Path, channels: Sequence[str], *, positions: Any, meta: Mapping[str, Any] | None
+    ) -> Recorder:
         return stores.ZarrRecorder(path, channels, positions=positions, meta=meta)
 
 

@@ -19,6 +19,7 @@ from palpate.recordings.checked import CHECKSUM, block_crc, checksum
 from palpate.recordings.crc import combined
 from palpate.recordings.files import moved_into_place
 from palpate.recordings.labelled import touch_of
+from palpate.recordings.locks import sole_writer
 from palpate.recordings.stores import zarr_library
 from palpate.recordings.touchstream import Arrays, Piece, Written
 from palpate.recordings.zarrpieces import HERE, Place
@@ -50,8 +51,15 @@ def growing(
     Raises
     ------
     InvalidInput
-        A run that was broken off is there, and ``resume`` and ``replace`` are not asked for; or it was another run.
+        A run that was broken off is there, and ``resume`` and ``replace`` are not asked for; it was another run; or it is not broken off, but runs.
     """
+    with sole_writer(path), sole_writer(partial(path), alone=True):  # other processes, and other threads of this one
+        yield from _growing(path, count, record, run, resume=resume, replace=replace)
+
+
+def _growing(
+    path: Path, count: int, record: Mapping[str, str], run: Mapping[str, Any], *, resume: bool, replace: bool
+) -> Iterator[ZarrStream]:
     folder = partial(path)
     if folder.exists() and not (folder / _PIECES).exists() and any(folder.iterdir()):
         raise InvalidInput(f"{folder} holds something else; move it away or give another name.")

@@ -9,42 +9,69 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from palpate._arrays import as_double
 from palpate.elastic.channels import check_channels
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.grids import AreaGrid, LineGrid, check_count, check_length, pair
 from palpate.sensing.limits import check_limits, of_readings
-from palpate.units import is_number
 
 __all__ = ["AreaArray", "Array", "LineArray", "ScatteredArray"]
 
 #: Taxels this many times farther from their neighbours than is usual are mistaken: at 20 the surface's cells are still fine enough.
 FAR_APART = 20.0
 Mask = npt.NDArray[np.bool_]
+#: No unit makes noise smaller than this, nor larger than its inverse; squares of such numbers overflow.
+SMALLEST = 1e-60
+#: Noise that is alike over so many times the array's extent is an offset: on 6 x 6 x 3 the force is right up to 2000 times, and nonsense at 2e5 times.
+#: A taxel that averages over so many times the array's extent tells nothing of where contact is.
+LONGEST_CORRELATION, WIDEST_APERTURE = 1e3, 4.0
 Noise = float | Sequence[float] | None
 
 
 def _check_noise(noise: Noise, channels: tuple[str, ...]) -> tuple[float, ...] | None:
     if noise is None:
         return None
-    each = isinstance(noise, list | tuple | np.ndarray) and getattr(noise, "ndim", 1) > 0
-    values: list[Any] = list(noise) if each else [noise] * len(channels)  # type: ignore[arg-type]
-    if len(values) != len(channels):
+    try:
+        given = np.asarray(noise)
+    except ValueError:  # lists of different lengths
+        given = np.asarray(None)
+    if given.dtype.kind not in "iuf" or np.ma.is_masked(noise):
+        raise InvalidInput(
+            f"noise must be a number in the unit of the channel, or one for each channel; got {noise!r}."
+        )
+    values = tuple(map(float, np.full(len(channels), given) if given.ndim == 0 else given.ravel()))
+    if given.ndim > 1 or len(values) != len(channels):
         raise InvalidInput(
             f"noise must be one standard deviation or one per channel ({len(channels)}: {', '.join(channels)}); "
             f"got {len(values)}."
         )
-    if not all(is_number(v) and v > 0 for v in values):
+    if not all(SMALLEST < v < 1.0 / SMALLEST for v in values):
         raise InvalidInput(
             f"noise must be a positive standard deviation in the unit of the channel; got {noise!r}. "
             "Leave it out where it is not known."
         )
-    return tuple(float(v) for v in values)
+    return values
 
 
 def _check_depth(depth: object) -> None:
     if depth != "base":
         check_length("depth", depth, zero=True)
+
+
+def _check_extent(array: _Common) -> None:
+    """Refuse lengths that are out of all proportion to the array: mostly a wrong unit, and minutes of work."""
+    extent, aperture = float(np.ptp(array.points, axis=0).max()), max(array.apertures)
+    if array.noise_correlation > LONGEST_CORRELATION * extent:
+        raise InvalidInput(
+            f"noise_correlation = {array.noise_correlation:g} m is {array.noise_correlation / extent:.3g} times the array's extent of {extent:.3g} m: such noise "
+            "is an offset of all readings, which skins allow for by themselves. Leave noise_correlation out, or give it in metres."
+        )
+    if aperture > WIDEST_APERTURE * extent:
+        raise InvalidInput(
+            f"aperture = {aperture:g} m is {aperture / extent:.3g} times the array's extent of {extent:.3g} m (at most {WIDEST_APERTURE:g} times): "
+            "it is the width over which one taxel averages, in metres."
+        )
 
 
 def _check_mask(mask: Any, shape: tuple[int, ...]) -> Mask | None:
@@ -102,6 +129,11 @@ class _Common:
         @property
         def shape(self) -> tuple[int, ...]:
             """Shape of one channel of readings."""
+            ...
+
+        @property
+        def apertures(self) -> tuple[float, ...]:
+            """Aperture of each axis [m]."""
             ...
 
     @property
@@ -238,6 +270,7 @@ class LineArray(_Common):
         check_length("noise_correlation", self.noise_correlation, zero=True)
         object.__setattr__(self, "limits", check_limits(self.limits, self.channels, self.shape))
         object.__setattr__(self, "mask", _check_mask(self.mask, (self.count,)))
+        _check_extent(self)
 
     @property
     def dimensions(self) -> int:
@@ -341,6 +374,7 @@ class AreaArray(_Common):
         check_length("noise_correlation", self.noise_correlation, zero=True)
         object.__setattr__(self, "limits", check_limits(self.limits, self.channels, self.shape))
         object.__setattr__(self, "mask", _check_mask(self.mask, self.shape))
+        _check_extent(self)
 
     @property
     def dimensions(self) -> int:
@@ -411,7 +445,7 @@ class ScatteredArray(_Common):
     mask: Any = None
 
     def __post_init__(self) -> None:
-        found = np.array(self.positions, dtype=np.float64)
+        found = as_double(self.positions)
         if found.ndim == 1:
             found = found[:, None]
         if found.ndim != 2 or found.shape[1] not in (1, 2) or found.shape[0] < 2:
@@ -432,6 +466,7 @@ class ScatteredArray(_Common):
         check_length("noise_correlation", self.noise_correlation, zero=True)
         object.__setattr__(self, "limits", check_limits(self.limits, self.channels, self.shape))
         object.__setattr__(self, "mask", _check_mask(self.mask, (len(found),)))
+        _check_extent(self)
 
     @property
     def dimensions(self) -> int:

@@ -46,6 +46,10 @@ __all__ = [
 FRAME_READINGS, FRAME_CELLS, MOST = 3, 1, 5.0
 
 
+#: Noise below this part of the readings is less than the rounding of their numbers.
+ROUNDING = 1e-14
+
+
 # -- what depends on the kind of a channel, one function each --------------------------------------------------------------
 
 
@@ -203,15 +207,20 @@ def check_frames(readings: Any, planes: Sequence[Array], surface: Grid, draws: i
 
 
 def check_size(values: Any, array: Array, limits: Sequence[tuple[float, str]]) -> None:
-    """Readings far outside linear elasticity are a unit mistake."""
+    """Readings far outside linear elasticity are a unit mistake, and so is noise below the rounding of their numbers."""
     xp = namespace(values)
-    d = len(array.shape)
+    d, noise = len(array.shape), array.noise_std
     for i, (channel, (limit, what)) in enumerate(zip(array.channels, limits)):
         largest = float(xp.max(xp.abs(values[(..., i, *(slice(None),) * d)])))
         if largest > limit:
             raise InvalidInput(
                 f"{channel} reaches {plain_number(largest)} {channel_unit(channel)}, more than {what}: no elastic pad does that. Check the "
                 f"units: readings are in {channel_unit(channel)}, lengths in m, moduli in Pa."
+            )
+        if noise is not None and noise[i] < ROUNDING * largest:
+            raise InvalidInput(
+                f"the noise of {channel}, {noise[i]:g} {channel_unit(channel)}, is {largest / noise[i]:.1g} times less than its readings, which reach "
+                f"{largest:g}: their numbers are rounded more. Give noise= in {channel_unit(channel)}, or leave it out."
             )
 
 

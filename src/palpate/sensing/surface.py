@@ -8,10 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.elastic.channels import find_channel
+from palpate.errors import InvalidInput
 from palpate.sensing.arrays import Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 
-__all__ = ["DEPTHS", "default_surface"]
+__all__ = ["DEPTHS", "check_above", "check_depth", "check_thickness", "default_surface"]
 
 #: The surface reaches past the array by this many times the greatest depth.
 DEPTHS = 2.0
@@ -25,6 +26,11 @@ BEYOND = 2.0
 #: Displacement reaches far: the surface extends past the array by this part of the array's width.
 FAR = 0.15
 
+
+#: A pad thinner than this part of the pitch is refused: at 1e-2 a frame of 6 x 6 x 2 takes 8 s, at 1e-3 minutes.
+THINNEST = 3e-3
+#: Deeper than so many times the array's extent a surface of more unknowns than this is refused: 6 x 6 x 3 taxels 10 extents deep take 5 s, 20 extents minutes.
+DEEPEST, LARGE = 3.0, 200_000
 
 #: Contact is sought this many depths past the array, where no surface is given.
 WIDE = 4.0
@@ -79,6 +85,45 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
     if first.dimensions == 1:
         return LineGrid(count=counts[0], spacing=spacings[0], center=centers[0])
     return AreaGrid(shape=(counts[0], counts[1]), spacing=(spacings[0], spacings[1]), center=(centers[1], centers[0]))
+
+
+def check_thickness(planes: Sequence[Array], thickness: float | None) -> None:
+    """Refuse a pad that is a film to its taxels: what one presses the next never feels, and to integrate that takes minutes."""
+    if thickness is None:
+        return
+    for array in planes:
+        pitch = min(_pitch(array, axis) for axis in range(array.dimensions))
+        if thickness < THINNEST * pitch:
+            raise InvalidInput(
+                f"the pad is {thickness:g} m thick, {thickness / pitch:.2g} of the pitch of {pitch:g} m (at least {THINNEST:g}). Check the unit of "
+                "the thickness: lengths are in metres."
+            )
+
+
+def check_depth(planes: Sequence[Array], surface: Grid) -> None:
+    """Refuse a large surface that is due to a depth beyond proportion: of what lies so deep next to nothing is told."""
+    unknowns = len(surface.components) * math.prod(surface.shape)
+    for array in planes:
+        extent = float(np.ptp(array.points, axis=0).max())
+        if array.depth > DEEPEST * extent and unknowns > LARGE:
+            raise InvalidInput(
+                f"depth = {array.depth:g} m is {array.depth / extent:.3g} times the array's extent of {extent:.3g} m, and asks for a surface of "
+                f"{' x '.join(map(str, surface.shape))} cells of which the readings tell next to nothing. Check the unit of the depth, or give a "
+                "surface= of fewer cells."
+            )
+
+
+def check_above(planes: Sequence[Array], surface: Grid) -> None:
+    """Refuse a surface that lies beside the arrays."""
+    for axis, cells in enumerate(surface.axes):
+        low = min(float(a.points[:, axis].min()) for a in planes)
+        high = max(float(a.points[:, axis].max()) for a in planes)
+        if cells[-1] < low or cells[0] > high:
+            name = "x" if axis == surface.dimensions - 1 else "y"
+            raise InvalidInput(
+                f"the surface lies beside the array: its cells go from {name} = {cells[0]:g} to {cells[-1]:g} m, and the taxels from {low:g} to {high:g} m. "
+                "Give the surface's center= in the array's coordinates, in metres."
+            )
 
 
 def _pitch(array: Array, axis: int) -> float:

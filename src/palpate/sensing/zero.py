@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate._arrays import to_numpy
+from palpate._arrays import as_double, to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 
@@ -132,7 +132,7 @@ def zero_of(frames: Floats) -> Floats:
     >>> zero_of(np.array([[[7.0, 5.0]], [[7.2, 5.2]], [[6.8, 4.8]], [[9.9, 8.8]]])).round(3).tolist()  # the last one is a touch
     [[7.0, 5.0]]
     """
-    frames = np.asarray(frames, dtype=np.float64)
+    frames = as_double(frames)
     if not len(frames):
         raise InvalidInput("the zero is the mean of some frames; got none.")
     flat = frames.reshape(len(frames), -1)

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.pad import offered
 from palpate.errors import InvalidInput, Unsupported
 from palpate.units import is_number
 
-__all__ = ["check_half_space", "positive", "slip_ratio", "smoothed_modulus"]
+__all__ = ["check_half_space", "finite", "positive", "slip_ratio", "smoothed_modulus"]
 
 
 def positive(name: str, value: float, unit: str) -> float:
-    """``value`` as a float, or `InvalidInput` unless it is positive and finite."""
-    if not (is_number(value) and value > 0):
+    """``value`` as a float, or `InvalidInput` unless it is positive and finite, with squares that are too."""
+    number = finite(name, value, unit)
+    if not 1e-60 < number < 1e60:
         raise InvalidInput(f"{name} must be a positive, finite number of {unit}; got {value!r}.")
+    return number
+
+
+def finite(name: str, value: Any, unit: str) -> float:
+    """``value`` as a float, or `InvalidInput` unless it is a finite number."""
+    if not is_number(value):
+        raise InvalidInput(f"{name} must be a finite number of {unit}; got {value!r}.")
     return float(value)
 
 

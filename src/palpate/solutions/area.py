@@ -16,7 +16,7 @@ from palpate.elastic.closed_form import PointTable, RectangleTable, area_fields
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
-from palpate.solutions._common import check_half_space, positive, slip_ratio, smoothed_modulus
+from palpate.solutions._common import check_half_space, finite, positive, slip_ratio, smoothed_modulus
 
 __all__ = ["AreaContact", "flat_punch", "hertz_contact_radius", "hertz_point", "patch", "point_load"]
 
@@ -162,12 +162,11 @@ class AreaContact:
 
     def shifted(self, x: float, y: float) -> AreaContact:
         """The same contact with its middle at (x, y) [m]."""
-        return replace(self, center=(float(x), float(y)))
+        return replace(self, center=(finite("x", x, "metres"), finite("y", y, "metres")))
 
     def sliding(self, friction: float, *, direction: float = 0.0) -> AreaContact:
         """The contact sliding: shear of size friction * p towards ``direction`` [rad from +x]."""
-        if not (math.isfinite(friction) and math.isfinite(direction)):
-            raise InvalidInput(f"friction and direction must be finite; got {friction!r}, {direction!r}.")
+        friction, direction = finite("friction", friction, "(dimensionless)"), finite("direction", direction, "radians")
         normal = tuple(t for t in self.terms if t.component == "z")
         shear = tuple(
             replace(t, component=c, force=friction * share * t.force)

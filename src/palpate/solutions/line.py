@@ -14,7 +14,7 @@ from palpate.elastic.closed_form_line import Shape, line_fields, potentials
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
-from palpate.solutions._common import check_half_space, positive, slip_ratio, smoothed_modulus
+from palpate.solutions._common import check_half_space, finite, positive, slip_ratio, smoothed_modulus
 
 __all__ = [
     "LineContact",
@@ -115,12 +115,11 @@ class LineContact:
 
     def shifted(self, center: float) -> LineContact:
         """The same contact with its middle at ``center`` [m]."""
-        return replace(self, center=float(center))
+        return replace(self, center=finite("center", center, "metres"))
 
     def sliding(self, friction: float) -> LineContact:
         """The contact sliding: shear q_x = friction * p everywhere (negative ``friction`` drags to -x)."""
-        if not math.isfinite(friction):
-            raise InvalidInput(f"friction must be a finite number; got {friction!r}.")
+        friction = finite("friction", friction, "(dimensionless)")
         normal = tuple(t for t in self.terms if t.component == "z")
         return replace(self, terms=normal + tuple(replace(t, component="x", force=friction * t.force) for t in normal))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def joined(touches: Sequence[Touch]) -> Touch:
     if any(not np.array_equal(t.methods, np.full(t.batch, first.method)) for t in touches):
         found = [np.atleast_1d(t.methods) for t in touches]
         arrays["found_by"] = np.concatenate(found)
-    meta: dict[str, str] = {}
+    meta: dict[str, Any] = {}
     for t in touches:
         meta.update(t.meta)
     names: dict[int, str] = {}

@@ -144,7 +144,7 @@ class Touch(Numbers):
     residual: Floats | None = field(default=None, metadata=per_frame())
     unobservable_force: tuple[str, ...] = ()
     time: Floats | None = field(default=None, metadata=per_frame())
-    meta: dict[str, str] = field(default_factory=dict)
+    meta: dict[str, Any] = field(default_factory=dict)
     errors: Errors | None = field(default=None, metadata=per_frame())
     converged: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))
     touching: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))

@@ -85,7 +85,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         t = self.thresholds
         limits = (t.spacing, math.inf) if d == 1 else (t.fine_spacing, t.spacing, math.inf)
         table = list(zip(limits, LINE_RATIOS if d == 1 else AREA_RATIOS))
-        wanted = [r for limit, r in table if r == 1 or unknowns * r**d <= t.unknowns]
+        most = min(t.unknowns, max(t.few_unknowns, t.unknowns_per_reading * len(self.readings.std)))
+        wanted = [r for limit, r in table if r == 1 or unknowns * r**d <= most]
         return min(next(r for limit, r in table if spacing <= limit), max([*wanted, 1]))
 
     def _freedom_along(self, data: Normal, weight: float) -> float:
