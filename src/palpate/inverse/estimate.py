@@ -100,7 +100,8 @@ class Estimate:
     (`palpate.inverse.fit`), ``nuisance`` and
     ``nuisance_std`` (*batch, term) the sizes of what readings hold besides contact, ``nuisance_names`` the label and unit of each, ``at_limit``
     (*batch, reading) the readings at an end of their range. ``discrepancy`` (*batch) is the share of the readings that the pad's model leaves unexplained, and
-    ``unexplained`` (*batch) where no contact explains them; ``undecided`` (*batch) where noise or an offset does, and contact may; ``overload`` (*batch) where readings at the end of
+    ``unexplained`` (*batch) where no contact explains them; ``undecided`` (*batch) where noise or an offset does, and contact may; ``one_penalty`` (*batch) where one even penalty found the
+    contact; ``overload`` (*batch) where readings at the end of
     their range leave the load without an upper end. ``force_bounds`` (*batch, component, 2) are net
     forces that the readings do not rule out besides, NaN where there are none.
     """
@@ -132,6 +133,7 @@ class Estimate:
     unexplained: npt.NDArray[np.bool_] | None = None
     undecided: npt.NDArray[np.bool_] | None = None
     overload: npt.NDArray[np.bool_] | None = None
+    one_penalty: npt.NDArray[np.bool_] | None = None
     force_bounds: Floats | None = None
 
     def status(self) -> npt.NDArray[np.int8] | None:
@@ -146,7 +148,7 @@ class Estimate:
             code[~self.contact] = Status.NO_CONTACT
         if self.pushed is not None:
             # a frame that another method took over is solved
-            other = np.zeros(np.shape(code), dtype=bool) if self.method is None else self.method != "adaptive"
+            other = np.zeros(np.shape(code), dtype=bool) if self.method is None else ~np.isin(self.method, ("adaptive", "constrained"))
             pulls = np.zeros(np.shape(code), dtype=bool) if self.sign is None else (self.sign < 0) | (self.sign > 1)
             code[~self.pushed & ~other & ~pulls] = Status.NOT_PUSHING
         for flags, status in (

@@ -140,6 +140,7 @@ def _at_noise(
         traction=found.traction * factor,
         errors=Errors(**{name: _grown(name, value, factor) for name, value in changed.items()}),
         parameter=found.parameter / factor**2,
+        one_penalty=True,
         noise=found.noise * factor,
         draws=None if found.draws is None else found.draws * factor,
         nuisance=found.nuisance * factor,

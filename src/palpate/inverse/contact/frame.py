@@ -46,7 +46,8 @@ class Frame:
     ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: `Posterior.beyond`; ``unproven``: 1 where `quiet.unproven`, 2 where `quiet.could_be`;
     ``hangs``: the part of the normal force that one reading alone tells, where no ends of its range are given. ``discrepancy``: share of the readings that the pad's model leaves
     unexplained; ``unexplained``: nothing explains the readings; ``undecided``: noise or an offset explains them, and so may
-    contact; ``overload``: so many readings lie at the end of their range that the load has no upper end; ``bounds`` (component, 2): net forces that the readings do not rule out besides, NaN where there are none; ``free``: degrees of freedom that contact left to noise.
+    contact; ``one_penalty``: found by one even penalty
+    (`palpate.inverse.contact.discrepancy`); ``overload``: so many readings lie at the end of their range that the load has no upper end; ``bounds`` (component, 2): net forces that the readings do not rule out besides, NaN where there are none; ``free``: degrees of freedom that contact left to noise.
     """
 
     traction: Floats
@@ -76,6 +77,7 @@ class Frame:
     unexplained: bool = False
     undecided: bool = False
     overload: bool = False
+    one_penalty: bool = False
     bounds: Floats = field(default_factory=lambda: np.full((1, 2), math.nan))
     free: float = math.nan
 

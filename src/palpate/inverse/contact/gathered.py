@@ -70,6 +70,7 @@ def gathered(estimator: ConstrainedEstimator, frames: Sequence[Frame], batch: tu
         unexplained=numbers("unexplained", bool),
         undecided=numbers("undecided", bool),
         overload=numbers("overload", bool),
+        one_penalty=numbers("one_penalty", bool),
         force_bounds=np.stack(
             [np.broadcast_to(f.bounds, (len(estimator.operator.surface.components), 2)) for f in frames]
         ).reshape((*batch, -1, 2)),

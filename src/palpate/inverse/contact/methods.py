@@ -211,7 +211,9 @@ class AutomaticEstimator:
         """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
         found = self.pushing.solve(readings, rng)
         batch = batch_of(readings, self.pushing.operator)
-        method = np.full(batch, Adaptive.name)
+        method = np.full(batch, Adaptive.name, dtype=f"<U{len(Constrained.name)}")
+        if found.one_penalty is not None:
+            method[found.one_penalty] = Constrained.name
         if self._pulling is None or found.pushed is None or found.sign is None:
             return replace(found, method=method)
         # a pull as a whole is a push of the other sign, and solved as such; so is a push with pull about it
