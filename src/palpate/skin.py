@@ -133,6 +133,7 @@ class Skin:
         self._problem.uncertainty.check(self._elastic)
         self._methods = Kept(entries=PREPARED)
         self._default: tuple[str, ...] | None = None
+        self._whole = planes
 
     # -- what it is ----------------------------------------------------------------------------------------------------
 
@@ -269,7 +270,7 @@ class Skin:
         (('z',), ('x', 'z'))
         """
         if self._default is None:
-            self._default = observable_components(self._elastic, self._planes)
+            self._default = observable_components(self._elastic, self._whole)
         return self._default
 
     def observability(self, wavelength: npt.ArrayLike, *, components: Sequence[str] | None = None) -> Observability:
@@ -319,7 +320,9 @@ class Skin:
         masks = [working] if len(self._planes) == 1 else list(working)  # type: ignore[arg-type]
         if len(masks) != len(self._planes):
             raise InvalidInput(f"working must hold one mask for each of {len(self._planes)} planes; got {len(masks)}.")
-        return self._with(self._pad, [p.masked(m) for p, m in zip(self._planes, masks)])
+        out = self._with(self._pad, [p.masked(m) for p, m in zip(self._planes, masks)])
+        out._whole = self._whole  # taxels that fail do not change which components are sought
+        return out
 
     def without_creep(self) -> Skin:
         """The same skin with the instantaneous pad: for readings that the creep was taken out of.

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.camera.dots import Found, find_dots, levelled
+from palpate.camera.region import Region
 from palpate.camera.matching import Neighbours, matched, predicted
 from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, mean_picture, white_of
 from palpate.elastic.pad import Floats
@@ -27,6 +28,17 @@ WINDOW, AROUND = 1.5, 2.0
 FEW = 1.4
 
 
+def _distinct(positions: npt.ArrayLike) -> Floats:
+    """Places (n, 2) that somebody gave [pixels]."""
+    try:
+        places = np.asarray(positions, dtype=np.float64).reshape(-1, 2)
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"positions of dots must be pairs (column, row) of pixels ({error}).") from error
+    if not np.isfinite(places).all() or len(np.unique(places, axis=0)) < len(places):
+        raise InvalidInput("positions of dots must be finite, and no two the same: leave out those that are not known.")
+    return places
+
+
 class Markers(Followed):
     """Dots of a print, followed from picture to picture.
 
@@ -36,6 +48,8 @@ class Markers(Followed):
         The gel at rest: one picture, or several, whose mean has less noise.
     positions : array (n, 2), optional
         Where the dots are in it [pixels]; by default they are found.
+    region : Region, optional
+        Where the gel is in the picture.
 
     Raises
     ------
@@ -56,14 +70,17 @@ class Markers(Followed):
     (35, 0, True)
     """
 
-    def __init__(self, reference: Any, *, positions: npt.ArrayLike | None = None) -> None:
+    def __init__(
+        self, reference: Any, *, positions: npt.ArrayLike | None = None, region: Region | None = None
+    ) -> None:
         plain = mean_picture(reference)
-        found = find_dots(plain)
+        self.region = region
+        found = find_dots(plain, region=region)
         self.print = found.print
         places: Floats = (
             found.positions[found.whole]
             if positions is None
-            else np.asarray(positions, dtype=np.float64).reshape(-1, 2)
+            else _distinct(positions)
         )
         if len(places) < 3:
             raise InvalidInput(
@@ -73,7 +90,7 @@ class Markers(Followed):
         half = min(WINDOW * radius + AROUND, max(0.5 * near.pitch, radius + 1.0))
         super().__init__(
             plain,
-            as_bytes(levelled(plain, 4.0 * self.print.blur)),
+            as_bytes(levelled(plain, 4.0 * self.print.blur, region)),
             places,
             half=max(3, round(half)),
             near=near,
@@ -104,8 +121,8 @@ class Markers(Followed):
         plain, fault = self._seen(image)
         if plain is None:
             return self._nothing(fault)
-        flat = levelled(plain, 4.0 * self.print.blur)
-        found = find_dots(plain, self.print, level=flat)
+        flat = levelled(plain, 4.0 * self.print.blur, self.region)
+        found = find_dots(plain, self.print, level=flat, region=self.region)
         level = as_bytes(flat)
         start = self._started(level, found)
         known = np.isfinite(start).all(axis=1)

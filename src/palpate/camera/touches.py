@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.camera.depthmap import DepthMap
 from palpate.camera.displacements import Displacements, Reading
@@ -131,6 +132,9 @@ class Touches:
     ) -> None:
         self.readings, self.skin, self.distance, self.every, self.depth_map = readings, skin, distance, every, depth_map
         self._options = dict(options)
+        if depth_map is not None and self._options.get("components") is None:
+            # in pictures without a depth too: one recording seeks the same
+            self._options["components"] = skin.surface.components
         self.tracker: Tracker | None = None
         if track:
             self.tracker = skin.track(baseline=readings.reference, **self._options)
@@ -171,7 +175,7 @@ class Touches:
     def _alone(self, reading: Reading) -> Touch:
         lost = np.isnan(reading.values).any(axis=0)
         if lost.mean() > MOST_LOST:
-            return _missing(self.skin, reading.time)
+            return _missing(self.skin, self._options.get("components"), reading.time)
         skin = self._at(lost, reading.std)
         values = np.where(lost, 0.0, reading.values)
         beside: list[Floats] = []
@@ -262,12 +266,12 @@ class _Perspective:
         return np.asarray((values.T - growth * seen * self._part[:, None]).T)
 
 
-def _missing(skin: Skin, time: float) -> Touch:
+def _missing(skin: Skin, components: Sequence[str] | None, time: float) -> Touch:
     shape = (len(skin.surface.components), *skin.surface.shape)
     return Touch(
         np.full(shape, np.nan),
         skin.surface,
-        skin.components,
+        skin.problem(components=components).components,
         "automatic",
         time=np.asarray(time),
         status=np.asarray(int(Status.MISSING), dtype=np.int8),
@@ -287,6 +291,7 @@ def follow(
     every: int = 1,
     depth_map: DepthMap | None = None,
     texture: float | None = None,
+    roi: npt.ArrayLike | None = None,
     **options: Any,
 ) -> Touches:
     """What touches a gel, from pictures of the dots in it.
@@ -313,6 +318,8 @@ def follow(
         that are solved by themselves.
     texture : float, optional
         Of a gel with a texture and no dots: between the places where displacement is read [m]; default: what [camera] says, else dots are looked for.
+    roi : array (n, 2), optional
+        Corners (column, row) of the gel in the pictures [pixels], as for `Displacements`; default: those of [camera], where it tells the view too, or the gel's rim.
     **options
         Those of `Skin.track` (friction, ...) or `Skin.reconstruct` (friction, method, ...).
 
@@ -352,7 +359,7 @@ def follow(
     if texture is None and settings is not None:
         texture = settings.texture
     lies: Any = settings if view is None else view
-    readings = Displacements(source, lies, reference=reference, rate=rate, stage=stage, texture=texture)
+    readings = Displacements(source, lies, reference=reference, rate=rate, stage=stage, texture=texture, roi=roi)
     try:
         full = gel_skin(skin, readings.positions)
         if track is None:

@@ -22,7 +22,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.view import grey, opencv
 
-__all__ = ["BLURRED", "Followed", "Moved", "as_bytes", "gradients_of", "mean_picture", "white_of", "windows_of"]
+__all__ = ["BLURRED", "Followed", "Moved", "as_bytes", "gradients_of", "mean_picture", "pictures_of", "white_of", "windows_of"]
 
 #: There and back must end this near [pixels]; the window must look alike (correlation).
 BACK, ALIKE = 0.3, 0.6
@@ -220,14 +220,20 @@ class Followed:
         )
 
 
+def pictures_of(reference: Any) -> list[Any]:
+    """One picture or several, as a list."""
+    several = isinstance(reference, list | tuple) or (isinstance(reference, np.ndarray) and reference.ndim == 4)
+    return list(reference) if several else [reference]
+
+
 def mean_picture(reference: Any) -> npt.NDArray[Any]:
     """One grey picture from one or several."""
-    several = isinstance(reference, list | tuple) or (isinstance(reference, np.ndarray) and reference.ndim == 4)
+    several = pictures_of(reference)
     if not several:
-        return grey(reference)
-    if not len(reference):
         raise InvalidInput("the reference holds no picture.")
-    plain = [grey(image) for image in reference]
+    plain = [grey(image) for image in several]
+    if len(plain) == 1:
+        return plain[0]
     if len({p.shape for p in plain}) != 1:
         raise InvalidInput("the reference pictures differ in size.")
     return np.asarray(np.mean(plain, axis=0, dtype=np.float32))

@@ -93,6 +93,7 @@ def track_pictures(
         monitor = grasp_monitor(skin, options.get("friction"), *limits, lambda event: typer.echo(str(event)))
         typer.echo(
             f"{len(readings.positions)} {'dots' if readings.texture is None else 'places of a texture'}, {1e3 * float(np.ptp(readings.positions[:, 0])):.1f} x {1e3 * float(np.ptp(readings.positions[:, 1])):.1f} mm; "
+            + ("" if readings.region is None else f"the gel is {100 * readings.region.share:.0f} % of the picture; ")
             + (
                 "followed by a tracker"
                 if stream.tracker is not None

@@ -204,6 +204,7 @@ class _Camera(_Strict):
     matrix: list[list[float]] | None = None
     distortion: list[float] | None = None
     texture: Length | None = None
+    roi: list[tuple[float, float]] | None = None
     distance: Length | None = None
     reference: Count = 5
     stage: bool = False
@@ -545,6 +546,8 @@ KEYS = (
     *(
         "uncertainty",
         "camera",
+        "roi",
+        "texture",
         "shape",
         "pitch",
         "depth",
