@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from palpate.camera.dots import Found, find_dots, levelled
 from palpate.camera.region import Region
-from palpate.camera.matching import Neighbours, matched, predicted
+from palpate.camera.matching import Neighbours, matched, predicted, strained
 from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, mean_picture, white_of
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -37,6 +37,10 @@ def _distinct(positions: npt.ArrayLike) -> Floats:
     if not np.isfinite(places).all() or len(np.unique(places, axis=0)) < len(places):
         raise InvalidInput("positions of dots must be finite, and no two the same: leave out those that are not known.")
     return places
+
+
+#: A match that strains the print by so much more than that of the picture before is sought again.
+MORE = 1.1
 
 
 class Markers(Followed):
@@ -104,6 +108,7 @@ class Markers(Followed):
     def reset(self) -> None:
         """Forget where the dots were in the last picture."""
         self._last = np.zeros_like(self.positions)
+        self._strained = 0.0
 
     def follow(self, image: npt.ArrayLike | None) -> Moved:
         """Displacement of every dot in a picture.
@@ -146,13 +151,14 @@ class Markers(Followed):
             other = self._matched(found, np.zeros_like(best) + np.array([column, row]))
             if np.isnan(other[:, 0]).sum() < np.isnan(best[:, 0]).sum():
                 best = other
+        self._strained = strained(self._near, best)
         gaps = np.isnan(best[:, 0])
         if gaps.any() and not gaps.all():
             best[gaps] = predicted(self._near, best, np.flatnonzero(gaps))
         return best
 
     def _matched(self, found: Found, expected: Floats) -> Floats:
-        index = matched(self._near, expected, found.positions)
+        index = matched(self._near, expected, found.positions, usual=MORE * self._strained)
         out = np.full_like(self.positions, np.nan)
         out[index >= 0] = found.positions[index[index >= 0]] - self.positions[index >= 0]
         return out
