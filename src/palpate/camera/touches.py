@@ -13,11 +13,14 @@ import numpy.typing as npt
 
 from palpate.camera.depthmap import DepthMap
 from palpate.camera.displacements import Displacements, Reading
+from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.estimate import Stated
 from palpate.recordings import Recording
 from palpate.recordings.camerasection import CameraSettings
 from palpate.sensing import Array, ScatteredArray
+from palpate.sensing.lattice import typical_distance
 from palpate.sensing.view import View
 from palpate.skin import Skin
 from palpate.status import Status
@@ -31,6 +34,9 @@ CHANNELS = ("displacement_x", "displacement_y")
 MOST_LOST = 0.5
 #: Noise that dots state is rounded up to powers of this, so that skins that are prepared serve again; so many of them are kept.
 NOISE_STEP, KEPT = 1.3, 6
+#: A dot tells what presses within so many distances of dots; where more than the second part of the traction lies where those are lost, it is said.
+BLIND, FEW_LOST = 1.0, 0.05
+LOST = "dots are lost where this presses, hidden or moved too far: the intervals allow for as much again as was found there"
 #: Passes over perspective in a frame that is solved by itself, at most; and what a pass must change, as a part of the readings' standard deviation.
 PASSES, MATTERS = 3, 0.5
 
@@ -140,6 +146,7 @@ class Touches:
             self.tracker = skin.track(baseline=readings.reference, **self._options)
         self._perspective = None if distance is None else _Perspective(skin, readings, distance)
         self._known: list[tuple[Any, float, Skin]] = []
+        self._cells: Floats = np.stack(np.meshgrid(*skin.surface.axes[::-1]), axis=-1).reshape(-1, 2)
         self.last: Reading | None = None
 
     def __iter__(self) -> Iterator[Touch]:
@@ -166,11 +173,35 @@ class Touches:
         touch = self.tracker.step(values, time, std=std)
         if self._perspective is not None:
             self._perspective.learn(touch)
-        return replace(touch, view=self.readings.view)
+        return replace(self._censored(touch, values), view=self.readings.view)
 
     def alone(self, reading: Reading) -> Touch:
         """The touch of one reading by itself."""
-        return replace(self._alone(reading), view=self.readings.view)
+        return replace(self._censored(self._alone(reading), reading.values), view=self.readings.view)
+
+    def _censored(self, touch: Touch, values: Floats) -> Touch:
+        """With room in its intervals for what presses where the dots are lost: those that moved most may be, and nothing says how far."""
+        lost = np.isnan(values).any(axis=0)
+        if not lost.any() or touch.errors is None or not bool(np.all(touch.touching)):
+            return touch
+        size = np.sqrt((to_numpy(touch.values) ** 2).sum(axis=0)).ravel()
+        reach = BLIND * typical_distance(self.readings.positions)
+        every, left = (_near(self._cells, self.readings.positions[which], reach) for which in (slice(None), ~lost))
+        share = float(size[every & ~left].sum() / max(float(size.sum()), 1e-300))
+        if not share > FEW_LOST:
+            return touch
+        force = np.nan_to_num(to_numpy(touch.force))
+        peak = float(size.max())
+        found = {
+            "traction": np.full(np.shape(touch.values), peak),
+            "force": np.append(np.full(len(force) - 1, np.hypot.reduce(force[:-1])), abs(force[-1])),
+            "moment": np.abs(np.nan_to_num(to_numpy(touch.moment))),
+            "center": np.full(2, reach),
+            "peak": np.asarray(peak),
+        }
+        old = touch.stated
+        stated = Stated(**{n: np.hypot(share * v, 0.0 if old is None else getattr(old, n)) for n, v in found.items()})
+        return replace(touch, stated=stated, assumptions=(*touch.assumptions, LOST))
 
     def _alone(self, reading: Reading) -> Touch:
         lost = np.isnan(reading.values).any(axis=0)
@@ -275,7 +306,17 @@ def _missing(skin: Skin, components: Sequence[str] | None, time: float) -> Touch
         "automatic",
         time=np.asarray(time),
         status=np.asarray(int(Status.MISSING), dtype=np.int8),
+        assumptions=("more than half of the dots are lost: they are hidden, or moved too far from one picture to the next",),
     )
+
+
+def _near(cells: Floats, dots: Floats, reach: float) -> npt.NDArray[np.bool_]:
+    """Cells (n, 2) that lie within ``reach`` of a dot."""
+    from scipy.spatial import cKDTree
+
+    if not len(dots):
+        return np.zeros(len(cells), dtype=bool)
+    return np.asarray(cKDTree(dots).query(cells)[0] <= reach)
 
 
 def follow(
