@@ -51,6 +51,8 @@ class Weighed:
         Probability of ratios that differ as much where the model holds: below 0.01, pad, depth or scale are wrong. NaN for one press.
     fit : array (press,)
         How well the pad explains the dots: `Touch.fit`.
+    before : float
+        Standard deviation of the modulus by what the skin says, as a part of it; infinite where that is "unknown".
     """
 
     youngs_modulus: float
@@ -60,6 +62,21 @@ class Weighed:
     ratio_std: Floats
     agreement: float
     fit: Floats
+    before: float = math.inf
+
+    @property
+    def better(self) -> bool:
+        """Whether the presses tell the modulus better than the skin says it is known.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.camera import Weighed
+        >>> one = np.ones(1)
+        >>> Weighed(3e5, 2e5, 1.0, one, one, float("nan"), one, before=0.3).better  # 67 % where 30 % was known
+        False
+        """
+        return self.std / self.youngs_modulus < self.before
 
     def __str__(self) -> str:
         said = f" ({self.factor:.3g} times what the skin says)" if math.isfinite(self.factor) else ""
@@ -68,6 +85,11 @@ class Weighed:
         ]
         for i, (ratio, std, fit) in enumerate(zip(self.ratios, self.ratio_std, self.fit)):
             lines.append(f"press {i}         {ratio:.3g} +- {std:.2g} times; fit {fit:.2g}")
+        if not self.better:
+            lines.append(
+                f"keep            what the skin says, +-{100 * self.before:.2g} %, is better than what these presses tell: dots that move sideways on the surface hardly show what "
+                "presses. Heavier weights do not help; dots 0.5 to 1 mm deep do"
+            )
         poor = [str(i) for i, fit in enumerate(self.fit) if fit < POOR_FIT]
         if poor:
             lines.append(
@@ -167,11 +189,12 @@ def _weighed(
 ) -> Weighed:
     settings = camera_of(skin, view)
     lies: Any = settings if view is None else view
-    ratios, stds, fits, modulus = [], [], [], math.nan
+    ratios, stds, fits, modulus, before = [], [], [], math.nan, math.inf
     for source, force in zip(listed, known):
         with Displacements(source, lies, rate=rate, texture=settings.texture if settings else None) as readings:
             full = gel_skin(skin, readings.positions)
             modulus = _modulus(full)
+            before = math.inf if guessed else full.uncertainty.youngs_modulus or math.inf
             # the modulus is what is sought: only the rest is uncertain
             full = Skin(
                 full.pad,
@@ -199,7 +222,7 @@ def _weighed(
     std = math.hypot(shared, scatter)
     if guessed:
         return Weighed(mean * modulus, std * modulus, math.nan, ratio / mean, each / mean, agreement, np.array(fits))
-    return Weighed(mean * modulus, std * modulus, mean, ratio, each, agreement, np.array(fits))
+    return Weighed(mean * modulus, std * modulus, mean, ratio, each, agreement, np.array(fits), before)
 
 
 def _is_images(sources: Sequence[Any]) -> bool:
@@ -223,8 +246,10 @@ def _force(
     """Normal force of a press, its standard deviation, and the fit."""
     taken: list[tuple[float, Reading]] = []
     for reading in readings:
-        if not reading.fault:
-            taken.append((float(np.nanmedian(np.sort(np.hypot(*reading.values))[-8:])), reading))
+        size = np.hypot(*reading.values)
+        size = np.sort(size[np.isfinite(size)])  # of the dots that are not lost
+        if not reading.fault and len(size):
+            taken.append((float(np.median(size[-8:])), reading))
     most = max((size for size, _ in taken), default=0.0)
     quiet = np.median([np.nanmedian(r.std) for _, r in taken]) if taken else 0.0
     if not most > 10.0 * quiet:

@@ -43,5 +43,7 @@ def weigh(
     with busy("solving"):
         found = weighed(list(videos), known_skin(skin_file), forces, **options)
     typer.echo(str(found))
+    if not found.better:
+        return
     percent = 100.0 * found.std / found.youngs_modulus
     typer.echo(f'write           youngs_modulus = "{1e-3 * found.youngs_modulus:.4g} kPa +- {percent:.2g} %"')
