@@ -123,8 +123,8 @@ class Flow(Followed):
         good &= self._contrast(reference, level, places, half) > FAINT
         if good.sum() < max(FEWEST, TEXTURED * len(places)):
             raise InvalidInput(
-                f"texture was found at {int(good.sum())} of {len(places)} places; at least {FEWEST} are needed, and half of all (light and shade are none). Spread spots "
-                "over the gel and focus on them, read it more densely, or say where the gel is with roi = [[left, top], [right, bottom]] in [camera]."
+                f"texture was found at {int(good.sum())} of {len(places)} places; at least {FEWEST} are needed, and half of all (light and shade are none). "
+                "Read it more densely, film nearer, or focus; a smooth gel needs spots."
             )
         chosen = places[good]
         super().__init__(

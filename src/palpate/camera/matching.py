@@ -26,8 +26,11 @@ Index = npt.NDArray[np.intp]
 REACH = 0.4
 #: Change of displacement between neighbours, over their distance, that an unbroken print can have.
 TORN = 0.5
-#: How a set is begun with anew: times that its edges are worn, part of its six nearest that must move with a dot that stays, and what tears the print.
-TRIED = ((1, 0.8, TORN), (2, 0.8, TORN), (1, 0.5, TORN), (2, 0.5, TORN), (1, 0.8, 0.75))
+#: How a set is begun with anew: times that its edges are worn, part of its six nearest that must move with a dot that stays, what tears the print, and which set, the
+#: largest (0) or the next: where most of a print moves by a pitch, those that did not are fewer.
+TRIED = ((1, 0.8, TORN, 0), (2, 0.8, TORN, 0), (1, 0.5, TORN, 0), (1, 0.8, 0.75, 0), (0, 0.0, TORN, 1), (1, 0.5, TORN, 1))
+#: Distances about faults within which a match is begun anew, and how often.
+ABOUT, MENDED = (1.1, 2.1, 3.1, 4.1), 4
 #: What a dot without a match weighs against strain: as much as six neighbours that are half torn from it.
 UNMATCHED = 6.0 * TORN**2
 
@@ -89,8 +92,8 @@ def _torn(near: Neighbours, displacement: Floats, most: float = TORN) -> npt.NDA
     return np.asarray(np.hypot(change[..., 0], change[..., 1]) > most * near.distance)
 
 
-def _largest(near: Neighbours, displacement: Floats, torn: float = TORN) -> npt.NDArray[np.bool_]:
-    """The largest set of dots that move continuously."""
+def _largest(near: Neighbours, displacement: Floats, torn: float = TORN, rank: int = 0) -> npt.NDArray[np.bool_]:
+    """The largest set of dots that move continuously, or the next."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -103,7 +106,7 @@ def _largest(near: Neighbours, displacement: Floats, torn: float = TORN) -> npt.
     graph = coo_array((np.ones(len(rows)), (rows, near.index[rows, columns])), shape=(n, n))
     count, label = connected_components(graph, directed=False)
     size = np.bincount(label[good], minlength=count)
-    return good & (label == int(np.argmax(size)))
+    return good & (label == int(np.argsort(-size, kind="stable")[min(rank, count - 1)]))
 
 
 def matched(near: Neighbours, expected: Floats, found: Floats, *, usual: float = 0.0) -> Index:
@@ -133,12 +136,42 @@ def matched(near: Neighbours, expected: Floats, found: Floats, *, usual: float =
         return best
     # a dot that moves by a pitch comes to lie where another was, and agrees with those around it that stood still: begin with fewer, and from rest
     starts = [expected, np.zeros_like(expected)] if np.any(np.nan_to_num(expected)) else [expected]
-    for start, (worn, beside, torn) in itertools.product(starts, TRIED):
-        other = _matched(near, start, found, tree, worn, beside, torn)
+    for start, (worn, beside, torn, rank) in itertools.product(starts, TRIED):
+        other = _matched(near, start, found, tree, worn, beside, torn, rank)
         cost = strained(near, _moves(near, other, found))
         if cost < lowest:
             best, lowest = other, cost
-    return _loosened(near, best, found)
+    return _loosened(near, _mended(near, best, found, tree), found)
+
+
+def _mended(near: Neighbours, match: Index, found: Floats, tree: cKDTree) -> Index:
+    """A match begun anew about its faults (dots without one, and tears), ever further about them, for as long as it strains the print less."""
+    from scipy.spatial import cKDTree as Tree
+
+    best, lowest = match, strained(near, _moves(near, match, found))
+    for _ in range(MENDED):
+        displacement = _moves(near, best, found)
+        faults = (best < 0) | (_strain(near, displacement).max(axis=1) > (0.8 * TORN) ** 2)
+        if not faults.any() or faults.all():
+            break
+        far, _ = Tree(near.positions[faults]).query(near.positions)
+        before = lowest
+        for reach in ABOUT:
+            trial = np.where((far > reach * near.pitch)[:, None], displacement, np.nan)
+            kept = _largest(near, trial)
+            if kept.sum() < 3:
+                break
+            trial[~kept] = np.nan
+            out = np.where(kept, best, -1)
+            owner = np.full(len(found), -1, dtype=np.intp)
+            owner[out[kept]] = np.flatnonzero(kept)
+            _grow(near, trial, out, owner, tree, found, TORN)
+            cost = strained(near, _moves(near, out, found))
+            if cost < lowest:
+                best, lowest = out, cost
+        if lowest >= before:
+            break
+    return best
 
 
 def _matched(
@@ -149,6 +182,7 @@ def _matched(
     worn: int = 0,
     least: float = 0.0,
     torn: float = TORN,
+    rank: int = 0,
 ) -> Index:
     """One to one, from where each dot is expected: the largest set of dots that move continuously, and what grows from it.
 
@@ -168,7 +202,7 @@ def _matched(
             taken[nearest[i]] = first[i] = True
     displacement = np.full((n, 2), np.nan)
     displacement[first] = found[nearest[first]] - near.positions[first]
-    kept = _largest(near, displacement, torn)
+    kept = _largest(near, displacement, torn, 0 if worn else rank)
     # where neighbours agree on something else, a dot is out of step
     for _ in range(2):
         trial = np.where(kept[:, None], displacement, np.nan)
@@ -180,7 +214,7 @@ def _matched(
         core = kept & (beside.mean(axis=1) > least)
         if core.sum() < 3:
             break
-        kept = _largest(near, np.where(core[:, None], displacement, np.nan), torn)
+        kept = _largest(near, np.where(core[:, None], displacement, np.nan), torn, rank)
     out[kept] = nearest[kept]
     displacement[~kept] = np.nan
     owner = np.full(len(found), -1, dtype=np.intp)
