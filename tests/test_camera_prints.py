@@ -21,7 +21,6 @@ from palpate.camera import (  # noqa: E402
     Region,
     Scene,
     Texture,
-    View,
     dot_grid,
     find_dots,
     follow,

@@ -143,9 +143,7 @@ def expected_force(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> Expecte
     ]
     both = []
     sure = Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.0, gain=0.0, scale=0.0)
-    exact = Skin(
-        skin.pad, skin.planes, surface=skin.surface, boundary=skin.operator.boundary, uncertainty=sure
-    )
+    exact = Skin(skin.pad, skin.planes, surface=skin.surface, boundary=skin.operator.boundary, uncertainty=sure)
     for one in (skin, exact):
         touch = one.reconstruct(readings[0] if len(readings) == 1 else readings)
         low, high = touch.interval(0.95, "force")

@@ -131,7 +131,6 @@ def _panel(
     from matplotlib.colors import Normalize
 
     axes.imshow(picture, cmap="gray")
-    y, x = touch.surface.axes
     factor, _ = scaled(top, "Pa")
     pull = name == "pressure" and float(field.min(initial=0.0)) < -FAINT * top
     scale = ScalarMappable(Normalize(-top * factor if pull else 0.0, top * factor), "RdBu_r" if pull else SHOWN[name])
@@ -163,7 +162,7 @@ def _panel(
             headaxislength=3.2,
         )
     height, width = picture.shape[:2]
-    _axes_of_the_numbers(axes, view, (width, height), float(np.ptp(x)))
+    _axes_of_the_numbers(axes, view, (width, height), float(np.ptp(touch.surface.x)))
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)
     axes.set_xlabel("column [pixel]")

@@ -107,7 +107,9 @@ def _part(settings: CameraSettings, size: tuple[int, int]) -> float:
                     f"{said}: they were taken with the camera on its side. Write size = [{settings.size[1]}, {settings.size[0]}] in [camera], and exchange what it "
                     "gives for x and y."
                 )
-            raise InvalidInput(f"{said}: of another shape. Give the scale and size of these pictures, or the pitch of the dots.")
+            raise InvalidInput(
+                f"{said}: of another shape. Give the scale and size of these pictures, or the pitch of the dots."
+            )
     return part
 
 
@@ -225,7 +227,7 @@ class Displacements:
         images = [p.image for p in good]
         if roi is None and isinstance(view, CameraSettings) and view.roi is not None:
             roi = _at_size(np.asarray(view.roi, dtype=np.float64), _part(view, self.size))
-        self.region = Region.found(images[0]) if roi is None else Region.of(roi, self.size)
+        self.region = Region.found(np.asarray(images[0])) if roi is None else Region.of(roi, self.size)
         self.markers: Markers | Flow
         if self.texture is None:
             self.markers = Markers(images, region=self.region)
@@ -236,8 +238,8 @@ class Displacements:
             spacing = self.texture / math.sqrt(abs(float(np.linalg.det(middle))))
             self.markers = Flow(images, spacing=spacing, region=self.region)
         moved = [self.markers.follow(p.image) for p in good]
-        steady = np.mean([one.lost for one in moved if not one.fault] or [[False]], axis=0) <= UNSTEADY
-        if not steady.all():
+        steady = np.mean([one.lost for one in moved], axis=0) <= UNSTEADY
+        if not steady.all() and not any(one.fault for one in moved):
             places = self.markers.positions
             if steady.sum() < max(STEADY * len(steady), 3):
                 raise InvalidInput(

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.camera.dots import Found, find_dots, levelled
-from palpate.camera.region import Region
 from palpate.camera.matching import Neighbours, matched, predicted, strained
+from palpate.camera.region import Region
 from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, mean_picture, white_of
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -74,18 +74,12 @@ class Markers(Followed):
     (35, 0, True)
     """
 
-    def __init__(
-        self, reference: Any, *, positions: npt.ArrayLike | None = None, region: Region | None = None
-    ) -> None:
+    def __init__(self, reference: Any, *, positions: npt.ArrayLike | None = None, region: Region | None = None) -> None:
         plain = mean_picture(reference)
         self.region = region
         found = find_dots(plain, region=region)
         self.print = found.print
-        places: Floats = (
-            found.positions[found.whole]
-            if positions is None
-            else _distinct(positions)
-        )
+        places: Floats = found.positions[found.whole] if positions is None else _distinct(positions)
         if len(places) < 3:
             raise InvalidInput(
                 f"{len(places)} whole dots found; at least three are needed. Show more of the print, or focus."

@@ -28,7 +28,14 @@ REACH = 0.4
 TORN = 0.5
 #: How a set is begun with anew: times that its edges are worn, part of its six nearest that must move with a dot that stays, what tears the print, and which set, the
 #: largest (0) or the next: where most of a print moves by a pitch, those that did not are fewer.
-TRIED = ((1, 0.8, TORN, 0), (2, 0.8, TORN, 0), (1, 0.5, TORN, 0), (1, 0.8, 0.75, 0), (0, 0.0, TORN, 1), (1, 0.5, TORN, 1))
+TRIED = (
+    (1, 0.8, TORN, 0),
+    (2, 0.8, TORN, 0),
+    (1, 0.5, TORN, 0),
+    (1, 0.8, 0.75, 0),
+    (0, 0.0, TORN, 1),
+    (1, 0.5, TORN, 1),
+)
 #: Distances about faults within which a match is begun anew, and how often.
 ABOUT, MENDED = (1.1, 2.1, 3.1, 4.1), 4
 #: What a dot without a match weighs against strain: as much as six neighbours that are half torn from it.

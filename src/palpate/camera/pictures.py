@@ -29,7 +29,22 @@ Image = npt.NDArray[Any]
 #: Endings of single pictures, of stacks and of videos.
 STILLS = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".webp")
 STACKS = (".tif", ".tiff")
-VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg", ".wmv", ".3gp", ".mts", ".gif", ".apng")
+VIDEOS = (
+    ".mp4",
+    ".avi",
+    ".mkv",
+    ".mov",
+    ".webm",
+    ".m4v",
+    ".mpg",
+    ".mpeg",
+    ".mjpeg",
+    ".wmv",
+    ".3gp",
+    ".mts",
+    ".gif",
+    ".apng",
+)
 #: Pictures that a camera may fail to give one after another, and seconds that it may give none, before it is given up.
 FAILED, SILENT = 10, 3.0
 #: Bytes at the start of a file that say whether it is animated.
@@ -128,7 +143,9 @@ class Pictures:
                 at = last + (1.0 / self._rate if self._rate else 1e-3)
             last = at
             if image is not None and image.shape[1::-1] != self.size:
-                got = f"{image.shape[1]} x {image.shape[0]}" if image.ndim > 1 else f"no picture, of shape {image.shape}"
+                got = (
+                    f"{image.shape[1]} x {image.shape[0]}" if image.ndim > 1 else f"no picture, of shape {image.shape}"
+                )
                 fault, image = f"the picture is {got}, the first was {self.size[0]} x {self.size[1]}", None
             yield Picture(index, at, image, fault)
             index += 1
@@ -243,7 +260,11 @@ def _read(paths: list[Path]) -> Iterator[tuple[None, Image | None, str]]:
         # not imread: it prints on stderr, and does not open every name on Windows
         data = np.fromfile(path, dtype=np.uint8)
         if _moves(data[:SNIFFED].tobytes()):
-            yield None, None, f"{path.name} holds several pictures, of which one alone would be read: save it as .gif or .mp4"
+            yield (
+                None,
+                None,
+                f"{path.name} holds several pictures, of which one alone would be read: save it as .gif or .mp4",
+            )
             continue
         try:
             # turned as the camera was held (EXIF); transparency is dropped
@@ -480,7 +501,9 @@ def write_video(path: str | Path, images: Iterable[Image], *, rate: float = 30.0
                 values = np.asarray(image)
                 colour = values.ndim == 3 and values.shape[-1] == 3
                 if values.dtype != np.uint8 or not (values.ndim == 2 or colour) or not values.size:
-                    raise InvalidInput(f"a video takes 8-bit pictures, (row, column) or (row, column, 3); got {values.dtype} of shape {values.shape}.")
+                    raise InvalidInput(
+                        f"a video takes 8-bit pictures, (row, column) or (row, column, 3); got {values.dtype} of shape {values.shape}."
+                    )
                 if stream is None:
                     size = values.shape[:2]
                     stream = _h264(container, rate, quality)

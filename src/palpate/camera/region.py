@@ -151,5 +151,3 @@ def _rimmed(light: npt.NDArray[Any], gel: npt.NDArray[np.uint8]) -> bool:
         return False
     drop = inner[edge].astype(np.float64) / np.maximum(outer[edge].astype(np.float64), 1.0)
     return bool(np.mean(drop > CONTRAST) > SHARE)
-
-

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate._arrays import to_numpy
 from palpate.camera.depthmap import DepthMap
 from palpate.camera.displacements import Displacements, Reading
-from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.estimate import Stated
@@ -306,7 +306,9 @@ def _missing(skin: Skin, components: Sequence[str] | None, time: float) -> Touch
         "automatic",
         time=np.asarray(time),
         status=np.asarray(int(Status.MISSING), dtype=np.int8),
-        assumptions=("more than half of the dots are lost: they are hidden, or moved too far from one picture to the next",),
+        assumptions=(
+            "more than half of the dots are lost: they are hidden, or moved too far from one picture to the next",
+        ),
     )
 
 

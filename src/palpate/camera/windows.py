@@ -22,7 +22,17 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.view import grey, opencv
 
-__all__ = ["BLURRED", "Followed", "Moved", "as_bytes", "gradients_of", "mean_picture", "pictures_of", "white_of", "windows_of"]
+__all__ = [
+    "BLURRED",
+    "Followed",
+    "Moved",
+    "as_bytes",
+    "gradients_of",
+    "mean_picture",
+    "pictures_of",
+    "white_of",
+    "windows_of",
+]
 
 #: There and back must end this near [pixels]; the window must look alike (correlation).
 BACK, ALIKE = 0.3, 0.6

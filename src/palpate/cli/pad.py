@@ -14,7 +14,9 @@ from palpate.cli.progress import busy
 
 
 def pad(
-    skin_file: Annotated[Path, typer.Argument(metavar="SKIN", help="skin.toml with the pad and its array, or the name of a sensor.")],
+    skin_file: Annotated[
+        Path, typer.Argument(metavar="SKIN", help="skin.toml with the pad and its array, or the name of a sensor.")
+    ],
     plot: Annotated[
         Path, typer.Option(help="Picture of the response per wavelength to write (.png, .pdf or .svg).")
     ] = Path("palpate-pad.png"),
