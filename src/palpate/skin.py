@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,7 +133,6 @@ class Skin:
         )
         self._problem.uncertainty.check(self._elastic)
         self._methods = Kept(entries=PREPARED)
-        self._default: tuple[str, ...] | None = None
         self._whole = planes
 
     # -- what it is ----------------------------------------------------------------------------------------------------
@@ -256,7 +256,7 @@ class Skin:
         """
         return self._problem.operator
 
-    @property
+    @cached_property
     def components(self) -> tuple[str, ...]:
         """What `reconstruct` seeks by default, the traction components that these channels can tell apart.
 
@@ -269,9 +269,7 @@ class Skin:
         >>> pp.Skin(pad, one).components, pp.Skin(pad, two).components
         (('z',), ('x', 'z'))
         """
-        if self._default is None:
-            self._default = observable_components(self._elastic, self._whole)
-        return self._default
+        return observable_components(self._elastic, self._whole)
 
     def observability(self, wavelength: npt.ArrayLike, *, components: Sequence[str] | None = None) -> Observability:
         """How well each ``wavelength`` [m] of the traction is seen: the condition of its matrix.
@@ -320,9 +318,7 @@ class Skin:
         masks = [working] if len(self._planes) == 1 else list(working)  # type: ignore[arg-type]
         if len(masks) != len(self._planes):
             raise InvalidInput(f"working must hold one mask for each of {len(self._planes)} planes; got {len(masks)}.")
-        out = self._with(self._pad, [p.masked(m) for p, m in zip(self._planes, masks)])
-        out._whole = self._whole  # taxels that fail do not change which components are sought
-        return out
+        return self._with(self._pad, [p.masked(m) for p, m in zip(self._planes, masks)], whole=self._whole)
 
     def without_creep(self) -> Skin:
         """The same skin with the instantaneous pad: for readings that the creep was taken out of.
@@ -337,8 +333,8 @@ class Skin:
         """
         return self._with(self._elastic, self._planes)
 
-    def _with(self, pad: Pad, planes: Sequence[Array]) -> Skin:
-        """On the same surface, so that results stay comparable."""
+    def _with(self, pad: Pad, planes: Sequence[Array], *, whole: tuple[Array, ...] = ()) -> Skin:
+        """On the same surface, so that results stay comparable; what is sought is what the ``whole`` array tells, also where taxels of it fail."""
         out = Skin(
             pad,
             planes,
@@ -348,6 +344,7 @@ class Skin:
             uncertainty=self._problem.uncertainty,
         )
         out._given = out._problem.fixed = self._given
+        out._whole = whole or out._planes
         return out
 
     # -- forward -------------------------------------------------------------------------------------------------------

@@ -135,6 +135,7 @@ class Flow(Followed):
             near=Neighbours(chosen),
             reach=0.5 * half,
             spread=MEAN * (half / apart) ** 2,
+            rest=[self._reduced(grey(image)) for image in pictures_of(reference)],
             known=max(1.0 - FEW / half, 0.3),
         )
         cv2 = opencv()

@@ -14,10 +14,18 @@ import numpy.typing as npt
 from palpate.camera.dots import Found, find_dots, levelled
 from palpate.camera.matching import Neighbours, matched, predicted, strained
 from palpate.camera.region import Region
-from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, mean_picture, white_of
+from palpate.camera.windows import (
+    BLURRED,
+    Followed,
+    Moved,
+    as_bytes,
+    mean_picture,
+    pictures_of,
+    white_of,
+)
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.sensing.view import opencv
+from palpate.sensing.view import grey, opencv
 
 __all__ = ["Markers"]
 
@@ -93,6 +101,7 @@ class Markers(Followed):
             half=max(3, round(half)),
             near=near,
             reach=radius,
+            rest=[grey(image) for image in pictures_of(reference)],
             # its rim tells how a dot moved
             spread=(radius / near.pitch) ** 2,
             known=max(1.0 - FEW / radius, 0.3),

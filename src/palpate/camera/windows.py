@@ -10,6 +10,7 @@ with h the gradients of the picture itself, where near pixels count as they do t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,6 +96,8 @@ class Followed:
         How near [pixels] to the picture's edge a place may come.
     spread : float
         A window moves as its parts do on average, beside a contact not as its middle: by this much of what a place and its neighbours' plane differ.
+    rest : sequence of array (row, column)
+        The pictures that the reference is the mean of: what is white in one of them is no new glare.
     known : float
         Part of what is left that least squares on few pixels still show.
     """
@@ -109,6 +112,7 @@ class Followed:
         near: Neighbours,
         reach: float,
         spread: float,
+        rest: Sequence[npt.NDArray[Any]],
         known: float = 1.0,
     ) -> None:
         self.size = (int(plain.shape[1]), int(plain.shape[0]))
@@ -125,7 +129,7 @@ class Followed:
         self._inverse = np.linalg.inv(
             normal + (1e-3 * np.trace(normal, axis1=1, axis2=2) + 1e-9)[:, None, None] * np.eye(2)
         )
-        self._white = self._glare(white_of(plain), positions)
+        self._white: Floats = np.max([self._glare(white_of(image), positions) for image in rest], axis=0)
 
     def _seen(self, image: npt.ArrayLike | None) -> tuple[npt.NDArray[Any] | None, str]:
         """The picture in grey; or None, and why it tells nothing."""
