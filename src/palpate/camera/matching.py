@@ -7,7 +7,6 @@ neighbours' displacements says.
 
 from __future__ import annotations
 
-import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -141,10 +140,9 @@ def matched(near: Neighbours, expected: Floats, found: Floats, *, usual: float =
     lowest = strained(near, _moves(near, best, found))
     if lowest <= usual or ((best >= 0).all() and not _torn(near, _moves(near, best, found))[:, :6].any()):
         return best
-    # a dot that moves by a pitch comes to lie where another was, and agrees with those around it that stood still: begin with fewer, and from rest
-    starts = [expected, np.zeros_like(expected)] if np.any(np.nan_to_num(expected)) else [expected]
-    for start, (worn, beside, torn, rank) in itertools.product(starts, TRIED):
-        other = _matched(near, start, found, tree, worn, beside, torn, rank)
+    # a dot that moves by a pitch comes to lie where another was, and agrees with those around it that stood still: begin with fewer
+    for worn, beside, torn, rank in TRIED:
+        other = _matched(near, expected, found, tree, worn, beside, torn, rank)
         cost = strained(near, _moves(near, other, found))
         if cost < lowest:
             best, lowest = other, cost
