@@ -64,6 +64,11 @@ def test_what_cannot_be_drawn_is_said() -> None:
         overlay(PICTURE, touch(("z",)), VIEW, show="shear")
     with pytest.raises(pp.InvalidInput, match="Of several, give the one of this frame"):
         overlay(PICTURE[None], touch(), VIEW)
+    for empty in (PICTURE[:0], PICTURE.astype(complex)):
+        with pytest.raises(pp.InvalidInput, match="got the shape"):
+            overlay(empty, touch(), VIEW)
+    for narrow in (PICTURE[:1], PICTURE[:, :1]):
+        assert len(overlay(narrow, touch(), VIEW).axes) == 2
     with pytest.raises(pp.InvalidInput, match=r"picture must be \(image, view\)"):
         touch().plot(picture=PICTURE)
     with pytest.raises(pp.InvalidInput, match="neither truth, ax nor seen_from"):

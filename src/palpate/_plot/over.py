@@ -63,7 +63,12 @@ def plot_over(
     if touch.batch or touch.surface.dimensions != 2:
         raise InvalidInput("overlay draws one frame of an area: pick one, touch[i].")
     picture = np.asarray(image)
-    if picture.dtype.kind not in "biuf" or picture.ndim not in (2, 3) or picture.shape[2:] not in ((), (3,), (4,)):
+    if (
+        picture.dtype.kind not in "biuf"
+        or not picture.size
+        or picture.ndim not in (2, 3)
+        or picture.shape[2:] not in ((), (3,), (4,))
+    ):
         raise InvalidInput(
             f"a picture must be (row, column) or (row, column, 3); got the shape {picture.shape} of {picture.dtype}. Of several, give the one of this frame."
         )
@@ -195,7 +200,7 @@ def _arrows(touch: Touch, shear: Floats, shape: tuple[int, ...], view: Lies) -> 
     """Middles (n, 2) and arrows (n, 2) [pixels] of shear (2, y, x): the strongest first, none longer than the distance to the next."""
     apart = max(shape[:2]) / ARROWS
     fine = apart / 3.0
-    rows, columns = (np.arange(0.5 * fine, n, fine) for n in shape[:2])
+    rows, columns = (np.arange(0.5 * min(fine, n - 1), n, fine) for n in shape[:2])
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1)
     places = view.places(pixels)
     found = np.stack([_at(touch, part, places, 1) for part in shear], axis=-1)
