@@ -34,6 +34,8 @@ SMALLER, BLURRY = 4, 3.0
 FEWEST, GRID = 5, 9
 #: Of the spots that stand out, the part that has the print's size; or the distance to neighbours over that of places at random, where dirt lies between dots.
 ALIKE, EVEN = 0.8, 1.6
+#: Standard deviation of the distances to neighbours over their mean; of prints at random that keep a distance, and of speckle, it is up to 0.31.
+UNEVEN = 0.38
 #: Dots lie no further apart than so many radii.
 SPARSE = 25.0
 #: A dot lies this part of its radius inside the picture, or the region of the gel.
@@ -234,7 +236,7 @@ def _check_print(found: Found) -> None:
 
     dots = found.positions[found.whole]
     count, share = len(dots), float(np.mean(found.whole)) if len(found.whole) else 0.0
-    apart, chance = 0.0, 1.0
+    apart, chance, far = 0.0, 1.0, False
     if count >= FEWEST:
         distance = cKDTree(dots).query(dots, k=2)[0][:, 1]
         try:
@@ -247,15 +249,17 @@ def _check_print(found: Found) -> None:
         apart = float(distance.mean()) / (0.5 * math.sqrt(area / count))
         chance = 1.0 + 3.0 * 0.52 / math.sqrt(count)
         far = float(np.median(distance)) > SPARSE * found.print.radius
-        if not far and apart > chance and (share > ALIKE or (count >= GRID and apart > EVEN)):
+        # distances of places at random vary by 0.52 of their mean
+        even = float(distance.std()) < UNEVEN * float(distance.mean())
+        if not far and even and apart > chance and (share > ALIKE or (count >= GRID and apart > EVEN)):
             return
     spots = len(found.positions)
     why = (
         f"differ in size (only {count} have that of the others)"
         if share <= ALIKE or count < FEWEST
-        else "lie at random or in rows"
-        if apart <= chance
         else "are too few and too far from each other"
+        if count and far
+        else "lie at random or in rows"
     )
     raise InvalidInput(
         f"no dots found: {spots} spots that stand out from the picture {why}, as dust, scratches and edges do. A gel needs printed dots, or a texture and "
