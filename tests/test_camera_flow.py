@@ -173,3 +173,12 @@ def test_places_that_come_near_any_edge_of_a_wide_picture_are_lost() -> None:
         assert moved.lost[outside].all()
         assert moved.lost[inside].mean() < 0.05
         np.testing.assert_allclose(np.nanmedian(moved.displacement, axis=0), shift, atol=0.05)
+
+
+def test_what_is_white_at_rest_is_no_new_glare() -> None:
+    """Of the mean of several pictures it was forgotten, and half of the places of a bright texture were lost in each."""
+    bright = SCENE.picture(rng=np.random.default_rng(0)).astype(float) * 1.5
+    shown = [np.clip(bright, 0, 255).astype(np.uint8)] * 5
+    assert (shown[0] >= 253).mean() > 0.2
+    flow = Flow(shown, spacing=10.0)
+    assert flow.follow(shown[0]).lost.mean() < 0.05

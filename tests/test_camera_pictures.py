@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -330,3 +332,111 @@ def test_stacks_of_microscopes_keep_their_times_and_channels_are_not_taken_for_p
             open_pictures(tmp_path / name)
         with pytest.raises(InvalidInput, match=rf"{name}: holds {words} .*save"):
             read_pair([tmp_path / name])
+
+
+# -- as people have them ---------------------------------------------------------------------------------------------------
+
+#: Dark at the left, bright at the top: every turn and mirror shows.
+TURNED = np.clip(40 + np.indices((48, 64))[1] * 2 + (47 - np.indices((48, 64))[0]), 0, 255).astype(np.uint8)
+
+
+def corners(image: np.ndarray) -> list[int]:
+    """Mean brightness of the four corners, from the upper left clockwise."""
+    part = image.reshape(*image.shape[:2], -1).mean(axis=2)
+    return [int(part[rows, columns].mean()) for rows, columns in ((TOP, TOP), (TOP, END), (END, END), (END, TOP))]
+
+
+TOP, END = slice(0, 6), slice(-6, None)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "shown"),
+    [
+        ((1, 0, 0, 1), TURNED),
+        ((0, 1, -1, 0), np.rot90(TURNED, -1)),
+        ((-1, 0, 0, -1), np.rot90(TURNED, 2)),
+        ((0, -1, 1, 0), np.rot90(TURNED, 1)),
+        ((-1, 0, 0, 1), TURNED[:, ::-1]),
+    ],
+    ids=["upright", "clockwise", "upside down", "counter-clockwise", "mirrored"],
+)
+def test_a_video_is_turned_as_a_phone_was_held(tmp_path: Path, matrix: tuple[int, ...], shown: np.ndarray) -> None:
+    """The matrix of an MP4 track says it: x' = a x + c y, y' = b x + d y."""
+    path = tmp_path / "phone.mp4"
+    write_video(path, [np.stack([TURNED] * 3, axis=-1)] * 4, rate=20.0)
+    whole = bytearray(path.read_bytes())
+    at = whole.index(b"tkhd") + 4 + 40
+    a, b, c, d = (65536 * m for m in matrix)
+    whole[at : at + 20] = b"".join(int(v).to_bytes(4, "big", signed=True) for v in (a, b, 0, c, d))
+    path.write_bytes(whole)
+    with open_pictures(path) as pictures:
+        images = [picture.image for picture in pictures]
+        assert pictures.size == shown.shape[::-1]
+    assert len(images) == 4
+    assert images[0] is not None
+    np.testing.assert_allclose(corners(images[0]), corners(shown), atol=6)
+
+
+def test_a_still_is_turned_as_the_camera_was_held(tmp_path: Path) -> None:
+    """EXIF orientation 6: the camera lay on its side."""
+    _, code = cv2.imencode(".jpg", TURNED)
+    entry = b"\x12\x01\x03\x00\x01\x00\x00\x00\x06\x00\x00\x00"
+    exif = b"Exif\x00\x00II*\x00\x08\x00\x00\x00\x01\x00" + entry + b"\x00\x00\x00\x00"
+    jpg = code.tobytes()
+    segment = b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif
+    (tmp_path / "phone.jpg").write_bytes(jpg[:2] + segment + jpg[2:])
+    with open_pictures(tmp_path / "phone.jpg") as pictures:
+        (picture,) = pictures
+    assert picture.image is not None
+    np.testing.assert_allclose(corners(picture.image), corners(np.rot90(TURNED, -1)), atol=6)
+
+
+def test_a_gif_is_a_video(tmp_path: Path) -> None:
+    path = tmp_path / "press.gif"
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream("gif", rate=20)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "rgb8"
+        for level in (60, 120, 180):
+            image = np.full((48, 64, 3), level, dtype=np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24").reformat(format="rgb8")))
+        container.mux(stream.encode(None))
+    with open_pictures(path) as pictures:
+        found = list(pictures)
+    assert [round(picture.time, 2) for picture in found] == [0.0, 0.05, 0.1]
+    assert [int(np.mean(picture.image)) // 50 for picture in found] == [1, 2, 3]  # type: ignore[arg-type]
+
+
+def test_a_still_that_moves_is_refused(tmp_path: Path) -> None:
+    """Of an animated PNG or WebP the first picture alone was read, without a word."""
+    _, code = cv2.imencode(".png", TURNED)
+    png = code.tobytes()
+    control = b"acTL" + (3).to_bytes(4, "big") + (0).to_bytes(4, "big")
+    chunk = (8).to_bytes(4, "big") + control + zlib.crc32(control).to_bytes(4, "big")
+    (tmp_path / "moves.png").write_bytes(png[:33] + chunk + png[33:])
+    (tmp_path / "moves.webp").write_bytes(b"RIFF\x00\x00\x00\x00WEBPVP8X\x0a\x00\x00\x00\x02" + bytes(40))
+    for name in ("moves.png", "moves.webp"):
+        with pytest.raises(pp.InvalidInput, match="several pictures, of which one alone would be read: save it as"):
+            open_pictures(tmp_path / name)
+
+
+def test_pictures_on_their_side_say_which_size_to_write() -> None:
+    from palpate.camera.displacements import view_of
+    from palpate.recordings.camerasection import CameraSettings
+
+    settings = CameraSettings(scale=0.06e-3, size=(320, 240))
+    with pytest.raises(pp.InvalidInput, match=r"on its side. Write size = \[240, 320\] in \[camera\]"):
+        view_of(settings, (480, 640), np.zeros((0, 2)))
+
+
+def test_boards_and_pictures_that_opencv_refuses_are_said() -> None:
+    deep = [np.full((200, 200), 1000, dtype=np.uint16)] * 3
+    with pytest.raises(pp.InvalidInput, match="at least 3 x 3 inner corners"):
+        Lens.from_chessboard(deep, corners=(2, 5))
+    for picture in (deep[0], deep[0].astype(np.float32), deep[0][:5, :5]):
+        with pytest.raises(pp.InvalidInput, match="was found in 0 of 3 pictures"):
+            Lens.from_chessboard([picture] * 3, corners=(7, 6))
+    for picture in (np.zeros((2, 48, 64), np.uint8), np.zeros((48, 64, 2), np.uint8), np.zeros((0, 64), np.uint8)):
+        with pytest.raises(pp.InvalidInput, match=r"8-bit pictures, \(row, column\)"):
+            write_video("never.mp4", [picture])
+    with open_pictures([np.zeros((4, 5), np.uint8), np.array(3, dtype=np.uint8)]) as pictures:
+        assert list(pictures)[1].fault == "the picture is no picture, of shape (), the first was 5 x 4"

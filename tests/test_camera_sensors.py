@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from pathlib import Path
 
 import numpy as np
@@ -207,3 +208,32 @@ def test_a_modulus_that_presses_do_not_tell_is_not_written(
     assert done.returncode == 0, done.stderr
     assert f"modulus         {said}" in done.stdout
     assert f"write           {written}" in done.stdout
+
+
+def test_how_well_a_force_is_known_is_said_before_it_is_solved(tmp_path: Path) -> None:
+    """Dots on the surface that move sideways tell a normal force to about its own size, with an exact modulus too; half a millimetre deeper they tell it."""
+    found = {}
+    for name, depth in (("gelsight_mini", None), ("deep", "0.5 mm")):
+        if depth is not None:
+            sensors.gelsight_mini(depth=depth).write(tmp_path / "deep.toml")
+        skin = name if depth is None else "deep.toml"
+        done = run("pad", skin, "--plot", f"{name}.png", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert "7 x 10 dots 2 mm apart are assumed" in done.stdout
+        assert "nan" not in done.stdout
+        (line,) = [one for one in done.stdout.splitlines() if one.startswith("such a press is known to")]
+        found[name] = [int(n) for n in re.findall(r"\+-(\d+) %", line)]
+    mini, deep = found["gelsight_mini"], found["deep"]
+    assert mini[0] > 90
+    assert mini[2] > 80  # were pad and modulus exact
+    assert deep[2] < 40
+    assert max(mini[3], deep[3]) < 30  # across
+    assert "the normal force only to about its own size" in run("sensors", cwd=tmp_path).stdout
+
+
+def test_presses_that_tell_the_modulus_worse_than_is_known_say_so() -> None:
+    one = np.ones(1)
+    poor = Weighed(3e5, 2.3e5, 0.76, one, one, float("nan"), 0.5 * one, before=0.3)
+    assert not poor.better
+    assert "what the skin says, +-30 %, is better" in str(poor)
+    assert Weighed(3e5, 2e4, 0.76, one, one, float("nan"), 0.5 * one, before=0.3).better

@@ -223,6 +223,72 @@ def test_a_result_lies_over_its_picture() -> None:
         )
 
 
+#: As a GelSight Mini: dots on the surface.
+MINI = Scene(
+    pad=pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=4e5, poissons_ratio=0.48)]),
+    depth=0.0,
+    print=Dots(dot_grid((7, 10), 2e-3), 0.7e-3),
+    size=(320, 240),
+    scale=0.0634e-3,
+)
+
+
+@pytest.mark.parametrize("track", [False, True])
+def test_intervals_allow_for_dots_that_are_hidden_where_something_presses(track: bool) -> None:
+    """Thirty of seventy dots, those that move most, are hidden: shear of 1 N read 0.5 (0.24 to 0.82) without a word."""
+    drag = pp.solutions.hertz_point(radius=3e-3, force=5.0).shifted(-2e-3, 2e-3).sliding(0.2)
+    truth = MINI.truth(drag)
+    hidden = np.argsort(-np.hypot(*(truth.pixels - truth.rest).T))[:30]
+    left = MINI.changed(print=Dots(np.delete(dot_grid((7, 10), 2e-3), hidden, axis=0), 0.7e-3))
+    rng = np.random.default_rng(9)
+    pictures = [*MINI.pictures([None] * 5), left.picture(drag, rng=rng)]
+    array = pp.AreaArray(shape=(7, 10), pitch=2e-3, depth=0.0, channels=["displacement_x", "displacement_y"])
+    with follow(pictures, pp.Skin(MINI.pad, array), view=MINI.view, rate=30.0, track=track) as touches:
+        *_, touch = touches
+    low, high = touch.interval(0.95, "force")
+    assert low[0] < 1.0 < high[0]
+    assert low[2] <= 5.0 < high[2]
+    assert any("dots are lost where this presses" in note for note in touch.notes)
+
+
+@pytest.mark.parametrize("track", [False, True])
+def test_frames_without_an_answer_have_intervals_of_nan(track: bool) -> None:
+    """While the zero is captured, and where a picture is black: a live loop must not end there."""
+    pictures = film()
+    pictures[5] = np.zeros_like(pictures[5])
+    with follow(pictures, plain(), view=SCENE.view, reference=3, rate=30.0, track=track) as touches:
+        for touch in touches:
+            for of in ("traction", "force", "moment", "center_of_pressure", "peak_pressure"):
+                low, high = touch.interval(0.95, of)
+                assert np.shape(low) == np.shape(high)
+                unknown = int(touch.status) in (int(pp.Status.MISSING), int(pp.Status.CAPTURING_ZERO))
+                assert not unknown or np.isnan(np.asarray(low)).all()
+            with pytest.raises(pp.InvalidInput, match="of must be one of"):
+                touch.interval(0.95, "mass")
+            assert np.isfinite(touch.exceeds(1.0, "force")) or unknown
+            if touches.last.index == 5:
+                assert np.isnan(touch.std.values).all()
+                assert int(touch.status) == int(pp.Status.MISSING)
+
+
+def test_lost_dots_do_not_change_what_is_sought() -> None:
+    """Of many places pressure is not sought by default; with some of them lost it was, and a table ended in the middle of a recording."""
+    from palpate.touch import Forces
+
+    array = pp.ScatteredArray(
+        positions=dot_grid((20, 29), 0.6e-3), depth=0.5e-3, channels=["displacement_x", "displacement_y"], noise=1e-6
+    )
+    skin = pp.Skin(GEL, array, surface=pp.AreaGrid(shape=(9, 12), spacing=1.6e-3))
+    working = np.ones(580, dtype=bool)
+    working[:200] = False
+    assert skin.masked(working).components == skin.components == ("x", "y")
+    forces = Forces()
+    readings = skin.sense(BALL)
+    for one in (skin, skin.masked(working)):
+        forces.add(one.reconstruct(readings))
+    assert len(forces) == 2
+
+
 # -- skin files and the command line ----------------------------------------------------------------------------------------
 
 

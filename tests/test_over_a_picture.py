@@ -26,11 +26,14 @@ def test_every_field_lies_where_it_was_found() -> None:
     assert [p.get_title().partition(":")[0] for p in panels] == ["pressure", "shear"]  # there are no error bars
     for axes in panels:
         assert axes.get_ylim() == (119.5, -0.5)  # rows go down
-        field = axes.collections[0].get_array()
-        row, column = np.unravel_index(np.ma.filled(field, 0.0).reshape(12, 16).argmax(), (12, 16))
-        corners = axes.collections[0].get_coordinates()
-        middle = corners[row : row + 2, column : column + 2].reshape(-1, 2).mean(axis=0)
-        assert np.allclose(middle, VIEW.pixels([GRID.x[12], GRID.axes[0][8]]), atol=0.01)
+        opaque = np.asarray(axes.images[1].get_array())[..., 3]
+        assert opaque.shape == PICTURE.shape[:2]  # as fine as the picture
+        row, column = np.unravel_index(opaque.argmax(), opaque.shape)
+        middle = np.array([column, row])
+        assert np.abs(middle - VIEW.pixels([GRID.x[12], GRID.axes[0][8]])).max() < 1.0
+        (arrows,) = axes.collections
+        assert np.allclose(arrows.get_offsets()[0], middle, atol=3.0)  # the strongest lies where it is strongest
+        assert arrows.U[0] > 1.9 * arrows.V[0] * -1.0 > 0  # along x, and up
         assert middle[0] > 79.5
         assert middle[1] < 59.5
         words = {t.get_text(): t.get_position() for t in axes.texts if t.get_text()}
@@ -61,7 +64,37 @@ def test_what_cannot_be_drawn_is_said() -> None:
         overlay(PICTURE, touch(("z",)), VIEW, show="shear")
     with pytest.raises(pp.InvalidInput, match="Of several, give the one of this frame"):
         overlay(PICTURE[None], touch(), VIEW)
+    for empty in (PICTURE[:0], PICTURE.astype(complex)):
+        with pytest.raises(pp.InvalidInput, match="got the shape"):
+            overlay(empty, touch(), VIEW)
+    for narrow in (PICTURE[:1], PICTURE[:, :1]):
+        assert len(overlay(narrow, touch(), VIEW).axes) == 2
     with pytest.raises(pp.InvalidInput, match=r"picture must be \(image, view\)"):
         touch().plot(picture=PICTURE)
     with pytest.raises(pp.InvalidInput, match="neither truth, ax nor seen_from"):
         touch().plot(picture=(PICTURE, VIEW), seen_from="outside")
+
+
+def test_a_field_over_a_picture_has_no_cells_and_no_more_than_was_found() -> None:
+    """The more of it the stronger it is; nothing where nothing presses, nothing below 0 or above the largest beside a sharp edge."""
+    from palpate._plot.over import _smooth
+
+    values = np.zeros((3, 12, 16))
+    values[2, 4:8, 6:10] = 1e4
+    found = pp.Touch(values, GRID, ("z",), "automatic")
+    smooth, _ = _smooth(found, values[2], PICTURE.shape, VIEW)
+    assert smooth.min() == 0.0
+    assert smooth.max() == 1e4
+    assert len(np.unique(smooth)) > 1000  # of 192 cells
+    shown = np.asarray(overlay(PICTURE, found, VIEW).axes[0].images[1].get_array())[..., 3]
+    assert shown[0, 0] == 0.0
+    order = np.argsort(smooth.ravel())
+    assert (np.diff(shown.ravel()[order]) >= -1e-9).all()
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.float32, np.float64])
+def test_a_deep_picture_is_shown_by_its_own_brightness(kind: type) -> None:
+    picture = (np.indices((120, 160)).sum(axis=0) * 100).astype(kind)
+    shown = np.asarray(overlay(picture, touch(), VIEW).axes[0].images[0].get_array())
+    assert shown.dtype == np.uint8
+    assert (shown.min(), shown.max()) == (0, 255)

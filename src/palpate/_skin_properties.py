@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy.typing as npt
 
+from palpate._threads import cached_property
 from palpate.elastic.pad import Pad
 from palpate.errors import InvalidInput
 from palpate.inverse.observability import Observability, observability, observable_components
@@ -28,7 +29,7 @@ class SkinProperties:
     _surface: Grid
     _boundary: Boundary
     _problem: Problem
-    _default: tuple[str, ...] | None
+    _whole: tuple[Array, ...]
 
     @property
     def pad(self) -> Pad:
@@ -112,7 +113,7 @@ class SkinProperties:
         """
         return self._problem.operator
 
-    @property
+    @cached_property
     def components(self) -> tuple[str, ...]:
         """What `reconstruct` seeks by default, the traction components that these channels can tell apart.
 
@@ -125,9 +126,7 @@ class SkinProperties:
         >>> pp.Skin(pad, one).components, pp.Skin(pad, two).components
         (('z',), ('x', 'z'))
         """
-        if self._default is None:
-            self._default = observable_components(self._elastic, self._planes)
-        return self._default
+        return observable_components(self._elastic, self._whole)
 
     def observability(self, wavelength: npt.ArrayLike, *, components: Sequence[str] | None = None) -> Observability:
         """How well each ``wavelength`` [m] of the traction is seen: the condition of its matrix.

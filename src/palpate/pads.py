@@ -16,13 +16,22 @@ from palpate.elastic.pad import Floats, Pad, isotropic_constants
 from palpate.elastic.quantities import COMPONENTS, transfer
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.sensing.arrays import Array
+from palpate.sensing.uncertainty import Uncertainty
 from palpate.skin import Skin
 from palpate.solutions import hertz_line, hertz_point
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["HalfSpaceError", "caption", "half_space_error", "plot_response", "surface_half_space"]
+__all__ = [
+    "ExpectedForce",
+    "HalfSpaceError",
+    "caption",
+    "expected_force",
+    "half_space_error",
+    "plot_response",
+    "surface_half_space",
+]
 
 
 def caption(skin: Skin) -> str:
@@ -75,6 +84,72 @@ class HalfSpaceError:
     peak: float
     force: float
     layered: float
+
+
+@dataclass(frozen=True)
+class ExpectedForce:
+    """How well the net force of a typical press can be known: half of its 95 % interval, as a part of what presses.
+
+    Attributes
+    ----------
+    radius : float
+        Contact radius [m] of the press: a fifth of the array's width.
+    normal, shear : float
+        Of the normal force, and of the force across at friction 0.3.
+    exact : (float, float)
+        Of both if pad and modulus were known exactly: what the sensors alone tell.
+    """
+
+    radius: float
+    normal: float
+    shear: float
+    exact: tuple[float, float]
+
+    def __str__(self) -> str:
+        said = f"normal force +-{100 * self.normal:.0f} %, across +-{100 * self.shear:.0f} % (95 %)"
+        if self.shear - self.exact[1] < 0.05:
+            return said
+        return f"{said}; were pad and modulus exact, +-{100 * self.exact[0]:.0f} % and +-{100 * self.exact[1]:.0f} %"
+
+
+def expected_force(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> ExpectedForce | None:
+    """Sense a ball that slides in the middle and read how wide the intervals of its force are; None where all components are not sought.
+
+    ``noise`` is relative to each channel's largest reading. What the file says is uncertain counts.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.camera import dot_grid
+    >>> from palpate.pads import expected_force
+    >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=4e5, poissons_ratio=0.48)])
+    >>> names = ["displacement_x", "displacement_y"]
+    >>> on_top, deep = (
+    ...     expected_force(pp.Skin(gel, pp.ScatteredArray(positions=dot_grid((7, 10), 2e-3), depth=depth, channels=names)))
+    ...     for depth in (0.0, 0.5e-3)
+    ... )
+    >>> on_top.normal > 0.8, deep.normal < 0.5  # dots on the surface tell what presses ill
+    (True, True)
+    """
+    if skin.surface.dimensions != 2 or set(skin.components) != {"x", "y", "z"}:
+        return None
+    radius = float(np.ptp(skin.planes[0].points, axis=0).min()) / 5
+    middle = [float(a.mean()) for a in reversed(skin.surface.axes)]
+    contact = hertz_point(radius=radius, force=1.0).shifted(*middle).sliding(0.3)
+    rng = np.random.default_rng(seed)
+    readings = [
+        r + noise * np.abs(r).max(axis=tuple(range(1, r.ndim)), keepdims=True) * rng.standard_normal(r.shape)
+        for r in skin.operator.forward(skin.sample(contact))
+    ]
+    both = []
+    sure = Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.0, gain=0.0, scale=0.0)
+    exact = Skin(skin.pad, skin.planes, surface=skin.surface, boundary=skin.operator.boundary, uncertainty=sure)
+    for one in (skin, exact):
+        touch = one.reconstruct(readings[0] if len(readings) == 1 else readings)
+        low, high = touch.interval(0.95, "force")
+        half = 0.5 * (np.asarray(high) - np.asarray(low))
+        both.append((float(half[2]), float(half[0]) / 0.3))
+    return ExpectedForce(radius, *both[0], both[1])
 
 
 def half_space_error(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> HalfSpaceError:

@@ -136,7 +136,7 @@ class Skin(SkinProperties):
         self._problem.uncertainty.check(self._elastic)
         self._methods = Kept(entries=PREPARED)
         self._rests = Kept(entries=RESTS)
-        self._default: tuple[str, ...] | None = None
+        self._whole = planes
 
     # -- what it is ----------------------------------------------------------------------------------------------------
 
@@ -196,7 +196,7 @@ class Skin(SkinProperties):
         masks = [working] if len(self._planes) == 1 else list(working)  # type: ignore[arg-type]
         if len(masks) != len(self._planes):
             raise InvalidInput(f"working must hold one mask for each of {len(self._planes)} planes; got {len(masks)}.")
-        return self._with(self._pad, [p.masked(m) for p, m in zip(self._planes, masks)])
+        return self._with(self._pad, [p.masked(m) for p, m in zip(self._planes, masks)], whole=self._whole)
 
     def without_creep(self) -> Skin:
         """The same skin with the instantaneous pad: for readings that the creep was taken out of.
@@ -241,8 +241,8 @@ class Skin(SkinProperties):
         out._problem.zeroed = True
         return out
 
-    def _with(self, pad: Pad, planes: Sequence[Array]) -> Skin:
-        """On the same surface, so that results stay comparable."""
+    def _with(self, pad: Pad, planes: Sequence[Array], *, whole: tuple[Array, ...] = ()) -> Skin:
+        """On the same surface, so that results stay comparable; what is sought is what the ``whole`` array tells, also where taxels of it fail."""
         out = Skin(
             pad,
             planes,
@@ -253,6 +253,7 @@ class Skin(SkinProperties):
         )
         out._given = out._problem.fixed = self._given
         out._problem.zeroed = self._problem.zeroed
+        out._whole = whole or out._planes
         return out
 
     # -- forward -------------------------------------------------------------------------------------------------------

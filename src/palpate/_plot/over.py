@@ -11,9 +11,10 @@ import numpy.typing as npt
 from palpate._arrays import to_numpy
 from palpate._extras import require
 from palpate._plot.maps import arrow_cells
-from palpate._plot.style import INK, nice, scaled
+from palpate._plot.style import nice, scaled
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.sensing.view import eight_bit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,6 +28,10 @@ __all__ = ["Lies", "plot_over"]
 SHOWN = {"pressure": "inferno", "shear": "cividis", "std": "magma"}
 #: Below this part of the largest nothing is drawn, and the picture shows.
 FAINT = 0.03
+#: The strongest hides so much of the picture; larger pictures are drawn over at no more than so many pixels across.
+OPAQUE, FINEST = 0.85, 800
+#: Arrows side by side across a picture.
+ARROWS = 13
 
 
 class Lies(Protocol):
@@ -34,6 +39,10 @@ class Lies(Protocol):
 
     def pixels(self, places: npt.ArrayLike) -> Floats:
         """Pixels (column, row) of places (x, y) [m]."""
+        ...
+
+    def places(self, pixels: npt.ArrayLike) -> Floats:
+        """Places (x, y) [m] of pixels (column, row)."""
         ...
 
 
@@ -54,10 +63,16 @@ def plot_over(
     if touch.batch or touch.surface.dimensions != 2:
         raise InvalidInput("overlay draws one frame of an area: pick one, touch[i].")
     picture = np.asarray(image)
-    if picture.ndim not in (2, 3) or (picture.ndim == 3 and picture.shape[2] not in (3, 4)):
+    if (
+        picture.dtype.kind not in "biuf"
+        or not picture.size
+        or picture.ndim not in (2, 3)
+        or picture.shape[2:] not in ((), (3,), (4,))
+    ):
         raise InvalidInput(
-            f"a picture must be (row, column) or (row, column, 3); got the shape {picture.shape}. Of several, give the one of this frame."
+            f"a picture must be (row, column) or (row, column, 3); got the shape {picture.shape} of {picture.dtype}. Of several, give the one of this frame."
         )
+    picture = eight_bit(picture)
     if show != "all" and show not in SHOWN:
         raise InvalidInput(f"show must be {', '.join(SHOWN)} or all; got {show!r}.")
     fields = {name: _field(touch, name, std) for name in SHOWN}
@@ -82,9 +97,7 @@ def plot_over(
             said = f"{label}, {name}" if truth is not None else {"std": "standard deviation"}.get(name, name)
             axes.set_title(f"{said}: {_force(one)}" if name == names[0] else said, fontsize=9)
         label = "standard deviation" if name == "std" else name
-        bar = figure.colorbar(drawn, ax=beside, label=f"{label} [{unit}]", shrink=0.8, location="bottom", aspect=30)
-        if bar.solids is not None:
-            bar.solids.set(alpha=1.0)
+        figure.colorbar(drawn, ax=beside, label=f"{label} [{unit}]", shrink=0.8, location="bottom", aspect=30)
     said = "arrows x and y: the axes of the numbers; z points into the pad"
     figure.suptitle(said if title is None else f"{title}\n{said}", fontsize=8)
     return figure
@@ -118,56 +131,87 @@ def _field(touch: Touch, name: str, known: npt.ArrayLike | None = None) -> Float
 def _panel(
     axes: Axes, touch: Touch, field: Floats, picture: npt.NDArray[Any], view: Lies, name: str, top: float
 ) -> Any:
-    """The field in colour through the view, in the picture's own pixels; shear as arrows."""
+    """The field in colour through the view, as fine as the picture, the more of it the stronger it is; shear as arrows."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
     axes.imshow(picture, cmap="gray")
-    y, x = touch.surface.axes
-    dy, dx = touch.surface.spacings
-    corners = np.stack(
-        np.meshgrid(np.append(x - dx / 2, x[-1] + dx / 2), np.append(y - dy / 2, y[-1] + dy / 2)), axis=-1
-    )
-    at = view.pixels(corners)
     factor, _ = scaled(top, "Pa")
     pull = name == "pressure" and float(field.min(initial=0.0)) < -FAINT * top
-    drawn = axes.pcolormesh(
-        at[..., 0],
-        at[..., 1],
-        np.ma.masked_where(np.abs(field) < FAINT * top, field) * factor,
-        shading="flat",
-        edgecolors="none",
-        linewidth=0,
-        rasterized=True,
-        cmap="RdBu_r" if pull else SHOWN[name],
-        alpha=0.55,
-        vmin=-top * factor if pull else 0.0,
-        vmax=top * factor,
-    )
+    scale = ScalarMappable(Normalize(-top * factor if pull else 0.0, top * factor), "RdBu_r" if pull else SHOWN[name])
+    smooth, edges = _smooth(touch, field, picture.shape, view)
+    part = np.clip(np.abs(smooth) / top, 0.0, 1.0)
+    colours = scale.to_rgba(smooth * factor)
+    colours[..., 3] = OPAQUE * np.sqrt(np.clip((part - FAINT) / (1.0 - FAINT), 0.0, None))
+    axes.imshow(colours, extent=edges, interpolation="bilinear", label=name)
     values = np.nan_to_num(to_numpy(touch.values).astype(np.float64))
     shear = np.hypot(values[0], values[1])
     strongest = float(shear.max(initial=0.0))
     pressed = float(np.abs(values[2]).max(initial=0.0))
     if name != "std" and strongest > 0.02 * pressed and strongest > 0:
-        # tips through the view too: a picture may be tilted, and its rows go down
-        places = np.stack(np.meshgrid(x, y), axis=-1)
-        starts = view.pixels(places)
-        tips = view.pixels(places + 0.12 * float(np.ptp(x)) / strongest * np.moveaxis(values[:2], 0, -1))
-        step = max(1, round(len(x) / 24))
-        pick = arrow_cells(shear, (step, step), 0.1 * strongest)
+        starts, arrows = _arrows(touch, values[:2], picture.shape, view)
         axes.quiver(
-            *starts[pick].T,
-            *(tips - starts)[pick].T,
+            *starts.T,
+            *arrows.T,
             angles="xy",
             scale_units="xy",
             scale=1,
-            color=INK["shear"] if name == "pressure" else "white",
-            width=0.005,
+            color="white",
+            edgecolor="black",
+            pivot="mid",
+            linewidth=0.6,
+            width=0.0065,
+            minshaft=1.5,
+            headwidth=3.4,
+            headlength=3.6,
+            headaxislength=3.2,
         )
     height, width = picture.shape[:2]
-    _axes_of_the_numbers(axes, view, (width, height), float(np.ptp(x)))
+    _axes_of_the_numbers(axes, view, (width, height), float(np.ptp(touch.surface.x)))
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)
     axes.set_xlabel("column [pixel]")
     axes.set_ylabel("row [pixel]")
-    return drawn
+    return scale
+
+
+def _at(touch: Touch, fields: Floats, places: Floats, order: int) -> Floats:
+    """Fields (..., y, x) between their cells, at places (..., 2) [m]; 0 beyond the surface."""
+    from scipy.ndimage import map_coordinates
+
+    (y, x), (dy, dx) = touch.surface.axes, touch.surface.spacings
+    at = np.stack([(places[..., 1] - y[0]) / dy, (places[..., 0] - x[0]) / dx])
+    return np.asarray(map_coordinates(fields, at, order=order, mode="constant"))
+
+
+def _smooth(
+    touch: Touch, field: Floats, shape: tuple[int, ...], view: Lies
+) -> tuple[Floats, tuple[float, float, float, float]]:
+    """A field (y, x) at the pixels of a picture, or at every so manyeth of a large one, by cubic splines within the values that it has; and its edges."""
+    step = max(1, max(shape[:2]) // FINEST)
+    rows, columns = (np.arange(0, n, step) + 0.5 * (step - 1) for n in shape[:2])
+    values = _at(touch, field, view.places(np.stack(np.meshgrid(columns, rows), axis=-1)), 3)
+    half = 0.5 * step
+    edges = (columns[0] - half, columns[-1] + half, rows[-1] + half, rows[0] - half)
+    return np.clip(values, min(field.min(), 0.0), max(field.max(), 0.0)), edges
+
+
+def _arrows(touch: Touch, shear: Floats, shape: tuple[int, ...], view: Lies) -> tuple[Floats, Floats]:
+    """Middles (n, 2) and arrows (n, 2) [pixels] of shear (2, y, x): the strongest first, none longer than the distance to the next."""
+    apart = max(shape[:2]) / ARROWS
+    fine = apart / 3.0
+    rows, columns = (np.arange(0.5 * min(fine, n - 1), n, fine) for n in shape[:2])
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1)
+    places = view.places(pixels)
+    found = np.stack([_at(touch, part, places, 1) for part in shear], axis=-1)
+    size = np.hypot(found[..., 0], found[..., 1])
+    strongest = max(float(size.max(initial=0.0)), 1e-300)
+    # through the view too: a picture may be tilted, and its rows go down
+    small = 1e-3 * float(np.ptp(touch.surface.x))
+    arrows = view.pixels(places + small * found / strongest) - pixels
+    arrows *= 0.95 * apart / max(float(np.hypot(*np.moveaxis(arrows, -1, 0)).max()), 1e-300)
+    pick = arrow_cells(size, (3, 3), 0.12 * strongest)
+    return pixels[pick], arrows[pick]
 
 
 def _axes_of_the_numbers(axes: Axes, view: Lies, size: tuple[int, int], extent: float) -> None:

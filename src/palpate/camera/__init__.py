@@ -10,6 +10,7 @@ from palpate.camera.flow import Flow
 from palpate.camera.markers import Markers
 from palpate.camera.overlay import overlay
 from palpate.camera.pictures import Picture, Pictures, is_pictures, open_pictures, write_video
+from palpate.camera.region import Region
 from palpate.camera.render import Dots, Looks, Scene, Texture, Truth, dot_grid
 from palpate.camera.touches import Touches, follow, gel_skin
 from palpate.camera.traces import ForceTrace, read_force_trace
@@ -32,6 +33,7 @@ __all__ = [
     "Pictures",
     "Print",
     "Reading",
+    "Region",
     "Scene",
     "Stage",
     "Texture",

@@ -16,6 +16,7 @@ from palpate.camera.dots import fault_of
 from palpate.camera.flow import Flow
 from palpate.camera.markers import Markers
 from palpate.camera.pictures import Picture, Pictures, open_pictures
+from palpate.camera.region import Region
 from palpate.camera.windows import Moved
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -31,6 +32,8 @@ PATIENCE = 30
 #: Standard deviation of what moves dots from picture to picture and is in no picture's own residuals [pixels]: a video's compression that remembers earlier pictures
 #: (0.2 um where 0.06 were told, at 40 um a pixel), light that changes, a camera that gets warm.
 DRIFT = 0.01
+#: Part of the reference pictures in which a dot may be lost, and of the dots that must be found again in these.
+UNSTEADY, STEADY = 0.2, 0.5
 #: Dots that must agree on a motion of the whole gel, as a part of all, and how well, as a part of their distance.
 AGREE, ALIKE = 0.34, 0.01
 
@@ -72,14 +75,7 @@ class Reading:
 
 def view_of(settings: CameraSettings, size: tuple[int, int], dots: Floats) -> View:
     """The view that a section [camera] describes, for pictures of ``size`` with these ``dots`` at rest [pixels]."""
-    part = 1.0
-    if settings.size is not None:
-        part = size[0] / settings.size[0]
-        if abs(size[1] / settings.size[1] / part - 1.0) > 0.02:
-            raise InvalidInput(
-                f"the pictures are {size[0]} x {size[1]}, and the section [camera] is for {settings.size[0]} x {settings.size[1]}: of another shape. Give the "
-                "scale and size of these pictures, or the pitch of the dots."
-            )
+    part = _part(settings, size)
     lens = None
     if settings.matrix is not None:
         # pixels are counted from the middle of the first
@@ -87,12 +83,35 @@ def view_of(settings: CameraSettings, size: tuple[int, int], dots: Floats) -> Vi
         matrix[:2, 2] += 0.5 * part - 0.5
         lens = Lens(matrix, settings.distortion)
     if settings.points is not None:
-        points = (np.asarray(settings.points, dtype=np.float64) + 0.5) * part - 0.5
+        points = _at_size(np.asarray(settings.points, dtype=np.float64), part)
         return View.from_points(points, settings.places, lens=lens)
     if settings.pitch is not None:
         return View.from_pitch(dots, settings.pitch, size=size, lens=lens)
     scale = np.asarray(settings.scale, dtype=np.float64) / part
     return View.scaled((float(scale.flat[0]), float(scale.flat[-1])), size=size, lens=lens)
+
+
+def _at_size(pixels: Floats, part: float) -> Floats:
+    """Pixels of pictures that are larger by ``part`` than those they are given for."""
+    return np.asarray((pixels + 0.5) * part - 0.5)
+
+
+def _part(settings: CameraSettings, size: tuple[int, int]) -> float:
+    """How much larger pictures are than those that a section [camera] is for; `InvalidInput` where they have another shape."""
+    part = 1.0
+    if settings.size is not None:
+        part = size[0] / settings.size[0]
+        if abs(size[1] / settings.size[1] / part - 1.0) > 0.02:
+            said = f"the pictures are {size[0]} x {size[1]}, and the section [camera] is for {settings.size[0]} x {settings.size[1]}"
+            if abs(size[0] / settings.size[1] * settings.size[0] / size[1] - 1.0) <= 0.02:
+                raise InvalidInput(
+                    f"{said}: they were taken with the camera on its side. Write size = [{settings.size[1]}, {settings.size[0]}] in [camera], and exchange what it "
+                    "gives for x and y."
+                )
+            raise InvalidInput(
+                f"{said}: of another shape. Give the scale and size of these pictures, or the pitch of the dots."
+            )
+    return part
 
 
 class Displacements:
@@ -115,6 +134,9 @@ class Displacements:
         Take out motion of the whole gel (default: that of the settings, or no). Dots far from the contact tell it; it is reported.
     texture : float, optional
         Of a gel with a texture and no dots: between the places where displacement is read [m] (default: that of the settings; dots are looked for where neither says).
+    roi : array (n, 2), optional
+        Corners (column, row) [pixels] of the gel in the pictures, two of a rectangle or more of a polygon (default: that of the settings, or within the gel's rim, where
+        one shows against a dark housing).
 
     Attributes
     ----------
@@ -122,13 +144,15 @@ class Displacements:
         (x, y) of the dots, or places of a texture, at rest [m].
     view, markers, size
         What was found in the reference: `Markers`, or `Flow` of a texture.
+    region : Region or None
+        Where the gel is in the pictures; None: all over.
     faults : dict of int to str
         Pictures that told nothing so far, and why.
 
     Raises
     ------
     InvalidInput
-        Pictures without dots, or a gel that moves in the reference.
+        Pictures without dots, or dots that do not stay at rest in the reference.
 
     Examples
     --------
@@ -154,6 +178,7 @@ class Displacements:
         rate: float | None = None,
         stage: bool | None = None,
         texture: float | None = None,
+        roi: npt.ArrayLike | None = None,
     ) -> None:
         settings = view if isinstance(view, CameraSettings) else None
         count = reference if reference is not None else settings.reference if settings else 5
@@ -172,14 +197,14 @@ class Displacements:
         self.reference = count
         self._rest = iter(self.pictures)
         try:
-            self._begin(count, view)
+            self._begin(count, view, roi)
             self.positions: Floats = self.view.places(self.markers.positions)
         except BaseException:
             self.close()
             raise
         self.positions.setflags(write=False)
 
-    def _begin(self, count: int, view: View | CameraSettings) -> None:
+    def _begin(self, count: int, view: View | CameraSettings, roi: npt.ArrayLike | None) -> None:
         """Take the reference."""
         good: list[Picture] = []
         first: list[Picture] = []
@@ -201,15 +226,34 @@ class Displacements:
             )
         self.size = self.pictures.size
         images = [p.image for p in good]
+        if roi is None and isinstance(view, CameraSettings) and view.roi is not None:
+            roi = _at_size(np.asarray(view.roi, dtype=np.float64), _part(view, self.size))
+        self.region = Region.found(np.asarray(images[0])) if roi is None else Region.of(roi, self.size)
         self.markers: Markers | Flow
         if self.texture is None:
-            self.markers = Markers(images)
+            self.markers = Markers(images, region=self.region)
             self.view = view if isinstance(view, View) else view_of(view, self.size, self.markers.positions)
         else:
             self.view = view if isinstance(view, View) else view_of(view, self.size, np.zeros((0, 2)))
             middle = self.view.jacobian((np.array(self.size) - 1.0) / 2.0)
-            self.markers = Flow(images, spacing=self.texture / math.sqrt(abs(float(np.linalg.det(middle)))))
+            spacing = self.texture / math.sqrt(abs(float(np.linalg.det(middle))))
+            self.markers = Flow(images, spacing=spacing, region=self.region)
         moved = [self.markers.follow(p.image) for p in good]
+        steady = np.mean([one.lost for one in moved], axis=0) <= UNSTEADY
+        if not steady.all() and not any(one.fault for one in moved):
+            places = self.markers.positions
+            if steady.sum() < max(STEADY * len(steady), 3):
+                raise InvalidInput(
+                    f"{self.pictures.name}: of {len(steady)} {'dots' if self.texture is None else 'places of the texture'} that were found {int(steady.sum())} are still there in the "
+                    f"other pictures of the gel at rest: the rest is noise. Film sharper, with more light, and with the gel untouched in the first {count} pictures."
+                )
+            kept = places[steady]
+            self.markers = (
+                Markers(images, positions=kept, region=self.region)
+                if self.texture is None
+                else Flow(images, spacing=spacing, region=self.region, positions=kept)
+            )
+            moved = [self.markers.follow(p.image) for p in good]
         for picture, one in zip(good, moved):
             off = np.abs(one.displacement) / np.maximum(one.std, 0.01)
             if one.fault or (count > 1 and np.nanquantile(off, 0.75) > 6.0):

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate.camera.region import Region
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.view import grey, opencv
@@ -29,8 +30,16 @@ FAINTEST, NOISES = 0.04, 6.0
 MOST = 5000
 #: Dots of a known print are sought in pictures made smaller by up to the first, as long as the blur stays as wide as the second [their pixels].
 SMALLER, BLURRY = 4, 3.0
-#: Fewest dots that make a print.
-FEWEST = 5
+#: Fewest dots that make a print, and so many that may tell one by how evenly they lie alone.
+FEWEST, GRID = 5, 9
+#: Of the spots that stand out, the part that has the print's size; or the distance to neighbours over that of places at random, where dirt lies between dots.
+ALIKE, EVEN = 0.8, 1.6
+#: Standard deviation of the distances to neighbours over their mean; of prints at random that keep a distance, and of speckle, it is up to 0.31.
+UNEVEN = 0.38
+#: Dots lie no further apart than so many radii.
+SPARSE = 25.0
+#: A dot lies this part of its radius inside the picture, or the region of the gel.
+INSIDE = 0.8
 
 
 @dataclass(frozen=True)
@@ -97,16 +106,21 @@ def fault_of(image: npt.NDArray[Any]) -> str:
     return ""
 
 
-def levelled(image: npt.NDArray[Any], width: float) -> npt.NDArray[np.float32]:
-    """The picture over its light, about 1 between dots: the light is the mean over about ``width`` pixels to every side."""
+def levelled(image: npt.NDArray[Any], width: float, region: Region | None = None) -> npt.NDArray[np.float32]:
+    """The picture over its light, about 1 between dots: the light is the mean over about ``width`` pixels to every side. Beyond a ``region`` it is 1."""
     cv2 = opencv()
     plain = image.astype(np.float32)
     side = max(3, 2 * int(width) + 1)
-    light = plain
-    for _ in range(2):  # two boxes: smooth, at a cost that does not grow with the width
-        light = cv2.blur(light, (side, side), borderType=cv2.BORDER_REFLECT)
+
+    def mean(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        for _ in range(2):  # two boxes: smooth, at a cost that does not grow with the width
+            values = cv2.blur(values, (side, side), borderType=cv2.BORDER_REFLECT)
+        return values
+
+    light = mean(plain) if region is None else mean(plain * region.weight) / np.maximum(mean(region.weight), 1e-3)
     least = 0.02 * float(light.max())
-    return np.asarray(cv2.divide(plain, cv2.max(light, max(least, 1e-6))), dtype=np.float32)
+    flat = np.asarray(cv2.divide(plain, cv2.max(light, max(least, 1e-6))), dtype=np.float32)
+    return flat if region is None else np.where(region.mask, flat, np.float32(1.0))
 
 
 def _response(flat: npt.NDArray[np.float32], blur: float) -> npt.NDArray[np.float32]:
@@ -148,7 +162,11 @@ def _subpixel(response: npt.NDArray[np.float32], rows: npt.NDArray[np.intp], col
 
 
 def find_dots(
-    image: npt.ArrayLike, print: Print | None = None, *, level: npt.NDArray[np.float32] | None = None
+    image: npt.ArrayLike,
+    print: Print | None = None,
+    *,
+    level: npt.NDArray[np.float32] | None = None,
+    region: Region | None = None,
 ) -> Found:
     """Dots of a picture, dark or bright, of any size that most of them share.
 
@@ -160,6 +178,8 @@ def find_dots(
         a print that is partly hidden.
     level : array (row, column), optional
         The picture over its light, where it is known already.
+    region : Region, optional
+        Where the gel is in the picture.
 
     Returns
     -------
@@ -168,7 +188,7 @@ def find_dots(
     Raises
     ------
     InvalidInput
-        A black, white or empty picture, or one without dots.
+        A black, white or empty picture, or one without dots: spots of many sizes, or that lie at random, are no print.
 
     Examples
     --------
@@ -187,16 +207,64 @@ def find_dots(
         raise InvalidInput(f"{fault}; no dots can be found in it. Check light, exposure and lens cap.")
     known = print
     if print is None:
-        print = _print_of(plain)
+        print = _print_of(plain, region)
     if level is None:
-        level = levelled(plain, 4.0 * print.blur)
+        level = levelled(plain, 4.0 * print.blur, region)
     if known is None or (step := _smaller(level.shape, known.blur)) == 1:
-        return _found(level, print)
-    # large dots lose nothing in a smaller picture
-    size = (level.shape[1] // step, level.shape[0] // step)
-    small = np.asarray(opencv().resize(level, size, interpolation=opencv().INTER_AREA))
-    found = _found(small, Print(print.blur / step, print.sign, print.response))
-    return Found(step * (found.positions + 0.5) - 0.5, found.strength, print)
+        found = _found(level, print)
+    else:
+        # large dots lose nothing in a smaller picture
+        size = (level.shape[1] // step, level.shape[0] // step)
+        small = np.asarray(opencv().resize(level, size, interpolation=opencv().INTER_AREA))
+        found = _found(small, Print(print.blur / step, print.sign, print.response))
+        found = Found(step * (found.positions + 0.5) - 0.5, found.strength, print)
+    if region is not None:
+        there = region.holds(found.positions, INSIDE * print.radius)
+        found = Found(found.positions[there], found.strength[there], print)
+    if known is None:
+        _check_print(found)
+    return found
+
+
+def _check_print(found: Found) -> None:
+    """Refuse spots that are no print: dust, scratches and edges of light differ in size, and lie at random or in rows.
+
+    The mean distance to the nearest neighbour is 0.5 / sqrt(density) between places at random, with a standard deviation of 0.52 / sqrt(n) of it (Clark and
+    Evans 1954); between dots, which keep a distance, it is more, in a square grid twice that.
+    """
+    from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+    dots = found.positions[found.whole]
+    count, share = len(dots), float(np.mean(found.whole)) if len(found.whole) else 0.0
+    apart, chance, far = 0.0, 1.0, False
+    if count >= FEWEST:
+        distance = cKDTree(dots).query(dots, k=2)[0][:, 1]
+        try:
+            hull = ConvexHull(dots)
+        except QhullError:  # all on one line
+            area = float(np.hypot(*np.ptp(dots, axis=0))) * float(distance.mean())
+        else:
+            # each dot of the rim has half of its surroundings beyond it
+            area = hull.volume + 0.5 * hull.area * float(distance.mean())
+        apart = float(distance.mean()) / (0.5 * math.sqrt(area / count))
+        chance = 1.0 + 3.0 * 0.52 / math.sqrt(count)
+        far = float(np.median(distance)) > SPARSE * found.print.radius
+        # distances of places at random vary by 0.52 of their mean
+        even = float(distance.std()) < UNEVEN * float(distance.mean())
+        if not far and even and apart > chance and (share > ALIKE or (count >= GRID and apart > EVEN)):
+            return
+    spots = len(found.positions)
+    why = (
+        f"differ in size (only {count} have that of the others)"
+        if share <= ALIKE or count < FEWEST
+        else "are too few and too far from each other"
+        if count and far
+        else "lie at random or in rows"
+    )
+    raise InvalidInput(
+        f"no dots found: {spots} spots that stand out from the picture {why}, as dust, scratches and edges do. A gel needs printed dots, or a texture and "
+        'texture = "1 mm" in [camera]; where the picture shows more than the gel, write roi = [[left, top], [right, bottom]] there, in pixels.'
+    )
 
 
 def _smaller(shape: tuple[int, ...], blur: float) -> int:
@@ -212,7 +280,7 @@ def _found(level: npt.NDArray[np.float32], print: Print) -> Found:
     strength = response[rows, columns] / print.response
     # a dot that touches the edge has no middle that can be told
     height, width = level.shape
-    reach = 0.8 * print.radius
+    reach = INSIDE * print.radius
     inside = (
         (positions[:, 0] >= reach)
         & (positions[:, 0] <= width - 1 - reach)
@@ -265,7 +333,7 @@ def _alone(places: Floats, radii: Floats, strength: npt.NDArray[Any]) -> npt.NDA
     return order[free]
 
 
-def _print_of(plain: npt.NDArray[Any]) -> Print:
+def _print_of(plain: npt.NDArray[Any], region: Region | None = None) -> Print:
     """Size, sign and strength of the dots that most strong extrema agree on."""
     coarsest = COARSEST * min(plain.shape)
     count = int(math.log(max(coarsest / FINEST, 1.0)) / math.log(FACTOR)) + 1
@@ -276,7 +344,9 @@ def _print_of(plain: npt.NDArray[Any]) -> Print:
     # white noise of 1 has the Laplacian sqrt(20), and sqrt(2 pi) s times less than itself in the response at s
     rough = cv2.Laplacian(plain.astype(np.float32), cv2.CV_32F, ksize=1)
     noise = float(np.median(np.abs(rough))) / 0.6745 / math.sqrt(20.0) / max(float(plain.mean()), 1e-9)
-    stack = np.stack([_response(levelled(plain, 4.0 * b), b) for b in blurs])
+    stack = np.stack([_response(levelled(plain, 4.0 * b, region), b) for b in blurs])
+    if region is not None:
+        stack *= np.stack([region.within(math.sqrt(2.0) * b) for b in blurs])
     for sign in (1, -1):
         signed = sign * stack
         local = np.stack([cv2.dilate(r, kernel) for r in signed])

@@ -14,10 +14,22 @@ import numpy.typing as npt
 from palpate._numbers import plain_number
 from palpate.camera.dots import levelled
 from palpate.camera.matching import Neighbours
-from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, gradients_of, mean_picture, white_of, windows_of
+from palpate.camera.region import Region
+from palpate.camera.windows import (
+    BLURRED,
+    LEVEL,
+    Followed,
+    Moved,
+    as_bytes,
+    gradients_of,
+    mean_picture,
+    pictures_of,
+    white_of,
+    windows_of,
+)
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.sensing.view import opencv
+from palpate.sensing.view import grey, opencv
 
 __all__ = ["Flow"]
 
@@ -31,8 +43,10 @@ CLOSEST = 6.0
 POOR = 0.05
 #: Least squares on few pixels leave less than there is: by 1 - 3 pixels over half a window. From windows of 13 to 41 pixels.
 FEW = 3.0
-#: Fewest places.
-FEWEST = 9
+#: Fewest places, and the part of all that must have texture.
+FEWEST, TEXTURED = 9, 0.5
+#: Contrast of what is finer than a window, below which it is no texture: light on a smooth gel, which does not move with it, has a third to all of this.
+FAINT = 0.0135
 #: A window moves as the mean of its parts: half**2 / 6 of the Laplacian, of which a place and the plane of its eight neighbours show a third by the distance squared.
 MEAN = 0.5
 
@@ -46,6 +60,10 @@ class Flow(Followed):
         The gel at rest: one picture, or several, whose mean has less noise.
     spacing : float
         Between places [pixels]. A window is a little wider, and shows nothing finer than itself.
+    region : Region, optional
+        Where the gel is in the picture.
+    positions : array (n, 2), optional
+        Places [pixels] in place of a whole grid.
 
     Attributes
     ----------
@@ -71,11 +89,19 @@ class Flow(Followed):
     (True, True, True)
     """
 
-    def __init__(self, reference: Any, *, spacing: float) -> None:
+    def __init__(
+        self,
+        reference: Any,
+        *,
+        spacing: float,
+        region: Region | None = None,
+        positions: npt.ArrayLike | None = None,
+    ) -> None:
         whole = mean_picture(reference)
         self._whole = (int(whole.shape[1]), int(whole.shape[0]))
         self._step = max(1, round(self._whole[0] / COMPARED))
         plain = self._reduced(whole)
+        self.region = region if region is None or self._step == 1 else region.reduced(self._step)
         if not (np.isfinite(spacing) and spacing / self._step >= CLOSEST):
             raise InvalidInput(
                 f"places of a texture must be at least {CLOSEST * self._step:g} pixels apart in pictures {self._whole[0]} pixels wide; got {plain_number(spacing, 3)}. "
@@ -84,15 +110,22 @@ class Flow(Followed):
         apart = spacing / self._step
         half = max(3, round(HALF * apart))
         self._width = apart
-        level = as_bytes(levelled(plain, 2.0 * apart))
-        places = _grid((plain.shape[1], plain.shape[0]), apart, half + 1)
+        level = as_bytes(levelled(plain, 2.0 * apart, self.region))
+        if positions is None:
+            places = _grid((plain.shape[1], plain.shape[0]), apart, half + 1)
+        else:
+            places = (np.asarray(positions, dtype=np.float64).reshape(-1, 2) + 0.5) / self._step - 0.5
+        if self.region is not None:
+            places = places[self.region.holds(places, half)]
         slopes = gradients_of(windows_of(level, places, half + 1))
         normal = np.einsum("niyx,njyx->nij", slopes, slopes)
         weaker = np.linalg.eigvalsh(normal)[:, 0] if len(places) else np.zeros(0)
         good = weaker > max(POOR * float(np.median(weaker)) if len(places) else 0.0, 1e-6)
-        if good.sum() < FEWEST:
+        good &= self._contrast(reference, level, places, half) > FAINT
+        if good.sum() < max(FEWEST, TEXTURED * len(places)):
             raise InvalidInput(
-                f"texture was found at {int(good.sum())} of {len(places)} places; at least {FEWEST} are needed. Read it more densely, film nearer, or focus."
+                f"texture was found at {int(good.sum())} of {len(places)} places; at least {FEWEST} are needed, and half of all (light and shade are none). "
+                "Read it more densely, film nearer, or focus; a smooth gel needs spots."
             )
         chosen = places[good]
         super().__init__(
@@ -103,6 +136,7 @@ class Flow(Followed):
             near=Neighbours(chosen),
             reach=0.5 * half,
             spread=MEAN * (half / apart) ** 2,
+            rest=[self._reduced(grey(image)) for image in pictures_of(reference)],
             known=max(1.0 - FEW / half, 0.3),
         )
         cv2 = opencv()
@@ -114,6 +148,22 @@ class Flow(Followed):
         self.positions.setflags(write=False)
         self.size = self._whole
         self.reset()
+
+    def _contrast(self, reference: Any, level: npt.NDArray[np.uint8], places: Floats, half: int) -> Floats:
+        """Standard deviation (n,) of what is finer than a window, as a part of the ground; without the noise that pictures of one gel at rest differ by."""
+        cv2 = opencv()
+
+        def fine(flat: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+            values = flat.astype(np.float32)
+            return windows_of(values - cv2.GaussianBlur(values, (0, 0), 0.5 * half), places, half)
+
+        mean = fine(level)
+        power = mean.var(axis=(1, 2))
+        several = pictures_of(reference)
+        for image in several if len(several) > 1 else ():
+            other = fine(as_bytes(levelled(self._reduced(grey(image)), 2.0 * self._width, self.region)))
+            power = power - (other - mean).var(axis=(1, 2)) / (len(several) * (len(several) - 1))
+        return np.sqrt(np.maximum(power, 0.0)) / LEVEL
 
     def reset(self) -> None:
         """Forget where the texture was in the last picture."""
@@ -136,7 +186,7 @@ class Flow(Followed):
         if given is None:
             return self._nothing(fault)
         plain = self._reduced(given)
-        level = as_bytes(levelled(plain, 2.0 * self._width))
+        level = as_bytes(levelled(plain, 2.0 * self._width, self.region))
         dense, start = self._started(level)
         now = np.clip(self._places + start, 0.0, np.array(level.shape[::-1]) - 1.0)
         if self._blurred(level, now):

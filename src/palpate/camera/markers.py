@@ -12,11 +12,20 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.camera.dots import Found, find_dots, levelled
-from palpate.camera.matching import Neighbours, matched, predicted
-from palpate.camera.windows import BLURRED, Followed, Moved, as_bytes, mean_picture, white_of
+from palpate.camera.matching import Neighbours, matched, predicted, strained
+from palpate.camera.region import Region
+from palpate.camera.windows import (
+    BLURRED,
+    Followed,
+    Moved,
+    as_bytes,
+    mean_picture,
+    pictures_of,
+    white_of,
+)
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.sensing.view import opencv
+from palpate.sensing.view import grey, opencv
 
 __all__ = ["Markers"]
 
@@ -25,6 +34,21 @@ WINDOW, AROUND = 1.5, 2.0
 #: Least squares on the few pixels of a dot's rim leave less than there is: by 1 - 1.4 pixels over the radius. From dots at rest of 3.3 and 6.7 pixels with noise,
 #: compression and blur, other prints than those of `benchmarks/camera.py`.
 FEW = 1.4
+
+
+def _distinct(positions: npt.ArrayLike) -> Floats:
+    """Places (n, 2) that somebody gave [pixels]."""
+    try:
+        places = np.asarray(positions, dtype=np.float64).reshape(-1, 2)
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"positions of dots must be pairs (column, row) of pixels ({error}).") from error
+    if not np.isfinite(places).all() or len(np.unique(places, axis=0)) < len(places):
+        raise InvalidInput("positions of dots must be finite, and no two the same: leave out those that are not known.")
+    return places
+
+
+#: A match that strains the print by so much more than that of the picture before is sought again.
+MORE = 1.1
 
 
 class Markers(Followed):
@@ -36,6 +60,8 @@ class Markers(Followed):
         The gel at rest: one picture, or several, whose mean has less noise.
     positions : array (n, 2), optional
         Where the dots are in it [pixels]; by default they are found.
+    region : Region, optional
+        Where the gel is in the picture.
 
     Raises
     ------
@@ -56,15 +82,12 @@ class Markers(Followed):
     (35, 0, True)
     """
 
-    def __init__(self, reference: Any, *, positions: npt.ArrayLike | None = None) -> None:
+    def __init__(self, reference: Any, *, positions: npt.ArrayLike | None = None, region: Region | None = None) -> None:
         plain = mean_picture(reference)
-        found = find_dots(plain)
+        self.region = region
+        found = find_dots(plain, region=region)
         self.print = found.print
-        places: Floats = (
-            found.positions[found.whole]
-            if positions is None
-            else np.asarray(positions, dtype=np.float64).reshape(-1, 2)
-        )
+        places: Floats = found.positions[found.whole] if positions is None else _distinct(positions)
         if len(places) < 3:
             raise InvalidInput(
                 f"{len(places)} whole dots found; at least three are needed. Show more of the print, or focus."
@@ -73,11 +96,12 @@ class Markers(Followed):
         half = min(WINDOW * radius + AROUND, max(0.5 * near.pitch, radius + 1.0))
         super().__init__(
             plain,
-            as_bytes(levelled(plain, 4.0 * self.print.blur)),
+            as_bytes(levelled(plain, 4.0 * self.print.blur, region)),
             places,
             half=max(3, round(half)),
             near=near,
             reach=radius,
+            rest=[grey(image) for image in pictures_of(reference)],
             # its rim tells how a dot moved
             spread=(radius / near.pitch) ** 2,
             known=max(1.0 - FEW / radius, 0.3),
@@ -87,6 +111,7 @@ class Markers(Followed):
     def reset(self) -> None:
         """Forget where the dots were in the last picture."""
         self._last = np.zeros_like(self.positions)
+        self._strained = 0.0
 
     def follow(self, image: npt.ArrayLike | None) -> Moved:
         """Displacement of every dot in a picture.
@@ -104,8 +129,8 @@ class Markers(Followed):
         plain, fault = self._seen(image)
         if plain is None:
             return self._nothing(fault)
-        flat = levelled(plain, 4.0 * self.print.blur)
-        found = find_dots(plain, self.print, level=flat)
+        flat = levelled(plain, 4.0 * self.print.blur, self.region)
+        found = find_dots(plain, self.print, level=flat, region=self.region)
         level = as_bytes(flat)
         start = self._started(level, found)
         known = np.isfinite(start).all(axis=1)
@@ -129,13 +154,14 @@ class Markers(Followed):
             other = self._matched(found, np.zeros_like(best) + np.array([column, row]))
             if np.isnan(other[:, 0]).sum() < np.isnan(best[:, 0]).sum():
                 best = other
+        self._strained = strained(self._near, best)
         gaps = np.isnan(best[:, 0])
         if gaps.any() and not gaps.all():
             best[gaps] = predicted(self._near, best, np.flatnonzero(gaps))
         return best
 
     def _matched(self, found: Found, expected: Floats) -> Floats:
-        index = matched(self._near, expected, found.positions)
+        index = matched(self._near, expected, found.positions, usual=MORE * self._strained)
         out = np.full_like(self.positions, np.nan)
         out[index >= 0] = found.positions[index[index >= 0]] - self.positions[index >= 0]
         return out

@@ -17,7 +17,7 @@ from palpate.elastic.pad import Floats
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-__all__ = ["Neighbours", "gradients", "matched", "predicted"]
+__all__ = ["Neighbours", "gradients", "matched", "predicted", "strained"]
 
 Index = npt.NDArray[np.intp]
 
@@ -25,6 +25,20 @@ Index = npt.NDArray[np.intp]
 REACH = 0.4
 #: Change of displacement between neighbours, over their distance, that an unbroken print can have.
 TORN = 0.5
+#: How a set is begun with anew: times that its edges are worn, part of its six nearest that must move with a dot that stays, what tears the print, and which set, the
+#: largest (0) or the next: where most of a print moves by a pitch, those that did not are fewer.
+TRIED = (
+    (1, 0.8, TORN, 0),
+    (2, 0.8, TORN, 0),
+    (1, 0.5, TORN, 0),
+    (1, 0.8, 0.75, 0),
+    (0, 0.0, TORN, 1),
+    (1, 0.5, TORN, 1),
+)
+#: Distances about faults within which a match is begun anew, and how often.
+ABOUT, MENDED = (1.1, 2.1, 3.1, 4.1), 4
+#: What a dot without a match weighs against strain: as much as six neighbours that are half torn from it.
+UNMATCHED = 6.0 * TORN**2
 
 
 class Neighbours:
@@ -78,33 +92,34 @@ def _plane(near: Neighbours, displacement: Floats, which: Index, stiff: float) -
     return out
 
 
-def _torn(near: Neighbours, displacement: Floats) -> npt.NDArray[np.bool_]:
+def _torn(near: Neighbours, displacement: Floats, most: float = TORN) -> npt.NDArray[np.bool_]:
     """Pairs (dot, neighbour) between which displacement changes more than a print does; False where one is not known."""
     change = displacement[near.index] - displacement[:, None, :]
-    return np.asarray(np.hypot(change[..., 0], change[..., 1]) > TORN * near.distance)
+    return np.asarray(np.hypot(change[..., 0], change[..., 1]) > most * near.distance)
 
 
-def _largest(near: Neighbours, displacement: Floats) -> npt.NDArray[np.bool_]:
-    """The largest set of dots that move continuously."""
+def _largest(near: Neighbours, displacement: Floats, torn: float = TORN, rank: int = 0) -> npt.NDArray[np.bool_]:
+    """The largest set of dots that move continuously, or the next."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     n = len(displacement)
     good = np.asarray(np.isfinite(displacement).all(axis=1))
-    tied = good[:, None] & good[near.index] & ~_torn(near, displacement)
+    tied = good[:, None] & good[near.index] & ~_torn(near, displacement, torn)
     # of the nearest six only: those beyond may lie across a tear
     tied[:, 6:] = False
     rows, columns = np.nonzero(tied)
     graph = coo_array((np.ones(len(rows)), (rows, near.index[rows, columns])), shape=(n, n))
     count, label = connected_components(graph, directed=False)
     size = np.bincount(label[good], minlength=count)
-    return good & (label == int(np.argmax(size)))
+    return good & (label == int(np.argsort(-size, kind="stable")[min(rank, count - 1)]))
 
 
-def matched(near: Neighbours, expected: Floats, found: Floats) -> Index:
+def matched(near: Neighbours, expected: Floats, found: Floats, *, usual: float = 0.0) -> Index:
     """The dot of ``found`` (m, 2) that each dot of the reference is now; -1 for none.
 
-    ``expected``: displacement (n, 2) that each is likely to have, such as that in the picture before; NaN where nothing is known.
+    ``expected``: displacement (n, 2) that each is likely to have, such as that in the picture before; NaN where nothing is known. ``usual``: what the match of the picture
+    before was `strained` by: up to this nothing else is sought.
 
     Examples
     --------
@@ -118,10 +133,68 @@ def matched(near: Neighbours, expected: Floats, found: Floats) -> Index:
     from scipy.spatial import cKDTree
 
     n = len(near.positions)
-    out = np.full(n, -1, dtype=np.intp)
     if not len(found):
-        return out
+        return np.full(n, -1, dtype=np.intp)
     tree = cKDTree(found)
+    best = _matched(near, expected, found, tree)
+    lowest = strained(near, _moves(near, best, found))
+    if lowest <= usual or ((best >= 0).all() and not _torn(near, _moves(near, best, found))[:, :6].any()):
+        return best
+    # a dot that moves by a pitch comes to lie where another was, and agrees with those around it that stood still: begin with fewer
+    for worn, beside, torn, rank in TRIED:
+        other = _matched(near, expected, found, tree, worn, beside, torn, rank)
+        cost = strained(near, _moves(near, other, found))
+        if cost < lowest:
+            best, lowest = other, cost
+    return _loosened(near, _mended(near, best, found, tree), found)
+
+
+def _mended(near: Neighbours, match: Index, found: Floats, tree: cKDTree) -> Index:
+    """A match begun anew about its faults (dots without one, and tears), ever further about them, for as long as it strains the print less."""
+    from scipy.spatial import cKDTree as Tree
+
+    best, lowest = match, strained(near, _moves(near, match, found))
+    for _ in range(MENDED):
+        displacement = _moves(near, best, found)
+        faults = (best < 0) | (_strain(near, displacement).max(axis=1) > (0.8 * TORN) ** 2)
+        if not faults.any() or faults.all():
+            break
+        far, _ = Tree(near.positions[faults]).query(near.positions)
+        before = lowest
+        for reach in ABOUT:
+            trial = np.where((far > reach * near.pitch)[:, None], displacement, np.nan)
+            kept = _largest(near, trial)
+            if kept.sum() < 3:
+                break
+            trial[~kept] = np.nan
+            out = np.where(kept, best, -1)
+            owner = np.full(len(found), -1, dtype=np.intp)
+            owner[out[kept]] = np.flatnonzero(kept)
+            _grow(near, trial, out, owner, tree, found, TORN)
+            cost = strained(near, _moves(near, out, found))
+            if cost < lowest:
+                best, lowest = out, cost
+        if lowest >= before:
+            break
+    return best
+
+
+def _matched(
+    near: Neighbours,
+    expected: Floats,
+    found: Floats,
+    tree: cKDTree,
+    worn: int = 0,
+    least: float = 0.0,
+    torn: float = TORN,
+    rank: int = 0,
+) -> Index:
+    """One to one, from where each dot is expected: the largest set of dots that move continuously, and what grows from it.
+
+    ``worn`` times the set loses those at its edges, with which less than the part ``least`` of their neighbours move.
+    """
+    n = len(near.positions)
+    out = np.full(n, -1, dtype=np.intp)
     start = np.where(np.isfinite(expected), expected, 0.0)
     at = near.positions + start
     distance, nearest = tree.query(at)
@@ -134,21 +207,60 @@ def matched(near: Neighbours, expected: Floats, found: Floats) -> Index:
             taken[nearest[i]] = first[i] = True
     displacement = np.full((n, 2), np.nan)
     displacement[first] = found[nearest[first]] - near.positions[first]
-    kept = _largest(near, displacement)
+    kept = _largest(near, displacement, torn, 0 if worn else rank)
     # where neighbours agree on something else, a dot is out of step
     for _ in range(2):
         trial = np.where(kept[:, None], displacement, np.nan)
         off = trial - predicted(near, trial, np.arange(n))
         kept &= ~(np.hypot(off[:, 0], off[:, 1]) > REACH * near.pitch)
+    for _ in range(worn):
+        trial = np.where(kept[:, None], displacement, np.nan)
+        beside = kept[near.index[:, :6]] & ~_torn(near, trial, torn)[:, :6]
+        core = kept & (beside.mean(axis=1) > least)
+        if core.sum() < 3:
+            break
+        kept = _largest(near, np.where(core[:, None], displacement, np.nan), torn, rank)
     out[kept] = nearest[kept]
     displacement[~kept] = np.nan
     owner = np.full(len(found), -1, dtype=np.intp)
     owner[out[kept]] = np.flatnonzero(kept)
-    _grow(near, displacement, out, owner, tree, found)
+    _grow(near, displacement, out, owner, tree, found, torn)
     return out
 
 
-def _grow(near: Neighbours, displacement: Floats, out: Index, owner: Index, tree: cKDTree, found: Floats) -> None:
+def _moves(near: Neighbours, match: Index, found: Floats) -> Floats:
+    """Displacement (n, 2) of each dot by its match; NaN where it has none."""
+    return np.where((match >= 0)[:, None], found[match] - near.positions, np.nan)
+
+
+def _strain(near: Neighbours, displacement: Floats) -> Floats:
+    """Square of the change of displacement over distance, from each dot to its six nearest (n, 6), at most 1; 0 where one is not known."""
+    change = displacement[near.index[:, :6]] - displacement[:, None, :]
+    part = np.hypot(change[..., 0], change[..., 1]) / near.distance[:, :6]
+    return np.nan_to_num(np.minimum(part, 1.0) ** 2)
+
+
+def strained(near: Neighbours, displacement: Floats) -> float:
+    """How little displacements (n, 2) are those of a print that stretches evenly: its strain, and dots of which none is known (NaN)."""
+    lost = np.count_nonzero(np.isnan(displacement[:, 0]))
+    return float(0.5 * _strain(near, displacement).sum() + UNMATCHED * lost)
+
+
+def _loosened(near: Neighbours, match: Index, found: Floats) -> Index:
+    """Without those that strain the print more than a dot without a match does."""
+    out = match.copy()
+    for _ in range(len(out)):
+        pull = _strain(near, _moves(near, out, found)).sum(axis=1)
+        worst = int(np.argmax(pull))
+        if pull[worst] <= UNMATCHED:
+            break
+        out[worst] = -1
+    return out
+
+
+def _grow(
+    near: Neighbours, displacement: Floats, out: Index, owner: Index, tree: cKDTree, found: Floats, torn: float
+) -> None:
     """Match the rest, those with most matched neighbours first."""
     tried = np.zeros(len(out), dtype=np.int64)
     while True:
@@ -163,15 +275,15 @@ def _grow(near: Neighbours, displacement: Floats, out: Index, owner: Index, tree
         distance, nearest = tree.query(guess)
         for i, d, j in zip(now, distance, nearest):
             move = found[j] - near.positions[i] if d < REACH * near.pitch else None
-            if move is None or owner[j] >= 0 or _tears(near, displacement, int(i), move):
+            if move is None or owner[j] >= 0 or _tears(near, displacement, int(i), move, torn):
                 continue
             out[i], owner[j] = j, i
             displacement[i] = move
 
 
-def _tears(near: Neighbours, displacement: Floats, dot: int, move: Floats) -> bool:
+def _tears(near: Neighbours, displacement: Floats, dot: int, move: Floats, torn: float) -> bool:
     """Whether this move would tear the print from most of the neighbours that are known."""
     others = displacement[near.index[dot]]
     known = np.isfinite(others).all(axis=1)
     change = np.hypot(*(others[known] - move).T)
-    return bool(np.mean(change > TORN * near.distance[dot][known]) > 0.5)
+    return bool(np.mean(change > torn * near.distance[dot][known]) > 0.5)

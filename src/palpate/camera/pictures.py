@@ -32,9 +32,26 @@ Image = npt.NDArray[Any]
 #: Endings of single pictures, of stacks and of videos.
 STILLS = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".webp")
 STACKS = (".tif", ".tiff")
-VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg", ".wmv")
+VIDEOS = (
+    ".mp4",
+    ".avi",
+    ".mkv",
+    ".mov",
+    ".webm",
+    ".m4v",
+    ".mpg",
+    ".mpeg",
+    ".mjpeg",
+    ".wmv",
+    ".3gp",
+    ".mts",
+    ".gif",
+    ".apng",
+)
 #: Pictures that a camera may fail to give one after another, and seconds that it may give none, before it is given up.
 FAILED, SILENT = 10, 3.0
+#: Bytes at the start of a file that say whether it is animated.
+SNIFFED = 2000
 DAMAGED = "the video is damaged here"
 CODEC = "Convert it once, such as with: ffmpeg -i IN -c:v libx264 -crf 12 OUT.mp4"
 
@@ -129,10 +146,10 @@ class Pictures:
                 at = last + (1.0 / self._rate if self._rate else 1e-3)
             last = at
             if image is not None and image.shape[1::-1] != self.size:
-                fault = (
-                    f"the picture is {image.shape[1]} x {image.shape[0]}, the first was {self.size[0]} x {self.size[1]}"
+                got = (
+                    f"{image.shape[1]} x {image.shape[0]}" if image.ndim > 1 else f"no picture, of shape {image.shape}"
                 )
-                image = None
+                fault, image = f"the picture is {got}, the first was {self.size[0]} x {self.size[1]}", None
             yield Picture(index, at, image, fault)
             index += 1
             raw = self._next_raw()
@@ -158,7 +175,7 @@ def open_pictures(source: Any, *, rate: float | None = None) -> Pictures:
     Parameters
     ----------
     source : str, Path, int, or iterable of arrays
-        A video (.mp4, .avi, .mkv, .mov, .webm, ...); a folder of pictures, taken in the order of the numbers in their names; a .tif stack, or a single picture;
+        A video (.mp4, .avi, .mkv, .mov, .webm, .gif, ...), turned as its file says a phone was held; a folder of pictures, taken in the order of the numbers in their names; a .tif stack, or a single picture;
         the number of a camera, or /dev/video0; an array (picture, row, column[, 3]) or any iterable of arrays.
     rate : float, optional
         Pictures a second, for sources that do not know their times: folders, stacks, arrays. Without it these are numbered: 0, 1, 2, ... s.
@@ -246,19 +263,33 @@ def _read(paths: list[Path]) -> Iterator[tuple[None, Image | None, str]]:
         # not imread: it prints on stderr, and does not open every name on Windows
         try:
             _check_still(path)
-            data = np.fromfile(path, dtype=np.uint8)
-            image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
         except InvalidInput as error:
             yield None, None, str(error).rstrip(".")
             continue
-        except cv2.error:
+        data = np.fromfile(path, dtype=np.uint8)
+        if _moves(data[:SNIFFED].tobytes()):
+            yield (
+                None,
+                None,
+                f"{path.name} holds several pictures, of which one alone would be read: save it as .gif or .mp4",
+            )
+            continue
+        try:
+            # turned as the camera was held (EXIF); transparency is dropped
+            image = cv2.imdecode(data, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH) if data.size else None
+        except cv2.error:  # more pixels than OpenCV takes
             image = None
         if image is None:
-            yield None, None, f"{path.name} cannot be decoded as a picture: it is damaged or cut off"
+            yield None, None, f"{path.name} cannot be decoded as a picture: it is damaged, cut off or too large"
             continue
-        if image.ndim == 3:
-            image = image[..., :1] if image.shape[-1] == 2 else image[..., 2::-1]
-        yield None, np.ascontiguousarray(image), ""
+        yield None, np.ascontiguousarray(image[..., ::-1] if image.ndim == 3 else image), ""
+
+
+def _moves(head: bytes) -> bool:
+    """Whether a .webp or .png that begins with these bytes is animated."""
+    if head[:4] == b"RIFF" and head[8:16] == b"WEBPVP8X":
+        return bool(head[20] & 2)
+    return head[:4] == b"\x89PNG" and b"acTL" in head[: head.find(b"IDAT")]
 
 
 def _check_still(path: Path) -> None:
@@ -369,7 +400,7 @@ def _video(path: Path) -> Pictures:
                     continue
                 plain = frame.format.name in ("gray", "gray8", "gray10le", "gray12le", "gray16le")
                 image = frame.to_ndarray(format="gray" if plain else "rgb24")
-                yield at, image, ""
+                yield at, _turned(image, frame), ""
                 last = at
             short = _short(container, rate, last)
             if short is not None:
@@ -384,6 +415,18 @@ def _video(path: Path) -> Pictures:
     return Pictures(
         frames(), name=str(path), count=stream.frames or None, rate=rate, timed=True, close=container.close, notes=notes
     )
+
+
+def _turned(image: Image, frame: Any) -> Image:
+    """A picture as it is to be shown: phones film on their side and say so in a matrix (to column, to row) that each picture carries."""
+    said = next((bytes(d) for d in frame.side_data if getattr(d.type, "name", "") == "DISPLAYMATRIX"), None)
+    if said is None:
+        return image
+    (a, b), (c, d) = np.frombuffer(said, dtype="<i4")[:9].reshape(3, 3)[:2, :2]
+    if abs(b) + abs(c) > abs(a) + abs(d):  # columns become rows
+        image = np.swapaxes(image, 0, 1)
+        a, d = c, b
+    return np.ascontiguousarray(image[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1])
 
 
 def _decoded(container: Any, stream: Any) -> Iterator[Any]:
@@ -497,8 +540,11 @@ def write_video(path: str | Path, images: Iterable[Image], *, rate: float = 30.0
             stream: Any = None
             for image in images:
                 values = np.asarray(image)
-                if values.dtype != np.uint8 or values.ndim not in (2, 3):
-                    raise InvalidInput(f"a video takes 8-bit pictures; got {values.dtype} of shape {values.shape}.")
+                colour = values.ndim == 3 and values.shape[-1] == 3
+                if values.dtype != np.uint8 or not (values.ndim == 2 or colour) or not values.size:
+                    raise InvalidInput(
+                        f"a video takes 8-bit pictures, (row, column) or (row, column, 3); got {values.dtype} of shape {values.shape}."
+                    )
                 if stream is None:
                     size = values.shape[:2]
                     stream = _h264(container, rate, quality)

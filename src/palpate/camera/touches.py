@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from palpate._arrays import to_numpy
 from palpate.camera.depthmap import DepthMap
 from palpate.camera.displacements import Displacements, Reading
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.estimate import Stated
 from palpate.recordings import Recording
 from palpate.recordings.camerasection import CameraSettings
 from palpate.sensing import Array, ScatteredArray
+from palpate.sensing.lattice import typical_distance
 from palpate.sensing.view import View
 from palpate.skin import Skin
 from palpate.status import Status
@@ -30,6 +34,9 @@ CHANNELS = ("displacement_x", "displacement_y")
 MOST_LOST = 0.5
 #: Noise that dots state is rounded up to powers of this, so that skins that are prepared serve again; so many of them are kept.
 NOISE_STEP, KEPT = 1.3, 6
+#: A dot tells what presses within so many distances of dots; where more than the second part of the traction lies where those are lost, it is said.
+BLIND, FEW_LOST = 1.0, 0.05
+LOST = "dots are lost where this presses, hidden or moved too far: the intervals allow for as much again as was found there"
 #: Passes over perspective in a frame that is solved by itself, at most; and what a pass must change, as a part of the readings' standard deviation.
 PASSES, MATTERS = 3, 0.5
 
@@ -131,11 +138,15 @@ class Touches:
     ) -> None:
         self.readings, self.skin, self.distance, self.every, self.depth_map = readings, skin, distance, every, depth_map
         self._options = dict(options)
+        if depth_map is not None and self._options.get("components") is None:
+            # in pictures without a depth too: one recording seeks the same
+            self._options["components"] = skin.surface.components
         self.tracker: Tracker | None = None
         if track:
             self.tracker = skin.track(baseline=readings.reference, **self._options)
         self._perspective = None if distance is None else _Perspective(skin, readings, distance)
         self._known: list[tuple[Any, float, Skin]] = []
+        self._cells: Floats = np.stack(np.meshgrid(*skin.surface.axes[::-1]), axis=-1).reshape(-1, 2)
         self.last: Reading | None = None
 
     def __iter__(self) -> Iterator[Touch]:
@@ -162,16 +173,40 @@ class Touches:
         touch = self.tracker.step(values, time, std=std)
         if self._perspective is not None:
             self._perspective.learn(touch)
-        return replace(touch, view=self.readings.view)
+        return replace(self._censored(touch, values), view=self.readings.view)
 
     def alone(self, reading: Reading) -> Touch:
         """The touch of one reading by itself."""
-        return replace(self._alone(reading), view=self.readings.view)
+        return replace(self._censored(self._alone(reading), reading.values), view=self.readings.view)
+
+    def _censored(self, touch: Touch, values: Floats) -> Touch:
+        """With room in its intervals for what presses where the dots are lost: those that moved most may be, and nothing says how far."""
+        lost = np.isnan(values).any(axis=0)
+        if not lost.any() or touch.errors is None or not bool(np.all(touch.touching)):
+            return touch
+        size = np.sqrt((to_numpy(touch.values) ** 2).sum(axis=0)).ravel()
+        reach = BLIND * typical_distance(self.readings.positions)
+        every, left = (_near(self._cells, self.readings.positions[which], reach) for which in (slice(None), ~lost))
+        share = float(size[every & ~left].sum() / max(float(size.sum()), 1e-300))
+        if not share > FEW_LOST:
+            return touch
+        force = np.nan_to_num(to_numpy(touch.force))
+        peak = float(size.max())
+        found = {
+            "traction": np.full(np.shape(touch.values), peak),
+            "force": np.append(np.full(len(force) - 1, np.hypot.reduce(force[:-1])), abs(force[-1])),
+            "moment": np.abs(np.nan_to_num(to_numpy(touch.moment))),
+            "center": np.full(2, reach),
+            "peak": np.asarray(peak),
+        }
+        old = touch.stated
+        stated = Stated(**{n: np.hypot(share * v, 0.0 if old is None else getattr(old, n)) for n, v in found.items()})
+        return replace(touch, stated=stated, assumptions=(*touch.assumptions, LOST))
 
     def _alone(self, reading: Reading) -> Touch:
         lost = np.isnan(reading.values).any(axis=0)
         if lost.mean() > MOST_LOST:
-            return _missing(self.skin, reading.time)
+            return _missing(self.skin, self._options.get("components"), reading.time)
         skin = self._at(lost, reading.std)
         values = np.where(lost, 0.0, reading.values)
         beside: list[Floats] = []
@@ -262,16 +297,28 @@ class _Perspective:
         return np.asarray((values.T - growth * seen * self._part[:, None]).T)
 
 
-def _missing(skin: Skin, time: float) -> Touch:
+def _missing(skin: Skin, components: Sequence[str] | None, time: float) -> Touch:
     shape = (len(skin.surface.components), *skin.surface.shape)
     return Touch(
         np.full(shape, np.nan),
         skin.surface,
-        skin.components,
+        skin.problem(components=components).components,
         "automatic",
         time=np.asarray(time),
         status=np.asarray(int(Status.MISSING), dtype=np.int8),
+        assumptions=(
+            "more than half of the dots are lost: they are hidden, or moved too far from one picture to the next",
+        ),
     )
+
+
+def _near(cells: Floats, dots: Floats, reach: float) -> npt.NDArray[np.bool_]:
+    """Cells (n, 2) that lie within ``reach`` of a dot."""
+    from scipy.spatial import cKDTree
+
+    if not len(dots):
+        return np.zeros(len(cells), dtype=bool)
+    return np.asarray(cKDTree(dots).query(cells)[0] <= reach)
 
 
 def follow(
@@ -287,6 +334,7 @@ def follow(
     every: int = 1,
     depth_map: DepthMap | None = None,
     texture: float | None = None,
+    roi: npt.ArrayLike | None = None,
     **options: Any,
 ) -> Touches:
     """What touches a gel, from pictures of the dots in it.
@@ -313,6 +361,8 @@ def follow(
         that are solved by themselves.
     texture : float, optional
         Of a gel with a texture and no dots: between the places where displacement is read [m]; default: what [camera] says, else dots are looked for.
+    roi : array (n, 2), optional
+        Corners (column, row) of the gel in the pictures [pixels], as for `Displacements`; default: those of [camera], where it tells the view too, or the gel's rim.
     **options
         Those of `Skin.track` (friction, ...) or `Skin.reconstruct` (friction, method, ...).
 
@@ -352,7 +402,7 @@ def follow(
     if texture is None and settings is not None:
         texture = settings.texture
     lies: Any = settings if view is None else view
-    readings = Displacements(source, lies, reference=reference, rate=rate, stage=stage, texture=texture)
+    readings = Displacements(source, lies, reference=reference, rate=rate, stage=stage, texture=texture, roi=roi)
     try:
         full = gel_skin(skin, readings.positions)
         if track is None:

@@ -66,6 +66,8 @@ class Weighed:
         Probability of ratios that differ as much where the model holds: below 0.01, pad, depth or scale are wrong. NaN for one press.
     fit : array (press,)
         How well the pad explains the dots: `Touch.fit`.
+    before : float
+        Standard deviation of the modulus by what the skin says, as a part of it; infinite where that is "unknown".
     """
 
     youngs_modulus: float
@@ -75,6 +77,21 @@ class Weighed:
     ratio_std: Floats
     agreement: float
     fit: Floats
+    before: float = math.inf
+
+    @property
+    def better(self) -> bool:
+        """Whether the presses tell the modulus better than the skin says it is known.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from palpate.camera import Weighed
+        >>> one = np.ones(1)
+        >>> Weighed(3e5, 2e5, 1.0, one, one, float("nan"), one, before=0.3).better  # 67 % where 30 % was known
+        False
+        """
+        return self.std / self.youngs_modulus < self.before
 
     def __str__(self) -> str:
         said = f" ({plain_number(self.factor, 3)} times what the skin says)" if math.isfinite(self.factor) else ""
@@ -83,6 +100,11 @@ class Weighed:
         ]
         for i, (ratio, std, fit) in enumerate(zip(self.ratios, self.ratio_std, self.fit)):
             lines.append(f"press {i}         {plain_number(ratio, 3)} +- {plain_number(std, 2)} times; fit {fit:.2g}")
+        if not self.better:
+            lines.append(
+                f"keep            what the skin says, +-{plain_number(100 * self.before, 2)} %, is better than what these presses tell: dots that move sideways on the surface hardly show what "
+                "presses. Heavier weights do not help; dots 0.5 to 1 mm deep do"
+            )
         poor = [str(i) for i, fit in enumerate(self.fit) if fit < POOR_FIT]
         if poor:
             lines.append(
@@ -197,19 +219,21 @@ def _weighed(
     *,
     guessed: bool,
 ) -> Weighed:
-    ratios, stds, fits, modulus = [], [], [], math.nan
+    ratios, stds, fits, modulus, before = [], [], [], math.nan, math.inf
     for index, (source, force) in enumerate(zip(listed, known)):
         if isinstance(source, Recording) or (isinstance(source, str | Path) and not is_pictures(source)):
             press = _recorded(source, skin, reference, options, f"press {index}")
-            modulus = _modulus(press.skin)
+            modulus, before = _modulus(press.skin), press.before
             found = _ratio(press, force)
         else:
             settings = camera_of(skin, view)
             lies: Any = settings if view is None else view
             texture = settings.texture if settings else None
             with Displacements(source, lies, rate=rate, reference=reference, texture=texture) as readings:
-                full = _without_modulus(gel_skin(skin, readings.positions))
+                full = gel_skin(skin, readings.positions)
                 modulus = _modulus(full)
+                before = full.uncertainty.youngs_modulus or math.inf
+                full = _without_modulus(full)
                 press = _filmed(readings, full, settings.distance if settings else None, options)
                 found = _ratio(press, force)
         ratios.append(found[0])
@@ -231,7 +255,7 @@ def _weighed(
     std = math.hypot(shared, scatter)
     if guessed:
         return Weighed(mean * modulus, std * modulus, math.nan, ratio / mean, each / mean, agreement, np.array(fits))
-    return Weighed(mean * modulus, std * modulus, mean, ratio, each, agreement, np.array(fits))
+    return Weighed(mean * modulus, std * modulus, mean, ratio, each, agreement, np.array(fits), before)
 
 
 def _is_images(sources: Sequence[Any]) -> bool:
@@ -261,7 +285,8 @@ def _without_modulus(skin: Skin) -> Skin:
 
 @dataclass(frozen=True, eq=False)
 class _Press:
-    """A press, frame by frame: how far the gel moves [m, or of strain], when, and the touch of a frame; ``quiet`` is what noise moves, ``rest`` how many show no press."""
+    """A press, frame by frame: how far the gel moves [m, or of strain], when, and the touch of a frame; ``quiet`` is what noise moves, ``rest`` how many show no press; ``before`` how well the
+    modulus was known."""
 
     name: str
     what: str
@@ -272,6 +297,7 @@ class _Press:
     quiet: float
     rest: int
     solve: Callable[[int], Touch]
+    before: float = math.inf
 
 
 def _filmed(readings: Displacements, skin: Skin, distance: float | None, options: dict[str, Any]) -> _Press:
@@ -325,6 +351,7 @@ def _recorded(source: Any, skin: Skin | Path, reference: int | None, options: di
         raise InvalidInput(
             f"{name}: the gel moves in the first {rest} frames, which are taken to show it at rest: give how many do with reference= (--baseline)."
         )
+    before = full.uncertainty.youngs_modulus or math.inf
     full = _without_modulus(full)
     cut = list(np.cumsum([len(plane.channels) for plane in full.planes])[:-1])
 
@@ -344,6 +371,7 @@ def _recorded(source: Any, skin: Skin | Path, reference: int | None, options: di
         quiet,
         rest,
         solve,
+        before,
     )
 
 
@@ -362,7 +390,9 @@ def _middle(values: Floats) -> float:
 
 def _moved(values: Floats) -> float:
     """How far the places move that move most (channel, place)."""
-    return float(np.nanmedian(np.sort(np.sqrt((values**2).sum(axis=0)))[-8:])) if np.isfinite(values).any() else 0.0
+    size = np.sqrt((values**2).sum(axis=0))
+    size = np.sort(size[np.isfinite(size)])  # of the places that are not lost
+    return float(np.median(size[-8:])) if len(size) else 0.0
 
 
 def _ratio(press: _Press, known: float | ForceTrace) -> tuple[float, float, float]:

@@ -10,6 +10,7 @@ with h the gradients of the picture itself, where near pixels count as they do t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +23,17 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.view import grey, opencv
 
-__all__ = ["BLURRED", "Followed", "Moved", "as_bytes", "gradients_of", "mean_picture", "white_of", "windows_of"]
+__all__ = [
+    "BLURRED",
+    "Followed",
+    "Moved",
+    "as_bytes",
+    "gradients_of",
+    "mean_picture",
+    "pictures_of",
+    "white_of",
+    "windows_of",
+]
 
 #: There and back must end this near [pixels]; the window must look alike (correlation).
 BACK, ALIKE = 0.3, 0.6
@@ -85,6 +96,8 @@ class Followed:
         How near [pixels] to the picture's edge a place may come.
     spread : float
         A window moves as its parts do on average, beside a contact not as its middle: by this much of what a place and its neighbours' plane differ.
+    rest : sequence of array (row, column)
+        The pictures that the reference is the mean of: what is white in one of them is no new glare.
     known : float
         Part of what is left that least squares on few pixels still show.
     """
@@ -99,6 +112,7 @@ class Followed:
         near: Neighbours,
         reach: float,
         spread: float,
+        rest: Sequence[npt.NDArray[Any]],
         known: float = 1.0,
     ) -> None:
         self.size = (int(plain.shape[1]), int(plain.shape[0]))
@@ -115,7 +129,7 @@ class Followed:
         self._inverse = np.linalg.inv(
             normal + (1e-3 * np.trace(normal, axis1=1, axis2=2) + 1e-9)[:, None, None] * np.eye(2)
         )
-        self._white = self._glare(white_of(plain), positions)
+        self._white: Floats = np.max([self._glare(white_of(image), positions) for image in rest], axis=0)
 
     def _seen(self, image: npt.ArrayLike | None) -> tuple[npt.NDArray[Any] | None, str]:
         """The picture in grey; or None, and why it tells nothing."""
@@ -220,14 +234,20 @@ class Followed:
         )
 
 
+def pictures_of(reference: Any) -> list[Any]:
+    """One picture or several, as a list."""
+    several = isinstance(reference, list | tuple) or (isinstance(reference, np.ndarray) and reference.ndim == 4)
+    return list(reference) if several else [reference]
+
+
 def mean_picture(reference: Any) -> npt.NDArray[Any]:
     """One grey picture from one or several."""
-    several = isinstance(reference, list | tuple) or (isinstance(reference, np.ndarray) and reference.ndim == 4)
+    several = pictures_of(reference)
     if not several:
-        return grey(reference)
-    if not len(reference):
         raise InvalidInput("the reference holds no picture.")
-    plain = [grey(image) for image in reference]
+    plain = [grey(image) for image in several]
+    if len(plain) == 1:
+        return plain[0]
     if len({p.shape for p in plain}) != 1:
         raise InvalidInput("the reference pictures differ in size.")
     return np.asarray(np.mean(plain, axis=0, dtype=np.float32))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import typer
@@ -16,7 +16,13 @@ from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
 from palpate.units import UNKNOWN
 
-__all__ = ["known_skin", "track_pictures"]
+if TYPE_CHECKING:
+    from palpate.skin import Skin
+
+#: Pitch of dots that is assumed where nothing says it [m], dots that are enough to say what can be known, and half an interval that is a rough one.
+DOTS, THINNED, ROUGH = 2e-3, 120, 0.5
+
+__all__ = ["assumed_skin", "known_skin", "roughly", "track_pictures"]
 
 
 def known_skin(skin_file: Path) -> Path:
@@ -30,6 +36,40 @@ def known_skin(skin_file: Path) -> Path:
             f'too little of {skin_file.name} is published to use it as it is: palpate sensors {skin_file.name} --out gel.toml, replace what says "{UNKNOWN}" there, and give --skin gel.toml.'
         )
     return Path(str(resources.files("palpate.sensors").joinpath(f"{skin_file.name}.toml")))
+
+
+def assumed_skin(skin_file: Path) -> tuple[Skin, str]:
+    """The skin of a file; of one for a camera with the dots that it may have, and what was assumed of them."""
+    from palpate.camera import dot_grid, gel_skin
+    from palpate.recordings import read_camera
+    from palpate.skin import Skin
+
+    settings = read_camera(skin_file)
+    if settings is None:
+        return Skin.from_file(skin_file), ""
+    pitch = settings.pitch if settings.pitch is not None else DOTS
+    pitch = float(np.mean(settings.texture if settings.texture is not None else pitch))
+    shape = (7, 10)
+    if settings.size is not None and settings.scale is not None:
+        across, up = np.broadcast_to(np.asarray(settings.scale, dtype=np.float64), 2) * np.asarray(settings.size)
+        shape = (max(3, min(12, int(up / pitch))), max(3, min(12, int(across / pitch))))
+    said = f"{shape[0]} x {shape[1]} dots {1e3 * pitch:.3g} mm apart are assumed: where yours are, the pictures say"
+    return gel_skin(skin_file, dot_grid(shape, pitch)), said
+
+
+def roughly(skin: Skin | str | Path, positions: Any) -> str:
+    """What to know before pictures are solved where dots tell a normal force roughly only; "" where they tell it well."""
+    from palpate.camera import gel_skin
+    from palpate.pads import expected_force
+
+    thinned = np.asarray(positions)[:: max(1, len(positions) // THINNED)]
+    found = expected_force(gel_skin(skin, thinned))
+    if found is None or found.normal < ROUGH:
+        return ""
+    return (
+        f"a typical press on these dots is known to: {found}. Dots that move sideways on the surface hardly show what presses, whatever the camera; dots 0.5 to 1 mm deep "
+        "(or a map of depth, in Python) show it two to three times better"
+    )
 
 
 def track_pictures(
@@ -87,12 +127,15 @@ def track_pictures(
         monitor = grasp_monitor(skin, options.get("friction"), *limits, lambda event: typer.echo(str(event)))
         typer.echo(
             f"{len(readings.positions)} {'dots' if readings.texture is None else 'places of a texture'}, {1e3 * float(np.ptp(readings.positions[:, 0])):.1f} x {1e3 * float(np.ptp(readings.positions[:, 1])):.1f} mm; "
+            + ("" if readings.region is None else f"the gel is {100 * readings.region.share:.0f} % of the picture; ")
             + (
                 "followed by a tracker"
                 if stream.tracker is not None
                 else "each picture is solved by itself, seconds each (--every 10 takes fewer, --fast follows all)"
             )
         )
+        if limit := roughly(skin_file, readings.positions):
+            typer.echo(limit)
         sink = None
         if out is not None and kind in ("mcap", "netcdf", "zarr"):
             name = stack.enter_context(in_place(out)) if out.exists() else out

@@ -148,7 +148,11 @@ class Estimate:
             code[~self.contact] = Status.NO_CONTACT
         if self.pushed is not None:
             # a frame that another method took over is solved
-            other = np.zeros(np.shape(code), dtype=bool) if self.method is None else ~np.isin(self.method, ("adaptive", "constrained"))
+            other = (
+                np.zeros(np.shape(code), dtype=bool)
+                if self.method is None
+                else ~np.isin(self.method, ("adaptive", "constrained"))
+            )
             pulls = np.zeros(np.shape(code), dtype=bool) if self.sign is None else (self.sign < 0) | (self.sign > 1)
             code[~self.pushed & ~other & ~pulls] = Status.NOT_PUSHING
         for flags, status in (

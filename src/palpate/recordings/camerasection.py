@@ -19,7 +19,7 @@ class CameraSettings:
     scale : float or (float, float), optional
         Metres per pixel, one or (along x, along y).
     size : (int, int), optional
-        Columns and rows of the pictures that scale, points and matrix are for; pictures of another size and the same shape are converted.
+        Columns and rows of the pictures that scale, points, roi and matrix are for; pictures of another size and the same shape are converted.
     pitch : float or (float, float), optional
         Of the grid of dots [m], in place of a scale.
     points, places : sequence of pairs, optional
@@ -28,6 +28,9 @@ class CameraSettings:
         Of the lens, as OpenCV's calibration gives them.
     texture : float, optional
         Of a gel with a texture and no dots: between the places where its displacement is read [m]; dots are looked for where it is not given.
+    roi : sequence of pairs, optional
+        Corners (column, row) of the gel in the pictures, two of a rectangle or more of a polygon: nothing is looked for beyond. By default within the gel's rim, where one
+        shows against a dark housing.
     distance : float, optional
         From the camera's centre to the dots [m]; None: so far that motion towards the camera does not show.
     reference : int
@@ -50,6 +53,7 @@ class CameraSettings:
     matrix: Any = None
     distortion: Any = None
     texture: float | None = None
+    roi: Any = None
     distance: float | None = None
     reference: int = 5
     stage: bool = False
@@ -68,6 +72,10 @@ class CameraSettings:
         if self.texture is not None and self.pitch is not None:
             raise InvalidInput(
                 "pitch is that of dots, and texture says that there are none: give scale or points in place of pitch."
+            )
+        if self.roi is not None and len(self.roi) < 2:
+            raise InvalidInput(
+                f"roi needs corners [column, row] of the gel in the pictures, two of a rectangle or more of a polygon; got {len(self.roi)}."
             )
         if (self.points is None) != (self.places is None):
             raise InvalidInput(

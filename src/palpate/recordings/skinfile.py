@@ -212,6 +212,7 @@ class _Camera(_Strict):
     matrix: list[list[float]] | None = None
     distortion: list[float] | None = None
     texture: Length | None = None
+    roi: list[tuple[float, float]] | None = None
     distance: Length | None = None
     reference: Count = 5
     stage: bool = False
@@ -592,6 +593,8 @@ KEYS = (
     *(
         "uncertainty",
         "camera",
+        "roi",
+        "texture",
         "shape",
         "pitch",
         "depth",

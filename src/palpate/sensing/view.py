@@ -20,7 +20,7 @@ from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
-__all__ = ["Lens", "View", "grey", "opencv"]
+__all__ = ["Lens", "View", "eight_bit", "grey", "opencv"]
 
 
 def opencv() -> Any:
@@ -64,6 +64,22 @@ def grey(image: npt.ArrayLike) -> npt.NDArray[Any]:
     raise InvalidInput(
         f"a picture must have shape (rows, columns) or (rows, columns, 3) with red, green, blue; got {values.shape}."
     )
+
+
+def eight_bit(image: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    """A picture in eight bits: those of 16 bits and floats over their brightest pixel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.sensing.view import eight_bit
+    >>> eight_bit(np.array([[0.0, 0.5, 1.0]], dtype=np.float32)).tolist()
+    [[0, 128, 255]]
+    """
+    if image.dtype == np.uint8:
+        return image
+    values = np.nan_to_num(image.astype(np.float64), posinf=0.0, neginf=0.0)
+    return np.asarray(np.clip(np.rint(values * (255.0 / max(values.max(initial=0.0), 1e-300))), 0, 255), dtype=np.uint8)
 
 
 def _pairs(values: npt.ArrayLike, what: str) -> Floats:
@@ -165,14 +181,20 @@ class Lens:
             Fewer than three pictures in which the whole board is found.
         """
         cv2 = opencv()
+        if min(corners) < 3:
+            raise InvalidInput(
+                f"a board has at least 3 x 3 inner corners; got corners={corners!r}. Count where four fields meet, along a row and a column."
+            )
         board = np.zeros((corners[0] * corners[1], 3), dtype=np.float32)
         board[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square
         found = []
         sizes = set()
         for picture in pictures:
-            plain = grey(picture)
+            plain = eight_bit(grey(picture))
             sizes.add(plain.shape)
-            there, points = cv2.findChessboardCorners(plain, corners)
+            there, points = False, None
+            if min(plain.shape) >= 8 * min(corners):  # smaller ones show no board
+                there, points = cv2.findChessboardCorners(plain, corners)
             if there:
                 criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)
                 found.append(cv2.cornerSubPix(plain, points, (5, 5), (-1, -1), criteria))

@@ -30,8 +30,10 @@ __all__ = ["calibration_note", "errors", "exceeds", "interval", "std", "uncalibr
 
 
 def errors(touch: Touch) -> Errors:
-    """The closed-form standard deviations, or `Unsupported` where the method gives none."""
-    if touch.errors is None:
+    """The closed-form standard deviations; NaN where none are known (yet), or `Unsupported` where the method gives none."""
+    if touch.errors is not None:
+        return touch.errors
+    if not _unknown(touch):
         known = known_methods().get(touch.method)
         if known is not None and known.error_bars:
             raise Unsupported(
@@ -40,7 +42,23 @@ def errors(touch: Touch) -> Errors:
         raise Unsupported(
             f'method="{touch.method}" gives no error bars; use method="tikhonov", or leave the method out.'
         )
-    return touch.errors
+    line, count = touch.surface.dimensions == 1, len(touch.surface.components)
+    sizes = ((count, *touch.surface.shape), (count,), (1 if line else 3,), (1 if line else 2,), ())
+    values, force, moment, center, number = (np.full((*touch.batch, *size), math.nan) for size in sizes)
+    return Errors(values, force, moment, center, number, values, values, force, moment, center, number, force)
+
+
+def _unknown(touch: Touch) -> bool:
+    """Whether error bars are only missing here: no frame has an answer, or those of a tracker are not worked out yet."""
+    codes = np.ravel(touch.status) if touch.status is not None else ()
+    found = [Status.coded(int(code)) for code in codes]
+    if found and all(not status.known or status is Status.CAPTURING_ZERO for status in found):
+        return True
+    try:
+        constants(touch.method, touch.calibration_case)
+    except Unsupported:
+        return False
+    return True
 
 
 def _each_method(touch: Touch, function: Callable[[Constants], tuple[Floats, ...]]) -> tuple[Floats, ...]:

@@ -456,7 +456,7 @@ class Touch(Numbers):
         -------
         low, high : arrays
             Shaped like the quantity: labelled for "traction", else of the caller's kind. Pressure, normal force and peak pressure do not
-            reach below 0. NaN in frames whose method gives no error bars.
+            reach below 0. NaN in frames without an answer (missing, capturing zero) and in those whose method gives no error bars.
 
         Notes
         -----
