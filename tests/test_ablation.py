@@ -49,7 +49,7 @@ def test_parts_that_are_left_out_are_missed() -> None:
     assert whole < 0.15
     assert error(sample, Parts(outliers=False, screening=False)) > 1.5 * whole
     assert error(sample, Parts(wide_weights=False, narrow_weights=False)) > 1.1 * whole
-    assert error(sample, thresholds=Thresholds(contact=1e9, sharp=1e9)) == 1.0
+    assert np.isnan(error(sample, thresholds=Thresholds(contact=1e9, sharp=1e9)))  # undecided: nobody gave the noise
     pulls = sample.layout.skin.reconstruct(
         sample.readings, method=Ablated(parts=Parts(constraint=False)), components=["z"]
     )

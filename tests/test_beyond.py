@@ -82,7 +82,7 @@ def test_contact_over_all_of_a_short_line_may_be_what_reads_as_noise() -> None:
     readings = 0.034463 * np.array(_THREE)
     how = {"count": 14, "pitch": 1.894e-3, "depth": 1.2931e-3, "channels": ["strain_xz", "strain_zz"]}
     touch = pp.Skin(pad, pp.LineArray(**how)).reconstruct(readings, friction=0.267)
-    assert touch.status == pp.Status.NO_CONTACT
+    assert touch.status == pp.Status.UNDECIDED  # nobody gave the noise of 28 readings
     assert touch.interval(0.95, "force")[1][1] > 89.0  # 33 before
     assert any("contact all over so few taxels" in note for note in touch.notes)
     # what the note asks for tells

@@ -275,7 +275,7 @@ MINI = Scene(
 def test_dots_that_one_press_moves_by_their_distance_keep_their_names(at: tuple[float, float]) -> None:
     """Each then lies where its neighbour was, and agrees with those that stood still: seven were lost, and those taken for others told 2.5 of 4 N."""
     rng = np.random.default_rng(0)
-    drag = pp.solutions.hertz_point(radius=3.5e-3, force=10.0).shifted(*at).sliding(0.4)
+    drag = pp.solutions.hertz_point(contact_radius=3.5e-3, force=10.0).shifted(*at).sliding(0.4)
     markers = Markers([MINI.picture(rng=rng) for _ in range(3)])
     moved = markers.follow(MINI.picture(drag, rng=rng))
     error, std = compared(MINI, markers, moved, drag)

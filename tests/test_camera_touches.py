@@ -236,7 +236,7 @@ MINI = Scene(
 @pytest.mark.parametrize("track", [False, True])
 def test_intervals_allow_for_dots_that_are_hidden_where_something_presses(track: bool) -> None:
     """Thirty of seventy dots, those that move most, are hidden: shear of 1 N read 0.5 (0.24 to 0.82) without a word."""
-    drag = pp.solutions.hertz_point(radius=3e-3, force=5.0).shifted(-2e-3, 2e-3).sliding(0.2)
+    drag = pp.solutions.hertz_point(contact_radius=3e-3, force=5.0).shifted(-2e-3, 2e-3).sliding(0.2)
     truth = MINI.truth(drag)
     hidden = np.argsort(-np.hypot(*(truth.pixels - truth.rest).T))[:30]
     left = MINI.changed(print=Dots(np.delete(dot_grid((7, 10), 2e-3), hidden, axis=0), 0.7e-3))

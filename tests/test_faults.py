@@ -360,11 +360,9 @@ def test_a_ball_on_cells_as_wide_as_taxels_are_deep(
         touch = tracker.step((i > 8) * clean + NOISE * rng.standard_normal(clean.shape))
     low, high = (float(side[2]) for side in touch.interval(0.95, of="force"))
     assert status(touch) is Status.SOLVED
-    if friction is None:
-        assert low < force < high
-    else:
-        assert touch.force[2] == pytest.approx(force, rel=0.1)
-        assert low / 1.05 < force < 1.05 * high
+    assert low < force < high
+    if friction is not None:
+        assert touch.force[2] == pytest.approx(force, rel=0.2)
     assert float(touch.fit) > 0.01
 
 

@@ -52,8 +52,14 @@ def test_readings_that_refute_every_contact_have_room_for_drift_in_their_error_b
     readings, force = _unsteady()
     touch = _line().reconstruct(readings, friction=0.6)
     low, high = touch.interval(0.95, "force")
-    assert touch.discrepancy > 0.1
+    assert touch.fit < 0.01
     assert low[1] < force < high[1]
+    # where the user says that nothing drifts, the readings are only refuted
+    still = _line([]).reconstruct(readings, friction=0.6)
+    low, high = low[1], high[1]
+    named = still.interval(0.95, "force")
+    assert still.fit < 0.01
+    assert named[1][1] - named[0][1] < 0.5 * (high - low)
 
 
 def test_a_handful_of_taxels_in_which_no_noise_hides_contact_does_not_rule_it_out() -> None:

@@ -25,7 +25,7 @@ TAKES: dict[str, Callable[[Any], Any]] = {
         positions=[[0, 0], [1, 0], [0, 1]], depth=0.0, channels=["stress_zz"], noise=v
     ),
     "pitch": lambda v: pp.AreaArray(**{**HOW, "pitch": v}),
-    "aperture": lambda v: pp.AreaArray(**HOW, aperture=v),
+    "aperture": lambda v: pp.AreaArray(shape=(3, 3), pitch=1.0, depth=1.0, channels=["stress_zz"], aperture=v),
     "Young's modulus": lambda v: pp.HalfSpace(youngs_modulus=v, poissons_ratio=0.3),
     "thickness": lambda v: pp.Layer(thickness=v, youngs_modulus=1e5, poissons_ratio=0.3),
     "force": lambda v: pp.solutions.flat_punch(radius=1e-3, force=v),

@@ -28,7 +28,7 @@ def film(thickness: float) -> pp.Skin:
 
 
 READINGS = np.full((3, 6, 6), 1e3)
-CONTACT = pp.solutions.hertz_point(radius=2e-3, force=0.5)
+CONTACT = pp.solutions.hertz_point(contact_radius=2e-3, force=0.5)
 REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "aperture": (lambda: array(aperture=0.1), "aperture = 0.1 m is 20 times the array's extent of 0.005 m"),
     "correlation of noise": (lambda: array(noise_correlation=1e300), "2e+302 times the array's extent"),
@@ -40,7 +40,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         "is 4.13 times the array's extent",
     ),
     "contact wider than rooms": (
-        lambda: pp.Skin(PAD, array()).sense(pp.solutions.hertz_point(radius=1.0, force=1.0)),
+        lambda: pp.Skin(PAD, array()).sense(pp.solutions.hertz_point(contact_radius=1.0, force=1.0)),
         "2e+03 times the surface's cells",
     ),
     "pitch of an atom": (lambda: pp.Skin(PAD, array(pitch=1e-12)).sense(CONTACT), "times the surface's cells"),
@@ -56,7 +56,10 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         ).reconstruct(READINGS),
         "the surface lies beside the array: its cells go from x = 0.0155 to 0.0245 m",
     ),
-    "radius that underflows": (lambda: pp.solutions.hertz_point(radius=1e-300, force=1.0), "positive, finite number"),
+    "radius that underflows": (
+        lambda: pp.solutions.hertz_point(contact_radius=1e-300, force=1.0),
+        "positive, finite number",
+    ),
     "contact nowhere": (lambda: CONTACT.shifted(np.nan, 0.0), "x must be a finite number"),
     "contact on a line nowhere": (
         lambda: pp.solutions.hertz_line(half_width=1e-3, force=1.0).shifted(np.inf),
@@ -109,7 +112,7 @@ def test_finer_cells_are_bounded_by_the_readings(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(AdaptiveEstimator, "_ratio", watched)
     skin, known = pp.Skin(PAD, array(noise=10.0)), pp.Skin(PAD, array())
-    ball = pp.solutions.hertz_point(radius=4e-3, force=0.5)
+    ball = pp.solutions.hertz_point(contact_radius=4e-3, force=0.5)
     readings = known.sense(ball, rng=np.random.default_rng(0))
     found = skin.reconstruct(readings)
     low, high = (side[2] for side in found.interval(0.95, "force"))

@@ -23,8 +23,10 @@ def test_readings_without_any_noise_that_are_all_alike_are_offsets(
     """What offsets left of them was divided by nothing: a load of 0.2 to 1.2 N, after 10 to 60 seconds, or an exception of linear algebra."""
     skin = pp.Skin(PAD, pp.AreaArray(shape=(count, count), pitch=2e-3, depth=2e-3, channels=channels))
     touch = skin.reconstruct(np.full((3, count, count), value))
-    assert str(pp.Status.coded(touch.status)) == "no contact"
-    assert np.abs(touch.force).max() == 0.0
+    # an even press would read the same (not as displacements: the image may have moved), and 48 readings tell no noise
+    alone = channels == MOVES and count > 4
+    assert str(pp.Status.coded(touch.status)) == ("no contact" if alone else "undecided")
+    assert not touch.touching
     assert touch.nuisance is not None
     assert touch.nuisance[:3] == pytest.approx([value] * 3, rel=1e-4)
     assert any("offset of stress_zz" in n or "shift along z" in n for n in touch.notes)

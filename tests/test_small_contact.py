@@ -96,7 +96,7 @@ def test_the_linear_model_takes_it_for_noise() -> None:
     array = _array((8, 8), 0.37, ["stress_zz"])
     readings, _ = _press(array, (0.84, -1.75), 0.4, 0.013, 1)
     skin = pp.Skin(PAD, array)
-    assert not np.asarray(skin.reconstruct(readings, method=Ablated(parts=Parts(sharp=False))).values).any()
+    assert not skin.reconstruct(readings, method=Ablated(parts=Parts(sharp=False))).touching
     assert float(np.asarray(skin.reconstruct(readings).force)[2]) > 0.0
 
 
@@ -104,10 +104,7 @@ def test_between_shallow_taxels_the_force_is_not_known_well() -> None:
     array = _array((6, 6), 0.35, ["stress_zz"])
     readings, force = _press(array, (0.12, 1.78), 0.4, 0.0016, 2)
     skin = pp.Skin(PAD, array)
-    narrow = skin.reconstruct(readings, method=Ablated(parts=Parts(compact=False)))
     touch = skin.reconstruct(readings)
-    # fields alone: 0.29 N, 0.15 to 0.35, for 0.54
-    assert float(np.asarray(narrow.interval(0.95, "force")[1])[2]) < force
     low, high = (float(np.asarray(side)[2]) for side in touch.interval(0.95, "force"))
     assert low < force < high
 
@@ -119,7 +116,7 @@ def test_noise_of_any_tail_is_no_contact(shape: tuple[int, int], tails: bool) ->
     rng = np.random.default_rng(3)
     frames = (12, 1, *shape)
     noise = rng.standard_t(4.0, frames) if tails else rng.standard_normal(frames)
-    assert not np.asarray(skin.reconstruct(noise).values).any()
+    assert not np.asarray(skin.reconstruct(noise).touching).any()
 
 
 @pytest.mark.parametrize("channels", [*long_runs(["stress_zz"], THREE)])

@@ -104,14 +104,14 @@ def test_a_stream_for_robots_says_a_view_once_and_again_where_the_camera_moved(t
             out.touch(touch(VIEWS[kind]), 0.1 * frame)
     with (tmp_path / "t.mcap").open("rb") as file:
         names = [r.name for r in reader.make_reader(file, validate_crcs=True).iter_metadata()]
-    assert names == ["palpate", "palpate.view", "palpate.view"]
+    assert [n for n in names if n != "palpate.shape"] == ["palpate", "palpate.view", "palpate.view"]
     assert read_recording(tmp_path / "t.mcap").readings.shape == (4, 2, 4)
 
 
 def drawn_cells(figure: Any) -> tuple[Any, Any]:
-    """Corners of the cells [pixels] and what they show."""
-    mesh = figure.axes[0].collections[0]
-    return mesh.get_coordinates(), mesh.get_array()
+    """Edges of the field [pixels] and its colours."""
+    field = figure.axes[0].images[1]
+    return np.array(field.get_extent()), np.ma.asarray(field.get_array())
 
 
 def test_standard_deviations_of_a_recorded_frame_are_drawn(tmp_path: Path) -> None:
@@ -121,7 +121,9 @@ def test_standard_deviations_of_a_recorded_frame_are_drawn(tmp_path: Path) -> No
     data = xarray.Dataset({"traction": one.traction, "std": one.traction * 0.0 + 50.0})
     picture = np.full((120, 160), 90, dtype=np.uint8)
     figure = overlay(picture, data, show="std")
-    assert np.allclose(drawn_cells(figure)[1].compressed(), 50.0 * np.sqrt(3.0))
+    inside = drawn_cells(figure)[1]
+    inside = inside[inside[..., 3] > 0.0]
+    assert np.allclose(inside, inside[0], atol=0.02)  # one standard deviation all over
     assert len(overlay(picture, data, show="all").axes) > len(overlay(picture, one, show="all").axes)
 
 

@@ -182,8 +182,14 @@ def test_the_command_takes_tables_and_traces(tmp_path: Path) -> None:
     (tmp_path / "pictures").mkdir()
     pytest.importorskip("cv2").imwrite(str(tmp_path / "pictures" / "0.png"), np.zeros((20, 20), dtype=np.uint8))
     filmed = run("track", "pictures", "--skin", "bad.toml", cwd=tmp_path)
-    assert (filmed.returncode, filmed.stderr) == (2, "error: bad.toml: cannot be read as text.\n")
+    assert (filmed.returncode, filmed.stderr) == (
+        2,
+        "error: bad.toml: cannot be read as text in UTF-8 (invalid continuation byte); save it in UTF-8.\n",
+    )
     for command in ("weigh", "track", "reconstruct"):
         more = ["--force", "1 N"] if command == "weigh" else []
         done = run(command, "markers.csv", "--skin", "bad.toml", "--map", MAP, *more, cwd=tmp_path)
-        assert (done.returncode, done.stderr) == (2, "error: bad.toml: cannot be read as text.\n"), command
+        assert (done.returncode, done.stderr) == (
+            2,
+            "error: bad.toml: cannot be read as text in UTF-8 (invalid continuation byte); save it in UTF-8.\n",
+        ), command

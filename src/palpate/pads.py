@@ -135,7 +135,7 @@ def expected_force(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> Expecte
         return None
     radius = float(np.ptp(skin.planes[0].points, axis=0).min()) / 5
     middle = [float(a.mean()) for a in reversed(skin.surface.axes)]
-    contact = hertz_point(radius=radius, force=1.0).shifted(*middle).sliding(0.3)
+    contact = hertz_point(contact_radius=radius, force=1.0).shifted(*middle).sliding(0.3)
     rng = np.random.default_rng(seed)
     readings = [
         r + noise * np.abs(r).max(axis=tuple(range(1, r.ndim)), keepdims=True) * rng.standard_normal(r.shape)

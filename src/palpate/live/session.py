@@ -34,7 +34,8 @@ from palpate.sensing.zero import MOVED, STANDS
 from palpate.skin import Skin
 from palpate.status import Status
 from palpate.touch import Touch
-from palpate.tracking import BEGUN, FRAMES_OF_ZERO, Tracker
+from palpate.tracking import FRAMES_OF_ZERO, Tracker
+from palpate.tracking.single import BEGUN
 
 __all__ = ["MAGIC", "Session", "packed", "recorded", "unpacked"]
 

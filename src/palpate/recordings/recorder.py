@@ -101,5 +101,5 @@ def recorder(
         raise InvalidInput(f"channels must be a list of names, one for each channel of the readings; got {channels!r}.")
     for channel in channels:
         find_channel(channel)  # before anything is written: a stream of an unknown channel could never be read
-    kept = None if meta is None else without_secrets_in_meta(meta)
+    kept = without_secrets_in_meta(meta) if isinstance(meta, Mapping) else meta
     return find_format(path).recorder(Path(path), channels, positions=positions, meta=kept)

@@ -36,7 +36,8 @@ def _check_noise(noise: Noise, channels: tuple[str, ...]) -> tuple[float, ...] |
         given = np.asarray(noise)
     except ValueError:  # lists of different lengths
         given = np.asarray(None)
-    if given.dtype.kind not in "iuf" or np.ma.is_masked(noise):
+    truths = isinstance(noise, list | tuple) and any(isinstance(v, bool | np.bool_) for v in noise)
+    if given.dtype.kind not in "iuf" or truths or np.ma.is_masked(noise):
         raise InvalidInput(
             f"noise must be a number in the unit of the channel, or one for each channel; got {noise!r}."
         )

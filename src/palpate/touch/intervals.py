@@ -52,7 +52,9 @@ def _unknown(touch: Touch) -> bool:
     """Whether error bars are only missing here: no frame has an answer, or those of a tracker are not worked out yet."""
     codes = np.ravel(touch.status) if touch.status is not None else ()
     found = [Status.coded(int(code)) for code in codes]
-    if found and all(not status.known or status is Status.CAPTURING_ZERO for status in found):
+    if not found:
+        return False
+    if all(not status.known or status is Status.CAPTURING_ZERO for status in found):
         return True
     try:
         constants(touch.method, touch.calibration_case)

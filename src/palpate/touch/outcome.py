@@ -251,8 +251,8 @@ class Outcome:
                 else f"strain of {up_to}{self.strain:.2f}: beyond linear elasticity, which holds to about {LARGE_STRAIN:g}"
             )
             said.append(f"{size}{some(self.strained)}")
-        if self.discrepant:
-            up_to = "up to " if self.batch else ""
+        up_to = "up to " if self.batch else ""
+        if self.discrepant and not self.poor:
             assumed = self.discrepancy <= DISCREPANCY + 0.005
             what = "may leave" if assumed else "leaves"
             said.append(
@@ -265,9 +265,11 @@ class Outcome:
             )
         if self.poor:
             how = "" if self.batch else f" (fit {self.worst_fit:.1g})"
+            share = f"; it leaves {up_to}{self.discrepancy:.0%} of them unexplained, and intervals allow for it"
+            share = share if self.discrepant else ""
             said.append(
                 f"the model does not explain the readings{some(self.poor)}{how}: pad, depth, units, axes and signs of the channels may be "
-                "wrong, or taxels broken"
+                f"wrong, or taxels broken{share}"
             )
         return said
 

@@ -22,7 +22,6 @@
 
 from palpate.tracking.health import Health
 from palpate.tracking.settings import check_settings
-from palpate.tracking.single import BEGUN
 from palpate.tracking.tracker import FRAMES_OF_ZERO, Tracker
 
-__all__ = ["BEGUN", "FRAMES_OF_ZERO", "Health", "Tracker", "check_settings"]
+__all__ = ["FRAMES_OF_ZERO", "Health", "Tracker", "check_settings"]

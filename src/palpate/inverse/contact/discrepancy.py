@@ -56,23 +56,28 @@ def explained(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: 
     data = estimator.readings.flat(estimator.operator.observed(readings))
     if not estimator.noise_known:
         plain = estimator.frame(readings, rng)
-        if plain.contact and plain.fit < POOR_FIT:
-            left = plain.residual * _rms(plain.noise) / max(_rms(data / estimator.readings.std), 1e-300)
-            return replace(plain, discrepancy=max(plain.discrepancy, _posterior(left, plain.free)))
         few = len(data) <= FEW or plain.unproven > 0
-        return _undecided(plain) if few and not plain.contact and np.any(data) else plain
+        if not plain.contact:
+            return _undecided(plain) if few and np.any(data) else plain
+        return _doubted(estimator, plain, data) if plain.fit < POOR_FIT else plain
     ratio = data / estimator.readings.std
-    if zeroed and (_rms(ratio) * SHARES[0] > FAINT or (len(data) <= FEW and np.abs(ratio).max(initial=0.0) > FAR)):
+    far = np.abs(ratio).max(initial=0.0) > FAR
+    if zeroed and far and (_rms(ratio) * SHARES[0] > FAINT or len(data) <= FEW):
         return _with_shares(estimator, readings, data, None, rng)
     plain = estimator.frame(readings, rng)
-    if plain.contact:
-        if _explains(plain):
-            return replace(plain, discrepancy=_posterior(0.0, plain.free)) if zeroed else plain
-        if not plain.pushed and 0 in estimator.signs and not zeroed:
-            return plain  # traction of either sign explains them, by the linear method
-    elif not plain.fit < POOR_FIT or np.abs(ratio[~plain.outliers]).max(initial=0.0) < FAR:
+    if plain.contact and not plain.fit < POOR_FIT:
+        return replace(plain, discrepancy=_posterior(0.0, plain.free)) if zeroed else plain
+    if plain.contact and not zeroed:
+        return _doubted(estimator, plain, data)
+    if not plain.contact and (not plain.fit < POOR_FIT or np.abs(ratio[~plain.outliers]).max(initial=0.0) < FAR):
         return plain
     return _with_shares(estimator, readings, data, plain, rng)
+
+
+def _doubted(estimator: ConstrainedEstimator, frame: Frame, data: Floats) -> Frame:
+    """A contact that leaves more than noise, with the share that it leaves."""
+    left = frame.residual * _rms(frame.noise) / max(_rms(data / estimator.readings.std), 1e-300)
+    return replace(frame, discrepancy=max(frame.discrepancy, _posterior(min(left, 1.0), frame.free)))
 
 
 def _undecided(frame: Frame) -> Frame:
