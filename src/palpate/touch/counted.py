@@ -5,13 +5,26 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-__all__ = ["Counted", "counted", "of_one"]
+__all__ = ["Counted", "counted", "numberless", "of_one"]
 
+_NUMBER = re.compile(r"-?\d[\d.,]*(e[-+]?\d+)?")
 _COUNT = re.compile(r" in (\d+) of (\d+) frames\b")
 
 
+def numberless(note: str) -> str:
+    """A note without its numbers: notes that differ in them alone say the same.
+
+    Examples
+    --------
+    >>> from palpate.touch.counted import numberless
+    >>> numberless("the zero has drifted by -39.5 Pa") == numberless("the zero has drifted by 8 Pa")
+    True
+    """
+    return _NUMBER.sub("#", note)
+
+
 class Counted:
-    """The notes of all parts, each once; where a note says in how many frames it is, it says so of all frames.
+    """The notes of all parts, each once (the first of those that differ in a number alone); where a note says in how many frames it is, it says so of all frames.
 
     Examples
     --------
@@ -24,7 +37,7 @@ class Counted:
     """
 
     def __init__(self) -> None:
-        self._found: dict[tuple[str, ...], int] = {}
+        self._found: dict[str, tuple[tuple[str, ...], int]] = {}
         self._frames = 0
 
     def add(self, notes: Iterable[str], frames: int) -> None:
@@ -33,13 +46,15 @@ class Counted:
         for note in notes:
             count = _COUNT.search(note)
             parts = (note,) if count is None else (note[: count.start()], note[count.end() :])
-            self._found[parts] = self._found.get(parts, 0) + (0 if count is None else int(count[1]))
+            key = numberless(note)
+            first, found = self._found.get(key, (parts, 0))
+            self._found[key] = first, found + (0 if count is None else int(count[1]))
 
     def words(self) -> tuple[str, ...]:
         """One sentence for each."""
         return tuple(
             f" in {n} of {self._frames} frames".join(parts) if len(parts) > 1 else parts[0]
-            for parts, n in self._found.items()
+            for parts, n in self._found.values()
         )
 
 

@@ -210,7 +210,7 @@ class Outcome:
             said.append(f"{status.label}{some(count)}: {status.meaning}{remedy}")
         if self.unlike_noise:
             said.append(
-                f"nothing was found{some(self.unlike_noise)}, but the readings do not look like noise: check pad, units and signs, or take the zero anew"
+                f"no contact found{some(self.unlike_noise)}, but noise seldom reads like this: the interval has room for contact"
             )
         if self.pulls:
             said.append(f"the readings pull as a whole{some(self.pulls)}: adhesion, or a wrong sign of the readings?")

@@ -7,7 +7,7 @@ import math
 from palpate._numbers import plain_number
 from palpate._plot import scaled
 
-__all__ = ["decimals", "force_unit", "said"]
+__all__ = ["decimals", "force_unit", "open_interval", "said"]
 
 #: Digits of a number without an interval.
 PLAIN = 4
@@ -44,9 +44,25 @@ def said(value: float, low: float = math.nan, high: float = math.nan, *, factor:
         return "not known"
     value, low, high = (v * factor for v in (value, low, high))
     if not (math.isfinite(low) and math.isfinite(high)):
-        return f"{plain_number(value, PLAIN)}{after}"
+        return f"{plain_number(value, PLAIN)}{after}{open_interval(low, high)}"
     n = decimals(0.5 * (high - low)) if high > low else PLAIN
     return f"{_fixed(value, n)}{after} ({_fixed(low, n)} to {_fixed(high, n)})"
+
+
+def open_interval(low: float, high: float) -> str:
+    """An interval of which one end, or both, are open; nothing where an end is not known.
+
+    Examples
+    --------
+    >>> from palpate.touch.rounding import open_interval
+    >>> open_interval(0.076, float("inf")), open_interval(float("-inf"), 2.0), open_interval(float("nan"), 1.0)
+    (' (0.076 or more)', ' (2 or less)', '')
+    """
+    if math.isnan(low) or math.isnan(high):
+        return ""
+    if math.isinf(low) and math.isinf(high):
+        return " (of any size)"
+    return f" ({plain_number(low, 3)} or more)" if math.isinf(high) else f" ({plain_number(high, 3)} or less)"
 
 
 def _fixed(value: float, n: int) -> str:

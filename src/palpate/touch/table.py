@@ -15,8 +15,9 @@ from palpate._plot import column_size, scaled
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.status import Status
+from palpate.touch.counted import numberless
 from palpate.touch.outcome import Outcome
-from palpate.touch.rounding import decimals, force_unit
+from palpate.touch.rounding import decimals, force_unit, open_interval
 
 if TYPE_CHECKING:
     import pandas
@@ -117,7 +118,9 @@ class Forces:
         self._friction, self._level = friction, level
         self._parts: list[dict[str, Any]] = []
         self._events: list[str] = []
-        self._said: dict[str, int] = {}
+        self._said: dict[
+            str, tuple[str, int]
+        ] = {}  # without its numbers: the first such note, and frames that have one
         self._outcome: Outcome | None = None
         self._kind: tuple[tuple[str, ...], tuple[str, ...]] | None = None
 
@@ -143,7 +146,9 @@ class Forces:
         found = Outcome.of(touch)
         self._outcome = found if self._outcome is None else self._outcome + found
         for note in touch.assumptions:
-            self._said[note] = self._said.get(note, 0) + len(part["status"])
+            key = numberless(note)
+            first, frames = self._said.get(key, (note, 0))
+            self._said[key] = first, frames + len(part["status"])
         count = len(part["status"])
         self._events += ["; ".join(map(_short, events)), *[""] * (count - 1)]
 
@@ -151,7 +156,7 @@ class Forces:
     def notes(self) -> tuple[str, ...]:
         """What was assumed, what was said of single frames, with how many of them, and what became of the frames."""
         many = f" of {len(self)} frames)"
-        said = [n if k == len(self) else f"{n} (in {k}{many}" for n, k in self._said.items()]
+        said = [n if k == len(self) else f"{n} (in {k}{many}" for n, k in self._said.values()]
         return tuple(said if self._outcome is None else [*said, *self._outcome.words()])
 
     def table(self) -> pandas.DataFrame:
@@ -258,6 +263,8 @@ def table_words(table: pandas.DataFrame, *, rows: int = PRINTED) -> str:
 def _cell(value: float, low: float, high: float, n: int | None) -> str:
     if not math.isfinite(value):
         return "-"
+    if math.isinf(low) or math.isinf(high):
+        return f"{plain_number(value, 4)}{open_interval(low, high)}"
     if n is None or not (math.isfinite(low) and math.isfinite(high)):
         return f"{plain_number(value, 4)}"
     half = 0.5 * (high - low)

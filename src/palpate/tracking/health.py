@@ -197,7 +197,8 @@ class ReadingCheck:
         size = np.abs(y)
         self._resting = size < RESTING * float(size[np.isfinite(size)].max(initial=0.0))
         came = np.bincount(index, np.isfinite(flat))
-        self.overload = bool((np.bincount(index, self.clipped) > MOST_CLIPPED * np.maximum(came, 1)).any())
+        # readings of few steps are often alike: only an end that was given tells an overload
+        self.overload = bool((np.bincount(index, high | low) > MOST_CLIPPED * np.maximum(came, 1)).any())
         # of a few the others tell how far they are beyond their ends; of many nothing does, and what they say is the least
         absent = ~np.isfinite(y) if self.overload else ~np.isfinite(y) | self.clipped
         self._absent = absent & ~self.health.left_out

@@ -1,10 +1,7 @@
 """The loop of one frame.
 
-A `Tracker` solves the problem of ``method="constrained"`` (`palpate.inverse.contact.constrained`) for every frame of a stream. What that
-needs is prepared once: the normal matrix of the whole surface. Between frames it keeps the cells where contact is possible, the
-inverse of their normal matrix, and the solution with its multipliers, from which a frame needs a few small matrix-vector products
-(`palpate.tracking.iteration`).
-"""
+A `Tracker` solves the problem of ``method="constrained"`` for every frame of a stream. It prepares the normal matrix of the surface once, and keeps
+the cells in contact, the inverse of their matrix and the solution from frame to frame (`palpate.tracking.iteration`)."""
 
 from __future__ import annotations
 
@@ -23,6 +20,7 @@ from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors, Stated
+from palpate.inverse.fit import POOR_FIT
 from palpate.inverse.words import surface_strain
 from palpate.sensing.limits import ends_of
 from palpate.sensing.readings import Layout
@@ -482,7 +480,7 @@ class Tracker:
             if follows:
                 zero.shift(offsets.follow(y, unused))
             self._standing.look(y, unused)
-            if self._standing.now:
+            if self._standing.now and not learning.discrepancy.zeroed:
                 self._said.append(STANDS)
             check.forgive(np.abs(y) < UNEXPLAINED * noise, 1)
             learning.doubt(y[~unused])
@@ -540,7 +538,7 @@ class Tracker:
         """What there is to say about the present contact."""
         contact, said = self._contact, self._said
         self._standing.interrupt()
-        if self._standing.now:
+        if self._standing.now and not self._learning.discrepancy.zeroed:
             said.append(STANDS)
         if not contact.pushing and contact.fits:
             said.append("traction of either sign was sought, which explains the readings")
@@ -665,6 +663,8 @@ class Tracker:
                 errors, drifted = self._slow.room(errors, self._zero.wandered, noise or 0.0)
                 self._said += drifted
         said = [*([] if note is None else [note]), *self._said]
+        if status is Status.NO_CONTACT and self._fit < POOR_FIT:
+            status = Status.UNDECIDED
         pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
         drag = contact.drag if status.known and self._touching else None
         if status is Status.NOT_CONVERGED:

@@ -532,6 +532,7 @@ class ConstrainedEstimator:
                 discrepancy=proportional_part(self, run),
             )
         bounds = offset_as_load(self, h, result.traction)
+        undecided = bounds is not None
         if bounds is None:
             bounds = goes_on_all_round(self, result.traction, h.sign)
         return replace(
@@ -540,7 +541,7 @@ class ConstrainedEstimator:
             nuisance=h.sizes,
             nuisance_std=deviation,
             at_limit=at_limit,
-            undecided=bounds is not None and not result.contact,
+            undecided=undecided,
             bounds=result.bounds if bounds is None else bounds,
         )
 

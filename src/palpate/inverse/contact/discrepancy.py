@@ -30,7 +30,7 @@ from palpate.inverse.fit import DISCREPANCY, POOR_FIT
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["explained"]
+__all__ = ["FAR", "explained"]
 
 #: Shares that are tried in turn.
 SHARES = (0.02, 0.05, 0.1, 0.2, 0.3)
@@ -70,7 +70,7 @@ def explained(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: 
     if plain.contact and not zeroed:
         return _doubted(estimator, plain, data)
     if not plain.contact and (not plain.fit < POOR_FIT or np.abs(ratio[~plain.outliers]).max(initial=0.0) < FAR):
-        return plain
+        return replace(plain, undecided=plain.undecided or plain.fit < POOR_FIT)
     return _with_shares(estimator, readings, data, plain, rng)
 
 
@@ -124,7 +124,10 @@ def _with_shares(
         left, found = best
         return replace(found, discrepancy=_posterior(left, found.free), unexplained=True)
     nothing = estimator.unexplained(data, np.zeros(len(data), dtype=bool), 0.0)
-    return replace(nothing, unexplained=True, bounds=nothing.bounds if plain is None else _hidden(plain))
+    # contact as large as the largest reading allows
+    largest = float(np.abs(data / estimator.readings.std).max(initial=0.0))
+    hidden = 1.96 * estimator.undetected(largest, data).force
+    return replace(nothing, unexplained=True, bounds=np.stack([-hidden, hidden], axis=-1))
 
 
 def _at_noise(

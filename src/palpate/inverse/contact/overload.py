@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.discrepancy import explained
+from palpate.inverse.contact.discrepancy import FAR, explained
 from palpate.inverse.contact.frame import Frame
 
 if TYPE_CHECKING:
@@ -33,7 +33,9 @@ def in_range(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: n
     ends = estimator.ends(readings, data)
     if ends is None or not ends.any:
         return explained(estimator, readings, rng)
-    at_end = ends.upper | ends.lower
+    # at rest readings of few steps are often alike: an end is far from zero
+    far = np.abs(data) > FAR * estimator.readings.std if estimator.noise_known else np.ones(len(data), dtype=bool)
+    at_end = (ends.upper | ends.lower) & far
     count = np.bincount(estimator.noise.index)
     part = float((np.bincount(estimator.noise.index, at_end, len(count)) / count).max())
     if part < OPEN:
