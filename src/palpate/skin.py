@@ -239,6 +239,8 @@ class Skin(SkinProperties):
         found = rest if isinstance(rest, Rest) else Rest.of(rest_frames(rest, self._planes))
         out = self._with(self._pad, found.taken_from(self._planes))
         out._problem.zeroed = True
+        counts = np.cumsum([len(p.channels) for p in self._planes])[:-1]
+        out._problem.zero = [np.nan_to_num(part) for part in np.split(found.zero, counts)]
         return out
 
     def _with(self, pad: Pad, planes: Sequence[Array], *, whole: tuple[Array, ...] = ()) -> Skin:
@@ -400,7 +402,9 @@ class Skin(SkinProperties):
         """
         if zero is not None:
             rest = Rest.of(rest_frames(zero, self._planes))
-            less = joined_planes(readings, self._planes) if isinstance(readings, list | tuple) else readings
+            several = isinstance(readings, list | tuple) and len(self._planes) > 1
+            less = joined_planes(readings, self._planes) if several else readings
+            less = np.asarray(less) if isinstance(less, list | tuple) else less
             return self._zeroed(rest).reconstruct(
                 less - from_numpy(rest.zero, less),
                 method=method,

@@ -128,6 +128,8 @@ class Problem:
         self.kept = Kept() if kept is None else kept
         self.recall = recall
         self.zeroed = zeroed
+        #: the zero that was taken (one array (channel, *array) per plane): ends of a range show in the readings as they came
+        self.zero: Sequence[Floats] | None = None
 
     def seeking(self, components: Sequence[str]) -> Problem:
         """The same problem with other components sought; it shares what does not depend on them.
@@ -137,7 +139,7 @@ class Problem:
         check_above(self.planes, self.surface)
         if not self.fixed:
             check_depth(self.planes, self.surface)
-        return Problem(
+        found = Problem(
             self.pad,
             self.planes,
             self.surface,
@@ -150,6 +152,8 @@ class Problem:
             recall=self.recall,
             zeroed=self.zeroed,
         )
+        found.zero = self.zero
+        return found
 
     def with_even_noise(self) -> Problem:
         """The same problem with one noise for all channels of a kind: its root mean square where it is given, else 1 in the unit of the channel.
@@ -162,7 +166,7 @@ class Problem:
                 squares.setdefault(find_channel(channel).kind.unit, []).append(std**2)
         level = {unit: math.sqrt(sum(values) / len(values)) for unit, values in squares.items()}
         planes = [replace(a, noise=[level[find_channel(c).kind.unit] for c in a.channels]) for a in self.planes]
-        return Problem(
+        found = Problem(
             self.pad,
             planes,
             self.surface,
@@ -173,6 +177,8 @@ class Problem:
             uncertainty=self.uncertainty,
             zeroed=self.zeroed,
         )
+        found.zero = self.zero
+        return found
 
     @property
     def columns(self) -> tuple[int, ...]:

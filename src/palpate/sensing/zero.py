@@ -228,7 +228,13 @@ def rest_frames(rest: Any, planes: Sequence[Array]) -> Floats:
         raise Unsupported(
             "planes of different shapes have no common frames: take the zero from the readings yourself, and give noise= to each array."
         )
-    frames = np.asarray(to_numpy(rest), dtype=np.float64)
+    plain = rest if isinstance(rest, list | tuple | np.ndarray) else to_numpy(rest)
+    try:
+        frames = as_double(plain if np.asarray(plain).dtype.kind in "iuf" else None)
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"zero must hold numbers, frames at rest (frame, channel, *array); got {type(rest).__name__}."
+        ) from error
     expected = (sum(len(p.channels) for p in planes), *shapes.pop())
     if frames.shape == expected:
         frames = frames[None]

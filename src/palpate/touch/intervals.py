@@ -204,6 +204,9 @@ def exceeds(touch: Touch, limit: float, of: str) -> Floats:
         return (found,)
 
     found = _each_method(touch, chance)[0]
+    if touch.force_bounds is not None and of == "force":
+        # no upper end: more than what the interval of 95 % leaves above it
+        found = np.where(np.isinf(np.asarray(touch.force_bounds)[..., -1, 1]), np.maximum(found, 0.025), found)
     if touch.status is not None:
         # nothing tells how large an overload is
         found = np.where(np.asarray(touch.status) == int(Status.OVERLOAD), 1.0, found)

@@ -91,6 +91,7 @@ class Outcome:
     unlike_noise: int = 0
     strained: int = 0
     strain: float = 0.0
+    above_modulus: int = 0
 
     @classmethod
     def of(cls, touch: Touch) -> Outcome:
@@ -123,6 +124,7 @@ class Outcome:
             poor = int(np.count_nonzero(here))
             worst = float(np.min(np.asarray(touch.fit)[here])) if poor else 1.0
         parts = _uncertainty(touch)
+        strained, strain, above_modulus = _strain(touch)
         return cls(
             int(np.prod(touch.batch, dtype=int)),
             bool(touch.batch),
@@ -141,7 +143,9 @@ class Outcome:
             float(np.max(parts, initial=0.0)),
             *_discrepancy(touch),
             0 if touch.fit is None else int(np.count_nonzero((np.asarray(touch.fit) < PROVEN) & nothing)),
-            *_strain(touch),
+            strained,
+            strain,
+            above_modulus,
         )
 
     def __add__(self, other: Outcome) -> Outcome:
@@ -170,6 +174,7 @@ class Outcome:
             self.unlike_noise + other.unlike_noise,
             self.strained + other.strained,
             max(self.strain, other.strain),
+            self.above_modulus + other.above_modulus,
         )
 
     def plain(self) -> dict[str, Any]:
@@ -243,14 +248,15 @@ class Outcome:
                     f"the whole edge of the array is loaded{some(n.hidden)}: the {n.label} cannot be told from contact; up to "
                     f"{plain_number(n.hidden_std, 2)} {n.unit} of it is in the error bars. Where it does not drift, say Skin(..., nuisance=[])"
                 )
-        if self.strained:
-            up_to = "up to " if self.batch else ""
-            size = (
-                "the peak pressure is above Young's modulus of the pad: check the unit of the readings and the modulus"
-                if self.strain > 1.0
-                else f"strain of {up_to}{self.strain:.2f}: beyond linear elasticity, which holds to about {LARGE_STRAIN:g}"
+        if self.above_modulus:
+            said.append(
+                f"the peak pressure is above Young's modulus of the pad{some(self.above_modulus)}: check the unit of the readings and the modulus"
             )
-            said.append(f"{size}{some(self.strained)}")
+        elif self.strained:
+            up_to = "up to " if self.batch else ""
+            said.append(
+                f"strain of {up_to}{self.strain:.2f}{some(self.strained)}: beyond linear elasticity, which holds to about {LARGE_STRAIN:g}"
+            )
         up_to = "up to " if self.batch else ""
         if self.discrepant and not self.poor:
             assumed = self.discrepancy <= DISCREPANCY + 0.005
@@ -281,12 +287,16 @@ def _in(touch: Touch, *statuses: Status) -> npt.NDArray[np.bool_]:
     return np.isin(np.asarray(touch.status), [int(s) for s in statuses])
 
 
-def _strain(touch: Touch) -> tuple[int, float]:
-    """Frames whose strain is too large for linear elasticity, and the largest."""
+def _strain(touch: Touch) -> tuple[int, float, int]:
+    """Frames whose strain is too large for linear elasticity, the largest, and frames whose pressure is above the modulus."""
     if touch.strain is None:
-        return 0, 0.0
+        return 0, 0.0, 0
     strain = np.nan_to_num(np.asarray(touch.strain, dtype=np.float64))
-    return int(np.count_nonzero(strain > LARGE_STRAIN)), float(np.max(strain, initial=0.0))
+    return (
+        int(np.count_nonzero(strain > LARGE_STRAIN)),
+        float(np.max(strain, initial=0.0)),
+        int(np.count_nonzero(strain > 1.0)),
+    )
 
 
 def _discrepancy(touch: Touch) -> tuple[int, float]:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.discrepancy import FAR
 from palpate.sensing.limits import at_ends
 
 __all__ = ["Flags", "Health", "Index", "ReadingCheck", "Single", "clipped"]
@@ -190,15 +191,16 @@ class ReadingCheck:
         """Whether a frame with these readings can be answered."""
         return bool((usable & ~self.health.left_out).sum() >= max(1.0, ENOUGH * len(usable)))
 
-    def zeroed(self, y: Floats, flat: Floats, index: npt.NDArray[np.intp]) -> Floats:
-        """A frame with 0 for the readings that are not used; what is clipped shows in the readings as they came (``flat``)."""
+    def zeroed(self, y: Floats, flat: Floats, index: npt.NDArray[np.intp], noise: float) -> Floats:
+        """A frame with 0 for the readings that are not used; what is clipped shows in the readings as they came (``flat``), far above the ``noise``."""
         high, low = at_ends(flat, self._ends, y * self._std)
         self.clipped = clipped(flat, index) | high | low
         size = np.abs(y)
         self._resting = size < RESTING * float(size[np.isfinite(size)].max(initial=0.0))
         came = np.bincount(index, np.isfinite(flat))
-        # readings of few steps are often alike: only an end that was given tells an overload
-        self.overload = bool((np.bincount(index, high | low) > MOST_CLIPPED * np.maximum(came, 1)).any())
+        # at rest readings of few steps are often alike: an end is far from zero
+        at_end = self.clipped & (size > FAR * noise)
+        self.overload = bool((np.bincount(index, at_end) > MOST_CLIPPED * np.maximum(came, 1)).any())
         # of a few the others tell how far they are beyond their ends; of many nothing does, and what they say is the least
         absent = ~np.isfinite(y) if self.overload else ~np.isfinite(y) | self.clipped
         self._absent = absent & ~self.health.left_out

@@ -263,6 +263,8 @@ def _rho(matrix: Floats) -> float:
     """The square root of the smallest times the largest eigenvalue, at which the method converges fastest."""
     import scipy.linalg.lapack as lapack
 
+    if not len(matrix):  # no cell is left
+        return 1.0
     largest = _largest_eigenvalue(len(matrix), lambda x: matrix @ x)
     # without noise next to nothing is penalised, and rounding decides about the smallest eigenvalue
     smallest = 0.0

@@ -19,6 +19,7 @@ from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.discrepancy import FEW
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import POOR_FIT
 from palpate.inverse.words import surface_strain
@@ -447,7 +448,7 @@ class Tracker:
         if follows and self._touching:
             offsets.go_on(elapsed)
         actual = scaled - zero.baseline - offsets.value()
-        y = check.zeroed(actual, flat, offsets.index)
+        y = check.zeroed(actual, flat, offsets.index, learning.noise or 0.0)
         unused = check.unused
         noise = learning.noise
         if noise is None:  # rounding is no contact: a frame that is the zero but for it
@@ -467,7 +468,7 @@ class Tracker:
                 offsets.clear()
                 if without <= highest:
                     offsets.rate = np.zeros_like(offsets.rate)
-                y, score, highest = check.zeroed(scaled - zero.baseline, flat, offsets.index), whole, without
+                y, score, highest = check.zeroed(scaled - zero.baseline, flat, offsets.index, noise), whole, without
         before, self._touching = self._touching, highest > (LOST if self._touching else TAKEN)
         if not self._touching:
             if before:
@@ -662,19 +663,18 @@ class Tracker:
             if errors is not None and status is Status.NO_CONTACT:
                 errors, drifted = self._slow.room(errors, self._zero.wandered, noise or 0.0)
                 self._said += drifted
-        said = [*([] if note is None else [note]), *self._said]
-        if status is Status.NO_CONTACT and self._fit < POOR_FIT:
-            status = Status.UNDECIDED
+        proven = learning.noise_known or len(self._std) > FEW
+        if status is Status.NO_CONTACT and (self._fit < POOR_FIT or not proven):
+            status, values = Status.UNDECIDED, values if proven else math.nan * values
         pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
         drag = contact.drag if status.known and self._touching else None
-        if status is Status.NOT_CONVERGED:
-            said.append(self._unfinished())
+        self._said += [self._unfinished()] if status is Status.NOT_CONVERGED else []
         return Touch(
             from_numpy(values.reshape(-1, *estimator.operator.surface.shape), like),
             grid,
             self.names,
             "constrained",
-            (*self.notes, *said),
+            (*self.notes, *(() if note is None else (note,)), *self._said),
             None if learning.parameter is None else np.asarray(learning.parameter),
             None if noise is None else noise * np.concatenate(estimator.scales),
             np.asarray(self._residual if status.known else math.nan),

@@ -149,6 +149,7 @@ class ConstrainedEstimator:
         self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
         self.readings = Readings(operator, self.scales)
         self.given_ends = ends_of(operator.planes_of)
+        self.zero = None if problem.zero is None else self.readings.flat(problem.zero)
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
         self._responses = Responses(operator, columns, self.readings)
         self._levels: dict[int, Level] = {}
@@ -340,7 +341,7 @@ class ConstrainedEstimator:
         if not self.parts.screening:
             return None
         given = None if self.given_ends is None else at_ends(self.readings.flat(readings), self.given_ends)
-        return ceilings(data, self.noise.index, self.pairs, given)
+        return ceilings(data if self.zero is None else data + self.zero, self.noise.index, self.pairs, given)
 
     def as_they_are(self) -> ConstrainedEstimator:
         """The same estimator, for which no reading is at the end of its range, broken, or off by an offset."""

@@ -30,7 +30,7 @@ from palpate.inverse.fit import DISCREPANCY, POOR_FIT
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["FAR", "explained"]
+__all__ = ["FAR", "FEW", "explained"]
 
 #: Shares that are tried in turn.
 SHARES = (0.02, 0.05, 0.1, 0.2, 0.3)
@@ -137,6 +137,7 @@ def _at_noise(
     scaled = copy.copy(estimator)
     if estimator.given_ends is not None:
         scaled.given_ends = (estimator.given_ends[0] / factor, estimator.given_ends[1] / factor)
+    scaled.zero = None if estimator.zero is None else estimator.zero / factor
     found = scaled.frame([r / factor for r in readings], rng)
     errors = found.known
     changed = {f.name: getattr(errors, f.name) for f in fields(Errors)}
