@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ROUGH", "ROUGHLY", "Nuisance", "Outcome", "pulling"]
 
-#: Half of the 95 % interval of the net force, in parts of the load, above which the force is said to be known roughly only: it may then be off by
+#: How far the 95 % interval of the net force reaches to its longer side, in parts of the load, above which the force is said to be known roughly only: it may then be off by
 #: as much as is called wrong (`palpate.bench.trust.judge.WRONG`).
 ROUGH = 0.3
 #: Share of the readings that a pad's model leaves unexplained, from which on it is said.
@@ -319,7 +319,7 @@ def pulling(touch: Touch) -> npt.NDArray[np.bool_]:
 
 
 def _uncertainty(touch: Touch) -> npt.NDArray[np.float64]:
-    """Half of the 95 % interval of the net force, worst component, in parts of the load (frame,); zero where nothing touches or nothing is known."""
+    """How far the 95 % interval of the net force reaches to its longer side, worst component, in parts of the load (frame,); zero where nothing touches or nothing is known."""
     from palpate.touch.intervals import interval
 
     if touch.errors is None:
@@ -328,7 +328,10 @@ def _uncertainty(touch: Touch) -> npt.NDArray[np.float64]:
     low, high = (to_numpy(side) for side in interval(touch, 0.95, "force", None))
     size = np.sqrt((to_numpy(touch.values).astype(np.float64) ** 2).sum(axis=-1 - surface.dimensions))
     load = size.sum(axis=tuple(range(-surface.dimensions, 0))) * surface.cell
-    half = np.nan_to_num(0.5 * (high - low), nan=0.0, posinf=0.0).max(axis=-1)
+    force = to_numpy(touch.force)
+    with np.errstate(invalid="ignore"):
+        side = np.maximum(high - force, force - low)
+    half = np.nan_to_num(side, nan=0.0, posinf=0.0).max(axis=-1)
     solved = load > 0 if touch.status is None else (load > 0) & (np.asarray(touch.status) == int(Status.SOLVED))
     return np.ravel(np.divide(half, load, out=np.zeros_like(half, dtype=np.float64), where=solved))
 

@@ -104,6 +104,13 @@ class Answer:
         high = self.force + np.sqrt(np.maximum((self.high - self.force) ** 2 - room, 0.0))
         return replace(self, low=low, high=high)
 
+    def holds(self, other: Answer) -> bool:
+        """Whether the interval holds what another answer finds; where one is not known it does."""
+        if not (self.explained and other.explained):
+            return True
+        with np.errstate(invalid="ignore"):
+            return not bool(((other.force < self.low) | (other.force > self.high)).any())
+
     def parted(self, other: Answer) -> bool:
         """Whether the intervals of two answers do not meet; where one is not known they do."""
         if not (self.explained and other.explained):
@@ -146,16 +153,23 @@ class Comparison:
     def settle(self, tracked: Answer, alone: Answer) -> bool:
         """Take in two answers of a frame; False where the tracker must begin anew first."""
         self.refuted = not alone.explained
-        if not tracked.without(self.share).parted(alone):
-            self.share, self.anew = 0.0, False
+        own = tracked.without(self.share)
+        if not own.parted(alone):
+            # the answers meet; the tracker's interval holds what the other road finds
+            self.share = 0.0 if own.holds(alone) else self._reaching(own, alone)
+            self.anew = False
             return True
         if not self.anew and not self.share:
             self.anew = True
             return False
-        gap = float(np.abs(tracked.force - alone.force).max())
-        # half an interval of 95 % reaches from one to the other, and a little beyond
-        self.share, self.anew = gap / (REACH * max(tracked.load, 1e-300)), False
+        self.share, self.anew = self._reaching(tracked, alone), False
         return True
+
+    @staticmethod
+    def _reaching(tracked: Answer, alone: Answer) -> float:
+        """The share with which half an interval of 95 % reaches from one answer to the other, and a little beyond."""
+        gap = float(np.abs(tracked.force - alone.force).max())
+        return gap / (REACH * max(tracked.load, 1e-300))
 
     def words(self, tracked: Answer, alone: Answer, unit: str) -> str:
         """What is said when the tracker begins anew."""
