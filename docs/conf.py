@@ -102,7 +102,9 @@ nitpick_ignore_regex = [
         "py:class",
         r"palpate\..*|(np|numpy)\..*|TypeAliasForwardRef|collections\.abc\..*|types\..*|(enum|abc)\..*|[a-z_]\w*|.*\[.*",
     ),
-    ("py:class", "TouchStream|Panel|OpenRecording|Bools"),
+    ("py:class", "TouchStream|Panel|OpenRecording|Bools|Table|Titles"),
+    # what the docstrings of collections.abc.Mapping return
+    ("py:class", r"an? .*object providing a view on D's \w+"),
 ]
 #: Types as the source writes them.
 _WRITTEN = {
