@@ -227,7 +227,7 @@ def test_how_well_a_force_is_known_is_said_before_it_is_solved(tmp_path: Path) -
     assert mini[0] > 90
     assert mini[2] > 80  # were pad and modulus exact
     assert deep[2] < 40
-    assert max(mini[3], deep[3]) < 30  # across
+    assert max(mini[3], deep[3]) < 40  # across, with what a zero leaves to the pad's model
     assert "the normal force only to about its own size" in run("sensors", cwd=tmp_path).stdout
 
 

@@ -103,13 +103,8 @@ def at_ends(data: Floats, ends: tuple[Floats, Floats] | None, zeroed: Floats | N
     with np.errstate(invalid="ignore"):
         size = np.where(np.isinf(low), np.abs(high), np.where(np.isinf(high), np.abs(low), high - low))
         size = np.where(np.isfinite(size), size, 0.0)
-        less = data if zeroed is None else zeroed
-        # an end far from all readings, which stands for none, says nothing of the other
-        up, down = (np.minimum(size, 2.0 * np.abs(end - (data - less))) for end in (high, low))
-        return (
-            (np.abs(less) > RESTING * up) & (data >= high - NEAR * up),
-            (np.abs(less) > RESTING * down) & (data <= low + NEAR * down),
-        )
+        away = np.abs(data if zeroed is None else zeroed) > RESTING * size
+        return away & (data >= high - NEAR * size), away & (data <= low + NEAR * size)
 
 
 def taken_as_they_are(parts: Sequence[Any], planes: Sequence[Array]) -> tuple[str, ...]:

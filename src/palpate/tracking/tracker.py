@@ -217,7 +217,7 @@ class Tracker:
         --------
         >>> import palpate as pp
         >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"], noise=5.0))
         >>> tracker = skin.track()
         >>> tracker.rezero(["stress_zz"], frames=1)
         >>> [str(pp.Status.coded(tracker.step([[0.0] * 21, [50.0] * 21]).status)) for _ in range(2)]
@@ -268,7 +268,7 @@ class Tracker:
         --------
         >>> import palpate as pp
         >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"], noise=5.0))
         >>> offset = [[0.0] * 21, [50.0] * 21]
         >>> first, second = skin.track(baseline=1), skin.track(friction=0.5)
         >>> second.take_zero(first)  # it has none yet
@@ -664,7 +664,7 @@ class Tracker:
                 errors, drifted = self._slow.room(errors, self._zero.wandered, noise or 0.0)
                 self._said += drifted
         proven = learning.noise_known or len(self._std) > FEW
-        if status is Status.NO_CONTACT and (self._fit < POOR_FIT or not proven):
+        if status is Status.NO_CONTACT and not (proven and (not self._fit < POOR_FIT or not learning.noise_known)):
             status, values = Status.UNDECIDED, values if proven else math.nan * values
         pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
         drag = contact.drag if status.known and self._touching else None
