@@ -310,7 +310,6 @@ REMEDIES = [
         f"{TFM} {KNOWN} --skin gel.toml --youngs-modulus 8kPa",
         f"{TFM} {KNOWN} --skin gel.toml",
     ),
-    tfm("is what a picture of beads shows", f"{TFM} {KNOWN} --skin stiff.toml", f"{TFM} {KNOWN} --skin gel.toml"),
     # palpate simulate
     simulated("frames must be at least 1 and rate positive", "--frames 0", "--frames 1"),
     simulated("drag must lie between 0 and 1", "--friction 0.5 --drag 2", "--friction 0.5 --drag 1"),

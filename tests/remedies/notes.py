@@ -233,7 +233,7 @@ NOTES = [
         room="status",
     ),
     Note(
-        "the readings under the contact are at the end of their range: the load is at least what is told, and may be any more; press less",
+        "readings lie at the end of their range: the load is at least this, and nothing tells how much more; press less",
         lambda: overloaded(1.0),
         lambda: overloaded(0.25),
         both(holds(0.75, 2.5), status_is(Status.SOLVED)),
@@ -261,7 +261,7 @@ NOTES = [
         "small contact or a broken taxel{}: one taxel alone tells it",
         lambda: one_taxel(False),
         lambda: one_taxel(True),
-        both(holds(0.0, 0.0, 0.0), status_is(Status.NO_CONTACT)),
+        both(holds(0.0, 0.0, 0.0), status_is(Status.UNDECIDED)),
     ),
     # trackers and sessions
     Note(

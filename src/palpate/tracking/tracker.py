@@ -58,8 +58,7 @@ AFTER_RESTART = 10
 FRAMES_OF_ZERO = 10
 #: What subtracting a zero, the mean of some frames, leaves of a reading in double precision.
 ROUNDING = 1e-12
-#: Part of the budget in which a frame's iteration ends; the rest is for the answer.
-BUDGET_OF_ITERATION = 0.8
+BUDGET_OF_ITERATION = 0.8  # part of the budget in which a frame's iteration ends; the rest is for the answer
 
 
 class Tracker:
@@ -455,7 +454,8 @@ class Tracker:
             noise = max(rough_noise(y[~unused]), ROUNDING * float(np.abs(scaled[~unused]).max(initial=0.0)))
         if follows:
             offsets.pass_time(elapsed, offsets.scale(learning.noise, y), observed=self._contact.observes)
-        slope, level = self._equations.adjoint(y, unused), self._rest.level(max(noise, 1e-30))
+        slope = self._equations.adjoint(y, unused)
+        level = (self._rest if learning.noise is not None else Rest()).level(max(noise, 1e-30))
         score = self._equations.score(slope)
         highest = float((np.abs(score) / level).max())
         if not self._touching and highest > TAKEN and self._one_taxel(y, level):
@@ -475,7 +475,7 @@ class Tracker:
                 self._release()
                 zero.shift(offsets.value())  # quiet with them: they are the zero's
             offsets.clear()
-            if learning.noise is not None:
+            if follows and learning.noise is not None:
                 self._rest.look(np.where(unused, math.nan, y), score, largest=TAKEN * float(level.max()))
             health.rezeroed += zero.follow(scaled, elapsed, noise)
             if follows:
