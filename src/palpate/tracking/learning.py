@@ -100,10 +100,8 @@ class Learning:
             self.noise, self._energy, self._doubts = None, 0.0, 0
 
     def anew(self) -> None:
-        """Forget the penalty and what it was learned from."""
+        """Forget the penalty and what it was learned from; not the noise, without which a press that covers the array is taken for noise."""
         self.parameter, self.resolution, self._energy, self._signal, self._outgrown = None, None, 0.0, 0.0, 0
-        if self._from_contact:
-            self.noise = None
 
     def again(self, y: Floats, noise: float, largest: float) -> None:
         """Begin with a penalty that is too smooth rather than too rough, and learn from the next frame, whatever its load."""

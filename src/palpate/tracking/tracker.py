@@ -450,12 +450,12 @@ class Tracker:
         y = check.zeroed(actual, flat, offsets.index, learning.noise or 0.0)
         unused = check.unused
         noise = learning.noise
-        if noise is None:  # rounding is no contact: a frame that is the zero but for it
+        if noise is None:  # rounding is no contact: a frame that is the zero but for it; and what rest showed was in units of another noise
+            self._rest = Rest()
             noise = max(rough_noise(y[~unused]), ROUNDING * float(np.abs(scaled[~unused]).max(initial=0.0)))
         if follows:
             offsets.pass_time(elapsed, offsets.scale(learning.noise, y), observed=self._contact.observes)
-        slope = self._equations.adjoint(y, unused)
-        level = (self._rest if learning.noise is not None else Rest()).level(max(noise, 1e-30))
+        slope, level = self._equations.adjoint(y, unused), self._rest.level(max(noise, 1e-30))
         score = self._equations.score(slope)
         highest = float((np.abs(score) / level).max())
         if not self._touching and highest > TAKEN and self._one_taxel(y, level):
