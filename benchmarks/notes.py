@@ -33,6 +33,7 @@ RETURNS = frozenset(
         "_note",
         "calibration_note",
         "taken_as_they_are",
+        "look",
     }
 )
 #: Calls that say something at once: methods of sessions and listeners, warnings, and the shell's way to say things beside its answer.
@@ -53,7 +54,7 @@ CLASSES = {
 #: Notes that are held in a constant.
 NAMED = {
     "sensing.zero": ("MOVED", "OFFSETS", "STANDS"),
-    "tracking.tracker": ("MISREAD",),
+    "tracking.settings": ("MISREAD",),
     "microscopy.readers": ("_SCATTERED",),
     "camera.pictures": ("DAMAGED",),
 }
