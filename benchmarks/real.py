@@ -531,7 +531,7 @@ def main() -> None:
     summary: list[str] = []
 
     def add(title: str, found: list[str]) -> None:
-        for line in ["", f"## {title}", "", *found]:
+        for line in ["", f"**{title}**", "", *found]:
             print(line, flush=True)
             lines.append(line)
 

@@ -450,10 +450,8 @@ class Tracker:
         y = check.zeroed(actual, flat, offsets.index, learning.noise or 0.0)
         unused = check.unused
         noise = learning.noise
-        if (
-            noise is None
-        ):  # rounding is no contact: a frame that is the zero but for it; and what rest showed was in units of another noise
-            self._rest = Rest()
+        if noise is None:  # rounding is no contact: a frame that is the zero but for it
+            self._rest = Rest()  # what rest showed was in units of another noise
             noise = max(rough_noise(y[~unused]), ROUNDING * float(np.abs(scaled[~unused]).max(initial=0.0)))
         if follows:
             offsets.pass_time(elapsed, offsets.scale(learning.noise, y), observed=self._contact.observes)
