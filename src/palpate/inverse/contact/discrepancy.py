@@ -43,7 +43,7 @@ FAINT = 3.0
 #: Readings so many standard deviations from zero are no noise (2e-9 of Gaussian noise; `Thresholds.outlier`).
 FAR = 6.0
 #: Readings up to which noise that was learned from the frame itself does not prove that nothing touches, and on which finer models than one even penalty follow
-#: what the pad's model does wrong: on four real skins of 4 to 15 readings they had up to seven times the error (`benchmarks/real.py`).
+#: what the pad's model does wrong: in a trial on four real skins of 4 to 15 readings they had up to seven times the error.
 FEW = 50
 
 #: Fields of the errors and of a frame that do not grow with the readings.
@@ -155,6 +155,7 @@ def _at_noise(
         nuisance=found.nuisance * factor,
         nuisance_std=found.nuisance_std * factor,
         stated=stated,
+        bounds=found.bounds * factor,
     )
 
 
