@@ -24,7 +24,8 @@ import numpy as np
 import scale
 
 import palpate as pp
-from palpate.inverse.contact import constrained, products, summary
+from palpate.inverse.constrained import products
+from palpate.inverse.contact import constrained, summary
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.linear.matrix_free import path
 from palpate.sensing import operator as operators

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.contact import circulant, hypotheses, products, summary
+from palpate.inverse.constrained import circulant, products
+from palpate.inverse.constrained.faces import Face, straight
+from palpate.inverse.constrained.iterative import Iterative
+from palpate.inverse.constrained.model import Level
+from palpate.inverse.constrained.products import Applied, Boxes, Products
+from palpate.inverse.constrained.quadratic import Penalty
+from palpate.inverse.contact import hypotheses, summary
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
-from palpate.inverse.contact.faces import Face, straight
-from palpate.inverse.contact.iterative import Iterative
 from palpate.inverse.contact.methods import cone_of
-from palpate.inverse.contact.model import Level
 from palpate.inverse.contact.parts import Parts
-from palpate.inverse.contact.products import Applied, Boxes, Products
-from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.linear.matrix_free import path
 from palpate.inverse.linear.whitening import Readings
 
@@ -60,7 +61,7 @@ def without_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("ratio", [1, 2])
 def test_products_are_those_of_the_matrix(ratio: int) -> None:
-    from palpate.inverse.contact.model import level_operator
+    from palpate.inverse.constrained.model import level_operator
 
     skin = skin_of(9, mask=np.arange(81).reshape(9, 9) != 12)
     operator = level_operator(skin.problem().wide, ratio)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.contact.factors import Beside, Dense, cholesky
-from palpate.inverse.contact.model import Columns, Level
+from palpate.inverse.constrained.factors import Beside, Dense, cholesky
+from palpate.inverse.constrained.model import Columns, Level
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Operator
 

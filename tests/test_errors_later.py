@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.contact import products, summary
+from palpate.inverse.constrained import products
+from palpate.inverse.contact import summary
 from palpate.inverse.contact.later import ContactErrors
 from palpate.touch import joined
 

@@ -9,14 +9,14 @@ import numpy.typing as npt
 import pytest
 
 import palpate as pp
+from palpate.inverse.constrained.cone import Cone, minimise
+from palpate.inverse.constrained.differences import Differences
+from palpate.inverse.constrained.faces import Face, Ray
+from palpate.inverse.constrained.factors import Bordered, Chain, Dense, Factor, FewReadings, cholesky
+from palpate.inverse.constrained.quadratic import Formed, Penalty, Unformed, formed_or_not, prior_factor
+from palpate.inverse.constrained.responses import Responses
+from palpate.inverse.constrained.rows import Rows
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
-from palpate.inverse.contact.cone import Cone, minimise
-from palpate.inverse.contact.differences import Differences
-from palpate.inverse.contact.faces import Face, Ray
-from palpate.inverse.contact.factors import Bordered, Chain, Dense, Factor, FewReadings, cholesky
-from palpate.inverse.contact.quadratic import Formed, Penalty, Unformed, formed_or_not, prior_factor
-from palpate.inverse.contact.responses import Responses
-from palpate.inverse.contact.rows import Rows
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.spectrum import DataSpectrum
 

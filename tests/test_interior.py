@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.contact import cone as cones
-from palpate.inverse.contact.cone import Cone, minimise
-from palpate.inverse.contact.interior import GAP, interior
-from palpate.inverse.contact.quadratic import Formed
+from palpate.inverse.constrained import cone as cones
+from palpate.inverse.constrained.cone import Cone, minimise
+from palpate.inverse.constrained.interior import GAP, interior
+from palpate.inverse.constrained.quadratic import Formed
 
 
 def ill_posed(components: int, cells: int, readings: int, condition: float) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ import pytest
 
 import palpate as pp
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.model import Rounds
+from palpate.inverse.constrained.model import Rounds
 from palpate.inverse.linear.parameter import Tried, candidates, choose, tikhonov, truncate
 from palpate.recordings import Recording, read_table
 

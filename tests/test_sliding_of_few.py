@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.contact import cone
-from palpate.inverse.contact.cone import FEWER_STEPS, Cone, minimise
-from palpate.inverse.contact.differences import Differences
-from palpate.inverse.contact.model import Level, Normal
-from palpate.inverse.contact.quadratic import Formed, Penalty, Unformed
+from palpate.inverse.constrained import cone
+from palpate.inverse.constrained.cone import FEWER_STEPS, Cone, minimise
+from palpate.inverse.constrained.differences import Differences
+from palpate.inverse.constrained.model import Level, Normal
+from palpate.inverse.constrained.quadratic import Formed, Penalty, Unformed
 from palpate.inverse.contact.sliding import log_evidence
 
 

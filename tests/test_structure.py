@@ -96,6 +96,13 @@ def test_rooms() -> None:
     assert wrong == []
 
 
+def test_numerics_know_no_frames() -> None:
+    """`inverse/constrained` minimises; what a frame is, and which explanation of it is the better one, is decided above it."""
+    deciding = ("palpate.inverse.contact", "palpate.inverse.fit", "palpate.inverse.registry", "palpate.status", "palpate.errors")
+    found = {(path.name, module) for path in (SOURCE / "inverse" / "constrained").glob("*.py") for module in imports(path)}
+    assert not {f"{name} imports {module}" for name, module in found if module.startswith(deciding)}
+
+
 def test_a_file_of_700_lines_is_two_rooms() -> None:
     long = {str(p.relative_to(SOURCE)): len(p.read_text().splitlines()) for p in SOURCE.rglob("*.py")}
     assert not {name: count for name, count in long.items() if count >= 700}

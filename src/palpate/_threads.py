@@ -22,7 +22,7 @@ Value = TypeVar("Value")
 
 #: Unknowns up to which one thread is enough: a factorisation takes less than a second then.
 SMALL = 4096
-#: Few readings on many cells make no matrix wider than some of these times the readings (`palpate.inverse.contact.quadratic`): 432 readings on 5800 unknowns
+#: Few readings on many cells make no matrix wider than some of these times the readings (`palpate.inverse.constrained.quadratic`): 432 readings on 5800 unknowns
 #: took 190 s of processor time with two threads on two busy cores, 13 s with one.
 WIDEST = 4
 

@@ -213,7 +213,7 @@ def impatient(method: str) -> pp.Touch:
     """Contact that only pushes, found by an iteration that gives up at once."""
     from unittest import mock
 
-    from palpate.inverse.contact import cone
+    from palpate.inverse.constrained import cone
 
     with mock.patch.multiple(
         cone, PATIENCE=-1, AFTER=-1, interior=lambda hessian, linear, cone, start, tolerance: (start, False)

@@ -5,7 +5,7 @@ from palpate.inverse.comparison.maximum_entropy import MaximumEntropy
 from palpate.inverse.comparison.network import AnalogNetwork
 from palpate.inverse.comparison.non_negative import NonNegative
 from palpate.inverse.comparison.total_variation import TotalVariation
-from palpate.inverse.contact.cone import Cone, Solution, minimise
+from palpate.inverse.constrained.cone import Cone, Solution, minimise
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.methods import Adaptive, Automatic, Constrained, Local
 from palpate.inverse.estimate import Errors, Estimate, Stated

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.constrained.model import dilated
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
-from palpate.inverse.contact.model import dilated
 from palpate.inverse.drag import STICK, sheared
 from palpate.tracking.health import Flags, Index, Single
 from palpate.tracking.iteration import Iteration

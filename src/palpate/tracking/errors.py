@@ -12,9 +12,9 @@ import numpy as np
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
+from palpate.inverse.constrained.factors import cholesky
+from palpate.inverse.constrained.model import ContactModel, Later, Normal
 from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
-from palpate.inverse.contact.factors import cholesky
-from palpate.inverse.contact.model import ContactModel, Later, Normal
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import state
 from palpate.inverse.estimate import Errors, Stated

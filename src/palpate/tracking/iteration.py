@@ -13,7 +13,7 @@ import time as clock
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import Cone
+from palpate.inverse.constrained.cone import Cone
 from palpate.tracking.health import Single
 from palpate.tracking.region import Region
 

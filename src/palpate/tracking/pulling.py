@@ -13,12 +13,12 @@ import numpy as np
 import scipy.linalg
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import Solution
+from palpate.inverse.constrained.cone import Solution
+from palpate.inverse.constrained.faces import Face
+from palpate.inverse.constrained.factors import Dense, cholesky
+from palpate.inverse.constrained.model import ContactModel, Normal, dilated
+from palpate.inverse.constrained.quadratic import Formed, Penalty
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.faces import Face
-from palpate.inverse.contact.factors import Dense, cholesky
-from palpate.inverse.contact.model import ContactModel, Normal, dilated
-from palpate.inverse.contact.quadratic import Formed, Penalty
 from palpate.tracking.health import Flags, Index
 from palpate.tracking.offsets import Marginal
 from palpate.tracking.region import SMALLEST, NormalEquations

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from palpate.inverse.constrained.model import dilated
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.model import dilated
 from palpate.inverse.linear.matrix_free.evidence import LinearAtSize
 from palpate.inverse.linear.matrix_free.freedom import PER_DECADE
 from palpate.tracking.region import NormalEquations

@@ -15,9 +15,9 @@ import numpy as np
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
+from palpate.inverse.constrained.model import dilated
+from palpate.inverse.constrained.products import Applied
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.model import dilated
-from palpate.inverse.contact.products import Applied
 from palpate.tracking.gram import Grams, picked
 from palpate.tracking.health import Flags, Index, Single
 from palpate.tracking.inverting import inverse as inverted

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.constrained.model import dilated
 from palpate.inverse.contact.constrained import FAINT, MARGIN, ConstrainedEstimator
-from palpate.inverse.contact.model import dilated
 from palpate.tracking.health import Flags, Index, Single
 from palpate.tracking.region import Region
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.comparison.whole_map import Comparison, Found, Frame, WholeMap
-from palpate.inverse.contact.cone import minimise
+from palpate.inverse.constrained.cone import minimise
 from palpate.inverse.method import number
 from palpate.inverse.problem import Problem
 

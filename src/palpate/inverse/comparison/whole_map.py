@@ -19,8 +19,8 @@ from palpate._arrays import from_numpy
 from palpate._memory import require
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
-from palpate.inverse.contact.cone import Cone
-from palpate.inverse.contact.differences import Differences
+from palpate.inverse.constrained.cone import Cone
+from palpate.inverse.constrained.differences import Differences
 from palpate.inverse.estimate import Estimate, batch_of, frames_of
 from palpate.inverse.linear.memory import check_spectrum
 from palpate.inverse.linear.parameter import by_discrepancy, tikhonov

@@ -7,7 +7,7 @@ varies from place to place, is learned from the frame itself:
 1. noise level and amplitude by marginal likelihood of the linear model (`palpate.inverse.linear.parameter`); a frame that noise alone
    explains as well is reported as no contact;
 2. the penalised problem with its constraints, solved exactly over the cells where contact is possible
-   (`palpate.inverse.contact.cone`), on a grid finer than the surface, because where in a cell an edge lies matters;
+   (`palpate.inverse.constrained.cone`), on a grid finer than the surface, because where in a cell an edge lies matters;
 3. the penalty relearned from its own result: |grad t|^2 is weighed by 1/tau, where tau(x) is the local mean square
    gradient of the solution before. This is majorisation of log tau (M. Fazel, H. Hindi, S. Boyd, Proc. American Control Conf.
    2003, 2156-2162; with the posterior variance kept, the EM iteration of sparse Bayesian learning, M. E. Tipping, J. Mach.
@@ -31,14 +31,14 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.constrained.cone import Cone
+from palpate.inverse.constrained.differences import Sparse
+from palpate.inverse.constrained.factors import cholesky
+from palpate.inverse.constrained.model import ContactModel, Level, Normal, dilated
+from palpate.inverse.constrained.variances import taken_by, variance_of
 from palpate.inverse.contact.compact import Discs, discs
-from palpate.inverse.contact.cone import Cone
 from palpate.inverse.contact.constrained import FAINT, LARGEST_UNKNOWNS, ConstrainedEstimator
-from palpate.inverse.contact.differences import Sparse
-from palpate.inverse.contact.factors import cholesky
-from palpate.inverse.contact.model import ContactModel, Level, Normal, dilated
 from palpate.inverse.contact.sliding import expanded, in_blocks, ways_of_sliding
-from palpate.inverse.contact.variances import taken_by, variance_of
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.inverse.observability import ACTS
 from palpate.sensing.grids import repeated

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import TOLERANCE
-from palpate.inverse.contact.model import dilated
-from palpate.inverse.contact.products import FIRST_AT_SIZE
+from palpate.inverse.constrained.cone import TOLERANCE
+from palpate.inverse.constrained.model import dilated
+from palpate.inverse.constrained.products import FIRST_AT_SIZE
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator

@@ -19,8 +19,8 @@ import numpy.typing as npt
 import scipy.sparse
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.differences import Sparse
-from palpate.inverse.contact.model import Normal
+from palpate.inverse.constrained.differences import Sparse
+from palpate.inverse.constrained.model import Normal
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator

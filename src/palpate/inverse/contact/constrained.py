@@ -2,7 +2,7 @@
 
 The penalty is the first derivative of traction, evenly weighed; its weight and the noise come from marginal likelihood of the
 linear model (`palpate.inverse.linear.parameter`) where they are not given. Pressure never pulls, shear stays inside the friction cone.
-It is solved over the cells where contact is possible (`palpate.inverse.contact.cone`); cells are added until none is missing. This is
+It is solved over the cells where contact is possible (`palpate.inverse.constrained.cone`); cells are added until none is missing. This is
 what `palpate.inverse.contact.adaptive` starts from and what `palpate.tracking` repeats frame after frame.
 """
 
@@ -22,24 +22,25 @@ from palpate._threads import cached_property, few_threads
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
+from palpate.inverse.constrained.cone import TOLERANCE, Cone, minimise
+from palpate.inverse.constrained.differences import Sparse
+from palpate.inverse.constrained.model import LARGEST_KEPT, ContactModel, Level, Normal, Rounds, dilated, level_operator
+from palpate.inverse.constrained.products import AT_SIZE, Products, can_be_applied
+from palpate.inverse.constrained.quadratic import Penalty
+from palpate.inverse.constrained.responses import Responses
+from palpate.inverse.constrained.variances import taken_by
 from palpate.inverse.contact.cells import solved
-from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
-from palpate.inverse.contact.differences import Sparse
 from palpate.inverse.contact.edges import outside_taxels, ring_of
 from palpate.inverse.contact.frame import BROKEN, MUCH, Frame, Run, how_small, told_alone
 from palpate.inverse.contact.gathered import gathered
 from palpate.inverse.contact.hypotheses import Hypothesis, exceeded, hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.misfit import drift_probability, fit_of, louder, misfit_of, proportional_part
-from palpate.inverse.contact.model import LARGEST_KEPT, ContactModel, Level, Normal, Rounds, dilated, level_operator
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.offsets import goes_on_all_round, offset_as_load
 from palpate.inverse.contact.overload import in_range
 from palpate.inverse.contact.parts import Parts, Thresholds
 from palpate.inverse.contact.posterior import Posterior, ambiguity_of
-from palpate.inverse.contact.products import AT_SIZE, Products, can_be_applied
-from palpate.inverse.contact.quadratic import Penalty
 from palpate.inverse.contact.quiet import explained_by_noise, uneven, what_hides
-from palpate.inverse.contact.responses import Responses
 from palpate.inverse.contact.rims import with_rims
 from palpate.inverse.contact.rivals import DOUBTED, with_rivals
 from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, shallow, silent
@@ -47,7 +48,6 @@ from palpate.inverse.contact.sharp import sharp_contact
 from palpate.inverse.contact.start import LinearStart, linear_models
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share, share_refuted
-from palpate.inverse.contact.variances import taken_by
 from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.fit import POOR_FIT, neighbours

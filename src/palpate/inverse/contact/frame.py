@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.contact.hypotheses import Hypothesis
-from palpate.inverse.contact.model import ContactModel
 from palpate.inverse.contact.parts import STATED
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Stated

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from palpate._arrays import from_numpy, to_numpy
 from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
-from palpate.inverse.contact.cone import Cone
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.local import LocalEstimator
 from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.constrained.variances import carried, face_of, taken_by
 from palpate.inverse.contact.frame import Run
-from palpate.inverse.contact.variances import carried, face_of, taken_by
 from palpate.inverse.fit import FEWEST, MODEL_DETAIL, misfit_probability
 from palpate.sensing.nuisance import nuisances
 

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.model import ContactModel
+from palpate.inverse.constrained.model import ContactModel
+from palpate.inverse.constrained.variances import taken_of_each
 from palpate.inverse.contact.parts import Thresholds
-from palpate.inverse.contact.variances import taken_of_each
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Operator
 

@@ -11,7 +11,7 @@ import scipy.linalg
 
 from palpate._threads import cached_property, few_threads
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.model import Level, level_operator
+from palpate.inverse.constrained.model import Level, level_operator
 from palpate.inverse.linear.matrix_free.evidence import LinearAtSize
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
 from palpate.inverse.linear.parameter import MODEL_ERROR

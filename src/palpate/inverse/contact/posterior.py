@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import TOLERANCE, Cone, minimise
-from palpate.inverse.contact.factors import Bordered, cholesky
+from palpate.inverse.constrained.cone import TOLERANCE, Cone, minimise
+from palpate.inverse.constrained.factors import Bordered, cholesky
+from palpate.inverse.constrained.model import ContactModel, dilated, scattered
+from palpate.inverse.constrained.products import AT_SIZE, Products
 from palpate.inverse.contact.frame import AT_EDGE
-from palpate.inverse.contact.model import ContactModel, dilated, scattered
-from palpate.inverse.contact.products import AT_SIZE, Products
 from palpate.inverse.estimate import Errors
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import block_means

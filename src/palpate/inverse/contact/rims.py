@@ -17,11 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import Cone
+from palpate.inverse.constrained.cone import Cone
+from palpate.inverse.constrained.model import ContactModel, dilated
+from palpate.inverse.constrained.variances import taken_by
 from palpate.inverse.contact.frame import Frame, Run
-from palpate.inverse.contact.model import ContactModel, dilated
 from palpate.inverse.contact.screening import Ceilings
-from palpate.inverse.contact.variances import taken_by
 from palpate.inverse.linear.evidence import LinearEvidence
 
 if TYPE_CHECKING:

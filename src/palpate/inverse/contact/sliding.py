@@ -12,14 +12,14 @@ import scipy.sparse
 import scipy.special
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import Cone, minimise
-from palpate.inverse.contact.differences import Sparse
-from palpate.inverse.contact.faces import Face, Ray
-from palpate.inverse.contact.factors import Bordered, cholesky
-from palpate.inverse.contact.model import ContactModel, Normal
+from palpate.inverse.constrained.cone import Cone, minimise
+from palpate.inverse.constrained.differences import Sparse
+from palpate.inverse.constrained.faces import Face, Ray
+from palpate.inverse.constrained.factors import Bordered, cholesky
+from palpate.inverse.constrained.model import ContactModel, Normal
+from palpate.inverse.constrained.products import Applied
+from palpate.inverse.constrained.quadratic import Penalty, Unformed
 from palpate.inverse.contact.parts import Thresholds
-from palpate.inverse.contact.products import Applied
-from palpate.inverse.contact.quadratic import Penalty, Unformed
 
 __all__ = ["expanded", "in_blocks", "ways_of_sliding"]
 

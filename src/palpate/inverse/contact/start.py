@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.model import Rounds
+from palpate.inverse.constrained.model import Rounds
 from palpate.inverse.contact.parts import Thresholds
 from palpate.inverse.contact.screening import Screened, linear_noise, noise_at_size, screened
 from palpate.inverse.contact.windows import Windows

@@ -13,12 +13,11 @@ import scipy.sparse
 
 from palpate._threads import cached_property, give_way
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.differences import Sparse
-from palpate.inverse.contact.model import ContactModel
-from palpate.inverse.contact.parts import STATED
-from palpate.inverse.contact.quadratic import prior_factor
-from palpate.inverse.contact.rows import Rows
-from palpate.inverse.contact.variances import (
+from palpate.inverse.constrained.differences import Sparse
+from palpate.inverse.constrained.model import ContactModel
+from palpate.inverse.constrained.quadratic import prior_factor
+from palpate.inverse.constrained.rows import Rows
+from palpate.inverse.constrained.variances import (
     by_gains,
     face_of,
     owed_of,
@@ -27,6 +26,7 @@ from palpate.inverse.contact.variances import (
     variance_of,
     variance_of_sums,
 )
+from palpate.inverse.contact.parts import STATED
 from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.grids import Grid
 

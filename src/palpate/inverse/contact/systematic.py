@@ -11,13 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.frame import Run
-from palpate.inverse.contact.hypotheses import Hypothesis, reach_of_kind
-from palpate.inverse.contact.iterative import Iterative
-from palpate.inverse.contact.model import ContactModel, scattered
-from palpate.inverse.contact.parts import STATED
-from palpate.inverse.contact.products import Applied
-from palpate.inverse.contact.variances import (
+from palpate.inverse.constrained.iterative import Iterative
+from palpate.inverse.constrained.model import ContactModel, scattered
+from palpate.inverse.constrained.products import Applied
+from palpate.inverse.constrained.variances import (
     carried,
     covariance_of,
     face_of,
@@ -25,6 +22,9 @@ from palpate.inverse.contact.variances import (
     shared_errors,
     variance_of_sums,
 )
+from palpate.inverse.contact.frame import Run
+from palpate.inverse.contact.hypotheses import Hypothesis, reach_of_kind
+from palpate.inverse.contact.parts import STATED
 from palpate.inverse.fit import POOR_FIT
 from palpate.sensing.grids import block_means
 from palpate.sensing.nuisance import nuisances

@@ -13,7 +13,7 @@ import scipy.sparse
 
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.rows import Rows
+from palpate.inverse.constrained.rows import Rows
 from palpate.sensing.grids import Grid
 
 __all__ = ["Differences", "Sparse"]

@@ -1,4 +1,4 @@
-"""An interior-point method for the quadratic programs of `palpate.inverse.contact.cone`, for where Newton's method on the constraints cycles.
+"""An interior-point method for the quadratic programs of `palpate.inverse.constrained.cone`, for where Newton's method on the constraints cycles.
 
     minimise 1/2 x'Hx - h'x   with  x_i in K,    so that   s = Hx - h in K,   x_i's_i = 0  for every cell i,
 
@@ -17,12 +17,12 @@ import numpy as np
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.faces import Face, slanted, straight
+from palpate.inverse.constrained.faces import Face, slanted, straight
 
 if TYPE_CHECKING:
-    from palpate.inverse.contact.cone import Cone
-    from palpate.inverse.contact.factors import Factor
-    from palpate.inverse.contact.quadratic import Quadratic
+    from palpate.inverse.constrained.cone import Cone
+    from palpate.inverse.constrained.factors import Factor
+    from palpate.inverse.constrained.quadratic import Quadratic
 
 __all__ = ["GAP", "STEPS", "interior"]
 
@@ -44,7 +44,7 @@ def interior(
 ) -> tuple[Floats, bool]:
     """The minimiser (component, cell) over a standard cone, from about ``start``, and whether it came there.
 
-    ``tolerance`` is that of `palpate.inverse.contact.cone.minimise`, of traction: of the objective its square may be left, or `GAP`.
+    ``tolerance`` is that of `palpate.inverse.constrained.cone.minimise`, of traction: of the objective its square may be left, or `GAP`.
     """
     goal = max(GAP, tolerance * abs(tolerance))
     kind = _Second if cone.coupled else _Half

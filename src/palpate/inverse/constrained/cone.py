@@ -7,7 +7,7 @@ half-space p >= 0 with q free, or everything. The solver is a semismooth Newton 
 x = P_K(x - d (Hx - h)) (the primal-dual active set of M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13, 2002, 865-888,
 generalised to second-order cones as by S. Hayashi, N. Yamashita, M. Fukushima, SIAM J. Optim. 15, 2005, 593-615). Directions that
 the projection fixes are eliminated, so that a step is one Cholesky factorisation over the cells in contact; it ends in a
-few steps, exactly. Where it cycles, an interior-point method (`palpate.inverse.contact.interior`) takes it to the end.
+few steps, exactly. Where it cycles, an interior-point method (`palpate.inverse.constrained.interior`) takes it to the end.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ import numpy as np
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.faces import Face, slanted, straight
-from palpate.inverse.contact.factors import Factor
-from palpate.inverse.contact.interior import interior
-from palpate.inverse.contact.quadratic import Formed, Quadratic
+from palpate.inverse.constrained.faces import Face, slanted, straight
+from palpate.inverse.constrained.factors import Factor
+from palpate.inverse.constrained.interior import interior
+from palpate.inverse.constrained.quadratic import Formed, Quadratic
 
 __all__ = ["TOLERANCE", "Cone", "Solution", "minimise"]
 

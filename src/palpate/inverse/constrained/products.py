@@ -2,7 +2,7 @@
 
 A contact of thousands of cells on an array of thousands of readings has a matrix of influences that is slow to form and slower to
 factorise. Its products are convolutions with the influence of one cell (`palpate.sensing.operator.Convolution`), and its normal matrix is well enough
-conditioned, smooth by the penalty and seen through noise, for conjugate gradients (`palpate.inverse.contact.iterative`).
+conditioned, smooth by the penalty and seen through noise, for conjugate gradients (`palpate.inverse.constrained.iterative`).
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from palpate._arrays import irfftn, rfftn
 from palpate._threads import cached_property
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.circulant import Circulant, folded, symbol_of_penalty, times
-from palpate.inverse.contact.factors import Factor
-from palpate.inverse.contact.iterative import Iterative
-from palpate.inverse.contact.quadratic import WORTH, Penalty, Quadratic, Unformed, work_of_few
+from palpate.inverse.constrained.circulant import Circulant, folded, symbol_of_penalty, times
+from palpate.inverse.constrained.factors import Factor
+from palpate.inverse.constrained.iterative import Iterative
+from palpate.inverse.constrained.quadratic import WORTH, Penalty, Quadratic, Unformed, work_of_few
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Convolution, Operator
 
 if TYPE_CHECKING:
-    from palpate.inverse.contact.faces import Face
+    from palpate.inverse.constrained.faces import Face
 
 __all__ = ["AT_SIZE", "FIRST_AT_SIZE", "Applied", "Boxes", "Products", "by_products", "can_be_applied"]
 
@@ -183,7 +183,7 @@ class Box:
 
     @cached_property
     def folded(self) -> tuple[tuple[int, ...], list[Any]]:
-        """See `palpate.inverse.contact.circulant.folded`."""
+        """See `palpate.inverse.constrained.circulant.folded`."""
         return folded(self)
 
     def what_cells_share(self) -> Correlated | None:
@@ -449,7 +449,7 @@ class Transposed:
 
 
 class Products:
-    """A normal matrix G'G + P (`palpate.inverse.contact.quadratic.Quadratic`) as products."""
+    """A normal matrix G'G + P (`palpate.inverse.constrained.quadratic.Quadratic`) as products."""
 
     by_products = True
 

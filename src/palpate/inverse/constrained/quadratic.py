@@ -15,11 +15,21 @@ import scipy.sparse
 
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.differences import Sparse
-from palpate.inverse.contact.factors import BLOCK, Beside, Chain, Dense, Factor, FewReadings, Part, cholesky, each_of
+from palpate.inverse.constrained.differences import Sparse
+from palpate.inverse.constrained.factors import (
+    BLOCK,
+    Beside,
+    Chain,
+    Dense,
+    Factor,
+    FewReadings,
+    Part,
+    cholesky,
+    each_of,
+)
 
 if TYPE_CHECKING:
-    from palpate.inverse.contact.faces import Face
+    from palpate.inverse.constrained.faces import Face
 
 __all__ = ["Formed", "Penalty", "Quadratic", "Unformed", "formed_or_not", "prior_factor", "work_of_few"]
 

@@ -11,8 +11,8 @@ import scipy.sparse
 
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.differences import Sparse
-from palpate.inverse.contact.rows import Rows
+from palpate.inverse.constrained.differences import Sparse
+from palpate.inverse.constrained.rows import Rows
 
 __all__ = ["Face", "Ray", "slanted", "straight"]
 

@@ -2,7 +2,7 @@
 
 Far from edges a normal matrix H = G'G + P is a convolution, which transforms make diagonal but for the components (T. F. Chan, SIAM J. Sci. Stat.
 Comput. 9, 1988, 766-771; restricted to the cells there are and scaled by their diagonal: H ~ D^1/2 R C R' D^1/2). Conjugate gradients then take a third to a
-fifth of the steps that they take with the diagonal alone, a half where local weights differ from cell to cell (`palpate.inverse.contact.iterative`).
+fifth of the steps that they take with the diagonal alone, a half where local weights differ from cell to cell (`palpate.inverse.constrained.iterative`).
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy.typing as npt
 
 from palpate._arrays import irfftn, rfftn
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.quadratic import Penalty
+from palpate.inverse.constrained.quadratic import Penalty
 
 if TYPE_CHECKING:
-    from palpate.inverse.contact.products import Box
+    from palpate.inverse.constrained.products import Box
 
 __all__ = ["Circulant", "folded", "symbol_of_penalty", "times"]
 

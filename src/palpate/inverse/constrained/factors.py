@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.rows import Rows
+from palpate.inverse.constrained.rows import Rows
 
 __all__ = ["Beside", "Bordered", "Chain", "Dense", "Factor", "FewReadings", "Part", "cholesky", "each_of"]
 

@@ -1,6 +1,6 @@
-"""What is asked of a factor (`palpate.inverse.contact.factors.Factor`) of a normal matrix that is known by products alone.
+"""What is asked of a factor (`palpate.inverse.constrained.factors.Factor`) of a normal matrix that is known by products alone.
 
-Solutions are by conjugate gradients that begin with the circulant of the matrix (`palpate.inverse.contact.circulant`), in single precision;
+Solutions are by conjugate gradients that begin with the circulant of the matrix (`palpate.inverse.constrained.circulant`), in single precision;
 variances are those of samples: H x = G'e + P^(1/2) e with e white has the covariance H^-1 (G. Papandreou, A. Yuille, NIPS 23, 2010).
 """
 
@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.rows import Rows
+from palpate.inverse.constrained.rows import Rows
 
 if TYPE_CHECKING:
-    from palpate.inverse.contact.faces import Face
-    from palpate.inverse.contact.products import Products
+    from palpate.inverse.constrained.faces import Face
+    from palpate.inverse.constrained.products import Products
 
 __all__ = ["SAMPLES", "Iterative"]
 
@@ -66,7 +66,7 @@ class Iterative:
         return out.reshape(len(v), -1)[:, face.index] + root * (root * v)
 
     def _near(self, r: Any) -> Any:
-        """What is near H^-1 r, of (k, free) in single precision: by circulants of H (`palpate.inverse.contact.circulant`)."""
+        """What is near H^-1 r, of (k, free) in single precision: by circulants of H (`palpate.inverse.constrained.circulant`)."""
         matrix, face = self.hessian.matrix, self.face
         c, n = self._shape
         r = self._small * r

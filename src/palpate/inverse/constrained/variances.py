@@ -7,13 +7,13 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import Solution
-from palpate.inverse.contact.faces import Face
-from palpate.inverse.contact.factors import Bordered, Dense, Factor, FewReadings
-from palpate.inverse.contact.iterative import Iterative
-from palpate.inverse.contact.model import ContactModel
-from palpate.inverse.contact.quadratic import Formed
-from palpate.inverse.contact.rows import Rows
+from palpate.inverse.constrained.cone import Solution
+from palpate.inverse.constrained.faces import Face
+from palpate.inverse.constrained.factors import Bordered, Dense, Factor, FewReadings
+from palpate.inverse.constrained.iterative import Iterative
+from palpate.inverse.constrained.model import ContactModel
+from palpate.inverse.constrained.quadratic import Formed
+from palpate.inverse.constrained.rows import Rows
 
 __all__ = [
     "carried",

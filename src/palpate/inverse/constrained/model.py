@@ -13,11 +13,11 @@ import numpy.typing as npt
 
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.cone import Solution
-from palpate.inverse.contact.differences import Differences
-from palpate.inverse.contact.factors import Factor
-from palpate.inverse.contact.products import Applied, Boxes, Products, by_products
-from palpate.inverse.contact.quadratic import Formed, Penalty, Quadratic, formed_or_not
+from palpate.inverse.constrained.cone import Solution
+from palpate.inverse.constrained.differences import Differences
+from palpate.inverse.constrained.factors import Factor
+from palpate.inverse.constrained.products import Applied, Boxes, Products, by_products
+from palpate.inverse.constrained.quadratic import Formed, Penalty, Quadratic, formed_or_not
 from palpate.inverse.linear.matrix_free.evidence import FrameAtSize, LinearAtSize
 from palpate.inverse.linear.spectrum import Spectrum
 from palpate.inverse.linear.whitening import Readings
