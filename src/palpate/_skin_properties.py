@@ -182,7 +182,7 @@ class SkinProperties:
         >>> array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=100.0)
         >>> found = pp.Skin(pad, array).design(force=1.0, contact_radius=2e-3)
         >>> print(f"force +-{found.bound.force[0]:.2f} N, a pair is told apart from {1e3 * found.pair:.1f} mm")
-        force +-0.03 N, a pair is told apart from 2.0 mm
+        force +-0.03 N, a pair is told apart from 1.6 mm
         """
         press = Press(force=force, contact_radius=contact_radius, shear=shear, friction=friction, center=center)
         nuisance, names = self._problem.nuisance, self._names(components)

@@ -86,7 +86,9 @@ def noticed_forces(pad: Pad, planes: Sequence[Array], kinds: Sequence[str] | Non
     axes = surface.axes
     points = np.concatenate([p.points[p.valid.ravel()] for p in planes])
     inside = [
-        (a >= points[:, i].min() - 1e-9) & (a <= points[:, i].max() + 1e-9) if np.ptp(points[:, i]) > 0 else _nearest(a, points[0, i])
+        (a >= points[:, i].min() - 1e-9) & (a <= points[:, i].max() + 1e-9)
+        if np.ptp(points[:, i]) > 0
+        else _nearest(a, points[0, i])
         for i, a in enumerate(axes)
     ]
     cells = np.flatnonzero(inside[0] if len(axes) == 1 else np.outer(inside[0], inside[1]))
@@ -146,7 +148,9 @@ def range_of(model: PressModel) -> tuple[float, float]:
         ends = of_readings(array)
         if ends is None:
             continue
-        low, high = (np.broadcast_to(e, (len(array.channels), *array.shape)).reshape(len(array.channels), -1) for e in ends)
+        low, high = (
+            np.broadcast_to(e, (len(array.channels), *array.shape)).reshape(len(array.channels), -1) for e in ends
+        )
         kept = array.valid.ravel()
         low, high = low[:, kept].ravel(), high[:, kept].ravel()
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -25,7 +25,7 @@ WAVES, ANGLES = 160, (0.0, 0.25 * math.pi, 0.5 * math.pi, 0.75 * math.pi)
 #: Wavenumbers of the point-spread function: the period is this many half-widths of the finest detail.
 SAMPLES = 192
 #: Distances tried for a pair, in parts of depth plus contact radius.
-PAIRS = (0.1, 4.0, 10)
+PAIRS = (0.1, 3.0, 9)
 
 
 def _sensed(pad: Pad, planes: Sequence[Array], kx: Floats, ky: Floats) -> Complexes:
@@ -59,21 +59,27 @@ def highest_wavenumbers(
     extent = np.ptp(points, axis=0) + pitch
     k = np.geomspace(0.2 * np.pi / extent.max(), np.pi / pitch, WAVES)
     amplitude = {c: press.mean_pressure(d) * (1.0 if c == "z" else press.friction) for c in components}
-    told = np.ones((WAVES, len(components)), dtype=bool)
+    ratio = np.full((WAVES, len(components)), math.inf)
     for angle in ANGLES if d == 2 else (0.0,):
         rows = _sensed(pad, planes, k * math.cos(angle), k * math.sin(angle))[..., columns]
         _, s, vh = np.linalg.svd(rows, full_matrices=True)
         s = np.concatenate([s, np.zeros((WAVES, len(columns) - s.shape[-1]))], axis=1)
         seen = s > 1e-9 * s[:, :1]
-        part = np.where(seen[..., None], np.abs(vh[:, : len(columns)]) ** 2 / np.where(seen, s, 1.0)[..., None] ** 2, 0.0)
+        part = np.where(
+            seen[..., None], np.abs(vh[:, : len(columns)]) ** 2 / np.where(seen, s, 1.0)[..., None] ** 2, 0.0
+        )
         variance = part.sum(axis=1) * 2.0 / float(np.prod(extent))
         variance[((np.abs(vh[:, : len(columns)]) > 1e-6) & ~seen[..., None]).any(axis=1)] = math.inf
-        told &= np.array([amplitude[c] for c in components]) >= TOLD * np.sqrt(variance)
+        ratio = np.minimum(ratio, np.array([amplitude[c] for c in components]) / (TOLD * np.sqrt(variance)))
     out = {}
     for i, c in enumerate(components):
         # of one band: displacement and strain may be blind to the longest waves
-        last = int(np.flatnonzero(told[:, i]).max(initial=-1))
-        out[c] = (0.0, "noise") if last < 0 else (float(k[last]), "pitch" if last == WAVES - 1 else "noise")
+        last = int(np.flatnonzero(ratio[:, i] >= 1.0).max(initial=-1))
+        if last < 0 or last == WAVES - 1:
+            out[c] = (0.0, "noise") if last < 0 else (float(k[-1]), "pitch")
+            continue
+        before, after = np.log(np.maximum(ratio[last : last + 2, i], 1e-300))
+        out[c] = (float(k[last] * (k[last + 1] / k[last]) ** (before / (before - after))), "noise")
     return out
 
 
@@ -100,9 +106,7 @@ def point_spread(
     # along the direction of the wave for pressure; a shear is the mean of along and across
     rows = _sensed(pad, planes, k, np.zeros_like(k))[..., columns]
     scaled = rows * np.sqrt(power)
-    middle = np.linalg.solve(
-        np.einsum("kic,kjc->kij", scaled, scaled.conj()) + np.eye(rows.shape[1]), scaled
-    )
+    middle = np.linalg.solve(np.einsum("kic,kjc->kij", scaled, scaled.conj()) + np.eye(rows.shape[1]), scaled)
     filtered = np.einsum("kic,kic->kc", scaled.conj(), middle).real
     if d == 2 and {"x", "y"} <= set(components):
         i, j = components.index("x"), components.index("y")
