@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import palpate as pp
-from palpate.design import Press, sweep
+from palpate.design import Press, place, sweep
 
 OUT = Path(__file__).parents[1] / "docs" / "_generated" / "design.md"
 EXACT = pp.Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.0, gain=0.0, scale=0.0)
@@ -151,12 +151,35 @@ def pace(jobs: int) -> list[str]:
     return lines
 
 
+def pictures() -> None:
+    """Those of docs/howto/design.md."""
+    pad = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=300e3, poissons_ratio=0.48)])
+    how = {"aperture": 1e-3, "noise": 300.0}
+    array = pp.AreaArray(shape=(8, 8), pitch=3e-3, depth=2e-3, channels=["stress_zz"], limits=(0.0, 60e3), **how)
+    skin = pp.Skin(pad, array)
+    press = Press(force=1.0, contact_radius=3e-3, shear=0.3, friction=0.6)
+    channels = [["stress_zz"], SHEAR]
+    found = sweep(skin, press=press, depth=[1e-3, 1.5e-3, 2e-3, 2.5e-3, 3e-3, 3.5e-3], channels=channels, goals={"pair": 3e-3})
+    few = pp.AreaArray(shape=(4, 5), pitch=4e-3, depth=3e-3, channels=["stress_zz"], **how)
+    made = {
+        "tradeoffs": found.plot("depth"),
+        "seen": skin.design(force=1.0, contact_radius=3e-3).plot(),
+        "places": place(pp.Skin(pad, few), count=20, extent=(20e-3, 16e-3)).plot(),
+    }
+    for name, figure in made.items():
+        figure.savefig(OUT.parents[1] / "_static" / f"design-{name}.png", dpi=160)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--draws", type=int, default=24)
     parser.add_argument("--pace", action="store_true", help="only how fast it is")
+    parser.add_argument("--pictures", action="store_true", help="only the pictures of docs/howto/design.md")
     given = parser.parse_args()
+    if given.pictures:
+        pictures()
+        return
     if given.pace:
         print("\n".join(pace(1)))
         return
