@@ -159,7 +159,9 @@ def pictures() -> None:
     skin = pp.Skin(pad, array)
     press = Press(force=1.0, contact_radius=3e-3, shear=0.3, friction=0.6)
     channels = [["stress_zz"], SHEAR]
-    found = sweep(skin, press=press, depth=[1e-3, 1.5e-3, 2e-3, 2.5e-3, 3e-3, 3.5e-3], channels=channels, goals={"pair": 3e-3})
+    found = sweep(
+        skin, press=press, depth=[1e-3, 1.5e-3, 2e-3, 2.5e-3, 3e-3, 3.5e-3], channels=channels, goals={"pair": 3e-3}
+    )
     few = pp.AreaArray(shape=(4, 5), pitch=4e-3, depth=3e-3, channels=["stress_zz"], **how)
     made = {
         "tradeoffs": found.plot("depth"),

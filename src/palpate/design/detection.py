@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
@@ -122,16 +122,18 @@ def _nearest(axis: Floats, place: float) -> Floats:
 
 
 def _finer(planes: Sequence[Array], surface: Grid) -> Grid:
-    """Two cells to a pitch at least, of a regular array: places between taxels count."""
-    from dataclasses import replace
-
+    """Of a regular array, four cells to a pitch where taxels lie less than that deep, else two: places between taxels count."""
     first = planes[0]
-    if isinstance(first, ScatteredArray) or surface.spacings[-1] < 0.75 * first.grid.spacings[-1]:
+    if isinstance(first, ScatteredArray):
         return surface
+    pitch = first.grid.spacings[-1]
+    now = round(pitch / surface.spacings[-1])
+    times = math.ceil((4 if first.depth < pitch else 2) / now)
+    counts = [times * (n - 1) + 1 for n in surface.shape]
     if surface.dimensions == 1:
-        return replace(surface, count=2 * surface.shape[0] - 1, spacing=surface.spacings[0] / 2)
-    ny, nx = surface.shape
-    return replace(surface, shape=(2 * ny - 1, 2 * nx - 1), spacing=(surface.spacings[0] / 2, surface.spacings[1] / 2))
+        return replace(surface, count=counts[0], spacing=surface.spacings[0] / times)
+    dy, dx = surface.spacings
+    return replace(surface, shape=(counts[0], counts[1]), spacing=(dy / times, dx / times))
 
 
 def range_of(model: PressModel) -> tuple[float, float]:
