@@ -31,18 +31,18 @@ from palpate.inverse.constrained.responses import Responses
 from palpate.inverse.constrained.variances import taken_by
 from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.edges import outside_taxels, ring_of
-from palpate.inverse.contact.frame import BROKEN, MUCH, Frame, Run, how_small, told_alone
+from palpate.inverse.contact.frame import Frame, Run, how_small, told_alone
 from palpate.inverse.contact.gathered import gathered
 from palpate.inverse.contact.hypotheses import Hypothesis, exceeded, hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.misfit import drift_probability, fit_of, louder, misfit_of, proportional_part
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.offsets import goes_on_all_round, offset_as_load
 from palpate.inverse.contact.overload import in_range
-from palpate.inverse.contact.parts import Parts, Thresholds
+from palpate.inverse.contact.policy import STATED, Policy
 from palpate.inverse.contact.posterior import Posterior, ambiguity_of
 from palpate.inverse.contact.quiet import explained_by_noise, uneven, what_hides
 from palpate.inverse.contact.rims import with_rims
-from palpate.inverse.contact.rivals import DOUBTED, with_rivals
+from palpate.inverse.contact.rivals import with_rivals
 from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, shallow, silent
 from palpate.inverse.contact.sharp import sharp_contact
 from palpate.inverse.contact.start import LinearStart, linear_models
@@ -66,29 +66,6 @@ __all__ = ["ConstrainedEstimator"]
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: Cells of less than this part of the peak pressure do not make a contact ; cells so near to one are part of its problem. A convention
-#: of this method and of the tracker, whose error bars are calibrated with it.
-FAINT, MARGIN = 0.05, 2
-#: Most unknowns of one frame: a dense normal matrix of 650 MB.
-LARGEST_UNKNOWNS = 9000
-#: Readings up to which the second derivative is tried too (its spectrum costs as much again to prepare).
-SECOND_ORDER_READINGS = 4096
-#: Gain in log evidence of a patch of pressure beside a larger one: as for a frame (6), and the logarithm of the thousand places
-#: where noise may look like one (7), with 2 to spare.
-PATCH_EVIDENCE = 15.0
-#: Changes of the channels' noise (log) of less than this are not followed: half of what counts as different (`Thresholds.unequal`).
-SETTLED = 0.1
-#: Channels' noise and contact are found in turn, so often at most; the noise of all, so often.
-TURNS, TURNS_OF_ALL = 4, 2
-#: Rounds of leaving readings out: each finds what larger ones hid; two more where a channel is broken.
-ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN = 4, 2
-#: Offsets are found again with the contact, so often; and so often where they are far off yet.
-ROUNDS_OF_OFFSETS, MOST_OF_OFFSETS = 2, 6
-#: Below this misfit probability noise may be alike from taxel to taxel, as in three good frames of ten, where no more than so many readings tell: of
-#: more, noise that is alike is refuted as such, and a tenth of good frames doubt (`rivals.DOUBTED`).
-ALIKE, FEW_ALIKE = 0.3, 150
-#: All of these together; each comes to rest by itself.
-MOST_ATTEMPTS = 10
 #: What readings may hold besides contact where the user does not say.
 DEFAULT_NUISANCES = ("offset", "rotation")
 
@@ -100,8 +77,6 @@ class ConstrainedEstimator:
     to see. ``parameter`` is the weight of the penalty (None: by evidence), ``draws`` the number of posterior samples of each frame.
     """
 
-    #: Cells round those in contact beyond doubt that share their error.
-    reach = MARGIN
     #: Derivatives whose penalties are compared by evidence.
     derivatives: tuple[int, ...] = (1,)
     #: Whether contact is sought on a wider grid than the surface.
@@ -117,14 +92,13 @@ class ConstrainedEstimator:
         *,
         parameter: float | None = None,
         draws: int = 0,
-        parts: Parts | None = None,
-        thresholds: Thresholds | None = None,
+        policy: Policy | None = None,
     ) -> None:
-        self.parts, self.thresholds = parts or Parts(), thresholds or Thresholds()
+        self.policy = policy or Policy()
         self.parameter, self.draws = parameter, draws
-        self.wide = self.past_the_surface and self.parts.wide_surface and not problem.fixed
+        self.wide = self.past_the_surface and self.policy.parts.wide_surface and not problem.fixed
         self.problem, self.columns = problem, problem.columns
-        self.cone = cone if self.parts.constraint else Cone(cone.components, tension=True)
+        self.cone = cone if self.policy.parts.constraint else Cone(cone.components, tension=True)
         columns, operator = self.columns, problem.wide if self.wide else problem.operator
         self.operator = operator
         grid = operator.surface
@@ -136,10 +110,10 @@ class ConstrainedEstimator:
         # outside the outermost taxels
         self.outside = outside_taxels(operator)
         # shear varies less than pressure, by what friction allows, shared between its components
-        shear = 0.5 * (cone.friction or self.thresholds.shear) ** 2
+        shear = 0.5 * (cone.friction or self.policy.prior.shear) ** 2
         self.variances = [1.0 if c == len(columns) - 1 else shear for c in range(len(columns))]
         readings = sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)
-        second = readings <= SECOND_ORDER_READINGS and self.parts.second_derivative
+        second = readings <= self.policy.work.second_order and self.policy.parts.second_derivative
         orders = self.derivatives if second else (1,)
         #: Whether the linear model is matrix-free, and so is contact where that is sooner.
         self.at_size = contact_at_size(problem, wide=self.wide)
@@ -150,21 +124,23 @@ class ConstrainedEstimator:
         self.readings = Readings(operator, self.scales)
         self.given_ends = ends_of(operator.planes_of)
         self.zero = None if problem.zero is None else self.readings.flat(problem.zero)
-        self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
+        self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.policy)
         self._responses = Responses(operator, columns, self.readings)
         self._levels: dict[int, Level] = {}
         self.rounds = Rounds()
         ambiguity = (0.0, 0.0, 0.0, 0.0)
         if problem.ambiguous:
             acting = pressing(problem.pad, problem.planes, problem.components[:-1])
-            ambiguity = ambiguity_of(acting, self.acts, coupled=cone.coupled)
-        self.posterior = Posterior(operator, columns, cone, self.inside, self.outside, self.reach, ambiguity=ambiguity)
+            ambiguity = ambiguity_of(acting, self.acts, self.policy, coupled=cone.coupled)
+        self.posterior = Posterior(
+            operator, columns, cone, self.inside, self.outside, self.reach, self.policy, ambiguity=ambiguity
+        )
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
         #: Whether the linear model can follow any readings, noise too: it tells nothing of noise, nor of offsets.
         self.ambiguous = problem.ambiguous
         kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else DEFAULT_NUISANCES
-        self.terms = nuisances(operator.planes_of, kinds) if self.parts.nuisances else []
+        self.terms = nuisances(operator.planes_of, kinds) if self.policy.parts.nuisances else []
         if problem.zeroed:
             # the zero took the offsets of stress and strain out; an image may still have moved
             self.terms = [t for t in self.terms if t.kind == "rotation" or t.unit == "m"]
@@ -173,7 +149,7 @@ class ConstrainedEstimator:
         if self.terms and problem.nuisance is None:
             self.terms += [t for t in nuisances(operator.planes_of, ("ramp",)) if not problem.zeroed or t.unit == "m/m"]
         windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
-        self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows)
+        self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows, self.policy)
         self.ring = ring_of(self.outside)
         self.outermost = outermost(self.orders[1])
         self.far = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
@@ -183,11 +159,16 @@ class ConstrainedEstimator:
     def ring_load(self, pressure: Floats) -> float:
         """The part of the cells over the outermost taxels that are loaded."""
         top = float(pressure.max(initial=0.0))
-        return float((pressure.ravel()[self.ring] > FAINT * top).mean()) if top > 0 else 0.0
+        return float((pressure.ravel()[self.ring] > self.policy.extent.faint * top).mean()) if top > 0 else 0.0
 
     def least_noise(self, data: Floats) -> float:
         """The least noise that is assumed, in units of the whitening."""
         return MODEL_ERROR * float(np.abs(data / self.readings.std).max(initial=0.0))
+
+    @property
+    def reach(self) -> int:
+        """Cells round those in contact beyond doubt that share their error."""
+        return self.policy.extent.margin
 
     @property
     def finds_sliding(self) -> bool:
@@ -220,9 +201,12 @@ class ConstrainedEstimator:
         """
         import scipy.ndimage
 
+        policy = self.policy
         level = self.level(1)
         parameter, scale = evidence[1].parameter, evidence[1].scale
-        region = dilated((first[-1] > FAINT * first[-1].max()).reshape(level.grid.shape), MARGIN)
+        region = dilated(
+            (first[-1] > policy.extent.faint * first[-1].max()).reshape(level.grid.shape), policy.extent.margin
+        )
         cells = np.flatnonzero(region)
         data = self.normal(level, cells, y, noise, observed)
         patches = scipy.ndimage.label(region, np.ones((3,) * region.ndim))[0].ravel()[cells]
@@ -231,7 +215,7 @@ class ConstrainedEstimator:
             alone = np.where(patches == patch, first[:, cells], 0.0)
             weight[patch] = 0.5 * float(((data.matrix @ alone.ravel()) ** 2).sum())
         largest = max(weight, key=lambda patch: weight[patch])
-        kept = [patch for patch, w in weight.items() if w > PATCH_EVIDENCE or patch == largest]
+        kept = [patch for patch, w in weight.items() if w > policy.detection.patch or patch == largest]
         position = np.flatnonzero(np.isin(patches, kept))
         model = self.model(
             data.part(position),
@@ -240,7 +224,7 @@ class ConstrainedEstimator:
             keep_face=True,
         )
         pressure = model.solution.traction[-1]
-        sure = np.flatnonzero(pressure > FAINT * pressure.max())
+        sure = np.flatnonzero(pressure > policy.extent.faint * pressure.max())
         model.contact = self.model(
             model.data.part(sure),
             self.precisions(level, 1, parameter / scale**2),
@@ -287,9 +271,7 @@ class ConstrainedEstimator:
     def even_noise(self) -> ConstrainedEstimator:
         """The same estimator with one noise for all channels of a kind (`Problem.with_even_noise`)."""
         problem = self.problem.with_even_noise()
-        out = ConstrainedEstimator(
-            problem, self.cone, parameter=self.parameter, draws=self.draws, parts=self.parts, thresholds=self.thresholds
-        )
+        out = ConstrainedEstimator(problem, self.cone, parameter=self.parameter, draws=self.draws, policy=self.policy)
         out.signs = tuple(sign for sign in self.signs if sign)
         return out
 
@@ -302,16 +284,17 @@ class ConstrainedEstimator:
 
     def frame(self, readings: Sequence[Floats], rng: np.random.Generator | None = None) -> Frame:
         """Contact in one frame of readings, (channel, *array) per plane."""
+        policy = self.policy
         data = self.noise.unlike(self.readings.flat(self.operator.observed(readings)))
         alive = self.noise.alive(data)
         ends = self.ends(readings, data)
-        if self.parts.screening:
-            alive &= ~silent(data, self.noise.index, self.pairs)
+        if policy.parts.screening:
+            alive &= ~silent(data, self.noise.index, self.pairs, policy)
         usable = alive.copy()
         filled = data
-        if self.parts.screening:
+        if policy.parts.screening:
             limits = ends.upper | ends.lower if ends is not None else np.zeros(len(data), dtype=bool)
-            found = self.start.screened(data, alive & ~limits, self.shifts[:, : self.usual], self.thresholds)
+            found = self.start.screened(data, alive & ~limits, self.shifts[:, : self.usual])
             usable &= ~found.broken
             filled = np.where(usable, data, found.explained)
         screened = filled, usable
@@ -321,15 +304,15 @@ class ConstrainedEstimator:
         h = quiet or hypothesis_of(
             self, filled, usable, self.terms, signs=self.signs, noise=None if small is None else small.left
         )
-        if self.parts.outliers and quiet is None:
+        if policy.parts.outliers and quiet is None:
             h, counted = without_outliers(self, h, filled, usable)
             if (usable & ~counted).any():
                 usable = counted
                 filled = np.where(usable, filled, h.sign * h.rough.explained + self.shifts @ h.sizes)
         if self.ambiguous and quiet is None:
             chance = rough_fit(self, h, filled, usable)
-            everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > self.thresholds.everywhere
-            if chance < self.thresholds.structured_chance or everywhere:
+            everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > policy.explanations.everywhere
+            if chance < policy.explanations.structured_chance or everywhere:
                 return self.unexplained(data, ~usable, chance)
         run = self.run_of(h, filled, alive, usable, ends)
         frame = self.framed(run, data, ends, rng)
@@ -338,15 +321,17 @@ class ConstrainedEstimator:
 
     def ends(self, readings: Sequence[Floats], data: Floats) -> Ceilings | None:
         """Readings at the end of their range, as stated or as the frame shows it; None where nothing is screened."""
-        if not self.parts.screening:
+        if not self.policy.parts.screening:
             return None
         given = None if self.given_ends is None else at_ends(self.readings.flat(readings), self.given_ends)
-        return ceilings(data if self.zero is None else data + self.zero, self.noise.index, self.pairs, given)
+        return ceilings(
+            data if self.zero is None else data + self.zero, self.noise.index, self.pairs, self.policy, given
+        )
 
     def as_they_are(self) -> ConstrainedEstimator:
         """The same estimator, for which no reading is at the end of its range, broken, or off by an offset."""
         out = copy.copy(self)
-        out.parts = replace(self.parts, screening=False, outliers=False)
+        out.policy = replace(self.policy, parts=replace(self.policy.parts, screening=False, outliers=False))
         out.given_ends, out.terms, out.usual = None, [], 0
         out.__dict__.pop("shifts", None)
         even = out.__dict__.pop("even_noise", None)
@@ -370,6 +355,7 @@ class ConstrainedEstimator:
 
     def run_of(self, h: Hypothesis, raw: Floats, alive: Flags, usable: Flags, ends: Ceilings | None) -> Run:
         """One hypothesis, solved."""
+        policy = self.policy
         known: float | None = None  # noise scale, where the contact tells it better than the linear model
         levels: Floats | None = None  # the same of every channel
         data = (h.sign or 1) * (raw - self.shifts @ h.sizes)
@@ -382,7 +368,7 @@ class ConstrainedEstimator:
             observed &= ~limited
             least = ends.step / (math.sqrt(12.0) * self.readings.std)
         high = None if ends is None else (ends.upper if h.sign >= 0 else ends.lower)
-        parts, limits = self.parts, self.thresholds
+        parts = policy.parts
         rounding = float(least.max(initial=0.0))
         if self.noise_known and rounding > 0.3:
             known = math.hypot(1.0, rounding)
@@ -399,13 +385,13 @@ class ConstrainedEstimator:
             known = max(h.rough.left, self.least_noise(data))
         if h.noise is not None:
             known = max(h.noise, self.least_noise(data))
-        for attempt in range(MOST_ATTEMPTS):
+        for attempt in range(policy.noise.attempts):
             evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
             gain, parameter, scale = evidence[1].gain, evidence[1].parameter, evidence[1].scale
             loud = uneven(self, data, observed, known)
             floor = max(self.least_noise(data), rounding)
             noise = self.readings.std * np.maximum(scale if levels is None else levels[self.noise.index], floor)
-            if not (scale > 0 and (gain > limits.contact + loud or h.noise is not None)):
+            if not (scale > 0 and (gain > policy.detection.evidence + loud or h.noise is not None)):
                 small = sharp_contact(self, data, observed) if scale > 0 and h.sign else None
                 if small is not None:
                     h, known = replace(h, noise=small.left), max(small.left, floor)
@@ -413,7 +399,7 @@ class ConstrainedEstimator:
                 return Run(h, [], data, noise, observed, parameter, scale, levels, True, math.inf, nothing)
             first, explained = self.fit(evidence[1].traction, data / noise, noise, observed, parameter / scale**2, near)
             near = first
-            if high is not None and attempt < ROUNDS_OF_OUTLIERS:
+            if high is not None and attempt < policy.noise.outlier_rounds:
                 # a reading at its ceiling counts where the contact would have it read less
                 short = limited & ~observed & np.where(high, explained < data, explained > data)
                 if short.any():
@@ -421,11 +407,13 @@ class ConstrainedEstimator:
                     rows = self.readings.planes(np.where(observed, data, explained))
                     continue
             wrong = self.noise.outliers(data, explained, np.maximum(noise, coarse * self.readings.std)) & ~limited
-            few = (wrong | ~observed)[alive].mean() <= limits.most_outliers and not loaded(
-                wrong, data, explained, self.pairs
+            few = (wrong | ~observed)[alive].mean() <= policy.screening.most and not loaded(
+                wrong, data, explained, self.pairs, policy
             )
             found = few and parts.outliers and (wrong & observed).any()
-            if (attempt < ROUNDS_OF_OUTLIERS and found) or (attempt < ROUNDS_OF_BROKEN and not alive.all()):
+            if (attempt < policy.noise.outlier_rounds and found) or (
+                attempt < policy.noise.broken_rounds and not alive.all()
+            ):
                 if few and parts.outliers:
                     observed &= ~wrong
                 # what is left out is filled with what the contact explains, so that the linear model can go on
@@ -436,8 +424,8 @@ class ConstrainedEstimator:
             # noise and offsets are learned from the first model alone; the others are made when they have come to rest
             models = self.models(first, data / noise, noise, observed, evidence)
             leading = next(models)
-            if h.present.any() and refined < MOST_OF_OFFSETS:
-                sure = refined >= ROUNDS_OF_OFFSETS
+            if h.present.any() and refined < policy.noise.most_offset_rounds:
+                sure = refined >= policy.noise.offset_rounds
                 change, unsure = change_of_nuisances(self, h, leading, data, noise, observed, sure=sure)
                 refined += 1
                 if change.any():
@@ -449,7 +437,9 @@ class ConstrainedEstimator:
             if parts.channel_noise and not self.noise_known:
                 own = self.noise.levels(leading, data / noise, noise, observed, unequal=levels is None)
             if own is not None:
-                if levels is not None and (learned == TURNS or np.abs(np.log(own / levels)).max() < SETTLED):
+                if levels is not None and (
+                    learned == policy.noise.turns or np.abs(np.log(own / levels)).max() < 0.5 * policy.noise.unequal
+                ):
                     break
                 levels, learned = own, learned + 1
                 continue
@@ -461,12 +451,12 @@ class ConstrainedEstimator:
             left *= noise[0] / self.readings.std[0]
             change_of_noise = max(left, floor) / max(scale, floor)
             if self.noise_known:
-                if learned == 0 and change_of_noise * limits.quieter < 1.0:
+                if learned == 0 and change_of_noise * policy.noise.again < 1.0:
                     # finer cells explain more: all but the noise that was given, or what they leave
                     known, finer = given, max(left, floor)
-                elif learned == 1 and change_of_noise > limits.unexplained:
+                elif learned == 1 and change_of_noise > policy.detection.unexplained:
                     known = finer
-                elif learned == 1 and change_of_noise > limits.quieter:
+                elif learned == 1 and change_of_noise > policy.noise.again:
                     known = left
                 else:
                     break
@@ -475,15 +465,17 @@ class ConstrainedEstimator:
             if follows and change_of_noise < 1.0:
                 # it began with the largest noise that explains itself
                 change_of_noise = 1.0 / change_of_noise
-            if learned == TURNS_OF_ALL or change_of_noise < limits.quieter:
+            if learned == policy.noise.turns_of_all or change_of_noise < policy.noise.again:
                 break
             total = float(np.sqrt(np.mean(self.readings.white((data / self.readings.std)[observed], observed) ** 2)))
-            if left > max(limits.most * total, limits.unexplained * scale):
+            if left > max(policy.detection.most_left * total, policy.detection.unexplained * scale):
                 break  # most of what a linear model explains is left: a pull, not noise
             known, learned = left, learned + 1
         signal = self.readings.white((data / noise)[observed], observed)
         left = float(np.sqrt(np.mean((signal - self.readings.white((explained / noise)[observed], observed)) ** 2)))
-        limit = max(limits.unexplained, limits.unexplained_signal * float(np.sqrt(np.mean(signal**2))))
+        limit = max(
+            policy.detection.unexplained, policy.detection.unexplained_signal * float(np.sqrt(np.mean(signal**2)))
+        )
         members = [leading, *models] if first[-1].any() else []
         return Run(h, members, data, noise, observed, parameter, scale, levels, left <= limit, limit, nothing)
 
@@ -493,7 +485,7 @@ class ConstrainedEstimator:
         """
         if self.noise_known or not h.sign:
             return False
-        return self.evidence(self.orders[1], rows, None).scale < self.thresholds.followed * h.rough.left
+        return self.evidence(self.orders[1], rows, None).scale < self.policy.noise.followed * h.rough.left
 
     def framed(self, run: Run, data: Floats, ends: Ceilings | None, rng: np.random.Generator | None) -> Frame:
         """One frame of the hypothesis that it was solved with."""
@@ -505,7 +497,7 @@ class ConstrainedEstimator:
         if not run.members:
             rest = np.where(run.observed, run.data / np.where(run.noise > 0, run.noise, 1.0), 0.0)
             # a reading that stands alone may be a small contact right over a shallow taxel
-            alone = np.where(shallow(self.operator.planes_of), data, 0.0)
+            alone = np.where(shallow(self.operator.planes_of, self.policy), data, 0.0)
             nothing = self._nothing(run.parameter, run.scale, run.data, left_out, alone)
             fit = misfit_of(self, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
             errors, unknown = what_hides(self, run, fit, nothing.known)
@@ -605,8 +597,12 @@ class ConstrainedEstimator:
 
     def quiet(self, y: Floats) -> float:
         """The part of the peak below which pressure is not told from none, for whitened readings."""
-        t = self.thresholds
-        return float(np.clip(t.noisy / max(float(np.abs(y).max()), 1e-300), t.quiet, t.most_quiet))
+        policy = self.policy
+        return float(
+            np.clip(
+                policy.extent.noisy / max(float(np.abs(y).max()), 1e-300), policy.extent.quiet, policy.extent.most_quiet
+            )
+        )
 
     def explained_by(self, traction: Floats) -> Floats:
         return self._responses.of(traction)
@@ -619,9 +615,10 @@ class ConstrainedEstimator:
 
     def check_size(self, unknowns: int) -> None:
         """Refuse a problem that is too large."""
-        if unknowns > LARGEST_UNKNOWNS:
+        policy = self.policy
+        if unknowns > policy.work.unknowns:
             raise Unsupported(
-                f"the contact covers {unknowns} unknowns, too many (limit {LARGEST_UNKNOWNS}). Give a "
+                f"the contact covers {unknowns} unknowns, too many (limit {policy.work.unknowns}). Give a "
                 "coarser surface (Skin(..., surface=...)), or "
                 + (f"seek {list(self.cone.components[:-1])} alone." if self.ambiguous else 'use method="tikhonov".')
             )
@@ -662,11 +659,12 @@ class ConstrainedEstimator:
         also: Run | None = None,
     ) -> Frame:
         """The mean of the models of a run, and of ``also`` another, with the errors of all."""
+        policy = self.policy
         runs = [run] if also is None else [run, also]
         members = [m for r in runs for m in r.members]
         large = any(m.data.at_size for m in members)
         summary = Summary(members, self.posterior)
-        limit = ALIKE if len(self.readings.std) <= FEW_ALIKE else DOUBTED
+        limit = policy.fit.alike if len(self.readings.std) <= policy.fit.few else policy.fit.doubted
         summary.alike = self.readings.independent and self.problem.nuisance is None and fit < limit
         summary.louder = louder(self, run, left)
         summary.gain = self.problem.uncertainty.assumed_gain
@@ -677,8 +675,8 @@ class ConstrainedEstimator:
         sampled = None
         if self.draws:
             sampled = self.posterior.draws(members, weights, self.draws, rng or np.random.default_rng(0))
-        alone = told_alone(self.operator.planes_of, run, np.abs(summary.mean[-1]), self.operator.surface)
-        summary.doubted = BROKEN * alone if MUCH < alone < 1.0 - MUCH else 0.0
+        alone = told_alone(self.operator.planes_of, run, np.abs(summary.mean[-1]), self.operator.surface, policy)
+        summary.doubted = 0.5 / STATED * alone if policy.errors.much < alone < 1.0 - policy.errors.much else 0.0
         return Frame(
             summary.mean,
             summary if large else summary.errors(),
@@ -691,7 +689,7 @@ class ConstrainedEstimator:
             sampled,
             sliding=sum(m.weight for m in members if m.ray is not None),
             fit=fit,
-            small=how_small(members, self.operator.planes_of, run),
+            small=how_small(members, self.operator.planes_of, run, policy),
             stated=summary.stated(),
             alone=alone,
             beyond=self.posterior.beyond(summary.mean),
