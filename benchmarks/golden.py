@@ -38,7 +38,7 @@ SAME = 1e-9
 #: Sides of square arrays, with the number of frames of each.
 SIDES = {3: 5, 4: 5, 5: 4, 6: 4, 8: 4, 10: 4, 12: 3, 16: 3, 24: 2, 32: 2, 48: 1, 64: 1}
 #: Quantities whose 95 % intervals are kept.
-INTERVALS = ("force", "peak", "traction")
+INTERVALS = ("force", "peak_pressure", "traction")
 
 Solve = Callable[[], Touch]
 
