@@ -217,8 +217,8 @@ def main() -> int:
             continue
         count += 1
         now, then = answer(solve), before[name]
-        for quantity in sorted({*now, *then}):
-            off = difference(then[quantity], now[quantity]) if quantity in now and quantity in then else math.inf
+        for quantity in sorted(then):
+            off = difference(then[quantity], now[quantity]) if quantity in now else math.inf
             largest[quantity] = max(largest.get(quantity, 0.0), off)
             if off > SAME:
                 worst.append((off, name, quantity))

@@ -28,26 +28,27 @@ from palpate.inverse.constrained.model import LARGEST_KEPT, ContactModel, Level,
 from palpate.inverse.constrained.products import AT_SIZE, Products, can_be_applied
 from palpate.inverse.constrained.quadratic import Penalty
 from palpate.inverse.constrained.responses import Responses
-from palpate.inverse.constrained.variances import taken_by
 from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.edges import outside_taxels, ring_of
 from palpate.inverse.contact.frame import Frame, Run, how_small, told_alone
 from palpate.inverse.contact.gathered import gathered
-from palpate.inverse.contact.hypotheses import Hypothesis, exceeded, hypothesis_of, rough_fit, without_outliers
+from palpate.inverse.contact.hypotheses import hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.misfit import drift_probability, fit_of, louder, misfit_of, proportional_part
 from palpate.inverse.contact.noise import ChannelNoise
+from palpate.inverse.contact.observed import Observed, observe
 from palpate.inverse.contact.offsets import goes_on_all_round, offset_as_load
 from palpate.inverse.contact.overload import in_range
 from palpate.inverse.contact.policy import STATED, Policy
 from palpate.inverse.contact.posterior import Posterior, ambiguity_of
-from palpate.inverse.contact.quiet import explained_by_noise, uneven, what_hides
+from palpate.inverse.contact.quiet import explained_by_noise, what_hides
 from palpate.inverse.contact.rims import with_rims
 from palpate.inverse.contact.rivals import with_rivals
-from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, shallow, silent
+from palpate.inverse.contact.screening import outermost, shallow
 from palpate.inverse.contact.sharp import sharp_contact
+from palpate.inverse.contact.solving import solved_run
 from palpate.inverse.contact.start import LinearStart, linear_models
 from palpate.inverse.contact.summary import Summary
-from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share, share_refuted
+from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share, share_refuted
 from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.fit import POOR_FIT, neighbours
@@ -58,7 +59,7 @@ from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.observability import pressing
 from palpate.inverse.problem import Problem
-from palpate.sensing.limits import at_ends, ends_of
+from palpate.sensing.limits import ends_of
 from palpate.sensing.nuisance import nuisances
 
 __all__ = ["ConstrainedEstimator"]
@@ -284,49 +285,29 @@ class ConstrainedEstimator:
 
     def frame(self, readings: Sequence[Floats], rng: np.random.Generator | None = None) -> Frame:
         """Contact in one frame of readings, (channel, *array) per plane."""
-        policy = self.policy
-        data = self.noise.unlike(self.readings.flat(self.operator.observed(readings)))
-        alive = self.noise.alive(data)
-        ends = self.ends(readings, data)
-        if policy.parts.screening:
-            alive &= ~silent(data, self.noise.index, self.pairs, policy)
-        usable = alive.copy()
-        filled = data
-        if policy.parts.screening:
-            limits = ends.upper | ends.lower if ends is not None else np.zeros(len(data), dtype=bool)
-            found = self.start.screened(data, alive & ~limits, self.shifts[:, : self.usual])
-            usable &= ~found.broken
-            filled = np.where(usable, data, found.explained)
-        screened = filled, usable
-        quiet = explained_by_noise(self, filled, usable)
-        small = None if quiet is None else sharp_contact(self, filled, usable)
-        quiet = quiet if small is None else None
-        h = quiet or hypothesis_of(
+        policy, observed = self.policy, observe(self, readings)
+        filled, usable = observed.filled, observed.usable
+        noise_alone = explained_by_noise(self, filled, usable)
+        small = None if noise_alone is None else sharp_contact(self, filled, usable)
+        noise_alone = noise_alone if small is None else None
+        h = noise_alone or hypothesis_of(
             self, filled, usable, self.terms, signs=self.signs, noise=None if small is None else small.left
         )
-        if policy.parts.outliers and quiet is None:
-            h, counted = without_outliers(self, h, filled, usable)
-            if (usable & ~counted).any():
-                usable = counted
-                filled = np.where(usable, filled, h.sign * h.rough.explained + self.shifts @ h.sizes)
-        if self.ambiguous and quiet is None:
-            chance = rough_fit(self, h, filled, usable)
+        counted = observed
+        if policy.parts.outliers and noise_alone is None:
+            h, fewer = without_outliers(self, h, filled, usable)
+            if (usable & ~fewer).any():
+                told = h.sign * h.rough.explained + self.shifts @ h.sizes
+                counted = replace(observed, filled=np.where(fewer, filled, told), usable=fewer)
+        if self.ambiguous and noise_alone is None:
+            chance = rough_fit(self, h, counted.filled, counted.usable)
             everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > policy.explanations.everywhere
             if chance < policy.explanations.structured_chance or everywhere:
-                return self.unexplained(data, ~usable, chance)
-        run = self.run_of(h, filled, alive, usable, ends)
-        frame = self.framed(run, data, ends, rng)
-        frame = with_rims(self, run, frame, *screened, ends, rng) or frame
-        return with_rivals(self, run, frame, data, alive, screened[1], ends, rng)
-
-    def ends(self, readings: Sequence[Floats], data: Floats) -> Ceilings | None:
-        """Readings at the end of their range, as stated or as the frame shows it; None where nothing is screened."""
-        if not self.policy.parts.screening:
-            return None
-        given = None if self.given_ends is None else at_ends(self.readings.flat(readings), self.given_ends)
-        return ceilings(
-            data if self.zero is None else data + self.zero, self.noise.index, self.pairs, self.policy, given
-        )
+                return self.unexplained(observed.data, ~counted.usable, chance)
+        run = solved_run(self, h, counted)
+        frame = self.framed(run, observed, rng)
+        frame = with_rims(self, run, frame, observed, rng) or frame
+        return with_rivals(self, run, frame, observed, rng)
 
     def as_they_are(self) -> ConstrainedEstimator:
         """The same estimator, for which no reading is at the end of its range, broken, or off by an offset."""
@@ -353,151 +334,17 @@ class ConstrainedEstimator:
         each = [np.where(np.arange(size[0])[:, None] == i, np.ones(size), 0.0) for i in range(size[0])]
         return np.stack([self.explained_by(t) for t in each], axis=1)
 
-    def run_of(self, h: Hypothesis, raw: Floats, alive: Flags, usable: Flags, ends: Ceilings | None) -> Run:
-        """One hypothesis, solved."""
-        policy = self.policy
-        known: float | None = None  # noise scale, where the contact tells it better than the linear model
-        levels: Floats | None = None  # the same of every channel
-        data = (h.sign or 1) * (raw - self.shifts @ h.sizes)
-        rows = self.readings.planes(data)
-        observed, learned = usable.copy(), 0
-        least = np.zeros_like(data)
-        limited = np.zeros(len(data), dtype=bool)
-        if ends is not None:
-            limited = (ends.upper | ends.lower) & alive
-            observed &= ~limited
-            least = ends.step / (math.sqrt(12.0) * self.readings.std)
-        high = None if ends is None else (ends.upper if h.sign >= 0 else ends.lower)
-        parts = policy.parts
-        rounding = float(least.max(initial=0.0))
-        if self.noise_known and rounding > 0.3:
-            known = math.hypot(1.0, rounding)
-        # noise that was given; what the cells of the surface leave beyond it, and what finer ones leave
-        given, coarse, finer = known, 0.0, 0.0
-        if h.sign and (exceeded(self, h, data, usable) if self.noise_known else h.present.any()):
-            known = max(h.rough.left, self.least_noise(data))
-            coarse = known if self.noise_known else 0.0
-        nothing = np.zeros((len(data), 0)), np.zeros(0)
-        refined, near = 0, h.rough.traction if h.sign else None
-        follows = self.ambiguous or self._follows(h, rows)
-        if (follows or not usable.all()) and h.rough.left > 0 and h.sign and not self.noise_known:
-            # a linear model makes noise of the edges of what is filled in
-            known = max(h.rough.left, self.least_noise(data))
-        if h.noise is not None:
-            known = max(h.noise, self.least_noise(data))
-        for attempt in range(policy.noise.attempts):
-            evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
-            gain, parameter, scale = evidence[1].gain, evidence[1].parameter, evidence[1].scale
-            loud = uneven(self, data, observed, known)
-            floor = max(self.least_noise(data), rounding)
-            noise = self.readings.std * np.maximum(scale if levels is None else levels[self.noise.index], floor)
-            if not (scale > 0 and (gain > policy.detection.evidence + loud or h.noise is not None)):
-                small = sharp_contact(self, data, observed) if scale > 0 and h.sign else None
-                if small is not None:
-                    h, known = replace(h, noise=small.left), max(small.left, floor)
-                    continue
-                return Run(h, [], data, noise, observed, parameter, scale, levels, True, math.inf, nothing)
-            first, explained = self.fit(evidence[1].traction, data / noise, noise, observed, parameter / scale**2, near)
-            near = first
-            if high is not None and attempt < policy.noise.outlier_rounds:
-                # a reading at its ceiling counts where the contact would have it read less
-                short = limited & ~observed & np.where(high, explained < data, explained > data)
-                if short.any():
-                    observed |= short
-                    rows = self.readings.planes(np.where(observed, data, explained))
-                    continue
-            wrong = self.noise.outliers(data, explained, np.maximum(noise, coarse * self.readings.std)) & ~limited
-            few = (wrong | ~observed)[alive].mean() <= policy.screening.most and not loaded(
-                wrong, data, explained, self.pairs, policy
-            )
-            found = few and parts.outliers and (wrong & observed).any()
-            if (attempt < policy.noise.outlier_rounds and found) or (
-                attempt < policy.noise.broken_rounds and not alive.all()
-            ):
-                if few and parts.outliers:
-                    observed &= ~wrong
-                # what is left out is filled with what the contact explains, so that the linear model can go on
-                rows = self.readings.planes(np.where(observed, data, explained))
-                continue
-            if not first[-1].any():
-                break
-            # noise and offsets are learned from the first model alone; the others are made when they have come to rest
-            models = self.models(first, data / noise, noise, observed, evidence)
-            leading = next(models)
-            if h.present.any() and refined < policy.noise.most_offset_rounds:
-                sure = refined >= policy.noise.offset_rounds
-                change, unsure = change_of_nuisances(self, h, leading, data, noise, observed, sure=sure)
-                refined += 1
-                if change.any():
-                    h = replace(h, sizes=h.sizes + (h.sign or 1) * change, present=h.present & ~unsure)
-                    data = data - self.shifts @ change
-                    rows = self.readings.planes(np.where(observed, data, explained))
-                    continue
-            own = None
-            if parts.channel_noise and not self.noise_known:
-                own = self.noise.levels(leading, data / noise, noise, observed, unequal=levels is None)
-            if own is not None:
-                if levels is not None and (
-                    learned == policy.noise.turns or np.abs(np.log(own / levels)).max() < 0.5 * policy.noise.unequal
-                ):
-                    break
-                levels, learned = own, learned + 1
-                continue
-            if not parts.noise_again or (self.noise_known and not coarse):
-                break
-            # what pressure that only pushes cannot follow is noise, even where a linear model could
-            took = taken_by(leading) if follows or leading.compact else None
-            left = self.noise.left(leading, first, data / noise, observed, self.effective_freedom(parameter), took)
-            left *= noise[0] / self.readings.std[0]
-            change_of_noise = max(left, floor) / max(scale, floor)
-            if self.noise_known:
-                if learned == 0 and change_of_noise * policy.noise.again < 1.0:
-                    # finer cells explain more: all but the noise that was given, or what they leave
-                    known, finer = given, max(left, floor)
-                elif learned == 1 and change_of_noise > policy.detection.unexplained:
-                    known = finer
-                elif learned == 1 and change_of_noise > policy.noise.again:
-                    known = left
-                else:
-                    break
-                learned += 1
-                continue
-            if follows and change_of_noise < 1.0:
-                # it began with the largest noise that explains itself
-                change_of_noise = 1.0 / change_of_noise
-            if learned == policy.noise.turns_of_all or change_of_noise < policy.noise.again:
-                break
-            total = float(np.sqrt(np.mean(self.readings.white((data / self.readings.std)[observed], observed) ** 2)))
-            if left > max(policy.detection.most_left * total, policy.detection.unexplained * scale):
-                break  # most of what a linear model explains is left: a pull, not noise
-            known, learned = left, learned + 1
-        signal = self.readings.white((data / noise)[observed], observed)
-        left = float(np.sqrt(np.mean((signal - self.readings.white((explained / noise)[observed], observed)) ** 2)))
-        limit = max(
-            policy.detection.unexplained, policy.detection.unexplained_signal * float(np.sqrt(np.mean(signal**2)))
-        )
-        members = [leading, *models] if first[-1].any() else []
-        return Run(h, members, data, noise, observed, parameter, scale, levels, left <= limit, limit, nothing)
-
-    def _follows(self, h: Hypothesis, rows: Sequence[Floats]) -> bool:
-        """Whether the linear model follows any readings, noise too, so that its evidence tells nothing of noise: as many components as
-        channels, felt by shallow taxels.
-        """
-        if self.noise_known or not h.sign:
-            return False
-        return self.evidence(self.orders[1], rows, None).scale < self.policy.noise.followed * h.rough.left
-
-    def framed(self, run: Run, data: Floats, ends: Ceilings | None, rng: np.random.Generator | None) -> Frame:
+    def framed(self, run: Run, observed: Observed, rng: np.random.Generator | None) -> Frame:
         """One frame of the hypothesis that it was solved with."""
         h = run.hypothesis
         deviation = nuisance_errors(self, run)
-        at_limit = np.zeros(len(data), dtype=bool) if ends is None else ends.upper | ends.lower
+        at_limit = observed.limited
         left_out = ~run.observed & ~at_limit
         each = np.full(self.noise.count, run.scale) if run.levels is None else run.levels
         if not run.members:
             rest = np.where(run.observed, run.data / np.where(run.noise > 0, run.noise, 1.0), 0.0)
             # a reading that stands alone may be a small contact right over a shallow taxel
-            alone = np.where(shallow(self.operator.planes_of, self.policy), data, 0.0)
+            alone = np.where(shallow(self.operator.planes_of, self.policy), observed.data, 0.0)
             nothing = self._nothing(run.parameter, run.scale, run.data, left_out, alone)
             fit = misfit_of(self, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
             errors, unknown = what_hides(self, run, fit, nothing.known)

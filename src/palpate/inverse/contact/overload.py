@@ -12,6 +12,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.discrepancy import explained
 from palpate.inverse.contact.frame import Frame
+from palpate.inverse.contact.observed import ends_of_range
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
@@ -27,7 +28,7 @@ def in_range(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: n
     """
     policy = estimator.policy
     data = estimator.readings.flat(estimator.operator.observed(readings))
-    ends = estimator.ends(readings, data)
+    ends = ends_of_range(estimator, readings, data)
     if ends is None or not ends.any:
         return explained(estimator, readings, rng)
     # at rest readings of few steps are often alike: an end is far from zero

@@ -21,7 +21,7 @@ from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.constrained.model import ContactModel, dilated
 from palpate.inverse.constrained.variances import taken_by
 from palpate.inverse.contact.frame import Frame, Run
-from palpate.inverse.contact.screening import Ceilings
+from palpate.inverse.contact.observed import Observed
 from palpate.inverse.fit import POOR_FIT
 from palpate.inverse.linear.evidence import LinearEvidence
 
@@ -38,14 +38,12 @@ def with_rims(
     estimator: ConstrainedEstimator,
     run: Run,
     frame: Frame,
-    raw: Floats,
-    usable: Flags,
-    ends: Ceilings | None,
+    observed: Observed,
     rng: np.random.Generator | None,
 ) -> Frame | None:
     """The frame with traction of either sign about its contact; None where that explains it no better, or is not worth trying.
 
-    ``raw`` are the readings and ``usable`` those that count, before any was left out that contact which pushes does not explain.
+    ``observed`` are the readings before any was left out that contact which pushes does not explain.
     """
     policy = estimator.policy
     if (
@@ -69,14 +67,13 @@ def with_rims(
     h = run.hypothesis
     # where it is not known what the contact does, neither is how much of the array's edge is loaded
     h = replace(h, rough=replace(h.rough, ring=estimator.ring_load(size)))
-    limited = np.zeros(len(raw), dtype=bool) if ends is None else ends.upper | ends.lower
     free = _without_cone(estimator)
     # an offset that was found with a push may be what a rim leaves
     without = replace(h, sizes=np.zeros_like(h.sizes), present=np.zeros_like(h.present))
     least_gain = policy.detection.evidence if frame.fit < policy.fit.accepted or h.sign == 0 else policy.rims.evident
     for each in [without, h] if h.present.any() else [h]:
-        data = (h.sign or 1) * (raw - estimator.shifts @ each.sizes)
-        whole = replace(run, hypothesis=each, data=data, observed=run.observed | (usable & ~limited))
+        data = (h.sign or 1) * (observed.filled - estimator.shifts @ each.sizes)
+        whole = replace(run, hypothesis=each, data=data, observed=run.observed | (observed.usable & ~observed.limited))
         other, rest = _run(free, whole, size, region)
         gains = _gain(free, run, other) > least_gain
         if not gains and h.sign == 0 and frame.fit > policy.fit.accepted:
@@ -85,7 +82,7 @@ def with_rims(
         if not gains and h.sign:
             continue
         other.members.extend(rest)
-        found = free.framed(other, raw, ends, rng)
+        found = free.framed(other, observed, rng)
         pressure = (h.sign or 1) * found.traction[-1]
         cancels = np.abs(found.traction).sum() > policy.rims.cancel * np.abs(frame.traction).sum()
         least = min(frame.fit, POOR_FIT) if h.sign and each is h else POOR_FIT

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.pad import Floats
 from palpate.inverse.contact.frame import Frame, Run
 from palpate.inverse.contact.hypotheses import worth_of
-from palpate.inverse.contact.screening import Ceilings
+from palpate.inverse.contact.observed import Observed
+from palpate.inverse.contact.solving import solved_run
 from palpate.inverse.fit import POOR_FIT
 
 if TYPE_CHECKING:
@@ -27,10 +27,7 @@ def with_rivals(
     estimator: ConstrainedEstimator,
     run: Run,
     frame: Frame,
-    raw: Floats,
-    alive: Flags,
-    usable: Flags,
-    ends: Ceilings | None,
+    observed: Observed,
     rng: np.random.Generator | None,
 ) -> Frame:
     """The frame, or that of a rival which explains what it leaves; where neither is sure, the mean of both with the errors of both.
@@ -39,12 +36,13 @@ def with_rivals(
     """
     policy = estimator.policy
     h, rivals = run.hypothesis, run.hypothesis.rivals
+    plain = replace(observed, filled=observed.data)
     # load all round with an offset against it leaves the rest free, and explains anything
     anything = h.present.any() and h.rough.ring > policy.explanations.ring
     if frame.fit < POOR_FIT or anything:
         for rival in rivals[: 1 if anything else policy.explanations.followed]:
             # what is refuted, or refutes nothing, gives way to what is not
-            other = estimator.framed(estimator.run_of(rival, raw, alive, usable, ends), raw, ends, rng)
+            other = estimator.framed(solved_run(estimator, rival, plain), observed, rng)
             if other.fit > policy.fit.accepted and other.contact:
                 return other
     elif frame.fit < policy.fit.doubted and frame.sign == h.sign and run.members:
@@ -54,8 +52,8 @@ def with_rivals(
             gained = worth_of(rival, estimator.policy) - worth_of(h, estimator.policy)
             if _share(gained - math.log(frame.fit)) < policy.explanations.least_weight:
                 continue
-            second = estimator.run_of(rival, raw, alive, usable, ends)
-            other = estimator.framed(second, raw, ends, rng)
+            second = solved_run(estimator, rival, plain)
+            other = estimator.framed(second, observed, rng)
             weight = (
                 _share(gained + math.log(max(other.fit, 1e-300) / frame.fit))
                 if other.fit > policy.fit.accepted
