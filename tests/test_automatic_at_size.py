@@ -17,7 +17,7 @@ from palpate.inverse.constrained.quadratic import Penalty
 from palpate.inverse.contact import hypotheses, summary
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.methods import cone_of
-from palpate.inverse.contact.parts import Parts
+from palpate.inverse.contact.policy import Errors, Parts, Policy
 from palpate.inverse.linear.matrix_free import path
 from palpate.inverse.linear.whitening import Readings
 
@@ -54,9 +54,6 @@ def without_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(products, name, 10)
     for name in ("PRODUCTS", "PRODUCTS_SLIDING"):
         monkeypatch.setattr(products, name, 0.0)
-    # the least error of a large contact's force is a bound, not what products leave
-    monkeypatch.setattr(summary, "MODEL_FORCE_AT_SIZE", summary.MODEL_FORCE)
-    monkeypatch.setattr(summary, "SUMS_AT_SIZE", 1.0)
 
 
 @pytest.mark.parametrize("ratio", [1, 2])
@@ -208,8 +205,12 @@ def test_a_pull_with_an_offset_on_a_large_array() -> None:
 def framed(skin: pp.Skin, readings: Any, friction: float | None) -> Any:
     """A frame on cells of the surface alone: no array too large for matrices is worth finer ones."""
     problem = skin.problem()
-    parts = Parts(finer_grid=False, finer_sliding=False, second_derivative=False)
-    return AdaptiveEstimator(problem, cone_of(problem.components, friction), parts=parts).frame([readings])
+    # the least error of a large contact's force is a bound, not what products leave
+    policy = Policy(
+        parts=Parts(finer_grid=False, finer_sliding=False, second_derivative=False),
+        errors=Errors(force_at_size=Errors().force, sums_at_size=1.0),
+    )
+    return AdaptiveEstimator(problem, cone_of(problem.components, friction), policy=policy).frame([readings])
 
 
 @pytest.mark.long
@@ -247,9 +248,7 @@ def test_broken_readings_are_found_in_windows(monkeypatch: pytest.MonkeyPatch) -
 
     def broken(rows: Any) -> Any:
         data = estimator.readings.flat([rows])
-        return estimator.start.screened(data, everything, estimator.shifts, estimator.thresholds).broken.reshape(
-            3, 16, 16
-        )
+        return estimator.start.screened(data, everything, estimator.shifts).broken.reshape(3, 16, 16)
 
     assert not broken(readings).any()
     readings[2, 8, 7] = 0.0  # dead, under the ball

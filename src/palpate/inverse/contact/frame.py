@@ -12,29 +12,14 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.contact.hypotheses import Hypothesis
-from palpate.inverse.contact.parts import STATED
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid
 
-__all__ = ["BROKEN", "MUCH", "Frame", "Run", "how_small", "said_of", "told_alone"]
+__all__ = ["Frame", "Run", "how_small", "said_of", "told_alone"]
 
-#: Standard deviations of noise above which a reading, or the sum of squares of many, is no noise.
-STANDS_OUT = 4.0
-#: Part of the load that is worth a word where one taxel alone tells it, or where it lies outside the outermost taxels (a convention).
-MUCH = 0.1
-#: Traction outside the outermost taxels, in parts of the largest, from which on the contact goes on there and nothing says how far (a convention).
-GOES_ON = 0.5
-#: Traction at the outermost taxels, in parts of the largest, from which on contact goes on beyond them (`Posterior.going_on`).
-AT_EDGE = 0.3
-#: Part of the normal force that one reading alone tells, from which on it is said: where that reading is cut by a half, so is a third of the force. A fifth of
-#: the clean frames of `palpate bench trust` say it, all of contacts of two or three shallow taxels, and five of eight single readings cut that nothing showed.
-HANGS = 0.4
-#: Taxels within so many pitches are neighbours, across too.
-BESIDE = 1.5
-#: Standard deviation of that one taxel's part of the force beside others, in parts of it and divided by `STATED`: it is there or not, and nothing tells.
-BROKEN = 0.5 / STATED
 
 Flags = npt.NDArray[np.bool_]
 
@@ -109,7 +94,7 @@ class Run:
     adrift: float = 0.0
 
 
-def how_small(members: Sequence[ContactModel], planes: Sequence[Array], run: Run) -> int:
+def how_small(members: Sequence[ContactModel], planes: Sequence[Array], run: Run, policy: Policy) -> int:
     """0, 1 where a contact may be small, and 2 where besides readings of one taxel alone stand out of the noise: what touches there cannot be told
     from what is wrong with it."""
     if not any(m.compact for m in members):
@@ -119,15 +104,15 @@ def how_small(members: Sequence[ContactModel], planes: Sequence[Array], run: Run
     squares = np.where(run.observed, (run.data / np.where(run.noise > 0, run.noise, 1.0)) ** 2, 0.0)
     rest = run.observed & (taxel != taxel[int(np.argmax(squares))])
     count = int(rest.sum())
-    level = count + STANDS_OUT * math.sqrt(2.0 * count)
-    return 2 if count and squares[rest].max() < STANDS_OUT**2 and squares[rest].sum() < level else 1
+    level = count + policy.errors.stands_out * math.sqrt(2.0 * count)
+    return 2 if count and squares[rest].max() < policy.errors.stands_out**2 and squares[rest].sum() < level else 1
 
 
-def told_alone(planes: Sequence[Array], run: Run, pressure: Floats, grid: Grid) -> float:
+def told_alone(planes: Sequence[Array], run: Run, pressure: Floats, grid: Grid, policy: Policy) -> float:
     """The largest part of the load, ``pressure`` on the surface's cells, that lies nearest to a taxel whose neighbours all read as where nothing touches."""
     import scipy.spatial
 
-    readings, load = run.observed & (np.abs(run.data) > STANDS_OUT * run.noise), float(pressure.sum())
+    readings, load = run.observed & (np.abs(run.data) > policy.errors.stands_out * run.noise), float(pressure.sum())
     if not readings.any() or not load > 0.0:
         return 0.0
     places, loud, start = [], [], 0
@@ -143,7 +128,7 @@ def told_alone(planes: Sequence[Array], run: Run, pressure: Floats, grid: Grid) 
             continue
         near = scipy.spatial.cKDTree(points).query(points[heard], k=2)[0][:, 1]
         # the first that is found is itself
-        alone = others.query(points[heard], k=2)[0][:, 1] > BESIDE * near
+        alone = others.query(points[heard], k=2)[0][:, 1] > policy.errors.beside * near
         for point, reach in zip(points[heard][alone], near[alone]):
             if cells is None:
                 cells = np.stack([x.ravel() for x in np.meshgrid(*grid.axes, indexing="ij")[::-1]], axis=1)
@@ -152,7 +137,7 @@ def told_alone(planes: Sequence[Array], run: Run, pressure: Floats, grid: Grid) 
     return found
 
 
-def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
+def said_of(frames: Sequence[Frame], batch: tuple[int, ...], policy: Policy) -> tuple[str, ...]:
     """What few taxels do not tell."""
 
     def where(count: int) -> str:
@@ -169,25 +154,30 @@ def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
         said.append(
             f"small contact or a broken taxel{where(alone)}: one taxel alone tells it, and the others read as where nothing touches"
         )
-    lonely = sum(f.alone > MUCH and f.small < 2 for f in frames)
+    lonely = sum(f.alone > policy.errors.much and f.small < 2 for f in frames)
     if lonely:
         said.append(
             f"a broken taxel or a small contact beside others{where(lonely)}: one taxel alone tells a part of the load, and its neighbours read as where "
             "nothing touches"
         )
-    across = sum(f.beyond[0] > MUCH or f.beyond[1] > GOES_ON for f in frames)
+    across = sum(f.beyond[0] > policy.errors.much or f.beyond[1] > policy.extent.goes_on for f in frames)
     if across:
         said.append(
-            f"contact across the edge{where(across)}: more than {100.0 * MUCH:.0f} % of the load, or {100.0 * GOES_ON:.0f} % of the largest traction, was found outside the outermost "
+            f"contact across the edge{where(across)}: more than {100.0 * policy.errors.much:.0f} % of the load, or {100.0 * policy.extent.goes_on:.0f} % of the largest traction, was found outside the outermost "
             "taxels, where nothing is measured"
         )
-    brink = sum(f.beyond[0] <= MUCH and f.beyond[1] <= GOES_ON and f.beyond[2] > AT_EDGE for f in frames)
+    brink = sum(
+        f.beyond[0] <= policy.errors.much
+        and f.beyond[1] <= policy.extent.goes_on
+        and f.beyond[2] > policy.extent.at_edge
+        for f in frames
+    )
     if brink:
         said.append(
-            f"contact at the edge{where(brink)}: at the outermost taxels traction is {100.0 * AT_EDGE:.0f} % of the largest or more, and how far it goes on "
+            f"contact at the edge{where(brink)}: at the outermost taxels traction is {100.0 * policy.extent.at_edge:.0f} % of the largest or more, and how far it goes on "
             "beyond them is not measured: the intervals have room for as far as it reaches inwards"
         )
-    hanging = [f.hangs for f in frames if f.hangs > HANGS]
+    hanging = [f.hangs for f in frames if f.hangs > policy.errors.hangs]
     if hanging:
         said.append(
             f"one reading alone tells {100.0 * max(hanging):.0f} % of the normal force{where(len(hanging))}: nothing shows whether it is right, or at the end of "

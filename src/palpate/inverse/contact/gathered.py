@@ -57,14 +57,16 @@ def gathered(estimator: ConstrainedEstimator, frames: Sequence[Frame], batch: tu
         pushed=numbers("pushed", bool),
         resolution=np.array([estimator.resolution(f.parameter) for f in frames]).reshape(batch),
         sliding=numbers("sliding") if estimator.finds_sliding else None,
-        said=said_of(frames, batch),
+        said=said_of(frames, batch, estimator.policy),
         noise_std=noise * np.concatenate(estimator.scales),
         fit=numbers("fit"),
         sign=numbers("sign", int),
         nuisance=np.stack([f.nuisance for f in frames]).reshape((*batch, -1)) if estimator.terms else None,
         nuisance_std=np.stack([f.nuisance_std for f in frames]).reshape((*batch, -1)) if estimator.terms else None,
         nuisance_names=tuple((t.label, t.unit) for t in estimator.terms),
-        at_limit=np.stack([f.at_limit for f in frames]).reshape((*batch, -1)) if estimator.parts.screening else None,
+        at_limit=np.stack([f.at_limit for f in frames]).reshape((*batch, -1))
+        if estimator.policy.parts.screening
+        else None,
         stated=_stated(frames, stacked),
         discrepancy=numbers("discrepancy"),
         unexplained=numbers("unexplained", bool),

@@ -21,8 +21,7 @@ import numpy.typing as npt
 
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.parts import Thresholds
-from palpate.inverse.contact.screening import FIRST_NOISE, ROUNDS, SETTLED, TOO_MUCH
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.fit import FEWEST, misfit_probability
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.nuisance import Nuisance
@@ -44,26 +43,6 @@ __all__ = [
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
-
-#: What is half as large as what counts is looked at closely: it hides behind itself.
-HALF = 0.5
-#: So many taxels tell an offset that is too small to be looked for, of what cells of the surface and pressure that only pushes leave of noise: 0.2 % of
-#: the peak counted as seen in every frame of 32 x 32 x 3 at 1 % noise, and the search took a third of its time.
-MANY = 400
-#: What is left is just the noise that was given up to so many standard errors of its root mean square, 1/sqrt(2 n) of n readings.
-SURE = 2.0
-#: Steps of nuisances that shrink by less than this are summed as a geometric series: this part of it, so as not to go too far (wide pressure then
-#: takes the place of the offset), and no more than so many times the last.
-SLOW, PART, FARTHEST = 0.5, 0.7, 20.0
-#: Rounds of weighed least squares that make least absolute deviations.
-REWEIGHED = 20
-#: A compact contact leaves at least this part of the readings' degrees of freedom.
-NARROW = 0.8
-#: Sizes of nuisances that differ by less than this part of them are the same.
-ALIKE = 0.1
-#: The mean of so many outermost taxels at least, up to so many of its standard errors, is no offset: one that passes is smaller than what counts as
-#: there (`Thresholds.nuisance` standard errors of all).
-FEWEST_QUIET, QUIET = 8, 1.5
 
 
 @dataclass(frozen=True)
@@ -108,16 +87,17 @@ def rough(
     degrees of freedom have gone to nuisances; ``near`` is that of `ConstrainedEstimator.fit`. Less noise is not tried where that gains
     less, and less than ``beat``.
     """
+    policy = estimator.policy
     readings, certain = estimator.readings, estimator.noise_known
     floor = estimator.least_noise(data)
-    known = 1.0 if certain else noise_at_first or FIRST_NOISE * total
+    known = 1.0 if certain else noise_at_first or policy.screening.first_noise * total
     filled = data.copy()
     linear = estimator.orders[1]
     cells = estimator.operator.surface.shape
     first: Floats = np.zeros((len(estimator.columns), math.prod(cells)))
     explained = np.zeros_like(data)
     left, free, gain = total, float(observed.sum() - used), -math.inf
-    for turn in range(ROUNDS):
+    for turn in range(policy.screening.rounds):
         found = estimator.evidence(linear, readings.planes(filled), known)
         noise = readings.std * known
         first, explained = estimator.fit(
@@ -130,7 +110,7 @@ def rough(
         left = math.sqrt(float((misfit**2).sum()) / free)
         # what is left out is filled with what the contact explains
         filled = np.where(observed, data, explained)
-        if left > known / SETTLED and (left < known * SETTLED or not certain):
+        if left > known / policy.noise.again and (left < known * policy.noise.again or not certain):
             break
         if (certain and left <= known) or left <= floor:
             break
@@ -211,7 +191,7 @@ def lowest_levels(
         if len(values) > 2 * width:
             least = float(np.convolve(values, np.full(width, 1.0 / width), mode="valid").min())
             ends = min(float(values[: width // 2].mean()), float(values[-(width // 2) :].mean()), 0.0)
-            start[i] = sign * least if least < ends + HALF * least else 0.0
+            start[i] = sign * least if least < ends + estimator.policy.explanations.half * least else 0.0
     return [start] if start.any() else []
 
 
@@ -239,7 +219,7 @@ def edge_drift(estimator: ConstrainedEstimator, data: Floats, observed: Flags, t
         scale = np.abs(rows).max(axis=0)
         y = data[place][edge]
         weight = np.ones(len(y))
-        for _ in range(REWEIGHED):
+        for _ in range(estimator.policy.work.reweighed):
             found = np.linalg.lstsq(rows / scale * weight[:, None], y * weight, rcond=1e-9)[0]
             left = np.abs(y - rows / scale @ found)
             weight = 1.0 / np.sqrt(np.maximum(left, 1e-3 * max(float(np.abs(y).max()), 1e-300)))
@@ -264,7 +244,7 @@ def with_nuisance(
     Sizes and contact are found in turn: the sizes from what the contact leaves, by least squares. Where displacement is felt far away each
     turn goes only a quarter of the way: then most of the steps' geometric series is summed (A. C. Aitken, Proc. R. Soc. Edinburgh 46, 1926, 289-305).
     """
-    t = estimator.thresholds
+    policy = estimator.policy
     readings = estimator.readings
     columns = np.stack([term.rows for term in terms], axis=1)
     unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
@@ -273,7 +253,7 @@ def with_nuisance(
     deviation, last = np.zeros(len(terms)), np.zeros(len(terms))
     near: Floats | None = None
     step = 0.0
-    for turn in range(t.nuisance_rounds):
+    for turn in range(policy.explanations.nuisance_rounds):
         clean = sign * (data - columns @ sizes)
         found = rough(estimator, clean, observed, total, int(present.sum()), noise_at_first, near, beat)
         near = found.traction
@@ -282,7 +262,7 @@ def with_nuisance(
             if found.gain < best.gain:
                 break
             step = max(step, found.gain - best.gain)
-            if found.gain + (t.nuisance_rounds - 1 - turn) * step < beat:
+            if found.gain + (policy.explanations.nuisance_rounds - 1 - turn) * step < beat:
                 return None
         best, kept = found, sizes.copy()
         left = sign * (clean - found.explained) / readings.std
@@ -290,17 +270,21 @@ def with_nuisance(
         change = np.zeros(len(terms))
         change[present] = allowed.sizes_of(left, observed)
         ratio = np.divide(change, last, out=np.zeros_like(change), where=last != 0.0)
-        slow = (ratio > SLOW) & (ratio < 1.0)
+        slow = (ratio > policy.work.slow) & (ratio < 1.0)
         last = np.where(slow, 0.0, change)
-        change = np.where(slow, change * (1.0 + PART * ratio / np.maximum(1.0 - ratio, 1.0 / FARTHEST)), change)
+        change = np.where(
+            slow,
+            change * (1.0 + policy.work.series * ratio / np.maximum(1.0 - ratio, 1.0 / policy.work.farthest)),
+            change,
+        )
         sizes = sizes + change
-        present = np.abs(sizes) > t.nuisance * deviation
+        present = np.abs(sizes) > policy.explanations.nuisance * deviation
         sizes = np.where(present, sizes, 0.0)
         if not present.any() or (np.abs(change) < 0.3 * deviation).all():
             break
     if best is None:
         raise RuntimeError("no round of nuisances was made")
-    present = np.abs(kept) > t.nuisance * deviation
+    present = np.abs(kept) > policy.explanations.nuisance * deviation
     return best, np.where(present, kept, 0.0), deviation
 
 
@@ -317,7 +301,7 @@ def hypothesis_of(
 
     ``terms`` are the nuisances that may be there; ``signs``: what contact may do (`Hypothesis.sign`); ``noise`` is that of `Hypothesis`.
     """
-    t = estimator.thresholds
+    policy = estimator.policy
     readings = estimator.readings
     white = readings.white((data / readings.std)[observed], observed)
     total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
@@ -342,15 +326,21 @@ def hypothesis_of(
         unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
         level = max(best.rough.left, estimator.least_noise(data))
         # something is left over, or the edge of the array is loaded all round
-        seen = (np.abs(rest) * unit > t.nuisance * level) & usual
-        if estimator.at_size or estimator.taxels >= MANY:
+        seen = (np.abs(rest) * unit > policy.explanations.nuisance * level) & usual
+        if estimator.at_size or estimator.taxels >= policy.explanations.many_taxels:
             # so many readings tell an offset that is far too small to be looked for
-            seen &= np.abs(rest) > HALF * t.smallest_nuisance * _reach(columns, data)
-        doubt = seen.any() or best.rough.ring > t.edge
+            seen &= np.abs(rest) > policy.explanations.half * policy.explanations.smallest_nuisance * _reach(
+                columns, data
+            )
+        doubt = seen.any() or best.rough.ring > policy.explanations.edge
         doubt |= _worth(estimator, best, data, total) and not _just_noise(estimator, best, data, observed, terms)
         # an offset of displacement on a half-space is explained by wide pressure, and nothing is left over
         hopeless = _hopeless(estimator, tried)
-        wide = estimator.far and estimator.problem.pad.thickness is None and best.rough.free < NARROW * observed.sum()
+        wide = (
+            estimator.far
+            and estimator.problem.pad.thickness is None
+            and best.rough.free < policy.explanations.compact * observed.sum()
+        )
         if doubt or wide:
             # the likelier sign first: the other one is left where it cannot catch up
             ordered = _likelier_first(tried, hopeless)
@@ -359,14 +349,14 @@ def hypothesis_of(
                     more = _with_drift(estimator, data, observed, total, sign, start, usual, noise, tried)
                     if k > 0:
                         # the level of the wrong end leaves the other end loaded, and so does a ramp
-                        more = [h for h in more if not h.rough.ring > t.edge]
+                        more = [h for h in more if not h.rough.ring > policy.explanations.edge]
                     for h in more:
                         # noise that is learned otherwise makes another solution of the same: the better one counts
-                        same = [o for o in tried if _alike(h, o)]
+                        same = [o for o in tried if _alike(h, o, policy)]
                         if all(h.rough.gain > o.rough.gain for o in same):
                             tried = [o for o in tried if not any(o is s for s in same)] + [h]
         tilted = edge_drift(estimator, data, observed, terms) if doubt and not usual.all() else levels[0]
-        if (np.abs(tilted) * unit > t.nuisance * level)[~usual].any():
+        if (np.abs(tilted) * unit > policy.explanations.nuisance * level)[~usual].any():
             every = np.ones_like(usual)
             for sign in _likelier_first(tried, hopeless):
                 tried.extend(_with_drift(estimator, data, observed, total, sign, tilted, every, noise, tried))
@@ -376,13 +366,13 @@ def hypothesis_of(
             # of the linear model's traction some lies everywhere
             free = replace(free, rough=replace(free.rough, ring=plain.rough.ring))
             tried.append(free)
-    best = _best(tried, t)
+    best = _best(tried, policy)
     chance = 1.0 if 0 not in signs or best.sign == 0 or free is None else rough_fit(estimator, best, data, observed)
-    best = free if chance < t.structured_chance and free is not None else best
+    best = free if chance < policy.explanations.structured_chance and free is not None else best
     # one that bends to every reading explains any; so does load all round with an offset against it, which leaves the rest free to push and to pull
     rivals = sorted(
-        (h for h in tried if h.present.any() and h is not best and _may_be(h, t)),
-        key=lambda h: -worth_of(h, t),
+        (h for h in tried if h.present.any() and h is not best and _may_be(h, policy)),
+        key=lambda h: -worth_of(h, policy),
     )
     best = replace(best, rivals=tuple(rivals))
     return best if noise is None else replace(best, noise=noise)
@@ -398,11 +388,12 @@ def _hopeless(estimator: ConstrainedEstimator, tried: Sequence[Hypothesis]) -> l
     """Signs of contact that no offset saves, on large arrays: they gain less than half of what the best does, and that is no load all round, which is what
     an offset would be taken for.
     """
+    policy = estimator.policy
     best = max(tried, key=lambda h: h.rough.gain)
-    explains = best.rough.gain > 0.0 and not best.rough.ring > estimator.thresholds.edge
-    if estimator.far or estimator.taxels < MANY or not explains:
+    explains = best.rough.gain > 0.0 and not best.rough.ring > policy.explanations.edge
+    if estimator.far or estimator.taxels < policy.explanations.many_taxels or not explains:
         return []
-    return [h.sign for h in tried if h.rough.gain < HALF * best.rough.gain]
+    return [h.sign for h in tried if h.rough.gain < policy.explanations.half * best.rough.gain]
 
 
 def _with_drift(
@@ -417,9 +408,9 @@ def _with_drift(
     tried: Sequence[Hypothesis],
 ) -> list[Hypothesis]:
     """The hypothesis with those of the nuisances ``sought`` that are there, if it is one, and may be better than what was ``tried``."""
-    t, terms = estimator.thresholds, [term for term, here in zip(estimator.terms, sought) if here]
+    policy, terms = estimator.policy, [term for term, here in zip(estimator.terms, sought) if here]
     # what is loaded all round, or bends to every reading, is refuted too often to leave others for it
-    beat = max((worth_of(h, t) for h in tried if _may_be(h, t)), default=-math.inf)
+    beat = max((worth_of(h, policy) for h in tried if _may_be(h, policy)), default=-math.inf)
     solved = with_nuisance(estimator, data, observed, total, terms, sign, start[sought], noise, beat)
     if solved is None:
         return []
@@ -428,7 +419,10 @@ def _with_drift(
     columns = np.stack([term.rows for term in terms], axis=1)
     part = np.abs(sizes) / np.maximum(_reach(columns, data), 1e-300)
     reach = reach_of_kind(estimator, columns, data - columns @ sizes)
-    if not ((part > t.smallest_nuisance).any() and (np.abs(sizes) <= t.largest_nuisance * reach).all()):
+    if not (
+        (part > policy.explanations.smallest_nuisance).any()
+        and (np.abs(sizes) <= policy.explanations.largest_nuisance * reach).all()
+    ):
         return []
     every = np.zeros(len(sought))
     every[sought] = sizes
@@ -437,14 +431,16 @@ def _with_drift(
 
 def rough_fit(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, observed: Flags) -> float:
     """The chance that noise is what a hypothesis leaves; 1 where it leaves little. Else contact of one sign is not what this is."""
-    t = estimator.thresholds
+    policy = estimator.policy
     white = estimator.readings.white((data / estimator.readings.std)[observed], observed)
     total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
     columns = np.stack([term.rows for term in estimator.terms], axis=1) if estimator.terms else None
     clean = data if columns is None else data - columns @ h.sizes
     residual = np.where(observed, h.sign * clean - h.rough.explained, 0.0) / estimator.readings.std
     size = math.sqrt(float(np.mean(residual[observed] ** 2)))
-    if not size > t.structured * total or (estimator.noise_known and size < t.unexplained):
+    if not size > policy.explanations.structured * total or (
+        estimator.noise_known and size < policy.detection.unexplained
+    ):
         return 1.0
     taken = float(observed.sum()) - h.rough.free
     return misfit_probability(residual / size, observed, estimator.pairs, taken=taken, known=False)
@@ -452,18 +448,18 @@ def rough_fit(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, obse
 
 def exceeded(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, observed: Flags) -> bool:
     """Whether what contact leaves is far more than the noise that was given: it is then taken for noise, and the fit says so."""
-    t = estimator.thresholds
+    policy = estimator.policy
     white = estimator.readings.white((data / estimator.readings.std)[observed], observed)
     size = math.sqrt(float(np.mean(white**2)))
     misfit = h.rough.left * math.sqrt(h.rough.free / max(float(observed.sum()), 1.0))
-    return misfit > max(t.unexplained, t.exceeded * size)
+    return misfit > max(policy.detection.unexplained, policy.explanations.exceeded * size)
 
 
 def without_outliers(
     estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, observed: Flags
 ) -> tuple[Hypothesis, Flags]:
     """A hypothesis without the readings that its contact does not explain, left out one at a time, the worst first."""
-    t = estimator.thresholds
+    policy = estimator.policy
     readings, n = estimator.readings, len(data)
     if h.sign == 0 or not h.rough.traction[-1].any():
         return h, observed
@@ -473,16 +469,16 @@ def without_outliers(
     white = readings.white((clean / readings.std)[counted], counted)
     total = math.sqrt(float(np.mean(white**2)))
     best = h.rough
-    for _ in range(max(int(t.most_outliers * observed.sum()), 1)):
+    for _ in range(max(int(policy.screening.most * observed.sum()), 1)):
         size = np.abs(clean) / readings.std
         others = np.where(counted & ~estimator.outermost, size, 0.0).max(initial=0.0)
-        may = counted & (~estimator.outermost | (size > TOO_MUCH * others))
+        may = counted & (~estimator.outermost | (size > policy.screening.outermost * others))
         residual = np.where(may, np.abs(clean - best.explained) / readings.std, 0.0)
         worst = int(np.argmax(residual))
         largest = float(np.abs(best.explained / readings.std).max(initial=0.0))
         # one reading among n raises what is left to its own size over sqrt(n): it hides behind itself where there are few
-        part = 1.0 if estimator.at_size else HALF
-        if not residual[worst] > max(part * t.outlier * best.left, t.gross * largest):
+        part = 1.0 if estimator.at_size else policy.explanations.half
+        if not residual[worst] > max(part * policy.screening.deviations * best.left, policy.screening.gross * largest):
             break
         fewer = counted.copy()
         fewer[worst] = False
@@ -490,18 +486,18 @@ def without_outliers(
         found = rough(estimator, filled, fewer, total, int(h.present.sum()), h.noise, best.traction)
         floor = max(found.left, estimator.least_noise(data))
         if not (
-            found.free * math.log(max(best.left, floor) / floor) > t.broken + math.log(n)
-            and abs(clean[worst] - found.explained[worst]) / readings.std[worst] > t.outlier * floor
+            found.free * math.log(max(best.left, floor) / floor) > policy.screening.broken + math.log(n)
+            and abs(clean[worst] - found.explained[worst]) / readings.std[worst] > policy.screening.deviations * floor
         ):
             break
         counted, best = fewer, found
     return replace(h, rough=best), counted
 
 
-def _alike(a: Hypothesis, b: Hypothesis) -> bool:
+def _alike(a: Hypothesis, b: Hypothesis, policy: Policy) -> bool:
     """Whether two hypotheses with nuisances came to the same: a rival that is a copy would be solved for nothing."""
     same = a.sign == b.sign and np.array_equal(a.present, b.present)
-    return bool(same and np.allclose(a.sizes, b.sizes, rtol=ALIKE, atol=0.0))
+    return bool(same and np.allclose(a.sizes, b.sizes, rtol=policy.explanations.same, atol=0.0))
 
 
 def _reach(columns: Floats, data: Floats) -> Floats:
@@ -532,13 +528,13 @@ def _worth(estimator: ConstrainedEstimator, h: Hypothesis, data: Floats, total: 
     """Whether others are worth trying: this one leaves much of the readings, and of a large array, most of which nothing touches, more than
     the linear model, which may pull, calls noise.
     """
-    t = estimator.thresholds
-    if not h.rough.left > t.doubt * total:
+    policy = estimator.policy
+    if not h.rough.left > policy.explanations.doubt * total:
         return False
     if not estimator.at_size or estimator.noise_known:
         return True
     linear = estimator.evidence(estimator.orders[1], estimator.readings.planes(data), None)
-    return h.rough.left > t.quieter * linear.scale
+    return h.rough.left > policy.noise.again * linear.scale
 
 
 def _just_noise(
@@ -547,10 +543,12 @@ def _just_noise(
     """Whether what is left is no more than noise, and the outermost taxels of an area read nothing but it: offsets are then not worth
     seeking, however large a part of the readings is noise. What contact leaves would not tell: it takes up noise that pushes.
     """
-    t, std, noise = estimator.thresholds, estimator.readings.std, 1.0
+    policy, std, noise = estimator.policy, estimator.readings.std, 1.0
     if not estimator.noise_known:
         noise = estimator.evidence(estimator.orders[1], estimator.readings.planes(data), None).scale
-    if h.rough.left > noise * (1.0 + SURE / math.sqrt(2.0 * h.rough.free) if estimator.noise_known else t.quieter):
+    if h.rough.left > noise * (
+        1.0 + policy.explanations.sure / math.sqrt(2.0 * h.rough.free) if estimator.noise_known else policy.noise.again
+    ):
         return False
     for term in terms:
         array, here = _touched(estimator, term)
@@ -558,7 +556,10 @@ def _just_noise(
             return False
         at = here[_outermost(array.points[array.valid.ravel()], isinstance(array, ScatteredArray))]
         at = at[observed[at]]
-        if len(at) < FEWEST_QUIET or abs(float((data[at] / std[at]).mean())) * math.sqrt(len(at)) > QUIET * noise:
+        if (
+            len(at) < policy.explanations.edge_taxels
+            or abs(float((data[at] / std[at]).mean())) * math.sqrt(len(at)) > policy.explanations.edge_mean * noise
+        ):
             return False
     return True
 
@@ -576,22 +577,24 @@ def _both(
     return Hypothesis(0, Rough(gain, left, free, flat, np.zeros_like(data), 1.0), none, none > 0)
 
 
-def _may_be(h: Hypothesis, t: Thresholds) -> bool:
+def _may_be(h: Hypothesis, policy: Policy) -> bool:
     """Whether a hypothesis is one of compact contact."""
-    return h.rough.free >= FEWEST and h.rough.ring < t.ring
+    return h.rough.free >= FEWEST and h.rough.ring < policy.explanations.ring
 
 
-def worth_of(h: Hypothesis, t: Thresholds) -> float:
+def worth_of(h: Hypothesis, policy: Policy) -> float:
     """The gain of a hypothesis, less what it needs."""
-    return h.rough.gain - t.per_nuisance * int(h.present.sum()) - t.other_sign * (h.sign < 1)
+    return h.rough.gain - policy.explanations.per_nuisance * (int(h.present.sum()) + (h.sign < 1))
 
 
-def _best(tried: Sequence[Hypothesis], t: Thresholds) -> Hypothesis:
+def _best(tried: Sequence[Hypothesis], policy: Policy) -> Hypothesis:
     """The best; one that needs more must gain more, and be surer than whether anything touches at all."""
 
     plain = [h for h in tried if h.sign != 0 and not h.present.any()]
-    simple = max(plain, key=lambda h: worth_of(h, t))
-    best = max(tried, key=lambda h: worth_of(h, t))
+    simple = max(plain, key=lambda h: worth_of(h, policy))
+    best = max(tried, key=lambda h: worth_of(h, policy))
     # that the whole edge of the array is loaded is what an offset looks like, and a contact larger than the array
-    margin = t.undecided if simple.rough.ring > t.ring else t.contact
-    return best if best is simple or worth_of(best, t) - worth_of(simple, t) > margin else simple
+    margin = (
+        policy.explanations.undecided if simple.rough.ring > policy.explanations.ring else policy.detection.evidence
+    )
+    return best if best is simple or worth_of(best, policy) - worth_of(simple, policy) > margin else simple
