@@ -4,6 +4,7 @@
     python benchmarks/golden.py compare before.npz             the same frames by the code as it is now; exit status 1 where one differs by more than 1e-9
     python benchmarks/golden.py compare before.npz --every 8   every eighth frame of each part, for a quick look
     python benchmarks/golden.py compare before.npz --part few  one part
+    python benchmarks/golden.py compare before.npz --unreached reached.txt   also the lines of inverse/contact that no frame reached; a file that is there adds its own
 
 Frames come from seeds that nothing else uses: every row of `palpate.bench.trust` (recordings by their zero, without a tracker), the kinds of
 `palpate.bench.unseen`, arrays of 3 x 3 to 64 x 64 taxels, and few readings with a zero. Each answer is traction, force, their intervals, that of the peak,
@@ -14,6 +15,7 @@ would be in them.
 from __future__ import annotations
 
 import argparse
+import ast
 import contextlib
 import math
 import sys
@@ -182,6 +184,41 @@ def difference(one: npt.NDArray[Any], other: npt.NDArray[Any]) -> float:
     return off / size if size > 0 else (0.0 if off == 0 else math.inf)
 
 
+CONTACT = Path(pp.__file__).parent / "inverse" / "contact"
+
+
+class Reached:
+    """Lines of inverse/contact that were run, counted once each (`sys.monitoring`, which then costs next to nothing)."""
+
+    def __init__(self) -> None:
+        self.lines: set[tuple[str, int]] = set()
+        events = sys.monitoring
+        events.use_tool_id(events.COVERAGE_ID, "golden")
+        events.register_callback(events.COVERAGE_ID, events.events.LINE, self._seen)
+        events.set_events(events.COVERAGE_ID, events.events.LINE)
+
+    def _seen(self, code: Any, line: int) -> Any:
+        if code.co_filename.startswith(str(CONTACT)):
+            self.lines.add((str(Path(code.co_filename).relative_to(CONTACT)), line))
+        return sys.monitoring.DISABLE
+
+    def report(self, file: Path) -> None:
+        """Add to the file what was reached, and print the lines that were not, by file."""
+        if file.exists():
+            self.lines |= {(a, int(b)) for a, b in (line.rsplit(":", 1) for line in file.read_text().splitlines())}
+        file.write_text("".join(f"{a}:{b}\n" for a, b in sorted(self.lines)))
+        for path in sorted(CONTACT.rglob("*.py")):
+            name = str(path.relative_to(CONTACT))
+            body = [
+                n for f in ast.walk(ast.parse(path.read_text())) if isinstance(f, ast.FunctionDef) for n in ast.walk(f)
+            ]
+            starts = {n.lineno for n in body if isinstance(n, ast.stmt) and not isinstance(n, ast.FunctionDef)}
+            docs = {n.lineno for n in body if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)}
+            missing = sorted(starts - docs - {b for a, b in self.lines if a == name})
+            if missing:
+                print(f"  {name}: {', '.join(map(str, missing))}")
+
+
 def frames(parts: list[str], every: int) -> Iterator[tuple[str, Solve]]:
     for part in parts:
         yield from list(PARTS[part]())[::every]
@@ -193,7 +230,9 @@ def main() -> int:
     parser.add_argument("file", type=Path)
     parser.add_argument("--every", type=int, default=1, help="only every so many frames of each part")
     parser.add_argument("--part", choices=list(PARTS), action="append", help="only this part (may be repeated)")
+    parser.add_argument("--unreached", type=Path, help="keep lines that are reached in this file, and print the others")
     given = parser.parse_args()
+    reached = Reached() if given.unreached else None
     parts = given.part or list(PARTS)
     if given.what == "record":
         kept = {}
@@ -229,6 +268,8 @@ def main() -> int:
     for name in changed:
         print(f"  {name}: " + ", ".join(f"{q} {off:.2g}" for off, n, q in worst if n == name))
     print(f"{len(changed)} of {count} frames differ by more than {SAME:g}")
+    if reached is not None:
+        reached.report(given.unreached)
     return int(bool(worst))
 
 

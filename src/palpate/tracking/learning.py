@@ -11,7 +11,7 @@ import numpy as np
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.hypotheses import rough
+from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.sharp import sharp_contact
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background

@@ -30,25 +30,28 @@ from palpate.inverse.constrained.quadratic import Penalty
 from palpate.inverse.constrained.responses import Responses
 from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.edges import outside_taxels, ring_of
-from palpate.inverse.contact.frame import Frame, Run, how_small, told_alone
+from palpate.inverse.contact.explanation import Solved
+from palpate.inverse.contact.frame import Frame, how_small, told_alone
 from palpate.inverse.contact.gathered import gathered
-from palpate.inverse.contact.hypotheses import hypothesis_of, rough_fit, without_outliers
 from palpate.inverse.contact.misfit import drift_probability, fit_of, louder, misfit_of, proportional_part
 from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.observed import Observed, observe
-from palpate.inverse.contact.offsets import goes_on_all_round, offset_as_load
+from palpate.inverse.contact.outliers import without_outliers
 from palpate.inverse.contact.overload import in_range
 from palpate.inverse.contact.policy import STATED, Policy
 from palpate.inverse.contact.posterior import Posterior, ambiguity_of
+from palpate.inverse.contact.proposals import explanation_of
 from palpate.inverse.contact.quiet import explained_by_noise, what_hides
 from palpate.inverse.contact.rims import with_rims
 from palpate.inverse.contact.rivals import with_rivals
+from palpate.inverse.contact.rough import rough_fit
 from palpate.inverse.contact.screening import outermost, shallow
 from palpate.inverse.contact.sharp import sharp_contact
-from palpate.inverse.contact.solving import solved_run
+from palpate.inverse.contact.solving import solve
 from palpate.inverse.contact.start import LinearStart, linear_models
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share, share_refuted
+from palpate.inverse.contact.unbounded import goes_on_all_round, offset_as_load
 from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.fit import POOR_FIT, neighbours
@@ -154,7 +157,7 @@ class ConstrainedEstimator:
         self.ring = ring_of(self.outside)
         self.outermost = outermost(self.orders[1])
         self.far = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
-        #: What contact may do (`hypotheses`): push (1), pull as a whole (-1), both (0; the linear method's then).
+        #: What contact may do (`explanations`): push (1), pull as a whole (-1), both (0; the linear method's then).
         self.signs: tuple[int, ...] = (1,)
 
     def ring_load(self, pressure: Floats) -> float:
@@ -290,7 +293,7 @@ class ConstrainedEstimator:
         noise_alone = explained_by_noise(self, filled, usable)
         small = None if noise_alone is None else sharp_contact(self, filled, usable)
         noise_alone = noise_alone if small is None else None
-        h = noise_alone or hypothesis_of(
+        h = noise_alone or explanation_of(
             self, filled, usable, self.terms, signs=self.signs, noise=None if small is None else small.left
         )
         counted = observed
@@ -304,7 +307,7 @@ class ConstrainedEstimator:
             everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > policy.explanations.everywhere
             if chance < policy.explanations.structured_chance or everywhere:
                 return self.unexplained(observed.data, ~counted.usable, chance)
-        run = solved_run(self, h, counted)
+        run = solve(self, h, counted)
         frame = self.framed(run, observed, rng)
         frame = with_rims(self, run, frame, observed, rng) or frame
         return with_rivals(self, run, frame, observed, rng)
@@ -334,9 +337,9 @@ class ConstrainedEstimator:
         each = [np.where(np.arange(size[0])[:, None] == i, np.ones(size), 0.0) for i in range(size[0])]
         return np.stack([self.explained_by(t) for t in each], axis=1)
 
-    def framed(self, run: Run, observed: Observed, rng: np.random.Generator | None) -> Frame:
-        """One frame of the hypothesis that it was solved with."""
-        h = run.hypothesis
+    def framed(self, run: Solved, observed: Observed, rng: np.random.Generator | None) -> Frame:
+        """One frame of the explanation that it was solved with."""
+        h = run.explanation
         deviation = nuisance_errors(self, run)
         at_limit = observed.limited
         left_out = ~run.observed & ~at_limit
@@ -498,12 +501,12 @@ class ConstrainedEstimator:
 
     def combined(
         self,
-        run: Run,
+        run: Solved,
         noise: Floats,
         fit: float,
         left: float,
         rng: np.random.Generator | None,
-        also: Run | None = None,
+        also: Solved | None = None,
     ) -> Frame:
         """The mean of the models of a run, and of ``also`` another, with the errors of all."""
         policy = self.policy

@@ -11,14 +11,14 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
-from palpate.inverse.contact.hypotheses import Hypothesis
+from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid
 
-__all__ = ["Frame", "Run", "how_small", "said_of", "told_alone"]
+__all__ = ["Frame", "Solved", "how_small", "said_of", "told_alone"]
 
 
 Flags = npt.NDArray[np.bool_]
@@ -72,29 +72,7 @@ class Frame:
         return self.errors.errors() if isinstance(self.errors, Summary) else self.errors
 
 
-@dataclass
-class Run:
-    """One hypothesis of a frame, solved: its models, and what they were solved with. Without models nothing touches.
-
-    ``drift``: `misfit.drift_probability`; ``adrift``: the weight of models whose normal force may be drift (`systematic.share_drift`).
-    """
-
-    hypothesis: Hypothesis
-    members: list[ContactModel]
-    data: Floats
-    noise: Floats
-    observed: Flags
-    parameter: float
-    scale: float
-    levels: Floats | None
-    pushed: bool
-    limit: float
-    doubtful: tuple[Floats, Floats]
-    drift: float = math.nan
-    adrift: float = 0.0
-
-
-def how_small(members: Sequence[ContactModel], planes: Sequence[Array], run: Run, policy: Policy) -> int:
+def how_small(members: Sequence[ContactModel], planes: Sequence[Array], run: Solved, policy: Policy) -> int:
     """0, 1 where a contact may be small, and 2 where besides readings of one taxel alone stand out of the noise: what touches there cannot be told
     from what is wrong with it."""
     if not any(m.compact for m in members):
@@ -108,7 +86,7 @@ def how_small(members: Sequence[ContactModel], planes: Sequence[Array], run: Run
     return 2 if count and squares[rest].max() < policy.errors.stands_out**2 and squares[rest].sum() < level else 1
 
 
-def told_alone(planes: Sequence[Array], run: Run, pressure: Floats, grid: Grid, policy: Policy) -> float:
+def told_alone(planes: Sequence[Array], run: Solved, pressure: Floats, grid: Grid, policy: Policy) -> float:
     """The largest part of the load, ``pressure`` on the surface's cells, that lies nearest to a taxel whose neighbours all read as where nothing touches."""
     import scipy.spatial
 

@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.score import gain_of
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
@@ -72,7 +73,7 @@ def sharp_contact(estimator: ConstrainedEstimator, data: Floats, observed: Flags
         if free < 2:
             break
         size_left = max(math.sqrt(float(left @ left) / free), floor)
-        gain = free * math.log(max(total / size_left, 1.0)) - count * math.log(search.cells)
+        gain = gain_of(free, max(total, size_left), size_left) - count * math.log(search.cells)
         if best is None or gain > best.gain:
             best = Sharp(gain, size_left)
         if size_left <= floor:
