@@ -1,6 +1,7 @@
 """Answers of the contact methods on fixed frames, to hold a change of the code against the code before it.
 
     python benchmarks/golden.py record before.npz              every frame, into a file outside the tree
+    python benchmarks/golden.py compare before.npz after.npz   two such files
     python benchmarks/golden.py compare before.npz             the same frames by the code as it is now; exit status 1 where one differs by more than 1e-9
     python benchmarks/golden.py compare before.npz --every 8   every eighth frame of each part, for a quick look
     python benchmarks/golden.py compare before.npz --part few  one part
@@ -188,19 +189,23 @@ CONTACT = Path(pp.__file__).parent / "inverse" / "contact"
 
 
 class Reached:
-    """Lines of inverse/contact that were run, counted once each (`sys.monitoring`, which then costs next to nothing)."""
+    """Lines of inverse/contact that were run."""
 
     def __init__(self) -> None:
         self.lines: set[tuple[str, int]] = set()
-        events = sys.monitoring
-        events.use_tool_id(events.COVERAGE_ID, "golden")
-        events.register_callback(events.COVERAGE_ID, events.events.LINE, self._seen)
-        events.set_events(events.COVERAGE_ID, events.events.LINE)
+        self._names: dict[str, str | None] = {}
+        sys.settrace(self._call)
 
-    def _seen(self, code: Any, line: int) -> Any:
-        if code.co_filename.startswith(str(CONTACT)):
-            self.lines.add((str(Path(code.co_filename).relative_to(CONTACT)), line))
-        return sys.monitoring.DISABLE
+    def _call(self, frame: Any, event: str, value: Any) -> Any:
+        file = frame.f_code.co_filename
+        if file not in self._names:
+            inside = file.startswith(str(CONTACT))
+            self._names[file] = str(Path(file).relative_to(CONTACT)) if inside else None
+        return None if self._names[file] is None else self._line
+
+    def _line(self, frame: Any, event: str, value: Any) -> Any:
+        self.lines.add((self._names[frame.f_code.co_filename] or "", frame.f_lineno))
+        return self._line
 
     def report(self, file: Path) -> None:
         """Add to the file what was reached, and print the lines that were not, by file."""
@@ -224,10 +229,23 @@ def frames(parts: list[str], every: int) -> Iterator[tuple[str, Solve]]:
         yield from list(PARTS[part]())[::every]
 
 
+def answers_in(file: Path) -> dict[str, dict[str, npt.NDArray[Any]]]:
+    """Answers that were recorded, by frame."""
+    out: dict[str, dict[str, npt.NDArray[Any]]] = {}
+    with np.load(file) as kept:
+        for key in kept.files:
+            name, quantity = key.rsplit("/", 1)
+            out.setdefault(name, {})[quantity] = kept[key]
+    return out
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["record", "compare"])
     parser.add_argument("file", type=Path)
+    parser.add_argument(
+        "after", type=Path, nargs="?", help="answers to compare with (default: by the code as it is now)"
+    )
     parser.add_argument("--every", type=int, default=1, help="only every so many frames of each part")
     parser.add_argument("--part", choices=list(PARTS), action="append", help="only this part (may be repeated)")
     parser.add_argument("--unreached", type=Path, help="keep lines that are reached in this file, and print the others")
@@ -241,21 +259,20 @@ def main() -> int:
         for name, solve in frames(parts, given.every):
             kept |= {f"{name}/{k}": v for k, v in answer(solve).items()}
         np.savez_compressed(given.file, **kept)
+        if reached is not None:
+            reached.report(given.unreached)
         print(f"{len({k.rsplit('/', 1)[0] for k in kept})} frames in {given.file}")
         return 0
-    before: dict[str, dict[str, npt.NDArray[Any]]] = {}
-    with np.load(given.file) as file:
-        for key in file.files:
-            name, quantity = key.rsplit("/", 1)
-            before.setdefault(name, {})[quantity] = file[key]
+    before = answers_in(given.file)
+    after = None if given.after is None else answers_in(given.after)
     largest: dict[str, float] = {}
     worst: list[tuple[float, str, str]] = []
     count = 0
     for name, solve in frames(parts, given.every):
-        if name not in before:
+        if name not in before or (after is not None and name not in after):
             continue
         count += 1
-        now, then = answer(solve), before[name]
+        now, then = answer(solve) if after is None else after[name], before[name]
         for quantity in sorted(then):
             off = difference(then[quantity], now[quantity]) if quantity in now else math.inf
             largest[quantity] = max(largest.get(quantity, 0.0), off)
