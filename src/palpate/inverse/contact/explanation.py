@@ -33,7 +33,7 @@ class Explanation:
     """What a frame is taken to be.
 
     ``sign`` is 1 where contact pushes, -1 where it pulls, 0 where it does both; ``sizes`` are those of the nuisances (0: absent), ``present``
-    says which are. ``rivals`` are the others with nuisances, the best first. ``noise`` is what contact in a few cells leaves, where the linear model takes the readings for noise (`palpate.inverse.contact.sharp`).
+    says which are. ``rivals`` are the others with nuisances, the best first. ``noise`` is what contact in a few cells leaves, where the linear model takes the readings for noise (`palpate.inverse.contact.few_cells`).
     """
 
     sign: int
@@ -48,7 +48,7 @@ class Explanation:
 class Solved:
     """One explanation of a frame, solved: its models, and what they were solved with. Without models nothing touches.
 
-    ``drift``: `misfit.drift_probability`; ``adrift``: the weight of models whose normal force may be drift (`systematic.share_drift`).
+    ``drift``: `misfit.drift_probability`; ``adrift``: the weight of models whose normal force may be drift (`systematic.add_hidden_drift`).
     """
 
     explanation: Explanation

@@ -16,7 +16,7 @@ from palpate.sensing.nuisance import nuisances
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["drift_probability", "fit_of", "louder", "misfit_of", "proportional_part"]
+__all__ = ["drift_probability", "fit_of", "misfit_of", "noise_ratio", "proportional_part"]
 
 
 def fit_of(estimator: ConstrainedEstimator, run: Solved) -> tuple[float, float, float]:
@@ -53,7 +53,7 @@ def proportional_part(estimator: ConstrainedEstimator, run: Solved) -> float:
     return float(shares[chosen]) if best[0] - best[chosen] > estimator.policy.fit.shows else 0.0
 
 
-def louder(estimator: ConstrainedEstimator, run: Solved, left: float) -> float:
+def noise_ratio(estimator: ConstrainedEstimator, run: Solved, left: float) -> float:
     """How many times as large as the noise that was given is what contact leaves, ``left`` in units of it (root mean square); 1 where it is no larger.
 
     Errors of least squares grow by this ratio (R. T. Birge, Phys. Rev. 40, 1932, 207-227). Gains that spread leave more than noise and too little

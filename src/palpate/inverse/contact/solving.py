@@ -18,12 +18,12 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.constrained.variances import taken_by
 from palpate.inverse.contact.explanation import Explanation, Solved
+from palpate.inverse.contact.few_cells import contact_in_few_cells
+from palpate.inverse.contact.no_contact import uneven_noise
 from palpate.inverse.contact.observed import Observed
-from palpate.inverse.contact.quiet import uneven
 from palpate.inverse.contact.rough import exceeded
 from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.contact.screening import loaded
-from palpate.inverse.contact.sharp import sharp_contact
 from palpate.inverse.contact.systematic import change_of_nuisances
 from palpate.inverse.linear.evidence import LinearEvidence
 
@@ -137,15 +137,15 @@ class _Solving:
 
     def _touches(self) -> bool:
         """Whether there is more than noise, by evidence or because contact in a few cells was found."""
-        uneven_noise = uneven(self.estimator, self.data, self.observed, self.known)
-        evident = more_than_noise(self.evidence[1].gain, uneven_noise, self.policy)
+        of_channels = uneven_noise(self.estimator, self.data, self.observed, self.known)
+        evident = more_than_noise(self.evidence[1].gain, of_channels, self.policy)
         return self.scale > 0 and (evident or self.h.noise is not None)
 
     def _few_cells(self) -> bool:
         """Whether contact in a few cells is what the linear model takes for noise."""
         small = None
         if self.scale > 0 and self.h.sign:
-            small = sharp_contact(self.estimator, self.data, self.observed)
+            small = contact_in_few_cells(self.estimator, self.data, self.observed)
         if small is None:
             return False
         self.h, self.known = replace(self.h, noise=small.left), max(small.left, self.floor)

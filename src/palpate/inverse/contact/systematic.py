@@ -32,7 +32,7 @@ from palpate.sensing.nuisance import nuisances
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "share_refuted", "state"]
+__all__ = ["change_of_nuisances", "doubtful", "inflate_for_misfit", "nuisance_errors", "owe", "share", "state"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -133,7 +133,7 @@ def share(
         if one is not None:
             owe(one, white, prior)
     state(model.contact or model, doubted, run.doubtful[1], each)
-    share_drift(estimator, model, run, deviation)
+    add_hidden_drift(estimator, model, run, deviation)
     free = not (estimator.cone.coupled or estimator.ambiguous or model.contact)
     if policy.parts.common_shear and len(estimator.columns) > 1 and free:
         y = estimator.readings.white((run.data / noise)[observed], observed)
@@ -141,7 +141,7 @@ def share(
         model.shared = drag if model.shared is None else np.concatenate([model.shared, drag], axis=1)
 
 
-def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Solved, deviation: Floats) -> None:
+def add_hidden_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Solved, deviation: Floats) -> None:
     """What a model's errors owe to drift of displacements that wide pressure may hide, so that no offset or ramp was found.
 
     A displacement is felt far from its load: pressure all round moves the readings much as a shift of the picture does. Of drifts with a
@@ -179,7 +179,7 @@ def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Solve
         one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
 
 
-def share_refuted(estimator: ConstrainedEstimator, run: Solved, fit: float) -> None:
+def inflate_for_misfit(estimator: ConstrainedEstimator, run: Solved, fit: float) -> None:
     """What the errors of a frame's models owe to drift of any channel, where what contact and the nuisances leave is no noise (`Touch.fit` says so).
 
     Something is in such readings that is not in the model; offsets and ramps stand for it, with a prior of `Policy` of the largest

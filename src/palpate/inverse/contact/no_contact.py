@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation, Rough, Solved
+from palpate.inverse.contact.few_cells import heavy_tails
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import more_than_noise
-from palpate.inverse.contact.sharp import heavy_tails
 from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import PROVEN, misfit_probability
 from palpate.inverse.linear.evidence import log_evidence
@@ -21,7 +21,7 @@ from palpate.inverse.linear.evidence import log_evidence
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["could_be", "explained_by_noise", "uneven", "unproven", "what_hides"]
+__all__ = ["detection_limit", "explained_by_noise", "short_line_load", "uneven_noise", "unproven"]
 
 #: Half of an interval of 95 % in standard deviations.
 WIDE = 1.96
@@ -33,7 +33,7 @@ def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: 
     """The explanation of a frame that noise explains, alone or with offsets; None where there is more."""
     policy = estimator.policy
     rows = estimator.readings.planes(data)
-    loud = uneven(estimator, data, observed, None)
+    loud = uneven_noise(estimator, data, observed, None)
     none = np.zeros(len(estimator.terms))
     flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
     nothing = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
@@ -80,7 +80,7 @@ def unproven(estimator: ConstrainedEstimator, run: Solved, fit: float) -> bool:
     )
 
 
-def could_be(estimator: ConstrainedEstimator, run: Solved) -> Floats | None:
+def short_line_load(estimator: ConstrainedEstimator, run: Solved) -> Floats | None:
     """The net force (component,) of contact on most of a short line that explains what is taken for noise, where nobody gave the noise; None where there
     is none.
 
@@ -89,7 +89,12 @@ def could_be(estimator: ConstrainedEstimator, run: Solved) -> Floats | None:
     """
     policy = estimator.policy
     lines = estimator.operator.surface.dimensions == 1
-    if estimator.noise_known or not lines or estimator.taxels > policy.detection.short_line or not policy.parts.sharp:
+    if (
+        estimator.noise_known
+        or not lines
+        or estimator.taxels > policy.detection.short_line
+        or not policy.parts.few_cells
+    ):
         return None
     white = estimator.readings.white((run.data / estimator.readings.std)[run.observed], run.observed)
     total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
@@ -108,20 +113,20 @@ def could_be(estimator: ConstrainedEstimator, run: Solved) -> Floats | None:
     return out if out.any() else None
 
 
-def what_hides(estimator: ConstrainedEstimator, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
-    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where `unproven`, 2 where `could_be`."""
+def detection_limit(estimator: ConstrainedEstimator, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
+    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where `unproven`, 2 where `short_line_load`."""
     why = 0
     if unproven(estimator, run, fit):
         # as large as the largest reading says
         why, largest = 1, float(np.abs(run.data / estimator.readings.std).max(initial=0.0))
         errors = estimator.undetected(largest, run.data)
-    force = could_be(estimator, run)
+    force = short_line_load(estimator, run)
     if force is not None:
         why, errors = 2, replace(errors, force=np.maximum(errors.force, force / WIDE))
     return errors, why
 
 
-def uneven(estimator: ConstrainedEstimator, data: Floats, observed: Flags, known: float | None) -> float:
+def uneven_noise(estimator: ConstrainedEstimator, data: Floats, observed: Flags, known: float | None) -> float:
     """What noise of another level in each channel explains (`ChannelNoise.uneven`); nothing where the readings are in an order that
     noise has seldom.
     """
