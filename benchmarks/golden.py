@@ -1,9 +1,11 @@
 """Answers of the contact methods on fixed frames, to hold a change of the code against the code before it.
 
     python benchmarks/golden.py record before.npz              every frame, into a file outside the tree
+    python benchmarks/golden.py compare before.npz after.npz   two such files
     python benchmarks/golden.py compare before.npz             the same frames by the code as it is now; exit status 1 where one differs by more than 1e-9
     python benchmarks/golden.py compare before.npz --every 8   every eighth frame of each part, for a quick look
     python benchmarks/golden.py compare before.npz --part few  one part
+    python benchmarks/golden.py compare before.npz --unreached reached.txt   also the lines of inverse/contact that no frame reached; a file that is there adds its own
 
 Frames come from seeds that nothing else uses: every row of `palpate.bench.trust` (recordings by their zero, without a tracker), the kinds of
 `palpate.bench.unseen`, arrays of 3 x 3 to 64 x 64 taxels, and few readings with a zero. Each answer is traction, force, their intervals, that of the peak,
@@ -14,6 +16,7 @@ would be in them.
 from __future__ import annotations
 
 import argparse
+import ast
 import contextlib
 import math
 import sys
@@ -182,18 +185,72 @@ def difference(one: npt.NDArray[Any], other: npt.NDArray[Any]) -> float:
     return off / size if size > 0 else (0.0 if off == 0 else math.inf)
 
 
+CONTACT = Path(pp.__file__).parent / "inverse" / "contact"
+
+
+class Reached:
+    """Lines of inverse/contact that were run."""
+
+    def __init__(self) -> None:
+        self.lines: set[tuple[str, int]] = set()
+        self._names: dict[str, str | None] = {}
+        sys.settrace(self._call)
+
+    def _call(self, frame: Any, event: str, value: Any) -> Any:
+        file = frame.f_code.co_filename
+        if file not in self._names:
+            inside = file.startswith(str(CONTACT))
+            self._names[file] = str(Path(file).relative_to(CONTACT)) if inside else None
+        return None if self._names[file] is None else self._line
+
+    def _line(self, frame: Any, event: str, value: Any) -> Any:
+        self.lines.add((self._names[frame.f_code.co_filename] or "", frame.f_lineno))
+        return self._line
+
+    def report(self, file: Path) -> None:
+        """Add to the file what was reached, and print the lines that were not, by file."""
+        if file.exists():
+            self.lines |= {(a, int(b)) for a, b in (line.rsplit(":", 1) for line in file.read_text().splitlines())}
+        file.write_text("".join(f"{a}:{b}\n" for a, b in sorted(self.lines)))
+        for path in sorted(CONTACT.rglob("*.py")):
+            name = str(path.relative_to(CONTACT))
+            body = [
+                n for f in ast.walk(ast.parse(path.read_text())) if isinstance(f, ast.FunctionDef) for n in ast.walk(f)
+            ]
+            starts = {n.lineno for n in body if isinstance(n, ast.stmt) and not isinstance(n, ast.FunctionDef)}
+            docs = {n.lineno for n in body if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)}
+            missing = sorted(starts - docs - {b for a, b in self.lines if a == name})
+            if missing:
+                print(f"  {name}: {', '.join(map(str, missing))}")
+
+
 def frames(parts: list[str], every: int) -> Iterator[tuple[str, Solve]]:
     for part in parts:
         yield from list(PARTS[part]())[::every]
+
+
+def answers_in(file: Path) -> dict[str, dict[str, npt.NDArray[Any]]]:
+    """Answers that were recorded, by frame."""
+    out: dict[str, dict[str, npt.NDArray[Any]]] = {}
+    with np.load(file) as kept:
+        for key in kept.files:
+            name, quantity = key.rsplit("/", 1)
+            out.setdefault(name, {})[quantity] = kept[key]
+    return out
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["record", "compare"])
     parser.add_argument("file", type=Path)
+    parser.add_argument(
+        "after", type=Path, nargs="?", help="answers to compare with (default: by the code as it is now)"
+    )
     parser.add_argument("--every", type=int, default=1, help="only every so many frames of each part")
     parser.add_argument("--part", choices=list(PARTS), action="append", help="only this part (may be repeated)")
+    parser.add_argument("--unreached", type=Path, help="keep lines that are reached in this file, and print the others")
     given = parser.parse_args()
+    reached = Reached() if given.unreached else None
     parts = given.part or list(PARTS)
     if given.what == "record":
         kept = {}
@@ -202,21 +259,20 @@ def main() -> int:
         for name, solve in frames(parts, given.every):
             kept |= {f"{name}/{k}": v for k, v in answer(solve).items()}
         np.savez_compressed(given.file, **kept)
+        if reached is not None:
+            reached.report(given.unreached)
         print(f"{len({k.rsplit('/', 1)[0] for k in kept})} frames in {given.file}")
         return 0
-    before: dict[str, dict[str, npt.NDArray[Any]]] = {}
-    with np.load(given.file) as file:
-        for key in file.files:
-            name, quantity = key.rsplit("/", 1)
-            before.setdefault(name, {})[quantity] = file[key]
+    before = answers_in(given.file)
+    after = None if given.after is None else answers_in(given.after)
     largest: dict[str, float] = {}
     worst: list[tuple[float, str, str]] = []
     count = 0
     for name, solve in frames(parts, given.every):
-        if name not in before:
+        if name not in before or (after is not None and name not in after):
             continue
         count += 1
-        now, then = answer(solve), before[name]
+        now, then = answer(solve) if after is None else after[name], before[name]
         for quantity in sorted(then):
             off = difference(then[quantity], now[quantity]) if quantity in now else math.inf
             largest[quantity] = max(largest.get(quantity, 0.0), off)
@@ -229,6 +285,8 @@ def main() -> int:
     for name in changed:
         print(f"  {name}: " + ", ".join(f"{q} {off:.2g}" for off, n, q in worst if n == name))
     print(f"{len(changed)} of {count} frames differ by more than {SAME:g}")
+    if reached is not None:
+        reached.report(given.unreached)
     return int(bool(worst))
 
 

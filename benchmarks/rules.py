@@ -88,7 +88,9 @@ def judged(frame: Frame, policy: Policy, clean: Touch | None = None) -> tuple[Ve
             if frame.recorded is not None:
                 touch = frame.skin.reconstruct(frame.recorded.steps[-1], zero=frame.recorded.rest, method=method)
                 seconds = time.process_time() - start
-                clean = clean or frame.skin.reconstruct(frame.recorded.clean[-1], zero=frame.recorded.rest, method=method)
+                clean = clean or frame.skin.reconstruct(
+                    frame.recorded.clean[-1], zero=frame.recorded.rest, method=method
+                )
             else:
                 touch = frame.skin.reconstruct(frame.readings, method=method)
                 seconds = time.process_time() - start
@@ -143,7 +145,9 @@ def run(file: Path, frames: int, seconds: float, only: list[str]) -> None:
 
 def same(a: dict[str, Any], b: dict[str, Any]) -> bool:
     keys = ("error", "found", "low", "high", "fit", "words")
-    return all(np.array_equal(a[k], b[k]) if k == "words" else np.allclose(a[k], b[k], rtol=1e-9, equal_nan=True) for k in keys)
+    return all(
+        np.array_equal(a[k], b[k]) if k == "words" else np.allclose(a[k], b[k], rtol=1e-9, equal_nan=True) for k in keys
+    )
 
 
 def table(file: Path) -> str:

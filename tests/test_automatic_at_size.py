@@ -14,10 +14,12 @@ from palpate.inverse.constrained.iterative import Iterative
 from palpate.inverse.constrained.model import Level
 from palpate.inverse.constrained.products import Applied, Boxes, Products
 from palpate.inverse.constrained.quadratic import Penalty
-from palpate.inverse.contact import hypotheses, summary
+from palpate.inverse.contact import summary
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
+from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.methods import cone_of
 from palpate.inverse.contact.policy import Errors, Parts, Policy
+from palpate.inverse.contact.score import hopeless_signs, likelier_signs
 from palpate.inverse.linear.matrix_free import path
 from palpate.inverse.linear.whitening import Readings
 
@@ -181,14 +183,12 @@ def test_an_offset_under_a_ball_that_covers_the_array_is_said(monkeypatch: pytes
 )
 def test_signs_that_no_offset_saves(ring: float, gains: tuple[float, float], left_out: list[int]) -> None:
     """Neither where the edge is loaded all round, as an offset would be, nor where nothing explains the readings."""
-    estimator = AdaptiveEstimator(skin_of(20).problem(), cone_of(("x", "y", "z"), None))
     nothing = np.zeros(0)
     tried = [
-        hypotheses.Hypothesis(sign, hypotheses.Rough(gain, 1.0, 1.0, nothing, nothing, ring), nothing)
-        for sign, gain in zip((1, -1), gains)
+        Explanation(sign, Rough(gain, 1.0, 1.0, nothing, nothing, ring), nothing) for sign, gain in zip((1, -1), gains)
     ]
-    assert hypotheses._hopeless(estimator, tried) == left_out
-    assert hypotheses._likelier_first(tried, left_out) == [s for s in (1, -1) if s not in left_out]
+    assert hopeless_signs(tried, Policy()) == left_out
+    assert likelier_signs(tried, left_out) == [s for s in (1, -1) if s not in left_out]
 
 
 def test_a_pull_with_an_offset_on_a_large_array() -> None:

@@ -9,8 +9,8 @@ import palpate as pp
 from long_runs import long_runs
 from palpate.bench.ablation import Ablated
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.few_cells import heavy_tails
 from palpate.inverse.contact.policy import Parts, Policy
-from palpate.inverse.contact.sharp import heavy_tails
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 PITCH = 4e-3
@@ -96,7 +96,7 @@ def test_the_linear_model_takes_it_for_noise() -> None:
     array = _array((8, 8), 0.37, ["stress_zz"])
     readings, _ = _press(array, (0.84, -1.75), 0.4, 0.013, 1)
     skin = pp.Skin(PAD, array)
-    assert not skin.reconstruct(readings, method=Ablated(policy=Policy(parts=Parts(sharp=False)))).touching
+    assert not skin.reconstruct(readings, method=Ablated(policy=Policy(parts=Parts(few_cells=False)))).touching
     assert float(np.asarray(skin.reconstruct(readings).force)[2]) > 0.0
 
 

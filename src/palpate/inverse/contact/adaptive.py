@@ -38,6 +38,7 @@ from palpate.inverse.constrained.model import ContactModel, Level, Normal, dilat
 from palpate.inverse.constrained.variances import taken_by, variance_of
 from palpate.inverse.contact.compact import Discs, discs
 from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.score import weights_by_evidence
 from palpate.inverse.contact.sliding import expanded, in_blocks, ways_of_sliding
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.inverse.observability import ACTS
@@ -230,8 +231,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """The models on the cells of ``data``, with their weights; without ``local``, those of an even penalty alone."""
         policy = self.policy
         level = data.level
-        best = max(e.gain for e in evidence.values())
-        odds = {order: math.exp(max(e.gain - best, -50.0)) for order, e in evidence.items()}
+        odds = weights_by_evidence({order: e.gain for order, e in evidence.items()})
         chosen = [order for order in evidence if order == 1 or odds[order] >= policy.prior.improbable]
         total = sum(odds[order] for order in chosen)
         reaches = self._reaches(level) if local else []

@@ -21,6 +21,7 @@ import scipy.sparse
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.differences import Sparse
 from palpate.inverse.constrained.model import Normal
+from palpate.inverse.contact.score import share_of
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
@@ -242,7 +243,7 @@ def discs(
     chance = float(weight.sum()) / (anywhere * count * usual / len(best))
     mine = top + 0.5 * free * math.log(free * total) + math.log(chance)
     other = -0.5 * theirs * math.log((left + floor) / theirs / total)
-    share_of_all = 1.0 / (1.0 + math.exp(min(max(other - mine, -50.0), 50.0)))
+    share_of_all = share_of(mine - other)
     if share_of_all < rules.least:
         return None
     order = np.argsort(found_by[:, -1] * np.array([extent for *_, extent in shapes]), kind="stable")

@@ -30,25 +30,29 @@ from palpate.inverse.constrained.quadratic import Penalty
 from palpate.inverse.constrained.responses import Responses
 from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.edges import outside_taxels, ring_of
-from palpate.inverse.contact.frame import Frame, Run, how_small, told_alone
+from palpate.inverse.contact.explanation import Solved
+from palpate.inverse.contact.few_cells import contact_in_few_cells
+from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.gathered import gathered
-from palpate.inverse.contact.hypotheses import hypothesis_of, rough_fit, without_outliers
-from palpate.inverse.contact.misfit import drift_probability, fit_of, louder, misfit_of, proportional_part
+from palpate.inverse.contact.misfit import drift_probability, fit_of, misfit_of, noise_ratio, proportional_part
+from palpate.inverse.contact.no_contact import detection_limit, explained_by_noise
 from palpate.inverse.contact.noise import ChannelNoise
+from palpate.inverse.contact.notes import single_taxel_share, smallness
 from palpate.inverse.contact.observed import Observed, observe
-from palpate.inverse.contact.offsets import goes_on_all_round, offset_as_load
+from palpate.inverse.contact.outliers import without_outliers
 from palpate.inverse.contact.overload import in_range
 from palpate.inverse.contact.policy import STATED, Policy
 from palpate.inverse.contact.posterior import Posterior, ambiguity_of
-from palpate.inverse.contact.quiet import explained_by_noise, what_hides
+from palpate.inverse.contact.proposals import explanation_of
 from palpate.inverse.contact.rims import with_rims
 from palpate.inverse.contact.rivals import with_rivals
+from palpate.inverse.contact.rough import rough_fit
 from palpate.inverse.contact.screening import outermost, shallow
-from palpate.inverse.contact.sharp import sharp_contact
-from palpate.inverse.contact.solving import solved_run
+from palpate.inverse.contact.solving import solve
 from palpate.inverse.contact.start import LinearStart, linear_models
 from palpate.inverse.contact.summary import Summary
-from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share, share_refuted
+from palpate.inverse.contact.systematic import doubtful, inflate_for_misfit, nuisance_errors, share
+from palpate.inverse.contact.unbounded import goes_on_all_round, offset_as_load
 from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
 from palpate.inverse.fit import POOR_FIT, neighbours
@@ -154,7 +158,7 @@ class ConstrainedEstimator:
         self.ring = ring_of(self.outside)
         self.outermost = outermost(self.orders[1])
         self.far = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
-        #: What contact may do (`hypotheses`): push (1), pull as a whole (-1), both (0; the linear method's then).
+        #: What contact may do (`explanations`): push (1), pull as a whole (-1), both (0; the linear method's then).
         self.signs: tuple[int, ...] = (1,)
 
     def ring_load(self, pressure: Floats) -> float:
@@ -288,9 +292,9 @@ class ConstrainedEstimator:
         policy, observed = self.policy, observe(self, readings)
         filled, usable = observed.filled, observed.usable
         noise_alone = explained_by_noise(self, filled, usable)
-        small = None if noise_alone is None else sharp_contact(self, filled, usable)
+        small = None if noise_alone is None else contact_in_few_cells(self, filled, usable)
         noise_alone = noise_alone if small is None else None
-        h = noise_alone or hypothesis_of(
+        h = noise_alone or explanation_of(
             self, filled, usable, self.terms, signs=self.signs, noise=None if small is None else small.left
         )
         counted = observed
@@ -304,7 +308,7 @@ class ConstrainedEstimator:
             everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > policy.explanations.everywhere
             if chance < policy.explanations.structured_chance or everywhere:
                 return self.unexplained(observed.data, ~counted.usable, chance)
-        run = solved_run(self, h, counted)
+        run = solve(self, h, counted)
         frame = self.framed(run, observed, rng)
         frame = with_rims(self, run, frame, observed, rng) or frame
         return with_rivals(self, run, frame, observed, rng)
@@ -334,9 +338,9 @@ class ConstrainedEstimator:
         each = [np.where(np.arange(size[0])[:, None] == i, np.ones(size), 0.0) for i in range(size[0])]
         return np.stack([self.explained_by(t) for t in each], axis=1)
 
-    def framed(self, run: Run, observed: Observed, rng: np.random.Generator | None) -> Frame:
-        """One frame of the hypothesis that it was solved with."""
-        h = run.hypothesis
+    def framed(self, run: Solved, observed: Observed, rng: np.random.Generator | None) -> Frame:
+        """One frame of the explanation that it was solved with."""
+        h = run.explanation
         deviation = nuisance_errors(self, run)
         at_limit = observed.limited
         left_out = ~run.observed & ~at_limit
@@ -347,7 +351,7 @@ class ConstrainedEstimator:
             alone = np.where(shallow(self.operator.planes_of, self.policy), observed.data, 0.0)
             nothing = self._nothing(run.parameter, run.scale, run.data, left_out, alone)
             fit = misfit_of(self, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
-            errors, unknown = what_hides(self, run, fit, nothing.known)
+            errors, unknown = detection_limit(self, run, fit, nothing.known)
             result = replace(nothing, errors=errors, pushed=run.pushed and h.sign == 1, fit=fit, unproven=unknown)
         else:
             run.doubtful = doubtful(self, run)
@@ -356,7 +360,7 @@ class ConstrainedEstimator:
                 share(self, m, run, deviation, at_limit)
             fit, left, free = fit_of(self, run)
             if fit < POOR_FIT:
-                share_refuted(self, run, fit)
+                inflate_for_misfit(self, run, fit)
             result = self.combined(run, each, fit, left, rng)
             # the models may explain on a finer grid what cells of the surface cannot
             pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
@@ -498,12 +502,12 @@ class ConstrainedEstimator:
 
     def combined(
         self,
-        run: Run,
+        run: Solved,
         noise: Floats,
         fit: float,
         left: float,
         rng: np.random.Generator | None,
-        also: Run | None = None,
+        also: Solved | None = None,
     ) -> Frame:
         """The mean of the models of a run, and of ``also`` another, with the errors of all."""
         policy = self.policy
@@ -513,7 +517,7 @@ class ConstrainedEstimator:
         summary = Summary(members, self.posterior)
         limit = policy.fit.alike if len(self.readings.std) <= policy.fit.few else policy.fit.doubted
         summary.alike = self.readings.independent and self.problem.nuisance is None and fit < limit
-        summary.louder = louder(self, run, left)
+        summary.noise_ratio = noise_ratio(self, run, left)
         summary.gain = self.problem.uncertainty.assumed_gain
         summary.whites = [
             self.readings.white((r.data / r.noise)[r.observed], r.observed) for r in runs for _ in r.members
@@ -522,7 +526,9 @@ class ConstrainedEstimator:
         sampled = None
         if self.draws:
             sampled = self.posterior.draws(members, weights, self.draws, rng or np.random.default_rng(0))
-        alone = told_alone(self.operator.planes_of, run, np.abs(summary.mean[-1]), self.operator.surface, policy)
+        alone = single_taxel_share(
+            self.operator.planes_of, run, np.abs(summary.mean[-1]), self.operator.surface, policy
+        )
         summary.doubted = 0.5 / STATED * alone if policy.errors.much < alone < 1.0 - policy.errors.much else 0.0
         return Frame(
             summary.mean,
@@ -536,7 +542,7 @@ class ConstrainedEstimator:
             sampled,
             sliding=sum(m.weight for m in members if m.ray is not None),
             fit=fit,
-            small=how_small(members, self.operator.planes_of, run, policy),
+            small=smallness(members, self.operator.planes_of, run, policy),
             stated=summary.stated(),
             alone=alone,
             beyond=self.posterior.beyond(summary.mean),

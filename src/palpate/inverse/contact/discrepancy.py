@@ -121,8 +121,11 @@ def _with_shares(
     if best is not None and best[0] < policy.detection.most_left:
         left, found = best
         # every share that was tried is refuted
-        least = _posterior(left, found.free, len(data), policy)
-        return replace(found, discrepancy=max(policy.fit.shares[-1], least), unexplained=True)
+        return replace(
+            found,
+            discrepancy=max(policy.fit.shares[-1], _posterior(left, found.free, len(data), policy)),
+            unexplained=True,
+        )
     return replace(estimator.unexplained(data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
 
 
@@ -173,8 +176,7 @@ def _posterior(left: float, free: float, count: int, policy: Policy) -> float:
     """The share, from what is left of ``count`` readings (part of their root mean square) with so many degrees of freedom, and the prior."""
     free = max(free, 0.0) if math.isfinite(free) else 0.0
     squares = count * left**2 if free > 0.0 else 0.0
-    weight = policy.fit.prior_weight
-    return math.sqrt((weight * DISCREPANCY**2 + squares) / (weight + free))
+    return math.sqrt((policy.fit.prior_weight * DISCREPANCY**2 + squares) / (policy.fit.prior_weight + free))
 
 
 def _rms(values: Floats) -> float:

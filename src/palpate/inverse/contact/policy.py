@@ -78,7 +78,7 @@ class Parts:
     screening: bool = part("broken readings left out before contact is sought")
     nuisances: bool = part("offsets of the readings")
     narrowed: bool = part("faint cells left out early")
-    sharp: bool = part("contact smaller than a pitch, seen in a few cells")
+    few_cells: bool = part("contact smaller than a pitch, seen in a few cells")
     compact: bool = part("discs of any place and radius")
     skipped: bool = part("no local weights for the improbable (saves time)", needs="friction")
 

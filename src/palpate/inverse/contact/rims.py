@@ -20,8 +20,10 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.constrained.model import ContactModel, dilated
 from palpate.inverse.constrained.variances import taken_by
-from palpate.inverse.contact.frame import Frame, Run
+from palpate.inverse.contact.explanation import Solved
+from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import Observed
+from palpate.inverse.contact.score import gain_without_cone
 from palpate.inverse.fit import POOR_FIT
 from palpate.inverse.linear.evidence import LinearEvidence
 
@@ -36,7 +38,7 @@ Flags = npt.NDArray[np.bool_]
 
 def with_rims(
     estimator: ConstrainedEstimator,
-    run: Run,
+    run: Solved,
     frame: Frame,
     observed: Observed,
     rng: np.random.Generator | None,
@@ -52,7 +54,7 @@ def with_rims(
         or not run.members
         or not (
             frame.fit < (policy.fit.accepted if estimator.noise_known else policy.rims.sought)
-            or run.hypothesis.sign == 0
+            or run.explanation.sign == 0
         )
     ):
         return None
@@ -64,7 +66,7 @@ def with_rims(
     region = dilated(core, 1 + math.ceil(policy.rims.margin * radius))
     if not core.any() or region.sum() * len(estimator.columns) > policy.rims.unknowns:
         return None
-    h = run.hypothesis
+    h = run.explanation
     # where it is not known what the contact does, neither is how much of the array's edge is loaded
     h = replace(h, rough=replace(h.rough, ring=estimator.ring_load(size)))
     free = _without_cone(estimator)
@@ -73,7 +75,7 @@ def with_rims(
     least_gain = policy.detection.evidence if frame.fit < policy.fit.accepted or h.sign == 0 else policy.rims.evident
     for each in [without, h] if h.present.any() else [h]:
         data = (h.sign or 1) * (observed.filled - estimator.shifts @ each.sizes)
-        whole = replace(run, hypothesis=each, data=data, observed=run.observed | (observed.usable & ~observed.limited))
+        whole = replace(run, explanation=each, data=data, observed=run.observed | (observed.usable & ~observed.limited))
         other, rest = _run(free, whole, size, region)
         gains = _gain(free, run, other) > least_gain
         if not gains and h.sign == 0 and frame.fit > policy.fit.accepted:
@@ -106,7 +108,7 @@ def _without_cone(estimator: ConstrainedEstimator) -> AdaptiveEstimator:
     return free
 
 
-def _run(free: AdaptiveEstimator, run: Run, size: Floats, region: Flags) -> tuple[Run, Iterator[ContactModel]]:
+def _run(free: AdaptiveEstimator, run: Solved, size: Floats, region: Flags) -> tuple[Solved, Iterator[ContactModel]]:
     """The first model over a region, with noise learned from what it leaves, and the others, not yet made."""
     policy = free.policy
     readings, data, observed = free.readings, run.data, run.observed
@@ -148,25 +150,18 @@ def _run(free: AdaptiveEstimator, run: Run, size: Floats, region: Flags) -> tupl
     return solved, models
 
 
-def _gain(free: AdaptiveEstimator, push: Run, other: Run) -> float:
-    """Log likelihood that the degrees of freedom of traction of either sign gain on those of a push, over their number (H. Akaike, IEEE
-    Trans. Automatic Control 19, 1974, 716-723).
-    """
+def _gain(free: AdaptiveEstimator, push: Solved, other: Solved) -> float:
+    """What traction of either sign gains on a push (`score.gain_without_cone`)."""
     squares, taken = [], []
-    unit = free.readings.std
     for run in (push, other):
-        model, noise = run.members[0], float(np.median(run.noise / unit))
+        model, noise = run.members[0], float(np.median(run.noise / free.readings.std))
         squares.append((noise * _left(free, model, run)) ** 2)
         taken.append(taken_by(model))
-    n = float(other.observed.sum())
-    if free.noise_known:
-        gain = 0.5 * n * (squares[0] - squares[1])
-    else:
-        gain = 0.5 * n * math.log(squares[0] / max(squares[1], 1e-300))
-    return gain - (taken[1] - taken[0])
+    n, (before, after) = float(other.observed.sum()), squares
+    return gain_without_cone(n, before, after, taken[1] - taken[0], known=free.noise_known)
 
 
-def _left(free: AdaptiveEstimator, model: ContactModel, run: Run) -> float:
+def _left(free: AdaptiveEstimator, model: ContactModel, run: Solved) -> float:
     """Root mean square of what a model leaves, in units of the noise."""
     observed = run.observed
     y = free.readings.white((run.data / run.noise)[observed], observed)

@@ -1,18 +1,18 @@
-"""Hypotheses with nuisances that a frame was not taken for, where what it leaves speaks against the one that it was."""
+"""Explanations with nuisances that a frame was not taken for, where what it leaves speaks against the one that it was."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from palpate.inverse.contact.frame import Frame, Run
-from palpate.inverse.contact.hypotheses import worth_of
+from palpate.inverse.contact.explanation import Solved
+from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import Observed
-from palpate.inverse.contact.solving import solved_run
+from palpate.inverse.contact.score import rival_odds, share_of
+from palpate.inverse.contact.solving import solve
 from palpate.inverse.fit import POOR_FIT
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ Flags = npt.NDArray[np.bool_]
 
 def with_rivals(
     estimator: ConstrainedEstimator,
-    run: Run,
+    run: Solved,
     frame: Frame,
     observed: Observed,
     rng: np.random.Generator | None,
@@ -35,29 +35,27 @@ def with_rivals(
     The odds of two are those of their gains, exp(gain), times those of their misfit probabilities.
     """
     policy = estimator.policy
-    h, rivals = run.hypothesis, run.hypothesis.rivals
+    h, rivals = run.explanation, run.explanation.rivals
     plain = replace(observed, filled=observed.data)
     # load all round with an offset against it leaves the rest free, and explains anything
     anything = h.present.any() and h.rough.ring > policy.explanations.ring
     if frame.fit < POOR_FIT or anything:
         for rival in rivals[: 1 if anything else policy.explanations.followed]:
             # what is refuted, or refutes nothing, gives way to what is not
-            other = estimator.framed(solved_run(estimator, rival, plain), observed, rng)
+            other = estimator.framed(solve(estimator, rival, plain), observed, rng)
             if other.fit > policy.fit.accepted and other.contact:
                 return other
     elif frame.fit < policy.fit.doubted and frame.sign == h.sign and run.members:
         for rival in rivals[:1]:
             if rival.sign != h.sign:
                 continue
-            gained = worth_of(rival, estimator.policy) - worth_of(h, estimator.policy)
-            if _share(gained - math.log(frame.fit)) < policy.explanations.least_weight:
+            # at best it explains the frame as well as any
+            if share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < policy.explanations.least_weight:
                 continue
-            second = solved_run(estimator, rival, plain)
+            second = solve(estimator, rival, plain)
             other = estimator.framed(second, observed, rng)
             weight = (
-                _share(gained + math.log(max(other.fit, 1e-300) / frame.fit))
-                if other.fit > policy.fit.accepted
-                else 0.0
+                share_of(rival_odds(h, frame.fit, rival, other.fit, policy)) if other.fit > policy.fit.accepted else 0.0
             )
             if other.contact and weight > policy.explanations.least_weight:
                 return (
@@ -68,14 +66,10 @@ def with_rivals(
     return frame
 
 
-def _share(log_odds: float) -> float:
-    return 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
-
-
 def _mean(
     estimator: ConstrainedEstimator,
-    run: Run,
-    second: Run,
+    run: Solved,
+    second: Solved,
     frame: Frame,
     other: Frame,
     weight: float,
@@ -85,7 +79,7 @@ def _mean(
     fit = (1.0 - weight) * frame.fit + weight * other.fit
     part, more = _weighed(run, 1.0 - weight), _weighed(second, weight)
     found = estimator.combined(part, frame.noise, fit, frame.residual, rng, more)
-    sign = -1 if run.hypothesis.sign < 0 else 1
+    sign = -1 if run.explanation.sign < 0 else 1
     sizes = (1.0 - weight) * frame.nuisance + weight * other.nuisance
     between = weight * (1.0 - weight) * (frame.nuisance - other.nuisance) ** 2
     within = (1.0 - weight) * frame.nuisance_std**2 + weight * other.nuisance_std**2
@@ -105,5 +99,5 @@ def _mean(
     )
 
 
-def _weighed(run: Run, part: float) -> Run:
+def _weighed(run: Solved, part: float) -> Solved:
     return replace(run, members=[replace(m, weight=part * m.weight) for m in run.members])

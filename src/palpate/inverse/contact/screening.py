@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.score import gain_of
 from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence, log_evidence
 from palpate.inverse.linear.matrix_free.evidence import FrameAtSize
 from palpate.inverse.linear.matrix_free.path import LinearModel
@@ -333,14 +334,14 @@ class _Screening:
                 break
             column = singles[chosen]
             after, rest, free = self.model([*held, column], total)
-            gain = free * math.log(left / rest)
+            gain = gain_of(free, left, rest)
             counts = observed & ~broken
             other = counts & (np.arange(n) != chosen)
             if abs(scaled[chosen]) > policy.screening.alone * float(np.abs(scaled[other]).max(initial=0.0)):
                 # all readings' size with it and without: what is ten times the others is broken on the smallest array
                 without = math.sqrt(float(np.mean(scaled[other] ** 2)))
                 with_it = math.sqrt(float(np.mean(scaled[counts] ** 2)))
-                gain = max(gain, counted * math.log(with_it / max(without, 1e-300)))
+                gain = max(gain, gain_of(counted, with_it, without))
             if self.known:
                 gain = max(
                     gain, self._evidence([*held, column]) - self._evidence(held) - math.log(3.0 * np.abs(scaled).max())

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
-import scipy.special
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone, minimise
@@ -20,6 +19,7 @@ from palpate.inverse.constrained.model import ContactModel, Normal
 from palpate.inverse.constrained.products import Applied
 from palpate.inverse.constrained.quadratic import Penalty, Unformed
 from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.score import shares_by_evidence
 
 __all__ = ["expanded", "in_blocks", "ways_of_sliding"]
 
@@ -138,6 +138,6 @@ def ways_of_sliding(
         observed = changes @ explained[:-1, :-1] @ changes.T
         width = 0.5 * len(changes) * math.log(2.0 * math.pi) - 0.5 * float(np.linalg.slogdet(observed)[1])
         logs.append(log_evidence(one, pressing) + min(width, volume) - volume)
-    chances = scipy.special.softmax(logs)
+    chances = shares_by_evidence(logs)
     kept = [(w, float(p)) for w, p in zip(ways, chances[1:]) if p >= policy.prior.slides]
     return [(np.append(ratio, 1.0), np.pad(changes, ((0, 0), (0, 1))), p) for (ratio, changes, _), p in kept]

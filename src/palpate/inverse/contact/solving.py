@@ -17,19 +17,20 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.constrained.variances import taken_by
-from palpate.inverse.contact.frame import Run
-from palpate.inverse.contact.hypotheses import Hypothesis, exceeded
+from palpate.inverse.contact.explanation import Explanation, Solved
+from palpate.inverse.contact.few_cells import contact_in_few_cells
+from palpate.inverse.contact.no_contact import uneven_noise
 from palpate.inverse.contact.observed import Observed
-from palpate.inverse.contact.quiet import uneven
+from palpate.inverse.contact.rough import exceeded
+from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.contact.screening import loaded
-from palpate.inverse.contact.sharp import sharp_contact
 from palpate.inverse.contact.systematic import change_of_nuisances
 from palpate.inverse.linear.evidence import LinearEvidence
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["solved_run"]
+__all__ = ["solve"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -37,7 +38,7 @@ Flags = npt.NDArray[np.bool_]
 _COARSE_STEP = 0.3
 
 
-def solved_run(estimator: ConstrainedEstimator, h: Hypothesis, frame: Observed) -> Run:
+def solve(estimator: ConstrainedEstimator, h: Explanation, frame: Observed) -> Solved:
     """The models of one explanation of a frame; without models noise explains it."""
     return _Solving(estimator, h, frame).run()
 
@@ -45,7 +46,7 @@ def solved_run(estimator: ConstrainedEstimator, h: Hypothesis, frame: Observed) 
 class _Solving:
     """One explanation while it is solved."""
 
-    def __init__(self, estimator: ConstrainedEstimator, h: Hypothesis, frame: Observed) -> None:
+    def __init__(self, estimator: ConstrainedEstimator, h: Explanation, frame: Observed) -> None:
         self.estimator, self.policy, self.h, self.frame = estimator, estimator.policy, h, frame
         self.sign = h.sign or 1
         self.data = self.sign * (frame.filled - estimator.shifts @ h.sizes)
@@ -102,14 +103,14 @@ class _Solving:
 
     # -- the attempts
 
-    def run(self) -> Run:
+    def run(self) -> Solved:
         """The explanation, solved."""
         for attempt in range(self.policy.noise.attempts):
             self._weigh()
             if not self._touches():
                 if self._few_cells():
                     continue
-                return self._run([], pushed=True, limit=math.inf)
+                return self._solved([], pushed=True, limit=math.inf)
             self._fit()
             if self._more_at_ends(attempt) or self._outliers(attempt):
                 continue
@@ -121,7 +122,7 @@ class _Solving:
             if not (self._offsets_moved() or self._noise_changed()):
                 break
         left, limit = self._left_and_limit()
-        return self._run(self._members(), pushed=left <= limit, limit=limit)
+        return self._solved(self._members(), pushed=left <= limit, limit=limit)
 
     def _weigh(self) -> None:
         """The linear model, and the noise of each reading that goes with it."""
@@ -136,15 +137,15 @@ class _Solving:
 
     def _touches(self) -> bool:
         """Whether there is more than noise, by evidence or because contact in a few cells was found."""
-        uneven_noise = uneven(self.estimator, self.data, self.observed, self.known)
-        gain, least = self.evidence[1].gain, self.policy.detection.evidence + uneven_noise
-        return self.scale > 0 and (gain > least or self.h.noise is not None)
+        of_channels = uneven_noise(self.estimator, self.data, self.observed, self.known)
+        evident = more_than_noise(self.evidence[1].gain, of_channels, self.policy)
+        return self.scale > 0 and (evident or self.h.noise is not None)
 
     def _few_cells(self) -> bool:
         """Whether contact in a few cells is what the linear model takes for noise."""
         small = None
         if self.scale > 0 and self.h.sign:
-            small = sharp_contact(self.estimator, self.data, self.observed)
+            small = contact_in_few_cells(self.estimator, self.data, self.observed)
         if small is None:
             return False
         self.h, self.known = replace(self.h, noise=small.left), max(small.left, self.floor)
@@ -314,9 +315,9 @@ class _Solving:
     def _members(self) -> Sequence[ContactModel]:
         return [self.first_model, *self.models] if self.pressed else []
 
-    def _run(self, members: Sequence[ContactModel], *, pushed: bool, limit: float) -> Run:
+    def _solved(self, members: Sequence[ContactModel], *, pushed: bool, limit: float) -> Solved:
         none = np.zeros((len(self.data), 0)), np.zeros(0)
-        return Run(
+        return Solved(
             self.h,
             list(members),
             self.data,

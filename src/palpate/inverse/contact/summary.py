@@ -180,7 +180,7 @@ class Summary:
         ]
         self._weights = np.array([m.weight for m in members])
         self.alike = False  # whether noise may be alike from taxel to taxel
-        self.louder = 1.0  # what is left of the readings over the noise that was given
+        self.noise_ratio = 1.0  # what is left of the readings over the noise that was given
         self.gain = 0.0  # what gains are taken to be known to
         self.whites: list[Floats] = []  # the readings of each model, whitened
         self.doubted = 0.0  # part of the normal force that may not be there
@@ -191,7 +191,7 @@ class Summary:
         within = np.stack([getattr(p, name)[1] for p in self._sure])
         mean = np.tensordot(self._weights, values, 1)
         at_size = name in SUMS and any(m.data.at_size for m in self.members)
-        within = ((self.policy.errors.sums_at_size if at_size else 1.0) * self.louder) ** 2 * within
+        within = ((self.policy.errors.sums_at_size if at_size else 1.0) * self.noise_ratio) ** 2 * within
         return mean, np.tensordot(self._weights, within + (values - mean) ** 2, 1)
 
     def stated(self) -> Stated | None:

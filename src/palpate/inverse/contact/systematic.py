@@ -22,9 +22,9 @@ from palpate.inverse.constrained.variances import (
     shared_errors,
     variance_of_sums,
 )
-from palpate.inverse.contact.frame import Run
-from palpate.inverse.contact.hypotheses import Hypothesis, reach_of_kind
+from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.policy import STATED
+from palpate.inverse.contact.proposals.levels import reach_of_kind
 from palpate.inverse.fit import POOR_FIT
 from palpate.sensing.grids import block_means
 from palpate.sensing.nuisance import nuisances
@@ -32,15 +32,15 @@ from palpate.sensing.nuisance import nuisances
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "share_refuted", "state"]
+__all__ = ["change_of_nuisances", "doubtful", "inflate_for_misfit", "nuisance_errors", "owe", "share", "state"]
 
 Flags = npt.NDArray[np.bool_]
 
 
-def nuisance_errors(estimator: ConstrainedEstimator, run: Run) -> Floats:
+def nuisance_errors(estimator: ConstrainedEstimator, run: Solved) -> Floats:
     """Standard deviations of the nuisances; where one could not be told from contact, of what may hide."""
     policy = estimator.policy
-    h = run.hypothesis
+    h = run.explanation
     if not estimator.terms or not (run.noise > 0).all():  # nothing at all was read
         return np.zeros(len(estimator.terms))
     columns = estimator.shifts / run.noise[:, None]
@@ -58,7 +58,7 @@ def nuisance_errors(estimator: ConstrainedEstimator, run: Run) -> Floats:
 
 def change_of_nuisances(
     estimator: ConstrainedEstimator,
-    h: Hypothesis,
+    h: Explanation,
     model: ContactModel,
     data: Floats,
     noise: Floats,
@@ -99,7 +99,7 @@ def _deviations(precision: Floats) -> Floats:
     return np.asarray(np.sqrt((vectors**2 / values).sum(axis=1)))
 
 
-def doubtful(estimator: ConstrainedEstimator, run: Run) -> tuple[Floats, Floats]:
+def doubtful(estimator: ConstrainedEstimator, run: Solved) -> tuple[Floats, Floats]:
     """What is not known exactly of the pad does to the readings (reading, unknown), in units of the noise; standard deviations."""
     if not estimator.problem.doubts.any or not run.members:
         return np.zeros((len(run.data), 0)), np.zeros(0)
@@ -113,13 +113,15 @@ def doubtful(estimator: ConstrainedEstimator, run: Run) -> tuple[Floats, Floats]
     return columns / run.noise[:, None], size
 
 
-def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviation: Floats, at_limit: Flags) -> None:
+def share(
+    estimator: ConstrainedEstimator, model: ContactModel, run: Solved, deviation: Floats, at_limit: Flags
+) -> None:
     """What a model's errors owe to what acts on many readings at once: nuisances, ends of range, a pad not known exactly."""
     policy = estimator.policy
     there = deviation > 0
     noise, observed = run.noise, run.observed
     columns = estimator.shifts[:, there] / noise[:, None]
-    prior = np.where(run.hypothesis.present, math.inf, deviation)[there]
+    prior = np.where(run.explanation.present, math.inf, deviation)[there]
     if (at_limit & observed).any():
         # readings that count although they may be larger: all of them by a common part
         excess = np.where(at_limit & observed, run.data / noise, 0.0)[:, None]
@@ -131,7 +133,7 @@ def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviat
         if one is not None:
             owe(one, white, prior)
     state(model.contact or model, doubted, run.doubtful[1], each)
-    share_drift(estimator, model, run, deviation)
+    add_hidden_drift(estimator, model, run, deviation)
     free = not (estimator.cone.coupled or estimator.ambiguous or model.contact)
     if policy.parts.common_shear and len(estimator.columns) > 1 and free:
         y = estimator.readings.white((run.data / noise)[observed], observed)
@@ -139,7 +141,7 @@ def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviat
         model.shared = drag if model.shared is None else np.concatenate([model.shared, drag], axis=1)
 
 
-def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviation: Floats) -> None:
+def add_hidden_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Solved, deviation: Floats) -> None:
     """What a model's errors owe to drift of displacements that wide pressure may hide, so that no offset or ramp was found.
 
     A displacement is felt far from its load: pressure all round moves the readings much as a shift of the picture does. Of drifts with a
@@ -177,7 +179,7 @@ def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Run, 
         one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
 
 
-def share_refuted(estimator: ConstrainedEstimator, run: Run, fit: float) -> None:
+def inflate_for_misfit(estimator: ConstrainedEstimator, run: Solved, fit: float) -> None:
     """What the errors of a frame's models owe to drift of any channel, where what contact and the nuisances leave is no noise (`Touch.fit` says so).
 
     Something is in such readings that is not in the model; offsets and ramps stand for it, with a prior of `Policy` of the largest

@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.frame import Run
-from palpate.inverse.contact.hypotheses import Hypothesis, Rough, rough
-from palpate.inverse.contact.sharp import heavy_tails
+from palpate.inverse.contact.explanation import Explanation, Rough, Solved
+from palpate.inverse.contact.few_cells import heavy_tails
+from palpate.inverse.contact.rough import rough
+from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import PROVEN, misfit_probability
 from palpate.inverse.linear.evidence import log_evidence
@@ -20,7 +21,7 @@ from palpate.inverse.linear.evidence import log_evidence
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["could_be", "explained_by_noise", "uneven", "unproven", "what_hides"]
+__all__ = ["detection_limit", "explained_by_noise", "short_line_load", "uneven_noise", "unproven"]
 
 #: Half of an interval of 95 % in standard deviations.
 WIDE = 1.96
@@ -28,24 +29,24 @@ WIDE = 1.96
 Flags = npt.NDArray[np.bool_]
 
 
-def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: Flags) -> Hypothesis | None:
-    """The hypothesis of a frame that noise explains, alone or with offsets; None where there is more."""
+def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: Flags) -> Explanation | None:
+    """The explanation of a frame that noise explains, alone or with offsets; None where there is more."""
     policy = estimator.policy
-    rows, limit = estimator.readings.planes(data), policy.detection.evidence
-    loud = uneven(estimator, data, observed, None)
+    rows = estimator.readings.planes(data)
+    loud = uneven_noise(estimator, data, observed, None)
     none = np.zeros(len(estimator.terms))
     flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
     nothing = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
     linear = estimator.orders[1]
     plain = estimator.evidence(linear, rows, None)
-    if not plain.gain > limit + loud:
-        return Hypothesis(1, nothing, none, none > 0)
+    if not more_than_noise(plain.gain, loud, policy):
+        return Explanation(1, nothing, none, none > 0)
     if not estimator.terms:
         return None
     shifts = estimator.shifts[:, : estimator.usual]
     patterns = np.stack([estimator.start.projected(estimator.readings.planes(c)) for c in shifts.T])
     found = estimator.start.evidence(linear, rows, None, patterns)
-    if found.gain > limit + loud:
+    if more_than_noise(found.gain, loud, policy):
         return None
     noise = 1.0 if estimator.noise_known else None
     reach = [np.abs(data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in shifts.T]
@@ -59,10 +60,10 @@ def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: 
     present = none > 0
     present[: estimator.usual] = np.abs(sizes) * unit > policy.explanations.nuisance * found.scale
     none[: estimator.usual] = sizes
-    return Hypothesis(1, nothing, np.where(present, none, 0.0), present)
+    return Explanation(1, nothing, np.where(present, none, 0.0), present)
 
 
-def unproven(estimator: ConstrainedEstimator, run: Run, fit: float) -> bool:
+def unproven(estimator: ConstrainedEstimator, run: Solved, fit: float) -> bool:
     """Whether "no contact" hides what may be contact: noise explains the readings ill (``fit``), or nobody gave it and it has tails
     that Gaussian noise has not, as contact that few taxels feel leaves.
     """
@@ -79,7 +80,7 @@ def unproven(estimator: ConstrainedEstimator, run: Run, fit: float) -> bool:
     )
 
 
-def could_be(estimator: ConstrainedEstimator, run: Run) -> Floats | None:
+def short_line_load(estimator: ConstrainedEstimator, run: Solved) -> Floats | None:
     """The net force (component,) of contact on most of a short line that explains what is taken for noise, where nobody gave the noise; None where there
     is none.
 
@@ -88,7 +89,12 @@ def could_be(estimator: ConstrainedEstimator, run: Run) -> Floats | None:
     """
     policy = estimator.policy
     lines = estimator.operator.surface.dimensions == 1
-    if estimator.noise_known or not lines or estimator.taxels > policy.detection.short_line or not policy.parts.sharp:
+    if (
+        estimator.noise_known
+        or not lines
+        or estimator.taxels > policy.detection.short_line
+        or not policy.parts.few_cells
+    ):
         return None
     white = estimator.readings.white((run.data / estimator.readings.std)[run.observed], run.observed)
     total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
@@ -107,20 +113,20 @@ def could_be(estimator: ConstrainedEstimator, run: Run) -> Floats | None:
     return out if out.any() else None
 
 
-def what_hides(estimator: ConstrainedEstimator, run: Run, fit: float, errors: Errors) -> tuple[Errors, int]:
-    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where `unproven`, 2 where `could_be`."""
+def detection_limit(estimator: ConstrainedEstimator, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
+    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where `unproven`, 2 where `short_line_load`."""
     why = 0
     if unproven(estimator, run, fit):
         # as large as the largest reading says
         why, largest = 1, float(np.abs(run.data / estimator.readings.std).max(initial=0.0))
         errors = estimator.undetected(largest, run.data)
-    force = could_be(estimator, run)
+    force = short_line_load(estimator, run)
     if force is not None:
         why, errors = 2, replace(errors, force=np.maximum(errors.force, force / WIDE))
     return errors, why
 
 
-def uneven(estimator: ConstrainedEstimator, data: Floats, observed: Flags, known: float | None) -> float:
+def uneven_noise(estimator: ConstrainedEstimator, data: Floats, observed: Flags, known: float | None) -> float:
     """What noise of another level in each channel explains (`ChannelNoise.uneven`); nothing where the readings are in an order that
     noise has seldom.
     """

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.hypotheses import Hypothesis
+from palpate.inverse.contact.explanation import Explanation
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 __all__ = ["goes_on_all_round", "offset_as_load"]
 
 
-def offset_as_load(estimator: ConstrainedEstimator, h: Hypothesis, traction: Floats) -> Floats | None:
-    """Net forces (component, 2) between which the force lies if the offsets of a hypothesis are load; None where they are not, or a zero was taken.
+def offset_as_load(estimator: ConstrainedEstimator, h: Explanation, traction: Floats) -> Floats | None:
+    """Net forces (component, 2) between which the force lies if the offsets of an explanation are load; None where they are not, or a zero was taken.
 
     An even press has no known end, so neither has its force. Offsets of stress and strain that are larger than what was found beside them may be an even press all over the array. Smaller ones are
     offsets: contact on top of an even press is rare, and offsets are not.

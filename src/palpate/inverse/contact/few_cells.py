@@ -23,29 +23,30 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.score import gain_of
 
 if TYPE_CHECKING:
     from palpate.inverse.contact.constrained import ConstrainedEstimator
 
-__all__ = ["Sharp", "heavy_tails", "sharp_contact"]
+__all__ = ["FewCells", "contact_in_few_cells", "heavy_tails"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Sharp:
+class FewCells:
     """Gain of contact in a few cells over Gaussian noise, and the noise that it leaves, in units of the whitening."""
 
     gain: float
     left: float
 
 
-def sharp_contact(estimator: ConstrainedEstimator, data: Floats, observed: Flags) -> Sharp | None:
+def contact_in_few_cells(estimator: ConstrainedEstimator, data: Floats, observed: Flags) -> FewCells | None:
     """Contact in a few cells, where noise does not explain the readings as well, about offsets or not; None where it does."""
     policy, readings = estimator.policy, estimator.readings
     channel = estimator.noise.index[observed]
-    if not policy.parts.sharp or not _stands_out(data[observed], channel, policy):
+    if not policy.parts.few_cells or not _stands_out(data[observed], channel, policy):
         return None
     white = readings.white((data / readings.std)[observed], observed)
     rows = (estimator.shifts[:, : estimator.usual] / readings.std[:, None])[observed]
@@ -60,7 +61,7 @@ def sharp_contact(estimator: ConstrainedEstimator, data: Floats, observed: Flags
     # what it leaves is no less than what the model cannot follow
     floor = max(estimator.least_noise(data), known or 0.0)
     search = _Search(estimator, observed)
-    best: Sharp | None = None
+    best: FewCells | None = None
     for count in range(1, policy.discs.few + 1):
         added = search.best(left)
         added = added - base @ (base.T @ added)
@@ -72,9 +73,9 @@ def sharp_contact(estimator: ConstrainedEstimator, data: Floats, observed: Flags
         if free < 2:
             break
         size_left = max(math.sqrt(float(left @ left) / free), floor)
-        gain = free * math.log(max(total / size_left, 1.0)) - count * math.log(search.cells)
+        gain = gain_of(free, max(total, size_left), size_left) - count * math.log(search.cells)
         if best is None or gain > best.gain:
-            best = Sharp(gain, size_left)
+            best = FewCells(gain, size_left)
         if size_left <= floor:
             break
     return best if best is not None and best.gain > policy.detection.few_cells + heavy else None
