@@ -319,6 +319,7 @@ def write_pages() -> None:
 _FUNCTIONS = (
     *("palpate.inverse.observability", "palpate.recordings.recorder"),
     *("palpate.sensors.preset", "palpate.uncertainty.constants"),
+    "palpate.design.sweep",
 )
 
 

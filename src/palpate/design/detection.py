@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri
@@ -13,7 +13,7 @@ from palpate.design.bounds import PressModel
 from palpate.design.responses import weights_of
 from palpate.elastic.pad import Floats, Pad, isotropic_constants
 from palpate.sensing.arrays import Array, ScatteredArray
-from palpate.sensing.grids import Grid
+from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.limits import of_readings
 from palpate.sensing.nuisance import nuisances
 from palpate.sensing.operator import Operator
@@ -130,10 +130,10 @@ def _finer(planes: Sequence[Array], surface: Grid) -> Grid:
     now = round(pitch / surface.spacings[-1])
     times = math.ceil((4 if first.depth < pitch else 2) / now)
     counts = [times * (n - 1) + 1 for n in surface.shape]
-    if surface.dimensions == 1:
-        return replace(surface, count=counts[0], spacing=surface.spacings[0] / times)
+    if isinstance(surface, LineGrid):
+        return LineGrid(count=counts[0], spacing=surface.spacing / times, center=surface.center)
     dy, dx = surface.spacings
-    return replace(surface, shape=(counts[0], counts[1]), spacing=(dy / times, dx / times))
+    return AreaGrid(shape=(counts[0], counts[1]), spacing=(dy / times, dx / times), center=surface.center)
 
 
 def range_of(model: PressModel) -> tuple[float, float]:
@@ -150,11 +150,8 @@ def range_of(model: PressModel) -> tuple[float, float]:
         ends = of_readings(array)
         if ends is None:
             continue
-        low, high = (
-            np.broadcast_to(e, (len(array.channels), *array.shape)).reshape(len(array.channels), -1) for e in ends
-        )
         kept = array.valid.ravel()
-        low, high = low[:, kept].ravel(), high[:, kept].ravel()
+        low, high = (np.asarray(e).reshape(len(array.channels), -1)[:, kept].ravel() for e in ends)
         with np.errstate(divide="ignore", invalid="ignore"):
             # a range that begins at 0 has no end there
             up = np.where((part > 0) & np.isfinite(high), high / part, math.inf)
