@@ -122,11 +122,11 @@ class AdaptiveEstimator(ConstrainedEstimator):
             ways.append(bounded)
         for way in ways:
             for r, share in zip(regions, shares):
-                for member in way._ensemble(r, first, y, noise, observed, evidence):
+                for member in way.models_over(r, first, y, noise, observed, evidence):
                     member.weight *= share / len(ways)
                     yield member
 
-    def _ensemble(
+    def models_over(
         self,
         region: Flags,
         first: Floats,
