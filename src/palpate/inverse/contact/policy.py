@@ -266,6 +266,9 @@ class Noise:
     broken_rounds: int = number(2, "the same where a channel is broken")
     offset_rounds: int = number(2, "offsets are found again with the contact, so often")
     most_offset_rounds: int = number(6, "and so often where they are far off yet")
+    step: float = number(
+        0.3, "deviations of given noise from which on the step that readings are rounded to is part of it"
+    )
     attempts: int = number(10, "all of these together; each settles by itself")
 
 

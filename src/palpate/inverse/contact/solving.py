@@ -32,9 +32,6 @@ __all__ = ["solve"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: A step that readings are rounded to, in standard deviations of the noise that was given, from which on it is part of that noise.
-_COARSE_STEP = 0.3
-
 
 def solve(estimator: Prepared, h: Explanation, frame: Observed) -> Solved:
     """The models of one explanation of a frame; without models noise explains it."""
@@ -84,7 +81,7 @@ class _Solving:
         estimator, h = self.estimator, self.h
         known: float | None = None
         coarse, least = 0.0, estimator.least_noise(self.data)
-        if estimator.noise_known and self.rounding > _COARSE_STEP:
+        if estimator.noise_known and self.rounding > self.policy.noise.step:
             known = math.hypot(1.0, self.rounding)
         given = known
         if not h.sign:
