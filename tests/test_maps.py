@@ -50,8 +50,9 @@ def test_a_tracker_of_such_a_pad() -> None:
 
 
 def test_a_pad_that_ends_is_not_repeated() -> None:
+    skin = pp.Skin(Measured(), ARRAY, boundary="periodic", surface=ARRAY.grid)
     with pytest.raises(pp.Unsupported, match='boundary="free"'):
-        pp.Skin(Measured(), ARRAY, boundary="periodic", surface=ARRAY.grid).sense(np.zeros((3, 5, 6)))
+        skin.sense(np.zeros((3, 5, 6)))
 
 
 def test_the_division_of_the_founding_paper_needs_a_regular_pad() -> None:

@@ -65,7 +65,7 @@ class Solid:
     def _projection(self) -> tuple[Floats, Floats, Floats]:
         """Middle (axis, element) and size (element) of each element, and what projects the change of volume: (element, function, local, axis)."""
         gradients, weights = self._gradients
-        places = np.asarray(self.basis.global_coordinates().value)  # (axis, element, point)
+        places = np.asarray(self.basis.global_coordinates())  # (axis, element, point)
         volume = weights.sum(axis=1)
         middle = (places * weights).sum(axis=2) / volume
         size = np.cbrt(volume)
@@ -84,7 +84,7 @@ class Solid:
     def stiffness(self) -> Any:
         """The whole matrix, sparse: energy is half u'Ku."""
         gradients, weights = self._gradients
-        places = np.asarray(self.basis.global_coordinates().value)
+        places = np.asarray(self.basis.global_coordinates())
         middle, size, project = self._projection
         nodes, elements = self.dofs.shape
         index = (3 * self.dofs.T[:, :, None] + np.arange(3)).reshape(elements, -1)
@@ -97,9 +97,7 @@ class Solid:
             each = np.einsum("iaeq,jbeq,eq->eiajb", g, g, w, optimize=True)
             trace = np.einsum("eiaja->eij", each)
             k = self.shear * (
-                trace[:, :, None, :, None] * eye[:, None, :]
-                + each.transpose(0, 1, 4, 3, 2)
-                - (2.0 / 3.0) * each
+                trace[:, :, None, :, None] * eye[:, None, :] + each.transpose(0, 1, 4, 3, 2) - (2.0 / 3.0) * each
             )
             p = project[here]
             functions = self._pressures((places[:, here] - middle[:, here, None]) / size[here, None])
@@ -126,11 +124,9 @@ class Solid:
         finder = self.mesh.element_finder()
         cells = np.asarray(finder(*points))
         local = self.basis.mapping.invF(points[:, :, None], tind=cells)
-        functions = [
-            self.element.gbasis(self.basis.mapping, local, i, tind=cells)[0] for i in range(len(self.dofs))
-        ]
+        functions = [self.element.gbasis(self.basis.mapping, local, i, tind=cells)[0] for i in range(len(self.dofs))]
         count = points.shape[1]
-        values = np.stack([np.broadcast_to(f.value, (count, 1))[:, 0] for f in functions])
+        values = np.stack([np.broadcast_to(np.asarray(f), (count, 1))[:, 0] for f in functions])
         gradients = np.stack([np.broadcast_to(f.grad, (3, count, 1))[:, :, 0] for f in functions])
         middle, size, project = self._projection
         pressures = self._pressures((points - middle[:, cells]) / size[cells])
@@ -142,7 +138,12 @@ class Solid:
         basis = FacetBasis(self.mesh, self.element, facets=facets, intorder=6)
         out = np.zeros(3 * self.basis.N)
         for nodes, (function, *_) in zip(np.asarray(basis.element_dofs), basis.basis):
-            part = np.einsum("eq,aeq,eq->ea", np.broadcast_to(function.value, basis.dx.shape), basis.normals.value, basis.dx)
+            part = np.einsum(
+                "eq,aeq,eq->ea",
+                np.broadcast_to(np.asarray(function), basis.dx.shape),
+                np.asarray(basis.normals),
+                basis.dx,
+            )
             np.add.at(out, 3 * nodes[:, None] + np.arange(3), -pressure * part)
         return out
 
@@ -168,8 +169,7 @@ class LocalFields:
 
     def strain(self, ij: str) -> Floats:
         """Strain, compression positive."""
-        i, j = ij
-        return -0.5 * (self.gradient(i, j) + self.gradient(j, i))
+        return -0.5 * (self.gradient(ij[0], ij[1]) + self.gradient(ij[1], ij[0]))
 
     def stress(self, ij: str) -> Floats:
         """Stress, compression positive."""

@@ -286,9 +286,7 @@ class SolidPad:
         >>> pad.endless.thickness
         0.002
         """
-        layer = Layer(
-            thickness=self.thickness, youngs_modulus=self.youngs_modulus, poissons_ratio=self.poissons_ratio
-        )
+        layer = Layer(thickness=self.thickness, youngs_modulus=self.youngs_modulus, poissons_ratio=self.poissons_ratio)
         return BondedLayers([layer])
 
     def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:
@@ -322,9 +320,7 @@ class SolidPad:
             counts.append(count)
             widths.append((high - low) / count)
             middles.append(0.5 * (low + high))
-        return AreaGrid(
-            shape=(counts[0], counts[1]), spacing=(widths[0], widths[1]), center=(middles[1], middles[0])
-        )
+        return AreaGrid(shape=(counts[0], counts[1]), spacing=(widths[0], widths[1]), center=(middles[1], middles[0]))
 
     def response(self, array: Array, surface: Grid) -> LinearMap:
         """The map of an array, from traction on the cells of a surface; what lies beside the pad reads nothing."""
@@ -455,22 +451,23 @@ class SolidPad:
         spacing = float(np.sqrt(np.ptp(self.outline[0]) * np.ptp(self.outline[1]))) / 100.0
         rules = [aperture_rule(w, array.depth, spacing, None) for w in array.apertures]
         widths = tuple(float(w) for w in array.apertures)
-        keys = [
-            (float(x), float(y), float(array.depth), c, *widths) for y, x in array.points for c in array.channels
-        ]
+        keys = [(float(x), float(y), float(array.depth), c, *widths) for y, x in array.points for c in array.channels]
         missing = list(dict.fromkeys(k for k in keys if k not in self._kept))
         step = 128
         for start in range(0, len(missing), step):
             some = missing[start : start + step]
             loads = np.zeros((3 * self.solid.basis.N, len(some)))
-            for column, (x, y, depth, name, *_) in enumerate(some):
-                around = [(d * self._beside, 0.5) for d in (-1.0, 1.0)]
-                nodes = list(itertools.product(zip(*rules[0]), zip(*rules[1]), around, around, around))
-                places = np.array([[x + b + e, y + a + d, depth + f] for (a, _), (b, _), (d, _), (e, _), (f, _) in nodes]).T
-                weights = np.array([math.prod(w for _, w in node) for node in nodes])
-                held, fields = self.solid.at(self._inside(places))
-                rows = np.asarray(find_channel(name).read(fields)) * weights[:, None, None]
-                np.add.at(loads[:, column], 3 * held.T[:, :, None] + np.arange(3), rows)
+            around = [(d * self._beside, 0.5) for d in (-1.0, 1.0)]
+            nodes = list(itertools.product(zip(*rules[0]), zip(*rules[1]), around, around, around))
+            weights = np.array([math.prod(w for _, w in node) for node in nodes])
+            moved = np.array([[b + e, a + d, f] for (a, _), (b, _), (d, _), (e, _), (f, _) in nodes])
+            for name in dict.fromkeys(str(k[3]) for k in some):
+                columns = np.array([i for i, k in enumerate(some) if k[3] == name])
+                middles = np.array([some[i][:3] for i in columns])
+                held, fields = self.solid.at(self._inside((middles[:, None] + moved).reshape(-1, 3).T))
+                rows = np.asarray(find_channel(name).read(fields)) * np.tile(weights, len(columns))[:, None, None]
+                unknowns = 3 * held.T[:, :, None] + np.arange(3)
+                np.add.at(loads, (unknowns, np.repeat(columns, len(weights))[:, None, None]), rows)
             found = self.solid.solve(loads).reshape(-1, 3, len(some))[self._top]
             for column, key in enumerate(some):
                 self._kept[key] = np.ascontiguousarray(found[:, :, column].T)
