@@ -180,7 +180,7 @@ def main() -> None:
             "",
         ]
     if "times" in parts:
-        out += [*times(), ""]
+        out += ["Displacement of markers on a gel, one thread of a busy machine:", "", *times(), ""]
     text = "\n".join(out)
     if chosen.write:
         PAGE.write_text(text)

@@ -85,7 +85,7 @@ class SolidPad:
     >>> array = pp.AreaArray(shape=(3, 3), pitch=2e-3, depth="base", channels=["stress_zz"], noise=20.0)
     >>> skin = pp.Skin(pad, array)
     >>> skin.surface.shape  # the whole upper side, and no more
-    (8, 8)
+    (4, 4)
 
     >>> ball = pp.solutions.hertz_point(contact_radius=1e-3, force=0.2).shifted(3e-3, 0.0)  # a millimetre from the side
     >>> float(skin.reconstruct(skin.sense(ball)).force[2]).__round__(1)
