@@ -28,6 +28,7 @@ ROOMS = [
     "elastic",
     "solutions",
     "sensing",
+    "solid",
     "inverse",
     "uncertainty",
     "_plot",
