@@ -36,6 +36,7 @@ ROOMS = [
     "tracking",
     "recordings",
     "network",
+    "calibrate",
     "_skin_properties",
     "skin",
     "archives",
