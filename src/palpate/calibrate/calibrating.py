@@ -38,6 +38,8 @@ __all__ = ["calibrate", "flat_readings"]
 OF_WEIGHT = 8
 #: Rest: forces below this part of the largest.
 REST = 0.005
+#: Frames of so little force are at rest from this count on, where their readings scatter by less than this part of all readings' root mean square.
+FEWEST_AT_REST, ALIKE_AT_REST = 3, 0.1
 #: Labels of one calibration by default: more cost time and tell little (docs/_generated/calibrate.md).
 USUAL_LABELS = 300
 SEED = 41
@@ -240,15 +242,15 @@ def _known(run: Run, reference: Any, reference_time: Any, weights: list[Weight],
         if run.time is None:
             raise InvalidInput("weights say when they stood: give a Recording, or time= with the frames.")
         fz = out.setdefault("fz", np.full(count, math.nan))
-        out["std"] = np.zeros(count)
-        for weight in weights:
+        out["std"], out["press"] = np.zeros(count), np.full(count, math.nan)
+        for number, weight in enumerate(weights):
             at = np.flatnonzero((run.time >= weight.start) & (run.time <= weight.end))
             if not len(at):
                 raise InvalidInput(
                     f"no frame lies from {weight.start:g} to {weight.end:g} s: the recording goes from {run.time[0]:g} to {run.time[-1]:g} s."
                 )
             at = at[np.unique(np.linspace(0.15 * (len(at) - 1), 0.85 * (len(at) - 1), OF_WEIGHT).round().astype(int))]
-            fz[at] = weight.force
+            fz[at], out["press"][at] = weight.force, number
             out["std"][at] = SCALE_STD * weight.force
         if reference is None:
             for name in ("fx", "fy"):
@@ -267,8 +269,7 @@ def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: lis
             raise InvalidInput(f"baseline must be a number of frames from 0 to {len(run.flat) - 1}; got {baseline!r}.")
         return np.nanmean(run.flat[:baseline], axis=0) if baseline else np.zeros(run.flat.shape[1])
     forces = [known[f] for f in FORCES if f in known]
-    largest = max(float(np.nanmax(np.abs(f), initial=0.0)) for f in forces)
-    at_rest = np.all([np.abs(f) <= REST * largest for f in forces], axis=0) & np.isfinite(run.flat).all(axis=1)
+    at_rest = at_rest_of(forces, run.flat)
     if at_rest.any():
         return np.asarray(np.median(run.flat[at_rest], axis=0))
     words = "no frame is labelled as at rest: readings are taken as zero where nothing touches. If they are not, give baseline=, or a frame with the force 0"
@@ -277,10 +278,27 @@ def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: lis
     return np.zeros(run.flat.shape[1])
 
 
+def at_rest_of(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
+    """Frames at which nothing touches: the force is 0, or three or more with hardly any force whose readings are alike.
+
+    One small force beside others of either sign is no rest: its readings may be any.
+    """
+    seen = np.isfinite(flat).all(axis=1)
+    exact = np.all([f == 0.0 for f in forces], axis=0) & seen
+    largest = max(float(np.nanmax(np.abs(f), initial=0.0)) for f in forces)
+    small = np.all([np.abs(f) <= REST * largest for f in forces], axis=0) & seen
+    if small.sum() >= FEWEST_AT_REST:
+        middle = np.median(flat[small], axis=0)
+        near = np.sqrt(((flat[small] - middle) ** 2).mean())
+        if near <= ALIKE_AT_REST * np.sqrt(np.nanmean((flat[seen] - middle) ** 2)):
+            return np.asarray(small)
+    return np.asarray(exact)
+
+
 def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], labels: int) -> Labelled:
     names = [n for n in (*FORCES, *PLACES) if any(n in k for k in known)]
     timed = all(r.time is not None for r in runs)
-    rows: dict[str, list[Any]] = {n: [] for n in ("flat", "planes", "std", "time", "run", *names)}
+    rows: dict[str, list[Any]] = {n: [] for n in ("flat", "planes", "std", "stood", "time", "run", *names)}
     per_run = max(1, labels // len(runs))
     for number, (run, flat, one) in enumerate(zip(runs, flats, known)):
         forces = np.stack([one[f] for f in FORCES if f in one], axis=1)
@@ -291,6 +309,7 @@ def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats
         rows["flat"].append(flat[at])
         rows["planes"].append(run.readings[at] - _as_planes(run, flat, at))
         rows["std"].append(one["std"][at] if "std" in one else np.zeros(len(at)))
+        rows["stood"].append(one["press"][at] if "press" in one else np.full(len(at), math.nan))
         rows["time"].append(np.zeros(len(at)) if run.time is None else run.time[at] + 1e6 * number)
         rows["run"].append(np.full(len(at), number))
         for n in names:
@@ -303,6 +322,8 @@ def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats
         raise InvalidInput("all labelled readings are zero: check which columns hold them.")
     time = made["time"] if timed else None
     press = press_numbers(time, everything, made["run"])
+    stood = np.isfinite(made["stood"])
+    press[stood] = press.max() + 1 + made["stood"][stood].astype(np.int64)
     return Labelled(
         made["flat"], made["planes"], {n: made[n] for n in names}, made["std"], time, made["run"],
         np.asarray(press, dtype=np.int64), _rest(runs, flats, known, made["planes"]),
@@ -314,9 +335,7 @@ def _rest(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], 
     found = []
     for run, flat, one in zip(runs, flats, known):
         forces = np.stack([one[f] for f in FORCES if f in one])
-        at = np.flatnonzero(
-            (np.abs(forces) <= REST * np.nanmax(np.abs(forces))).all(axis=0) & np.isfinite(flat).all(axis=1)
-        )
+        at = np.flatnonzero(at_rest_of(list(forces), flat))
         found.append((run.readings[at] - _as_planes(run, flat, at))[:REST_KEPT])
     rest = np.concatenate(found)[:REST_KEPT]
     if len(rest) >= 5 and rest.std(axis=0).max() > 0.0:

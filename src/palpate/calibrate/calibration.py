@@ -106,6 +106,10 @@ class SkinCalibration:
     def attach(self, touch: Touch, flat: Floats) -> Touch:
         """The touch with the force (and centre) of the calibration; ``flat`` are its readings (*batch, reading) without their zero."""
         batch = touch.batch
+        if np.shape(flat)[-1] != self.readings:
+            raise InvalidInput(
+                f"this calibration is for {self.readings} readings a frame; got {np.shape(flat)[-1]}. Calibrate the skin with the taxels that it has now."
+            )
         rows = np.asarray(flat, dtype=np.float64).reshape(-1, self.readings)
         value, std = self.force(rows)
         place = self.center(rows, value, std)

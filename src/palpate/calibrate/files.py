@@ -114,7 +114,7 @@ def read_calibration(skin_file: str | Path) -> SkinCalibration | None:
             f"{source}: its [calibration] names {path.name}, which is not beside it. Copy it there, or leave the section out to use the skin without its calibration."
         )
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             held = {k: file[k] for k in file.files}
         names = dict.fromkeys(k.partition(".")[0] for k in held if "." in k)
         maps = {

@@ -29,6 +29,12 @@ __all__ = ["ageing", "best_press", "elastic_check", "hysteresis", "silent_readin
 ASKED, ANSWERED = 6, 3
 #: The elastic model is rejected where its force is off by more than this part of the labels' root mean square and by more than this many times the map.
 ELASTIC_ERROR, ELASTIC_RATIO = 0.1, 1.5
+#: ... unless this part of its intervals holds the force.
+ELASTIC_HELD = 0.8
+#: However far off the map is, an elastic model that is further off than this is rejected.
+ELASTIC_MOST = 0.3
+#: Leaving presses out says something from so many on.
+FEWEST_PRESSES = 3
 #: Readings are sent to the elastic model at this part of what the pad can bear.
 PART_OF_LIMIT = 0.01
 #: A reading is silent whose size is below this part of the median one; so many labels tell.
@@ -46,7 +52,7 @@ def table_of(one: ForceMap) -> tuple[tuple[str, float, float, float], ...]:
     import scipy.special
 
     p = one.process
-    if len(np.unique(p.press)) < 2:
+    if len(np.unique(p.press)) < FEWEST_PRESSES:
         return ()
     spread = float(((p.values - p.values.mean()) ** 2).mean())
 
@@ -85,18 +91,23 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
         )
     at = at[np.linspace(0, len(at) - 1, min(ASKED, len(at))).round().astype(int)]
     factor = small_unit(skin, data)
-    found, wrong = [], 0
+    found, wrong, ends = [], 0, []
     quiet = skin.at_rest(factor * data.rest)
     for i in at:
         try:
             touch = quiet.reconstruct(factor * data.planes[i])
         except PalpateError:
             found.append(math.nan)
+            ends.append([math.nan, math.nan])
             continue
         status = Status.SOLVED if touch.status is None else Status.coded(int(np.asarray(touch.status)))
         fit = math.nan if touch.fit is None else float(np.asarray(touch.fit))
         wrong += status is Status.UNEXPLAINED or fit < 0.01
         found.append(float(to_numpy(touch.force)[-1]))
+        try:
+            ends.append([float(to_numpy(end)[-1]) for end in touch.interval(0.95, "force")])
+        except PalpateError:  # without error bars
+            ends.append([math.nan, math.nan])
     force = np.array(found)
     good = np.isfinite(force) & (force != 0.0)
     if good.sum() < ANSWERED:
@@ -113,7 +124,10 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
     size = float(np.sqrt((fz[at][good] ** 2).mean()))
     relative = float(np.sqrt((error**2).mean())) / size
     mapped = float(np.sqrt((main.left_out**2).mean())) / (float(np.sqrt((main.process.values**2).mean())) or 1.0)
-    if scale <= 0.0 or relative > max(ELASTIC_ERROR, ELASTIC_RATIO * mapped) or wrong > len(at) // 2:
+    low, high = scale * np.array(ends)[good].T
+    held = float(((low <= fz[at][good]) & (fz[at][good] <= high)).mean())
+    close = relative <= max(ELASTIC_ERROR, ELASTIC_RATIO * mapped) or held >= ELASTIC_HELD
+    if scale <= 0.0 or relative > ELASTIC_MOST or not close or wrong > len(at) // 2:
         why = (
             f"its normal force is off by {100 * relative:.0f} % with the best factor, the map's by {100 * mapped:.0f} %"
         )

@@ -19,8 +19,8 @@ MOST_LABELS = 500
 TEMPER = 0.5
 #: Prior count of labels that say that errors are as large as the model says; the largest squared error, in variances, that one label counts for.
 PRIOR_COUNT, LARGEST = 8.0, 25.0
-#: Degrees of freedom of an interval: so many, and one more for each so many labels.
-FREEDOM, LABELS_OF_ONE = 4.0, 3.0
+#: Degrees of freedom of an interval: so many, and one more for each so many presses.
+FREEDOM, PRESSES_OF_ONE = 4.0, 3.0
 #: Gains between one run and the next, where the labels are of one run (a convention; four published sensors differed by 1 to 8 %).
 RUN = 0.05
 
@@ -68,7 +68,7 @@ class ForceMap:
     @property
     def freedom(self) -> float:
         """Degrees of freedom of Student's distribution for intervals."""
-        return FREEDOM + len(self.process.values) / LABELS_OF_ONE
+        return FREEDOM + len(np.unique(self.process.press)) / PRESSES_OF_ONE
 
     def predict(self, readings: Floats) -> tuple[Floats, Floats]:
         """Value and standard deviation of each frame."""
