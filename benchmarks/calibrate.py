@@ -232,7 +232,7 @@ METHODS: dict[str, Callable[[Split, Array], tuple[Array, Array]]] = {
 
 
 def measured(
-    data: Path, only: str | None, draws: int
+    data: Path, only: str | None, draws: int, keep: Path | None
 ) -> dict[tuple[str, str, int], list[tuple[float, float, float, float, float]]]:
     """(set, method, labels) -> for each draw: mean error, R^2, coverage, width of the 95 % interval, seconds."""
     out: dict[tuple[str, str, int], list[tuple[float, float, float, float, float]]] = {}
@@ -241,10 +241,8 @@ def measured(
         done, rows = json.loads(keep.read_text())
         out = {(a, b, int(c)): [tuple(r) for r in v] for a, b, c, v in rows}
     for draw, (name, maker) in itertools.product(range(draws), SETS.items()):
-        if [draw, name] not in done:
+        if [draw, name] not in done and (only is None or name in only.split(",")):
             rng = np.random.default_rng([draw, *name.encode()])
-            if only is not None and name not in only.split(","):
-                continue
             for split in maker(data / name, rng):
                 tested = rng.permutation(len(split.held_force))[:TESTED]
                 truth, at = split.held_force[tested], split.held_readings[tested]

@@ -138,7 +138,7 @@ ROOMS = (
         "palpate.network",
     ),
     *("palpate.camera", "palpate.microscopy", "palpate.live", "palpate.ros", "palpate.pads", "palpate.sensors"),
-    *("palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),
+    *("palpate.calibrate", "palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),
 )
 
 
