@@ -302,7 +302,7 @@ def report(found: dict[tuple[str, str, int], list[tuple[float, float, float, flo
         lines.append("| | width | " + " | ".join(f"{mean[n, 'palpate', s][3]:.3g}" for s in SIZES) + " |")
     lines += [
         "",
-        "**All sets: geometric mean of error over the best of the three, and mean coverage**",
+        "**All sets: median of error over the best of the three, and mean coverage**",
         "",
         f"| method | | {heads} |",
         "|---" * (2 + len(SIZES)) + "|",
@@ -311,9 +311,7 @@ def report(found: dict[tuple[str, str, int], list[tuple[float, float, float, flo
         best = {(n, s): min(mean[n, o, s][0] for o in METHODS if o != "palpate") for n in names for s in SIZES}
         lines.append(
             f"| {m} | error / best | "
-            + " | ".join(
-                f"{np.exp(np.mean([np.log(mean[n, m, s][0] / best[n, s]) for n in names])):.2f}" for s in SIZES
-            )
+            + " | ".join(f"{np.median([mean[n, m, s][0] / best[n, s] for n in names]):.2f}" for s in SIZES)
             + " |"
         )
         lines.append(

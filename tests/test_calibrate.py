@@ -174,7 +174,9 @@ def test_weights_in_words(skin: pp.Skin) -> None:
     found = calibrate(skin, recording, weights=said)
     value, _ = found.force(readings.reshape(3, -1))
     assert value[:, 2] == pytest.approx(force, rel=0.1)
-    assert len(np.unique(found.maps["fz"].process.press)) == 4
+    assert len(found.maps["fz"].process.values) == 4  # one label a weight
+    with pytest.raises(InvalidInput, match="no frame lies"):
+        calibrate(skin, recording, weights=["200 g, 100 s to 120 s"])
 
 
 @pytest.mark.parametrize(
@@ -290,3 +292,64 @@ def test_lines_have_no_physics_but_a_map() -> None:
     readings = rng.uniform(0.0, 1.0, (30, 1, 5))
     found = calibrate(skin, readings, reference=readings.sum(axis=(1, 2)))
     assert found.force(readings[:2].reshape(2, 5))[0][:, 2] == pytest.approx(readings[:2].sum(axis=(1, 2)), rel=0.05)
+
+
+def test_the_command_line(tmp_path: Path) -> None:
+    """From a table of counts with a force sensor on its own clock to forces of another table."""
+    pytest.importorskip("typer")
+    from command_line import run
+
+    (tmp_path / "skin.toml").write_text(
+        '[pad]\nkind = "half_space"\nyoungs_modulus = "200 kPa"\npoissons_ratio = 0.48\n\n[[plane]]\nkind = "area"\nshape = [4, 4]\npitch = "4 mm"\ndepth = "3 mm"\nchannels = ["stress_zz"]\n\n[columns]\ntime = "t"\nstress_zz = "S{}"\nunit = "1 Pa"\n'
+    )
+    readings, force, _ = bench(10, 3)
+    time = np.arange(0.0, 22.0, 0.1)
+    load, frames = np.zeros(len(time)), np.zeros((len(time), 16))
+    for k in range(10):
+        at = (time >= 2 * k + 2) & (time < 2 * k + 3)
+        load[at], frames[at] = force[k], readings[k].ravel()
+    frames += 500.0 + 0.5 * np.random.default_rng(0).standard_normal(frames.shape)
+    titles = "t," + ",".join(f"S{i}" for i in range(16)) + ",Fz"
+    np.savetxt(tmp_path / "bench.csv", np.c_[time, frames, -load], delimiter=",", header=titles, comments="")
+    done = run(
+        "calibrate",
+        "bench.csv",
+        "--skin",
+        "skin.toml",
+        "--reference",
+        "fz=-Fz",
+        "--report",
+        "report.png",
+        "--labels",
+        "40",
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "presses that were left out" in done.stdout
+    assert (tmp_path / "report.png").stat().st_size > 10_000
+    done = run(
+        "reconstruct",
+        "bench.csv",
+        "--skin",
+        "calibrated.toml",
+        "--baseline",
+        "10",
+        "--frame",
+        "45",
+        "--out",
+        "one.nc",
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    found = float(done.stdout.split("net force z")[1].split("N")[0])
+    assert found == pytest.approx(force[1], rel=0.15)
+    for words, arguments in (
+        ("say what is known", ()),
+        ("no column 'Fy'", ("--reference", "fz=Fy")),
+        ("must name columns", ("--reference", "pressure=Fz")),
+        ("has none: leave it out", ("--reference", "fz=Fz", "--again")),
+        ("--reference-file needs --reference", ("--reference-file", "bench.csv", "--weight", "1 g, 0 s to 1 s")),
+    ):
+        done = run("calibrate", "bench.csv", "--skin", "skin.toml", "--out", "other.toml", *arguments, cwd=tmp_path)
+        assert done.returncode == 2
+        assert words in done.stderr

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -34,8 +35,8 @@ from palpate.sensing.times import as_seconds
 
 __all__ = ["calibrate", "flat_readings"]
 
-#: Frames that are labelled of each time that a weight stood: they share its error, and more tell no more.
-OF_WEIGHT = 8
+#: Part of the time that a weight stood which is left out at each end: it is laid down and taken off there.
+ENDS = 0.15
 #: Rest: forces below this part of the largest.
 REST = 0.005
 #: Frames of so little force are at rest from this count on, where their readings scatter by less than this part of all readings' root mean square.
@@ -49,11 +50,12 @@ REST_KEPT, ASSUMED_NOISE = 20, 0.01
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One recording: readings (frame, channel, *array), their flat form (frame, reading) and time (frame,) [s] or None."""
+    """One recording: readings (frame, channel, *array), their flat form (frame, reading), time (frame,) [s] or None, and frames at rest that are no labels."""
 
     readings: Floats
     flat: Floats
     time: Floats | None
+    rest: Floats | None = None
 
 
 def flat_readings(planes: Sequence[Any], readings: Any) -> Floats:
@@ -132,7 +134,11 @@ def calibrate(
     known = []
     for number, run in enumerate(runs):
         own = None if reference is None else references[number]
-        known.append(_known(run, own, reference_time, weights_of(weights) if number == 0 else [], said))
+        if weights and number == 0:
+            runs[number], one = _weighed(run, own, weights_of(weights))
+        else:
+            one = _known(run, own, reference_time, said)
+        known.append(one)
     flats: list[Floats] = []
     for run, one in zip(runs, known):
         zero = _zero(run, one, baseline, said)
@@ -214,7 +220,7 @@ def _columns(reference: Any) -> dict[str, Floats]:
     raise InvalidInput(f"reference must have shape (frame,) or (frame, 3), or be a mapping; got {values.shape}.")
 
 
-def _known(run: Run, reference: Any, reference_time: Any, weights: list[Weight], said: list[str]) -> dict[str, Floats]:
+def _known(run: Run, reference: Any, reference_time: Any, said: list[str]) -> dict[str, Floats]:
     """What is known of each frame of a run: NaN where nothing is; "std" where a label has an error of its own."""
     count = len(run.flat)
     out: dict[str, Floats] = {}
@@ -238,28 +244,47 @@ def _known(run: Run, reference: Any, reference_time: Any, weights: list[Weight],
             raise InvalidInput(
                 f"reference holds {length} values for {count} frames: give one for each frame, NaN where nothing is known, or its own clock with reference_time=."
             )
-    if weights:
-        if run.time is None:
-            raise InvalidInput("weights say when they stood: give a Recording, or time= with the frames.")
-        fz = out.setdefault("fz", np.full(count, math.nan))
-        out["std"], out["press"] = np.zeros(count), np.full(count, math.nan)
-        for number, weight in enumerate(weights):
-            at = np.flatnonzero((run.time >= weight.start) & (run.time <= weight.end))
-            if not len(at):
-                raise InvalidInput(
-                    f"no frame lies from {weight.start:g} to {weight.end:g} s: the recording goes from {run.time[0]:g} to {run.time[-1]:g} s."
-                )
-            at = at[np.unique(np.linspace(0.15 * (len(at) - 1), 0.85 * (len(at) - 1), OF_WEIGHT).round().astype(int))]
-            fz[at], out["press"][at] = weight.force, number
-            out["std"][at] = SCALE_STD * weight.force
-        if reference is None:
-            for name in ("fx", "fy"):
-                out.pop(name, None)
     if not out or not any(np.isfinite(v).any() for k, v in out.items() if k in FORCES):
         raise InvalidInput(
             'no force is known of any frame: give reference= (a force sensor), or weights=["200 g, 12 s to 20 s"]. Shapes and places alone tell no newtons.'
         )
     return out
+
+
+def _weighed(run: Run, reference: Any, weights: list[Weight]) -> tuple[Run, dict[str, Floats]]:
+    """One frame for each weight, the mean of those in which it stood: frames of one weight share all that is wrong with them."""
+    if run.time is None:
+        raise InvalidInput("weights say when they stood: give a Recording, or time= with the frames.")
+    if reference is not None:
+        raise InvalidInput(
+            "give weights= or reference= for a run, not both; others go into a second calibration, with again=True."
+        )
+    frames, rest = [], []
+    for weight in weights:
+        at = np.flatnonzero((run.time >= weight.start) & (run.time <= weight.end))
+        if not len(at):
+            raise InvalidInput(
+                f"no frame lies from {weight.start:g} to {weight.end:g} s: the recording goes from {run.time[0]:g} to {run.time[-1]:g} s."
+            )
+        still = at[int(ENDS * len(at)) : max(len(at) - int(ENDS * len(at)), int(ENDS * len(at)) + 1)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # a taxel that is missing throughout
+            frames.append(np.nanmean(run.readings[still], axis=0))
+        if weight.force == 0.0:
+            rest.append(run.readings[still] - frames[-1])
+    chosen = [int(np.argmin(np.abs(run.time - 0.5 * (w.start + w.end)))) for w in weights]
+    readings, force = np.stack(frames), np.array([w.force for w in weights])
+    flat = np.stack([_flat_like(run, f, i) for f, i in zip(readings, chosen)])
+    return Run(readings, flat, None, np.concatenate(rest) if rest else None), {"fz": force, "std": SCALE_STD * force}
+
+
+def _flat_like(run: Run, frame: Floats, index: int) -> Floats:
+    """The flat form of a frame that was made of others of the run."""
+    if frame.size == run.flat.shape[1]:
+        return frame.ravel()
+    # some taxels are masked: their places are those that the flat form leaves out
+    kept = np.isin(run.readings[index].ravel(), run.flat[index])
+    return frame.ravel()[kept][: run.flat.shape[1]]
 
 
 def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: list[str]) -> Floats:
@@ -298,7 +323,7 @@ def at_rest_of(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
 def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], labels: int) -> Labelled:
     names = [n for n in (*FORCES, *PLACES) if any(n in k for k in known)]
     timed = all(r.time is not None for r in runs)
-    rows: dict[str, list[Any]] = {n: [] for n in ("flat", "planes", "std", "stood", "time", "run", *names)}
+    rows: dict[str, list[Any]] = {n: [] for n in ("flat", "planes", "std", "time", "run", *names)}
     per_run = max(1, labels // len(runs))
     for number, (run, flat, one) in enumerate(zip(runs, flats, known)):
         forces = np.stack([one[f] for f in FORCES if f in one], axis=1)
@@ -309,7 +334,6 @@ def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats
         rows["flat"].append(flat[at])
         rows["planes"].append(run.readings[at] - _as_planes(run, flat, at))
         rows["std"].append(one["std"][at] if "std" in one else np.zeros(len(at)))
-        rows["stood"].append(one["press"][at] if "press" in one else np.full(len(at), math.nan))
         rows["time"].append(np.zeros(len(at)) if run.time is None else run.time[at] + 1e6 * number)
         rows["run"].append(np.full(len(at), number))
         for n in names:
@@ -322,8 +346,6 @@ def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats
         raise InvalidInput("all labelled readings are zero: check which columns hold them.")
     time = made["time"] if timed else None
     press = press_numbers(time, everything, made["run"])
-    stood = np.isfinite(made["stood"])
-    press[stood] = press.max() + 1 + made["stood"][stood].astype(np.int64)
     return Labelled(
         made["flat"], made["planes"], {n: made[n] for n in names}, made["std"], time, made["run"],
         np.asarray(press, dtype=np.int64), _rest(runs, flats, known, made["planes"]),
@@ -335,6 +357,8 @@ def _rest(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], 
     found = []
     for run, flat, one in zip(runs, flats, known):
         forces = np.stack([one[f] for f in FORCES if f in one])
+        if run.rest is not None:
+            found.append(run.rest[np.isfinite(run.rest).reshape(len(run.rest), -1).all(axis=1)][:REST_KEPT])
         at = np.flatnonzero(at_rest_of(list(forces), flat))
         found.append((run.readings[at] - _as_planes(run, flat, at))[:REST_KEPT])
     rest = np.concatenate(found)[:REST_KEPT]

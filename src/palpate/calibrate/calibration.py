@@ -157,7 +157,10 @@ class SkinCalibration:
 
     def check_options(self, given: Mapping[str, Any]) -> None:
         """Refuse options of the elastic model where there is none."""
-        named = [k for k, v in given.items() if v is not None]
+        # a run over a recording names its method and what is sought, also where nobody chose them
+        named = [k for k, v in given.items() if v is not None and k not in ("method", "components", "rng")]
+        if getattr(given.get("method"), "friction_given", None) is not None:
+            named.append("friction")
         if named and not self.elastic:
             raise NotObservable(
                 f"{', '.join(named)} belongs to the elastic model, which the presses that calibrated this skin reject: no pressure map follows. Leave it out."

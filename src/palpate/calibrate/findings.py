@@ -81,7 +81,7 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
             ["the elastic model was not asked: no normal force is known, or these channels do not tell it"],
         )
     fz = data.known["fz"]
-    at = np.flatnonzero(np.isfinite(fz) & (np.abs(fz) > 0.2 * np.nanmax(np.abs(fz))))
+    at = np.flatnonzero(np.isfinite(fz) & (np.abs(fz) > 0.15 * np.nanmax(np.abs(fz))))
     if len(at) < ANSWERED:
         return (
             math.nan,

@@ -17,7 +17,7 @@ __all__ = ["ForceMap"]
 MOST_LABELS = 500
 #: Weights of members use the score over this power of the number of labels: labels of one recording are no independent proofs.
 TEMPER = 0.5
-#: Prior count of labels that say that errors are as large as the model says; the largest squared error, in variances, that one label counts for.
+#: Prior count of presses that say that errors are as large as the model says; the largest squared error, in variances, that one label counts for.
 PRIOR_COUNT, LARGEST = 8.0, 25.0
 #: Degrees of freedom of an interval: so many, and one more for each so many presses.
 FREEDOM, PRESSES_OF_ONE = 4.0, 3.0
@@ -61,8 +61,11 @@ class ForceMap:
         weights = np.exp((score - score.max()) / count**TEMPER)
         weights /= weights.sum()
         squares = sum(w * (m.left_out / m.left_out_std) ** 2 for w, m in zip(weights, members))
-        total = float(np.minimum(squares, LARGEST).sum())
-        inflation = np.sqrt(max((PRIOR_COUNT + total) / (PRIOR_COUNT + count), 1.0))
+        # labels of one press share their error: they count as one
+        each = [
+            float(np.minimum(np.asarray(squares)[process.press == p], LARGEST).mean()) for p in np.unique(process.press)
+        ]
+        inflation = np.sqrt(max((PRIOR_COUNT + sum(each)) / (PRIOR_COUNT + len(each)), 1.0))
         return cls(process, members, weights, float(inflation), runs)
 
     @property

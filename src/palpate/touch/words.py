@@ -81,9 +81,10 @@ def summary(one: Touch, friction: float | None) -> str:
                 f"{'outside array':<16}{said(outside, factor=force_factor, unit=force_name)} of the normal force, where nothing is measured"
             )
         size = float(one.contact_area()) * (factor if line else factor**2)
-        lines.append(
-            f"{'contact width' if line else 'contact area':<16}{plain_number(size, 4)} {unit}{'' if line else '^2'}"
-        )
+        if np.isfinite(size):
+            lines.append(
+                f"{'contact width' if line else 'contact area':<16}{plain_number(size, 4)} {unit}{'' if line else '^2'}"
+            )
     if friction is not None and set(one.components) == set(components):
         margin = float(one.slip_margin(friction))
         low, high = bounds("slip_margin", friction=friction)
