@@ -424,9 +424,8 @@ class Skin(SkinProperties):
                 **options,
             )
         if self._calibration is not None:
-            return self._answer_by_calibration(
-                readings, time, {"method": method, "components": components, "rng": rng, **options}
-            )
+            named = {"method": method, "components": components, "rng": rng, **options}
+            return self._answer_by(self._calibration, readings, time, named)
         chosen = method_asked(method, options)
         if rng is not None and "draws" not in chosen.options():
             raise Unsupported(f'method="{chosen.name}" does not take rng: it draws no samples.')
@@ -523,13 +522,10 @@ class Skin(SkinProperties):
         out._calibration = None
         return out
 
-    def _answer_by_calibration(self, readings: Any, time: Any, options: dict[str, Any]) -> Touch:
+    def _answer_by(self, found: SkinCalibration, readings: Any, time: Any, options: dict[str, Any]) -> Touch:
         """`reconstruct` of a calibrated skin."""
         from palpate.calibrate import calibrated_touch
 
-        found = self._calibration
-        if found is None:
-            raise Unsupported("this skin is not calibrated: Skin.calibrate does it.")
         if self._plain is None and found.elastic:
             plain = self._uncalibrated()
             rested = self._problem.zeroed or found.rest is None
