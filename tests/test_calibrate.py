@@ -284,6 +284,8 @@ def test_other_taxels_need_another_calibration(calibrated: pp.Skin) -> None:
     mask[0, 0] = False
     with pytest.raises(InvalidInput, match="is for 16 readings"):
         calibrated.masked(mask).reconstruct(np.zeros((1, 4, 4)))
+    with pytest.raises(InvalidInput, match="is for 16 readings"):
+        calibrated.masked(mask).track()
 
 
 def test_lines_have_no_physics_but_a_map() -> None:

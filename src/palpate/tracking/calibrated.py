@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
 from palpate.sensing.grids import Grid
 from palpate.status import Status
 from palpate.touch import Touch
@@ -23,6 +24,8 @@ class CalibrationLike(Protocol):
     def unit(self) -> float: ...
     @property
     def scale(self) -> float: ...
+    @property
+    def readings(self) -> int: ...
     @property
     def elastic(self) -> bool: ...
     def attach(self, touch: Touch, flat: Floats) -> Touch: ...
@@ -51,6 +54,10 @@ class CalibratedTracker(Tracker):
         self.calibration = calibration
         self._actual: Floats | None = None
         super().__init__(*args, **options)
+        if len(self._std) != calibration.readings:
+            raise InvalidInput(
+                f"this calibration is for {calibration.readings} readings a frame; the skin has {len(self._std)}. Calibrate the skin with the taxels that it has now."
+            )
 
     @property
     def _unit(self) -> float:
