@@ -39,7 +39,8 @@ def summary(one: Touch, friction: float | None) -> str:
     if not np.isfinite(force).any():
         return "\n".join(["net force       not known", *(f"note: {n}" for n in one.notes)])
     # some frames have no intervals: found by a method without error bars, or before a stream has made them
-    known = one.errors is not None and bool(np.isfinite(one.errors.force).any() or one.calibrated is not None)
+    calibrated = one.calibrated is not None and bool(np.isfinite(one.calibrated).any())
+    known = one.errors is not None and (calibrated or bool(np.isfinite(one.errors.force).any()))
 
     def bounds(of: str, **given: float) -> tuple[Floats, Floats]:
         if not known:
