@@ -38,6 +38,7 @@ ROOMS = [
     "recordings",
     "network",
     "design",
+    "calibrate",
     "_skin_properties",
     "skin",
     "archives",

@@ -18,6 +18,7 @@ SHORT = {
     "design": "Say what a sensor will resolve before it is built.",
     "sensors": "List sensors that are known, with their skin.toml.",
     "weigh": "Find the modulus of a gel from known weights.",
+    "calibrate": "Newtons from a few weights, or a force sensor.",
     "paper": "Reproduce the paper that founded the field.",
     "bench": "Measure the inversion on simulated contacts.",
 }
@@ -32,6 +33,10 @@ EXAMPLES = {
     "bench trust": [
         "palpate bench trust --quick",
         'palpate bench trust --rows "offset,stuck" --frames 50 --out trust.md',
+    ],
+    "calibrate": [
+        'palpate calibrate bench.csv --skin skin.toml --weight "0 g, 0 s to 3 s" --weight "200 g, 5 s to 9 s"',
+        'palpate calibrate run-1.csv run-2.csv --skin skin.toml --reference "fz=Fz,fx=Fx" --report calibration.png',
     ],
     "convert": ["palpate convert finger.csv finger.nc", "palpate convert torn.mcap whole.nc --salvage"],
     "demo": ["palpate demo", "palpate demo camera --out gel", "palpate demo taxels --out first-hour"],
