@@ -29,6 +29,7 @@ EXTRAS = {
     "av": "camera",
     "cv2": "camera",
     "tifffile": "camera",
+    "roifile": "cells",
     "dask": "dask",
     "distributed": "dask",
     "rclpy": "ros2",

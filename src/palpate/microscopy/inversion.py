@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.elastic.pad import Floats, Pad
 from palpate.inverse.linear.matrix_free.memory import check_system, servable
@@ -16,13 +17,14 @@ from palpate.inverse.linear.methods import Tikhonov
 from palpate.inverse.linear.posterior import LinearErrors
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.problem import Problem
+from palpate.microscopy.adhesions import Adhesions, Sample, sampled
 from palpate.microscopy.fields import Field
 from palpate.sensing.arrays import AreaArray
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.skin import Skin
 from palpate.touch import Touch
 
-__all__ = ["Inverted", "inverted"]
+__all__ = ["Inverted", "inverted", "of_adhesions"]
 
 COMPONENTS = ("x", "y")
 
@@ -66,6 +68,42 @@ class Inverted:
     moved: Floats
     draws: Floats
     moved_by_draws: Floats
+    #: What the adhesions were sampled as, and their work (draw, row, column) [J]; None from a linear method.
+    samples: tuple[Sample, ...] | None = None
+    work: Floats | None = None
+    notes: tuple[str, ...] = ()
+
+
+def of_adhesions(
+    field: Field,
+    pad: Pad,
+    *,
+    depth: float,
+    noise: float | None,
+    likely: npt.NDArray[np.bool_] | None,
+    uncertainty: Uncertainty | None,
+    draws: int,
+    seed: int,
+) -> Inverted:
+    """Traction of a field as adhesions make it, sampled; ``likely`` (row, column) is where they are expected."""
+    found = sampled(field, pad, depth=depth, noise=noise, likely=likely, draws=draws, seed=seed)
+    skin = Skin(pad, field.array(depth=depth, noise=noise), uncertainty=uncertainty)
+    touch = skin.reconstruct(
+        np.nan_to_num(field.displacement), method=Adhesions(found=found, field=field), components=COMPONENTS
+    )
+    rows, columns = field.shape
+    pitch = field.pitch
+    x, y = pitch * np.arange(columns), pitch * np.arange(rows)
+    each = np.stack([s.on(x, y, pitch) for s in found.samples])
+    every = np.stack([a.ravel() for a in np.meshgrid(x, y)], axis=1)
+    moved = np.stack(
+        [s.moved(every, pitch**2 / 12, found.response).reshape(2, rows, columns) for s in found.samples]
+    )
+    shift = moved.mean(axis=(2, 3))
+    work = np.stack([s.work(x, y, pitch, found.response, m) for s, m in zip(found.samples, shift)])
+    return Inverted(
+        skin, touch, each.mean(axis=0), moved.mean(axis=0), each, moved, tuple(found.samples), work, found.notes
+    )
 
 
 def inverted(
