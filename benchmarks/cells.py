@@ -50,9 +50,7 @@ def judged(cell: Cell, method: str) -> dict[str, Any]:
     start = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        forces = cell_forces(
-            field, pad, mask=cell.mask, size=cell.mask.shape[::-1], method=method, uncertainty=EXACT
-        )
+        forces = cell_forces(field, pad, mask=cell.mask, size=cell.mask.shape[::-1], method=method, uncertainty=EXACT)
     seconds = time.process_time() - start
     out: dict[str, Any] = {"seconds": seconds, "seed": cell.seed, "edge": cell.edge, "noise": cell.noise}
     for key in KEYS:
@@ -100,7 +98,13 @@ def population(first: int, count: int, methods: list[str], held: Path | None) ->
             found.append(judged(cell_of(seed), method))
             if path is not None:  # a long run may be stopped, and goes on where it was
                 path.write_text(json.dumps(found))
-            print(method, seed, {k: f"{found[-1][k][0] / found[-1][k][3]:.2f}" for k in KEYS[:4]}, file=sys.stderr, flush=True)
+            print(
+                method,
+                seed,
+                {k: f"{found[-1][k][0] / found[-1][k][3]:.2f}" for k in KEYS[:4]},
+                file=sys.stderr,
+                flush=True,
+            )
         lines.append(f"| all | {method} | {len(found)} | {' | '.join(summary(found))} |")
         for name, part in (
             ("noise above 10 %", [f for f in found if f["noise"] > 0.1]),
@@ -173,12 +177,19 @@ def main() -> None:
     parser.add_argument("--rows", nargs="+", default=["population", "special", "crop", "times"])
     parser.add_argument("--special", type=int, default=12, help="cells of the rows of one kind")
     parser.add_argument("--sides", type=int, nargs="+", default=[64, 128, 256])
-    parser.add_argument("--keep", type=Path, help="where the numbers of each cell are written as they come (.json): a run that was stopped goes on")
+    parser.add_argument(
+        "--keep",
+        type=Path,
+        help="where the numbers of each cell are written as they come (.json): a run that was stopped goes on",
+    )
     parser.add_argument("--markdown", type=Path)
     args = parser.parse_args()
     head = f"| cells | method | count | {' | '.join(NAMES)} | seconds |"
     rule = "|---" * (4 + len(NAMES)) + "|"
-    lines = [f"Made by `python benchmarks/cells.py --cells {args.cells} --special {args.special} --sides {' '.join(map(str, args.sides))}`.", ""]
+    lines = [
+        f"Made by `python benchmarks/cells.py --cells {args.cells} --special {args.special} --sides {' '.join(map(str, args.sides))}`.",
+        "",
+    ]
     if "population" in args.rows or "special" in args.rows:
         lines += [head, rule]
     if "population" in args.rows:

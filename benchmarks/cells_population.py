@@ -35,7 +35,11 @@ def influence(rows: int, columns: int, modulus: float, ratio: float, side: float
     yy = between(x * np.arcsinh(y / np.abs(x)))  # of y^2/r^3
     xy = between(-np.hypot(x, y))  # of x y/r^3
     even = (1.0 - ratio) * (xx + yy)  # of (1 - nu)/r
-    return (1.0 + ratio) / (math.pi * modulus) * np.array([[even + ratio * xx, ratio * xy], [ratio * xy, even + ratio * yy]])
+    return (
+        (1.0 + ratio)
+        / (math.pi * modulus)
+        * np.array([[even + ratio * xx, ratio * xy], [ratio * xy, even + ratio * yy]])
+    )
 
 
 def displacement_of(traction: np.ndarray, modulus: float, ratio: float, side: float = SQUARE) -> np.ndarray:
@@ -148,7 +152,10 @@ def _adhesions(
     out, outlines = np.zeros((2, whole, whole)), np.zeros((whole, whole), dtype=bool)
     on_any = np.zeros((whole, whole), dtype=bool)
     for _ in range(int(rng.integers(8, 21))):
-        angle, far = rng.uniform(0, 2 * np.pi), rng.uniform(0.55, 0.95) if rng.random() < 0.75 else rng.uniform(0.1, 0.6)
+        angle, far = (
+            rng.uniform(0, 2 * np.pi),
+            rng.uniform(0.55, 0.95) if rng.random() < 0.75 else rng.uniform(0.1, 0.6),
+        )
         pu, pv = a * far * np.cos(angle), b * far * np.sin(angle)
         px, py = turned(np.asarray(pu), np.asarray(pv), -turn)
         px, py = px + middle[0], py + middle[1]

@@ -65,7 +65,9 @@ def film(
         pad: HalfSpace | BondedLayers = HalfSpace(youngs_modulus=value, poissons_ratio=poissons_ratio)
     else:
         layer = Layer(
-            thickness=parse_quantity(thickness, "length", "--thickness"), youngs_modulus=value, poissons_ratio=poissons_ratio
+            thickness=parse_quantity(thickness, "length", "--thickness"),
+            youngs_modulus=value,
+            poissons_ratio=poissons_ratio,
         )
         pad = BondedLayers([layer])
     made = Film(

@@ -100,7 +100,8 @@ def tfm(
         ),
     ] = None,
     order: Annotated[
-        int | None, typer.Option(help="Of tikhonov: derivative of the traction that is kept small: 0, 1 (default) or 2.")
+        int | None,
+        typer.Option(help="Of tikhonov: derivative of the traction that is kept small: 0, 1 (default) or 2."),
     ] = None,
     rule: Annotated[
         str | None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -43,6 +43,8 @@ MODEL = 1e-3
 LEFT, BACK = 5.0, 3.0
 #: Blobs follow the displacement to this part of it.
 DETAIL = 0.2
+#: Fields of more vectors along a side are averaged over tiles.
+WIDEST = 160
 #: Neighbours share noise where their residuals correlate by more than this.
 SHARED = 0.1
 
@@ -93,10 +95,33 @@ def sampled(
     depth: float = 0.0,
     noise: float | None = None,
     likely: Flags | None = None,
+    drift: bool = True,
     draws: int = 120,
     seed: int = 0,
 ) -> Sampled:
-    """Samples of the adhesions of a field; ``likely`` (row, column) is where they are expected."""
+    """Samples of the adhesions of a field; ``likely`` (row, column) is where they are expected. Without ``drift`` the picture cannot have moved as a whole."""
+    ratio = math.ceil(max(field.shape) / WIDEST)
+    if ratio > 1:
+        few, where = _thinned(field, ratio, likely)
+        found = sampled(
+            few,
+            pad,
+            depth=depth,
+            noise=None if noise is None else noise / ratio,
+            likely=where,
+            drift=drift,
+            draws=draws,
+            seed=seed,
+        )
+        first = 0.5 * (ratio - 1) * field.pitch
+        out = np.zeros(field.shape, dtype=bool)
+        rows, columns = (n * ratio for n in few.shape)
+        out[:rows, :columns] = np.repeat(np.repeat(found.left_out, ratio, axis=0), ratio, axis=1)
+        said = f"{field.shape[1]} x {field.shape[0]} vectors are more than the traction needs: means of {ratio} x {ratio} of them are solved"
+        samples = [replace(s, places=s.places + first) for s in found.samples]
+        return replace(
+            found, samples=samples, noise=found.noise * ratio, left_out=out & field.valid, notes=(said, *found.notes)
+        )
     pitch, window, shape = field.pitch, field.aperture, field.shape
     least = max(LEAST, LEAST_PITCHES * pitch)
     reach = 2.0 * pitch * math.hypot(*shape)
@@ -104,7 +129,7 @@ def sampled(
     # the surface itself moves, wherever the beads are
     surface = response if depth == 0 else Response.of(pad, 0.0, least, reach)
     there = field.valid
-    u = field.displacement - np.nanmedian(field.displacement, axis=(1, 2), keepdims=True)
+    u = field.displacement - (np.nanmedian(field.displacement, axis=(1, 2), keepdims=True) if drift else 0.0)
     level = noise or noise_of(u)
     level = max(level, MODEL * float(np.nanquantile(np.abs(u), 0.99)), 1e-300)
     bad = outliers(u, level) & there
@@ -130,7 +155,7 @@ def sampled(
         rng = np.random.default_rng([seed, number])
 
         def chain(vectors: Vectors, rng: np.random.Generator = rng) -> Chain:
-            return Chain(vectors, response, places, sizes, level, known=known, rng=rng)  # noqa: B023
+            return Chain(vectors, response, places, sizes, level, known=known, drift=drift, rng=rng)  # noqa: B023
 
         walk = _begun(chain(vectors), u, there & ~bad, guess, margin, every, window)
         walk.walk(BURN)
@@ -165,6 +190,26 @@ def sampled(
     return Sampled(samples, surface, level, level / rough, bad, tuple(notes))
 
 
+def _thinned(field: Field, ratio: int, likely: Flags | None) -> tuple[Field, Flags | None]:
+    """Means over tiles of ``ratio`` x ``ratio`` vectors, those that are there, and where most of a tile is likely."""
+    rows, columns = (n // ratio for n in field.shape)
+
+    def tiles(values: Any) -> Any:
+        return values[..., : rows * ratio, : columns * ratio].reshape(*values.shape[:-2], rows, ratio, columns, ratio)
+
+    there = tiles(field.valid).mean(axis=(1, 3))
+    u = tiles(np.nan_to_num(field.displacement)).mean(axis=(2, 4)) / np.where(there > 0.5, there, np.nan)
+    side = math.sqrt(field.aperture**2 + (ratio**2 - 1) * field.pitch**2)
+    few = Field(
+        displacement=u,
+        start=(field.start[0] + 0.5 * (ratio - 1) * field.step, field.start[1] + 0.5 * (ratio - 1) * field.step),
+        step=ratio * field.step,
+        pixel=field.pixel,
+        aperture=side,
+    )
+    return few, None if likely is None else np.asarray(tiles(likely).mean(axis=(1, 3)) >= 0.5)
+
+
 def _every(field: Field) -> Vectors:
     """All vectors of a field, one by one."""
     rows, columns = field.shape
@@ -174,7 +219,9 @@ def _every(field: Field) -> Vectors:
     return Vectors(places, np.zeros((2, count)), np.full(count, field.aperture**2 / 12), np.ones(count), field.aperture)
 
 
-def _begun(walk: Chain, u: Floats, there: Flags, guess: Floats, margin: tuple[int, int], every: Vectors, window: float) -> Chain:
+def _begun(
+    walk: Chain, u: Floats, there: Flags, guess: Floats, margin: tuple[int, int], every: Vectors, window: float
+) -> Chain:
     """Blobs where the first guess is largest, then where that of what they leave is."""
     pitch, rng = walk.places.pitch, walk.rng
     for number in range(ROUNDS):
@@ -214,7 +261,9 @@ def _shared(left: Floats, there: Flags) -> float:
         first: Any = (slice(0, r.shape[1] - rows), slice(0, r.shape[2] - columns))
         second: Any = (slice(rows, None), slice(columns, None))
         pairs = float((there[first] & there[second]).sum())
-        return float((r[(slice(None), *first)] * r[(slice(None), *second)]).sum()) / max(pairs, 1.0) / max(power, 1e-300)
+        return (
+            float((r[(slice(None), *first)] * r[(slice(None), *second)]).sum()) / max(pairs, 1.0) / max(power, 1e-300)
+        )
 
     beside = 0.5 * (of(0, 1) + of(1, 0))
     if beside < SHARED:

@@ -96,7 +96,9 @@ def _responses(pad: Pad, k: Floats, depth: float) -> tuple[Floats, Floats]:
     one = transfer(pad, k, 0.0 * k, depth, CHANNELS).real
     other = transfer(pad, 0.0 * k, k, depth, CHANNELS).real
     along, across = one[:, 0, 0], one[:, 1, 1]
-    if not np.allclose(along, other[:, 1, 1], rtol=1e-6, atol=0) or not np.allclose(across, other[:, 0, 0], rtol=1e-6, atol=0):
+    if not np.allclose(along, other[:, 1, 1], rtol=1e-6, atol=0) or not np.allclose(
+        across, other[:, 0, 0], rtol=1e-6, atol=0
+    ):
         raise Unsupported('this gel is not the same in all directions: use method="tikhonov" (--method tikhonov).')
     return along, across
 

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
-from palpate.microscopy.fields import Field
 from palpate.microscopy.adhesions import Sample
+from palpate.microscopy.fields import Field
 from palpate.microscopy.inversion import Inverted, inverted, of_adhesions
 from palpate.microscopy.masks import on_grid, read_mask
 from palpate.microscopy.orientation import suspected
@@ -166,7 +166,6 @@ class CellForces:
     traction: Floats
     std: Floats
     draws: Floats
-    moved: Floats
     inside: npt.NDArray[np.bool_]
     masked: bool
     quantities: dict[str, Quantity]
@@ -190,7 +189,9 @@ class CellForces:
         inside = on_grid(corners, self.field, size=size)
         numbers, principal = _numbers(self.done, self.field, inside, True, self.known)
         said = _doubts(numbers, principal, self.field, inside, True, self.done)
-        return replace(self, inside=inside, masked=True, mask=corners, quantities=numbers, principal=principal, notes=tuple(said))
+        return replace(
+            self, inside=inside, masked=True, mask=corners, quantities=numbers, principal=principal, notes=tuple(said)
+        )
 
     def __getitem__(self, name: str) -> Quantity:
         if name not in self.quantities:
@@ -351,7 +352,15 @@ def cell_forces(
     if method == "adhesions":
         likely = None if corners is None else inside
         done = of_adhesions(
-            field, pad, depth=depth, noise=noise, likely=likely, uncertainty=uncertainty, draws=draws, seed=seed
+            field,
+            pad,
+            depth=depth,
+            noise=noise,
+            likely=likely,
+            drift=drift,
+            uncertainty=uncertainty,
+            draws=draws,
+            seed=seed,
         )
     else:
         done = inverted(
@@ -372,7 +381,7 @@ def cell_forces(
         *_doubts(numbers, principal, field, inside, corners is not None, done),
     ]
     return CellForces(
-        field, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch.common_std * done.traction), done.draws, done.moved, inside, corners is not None, numbers, principal,
+        field, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch.common_std * done.traction), done.draws, inside, corners is not None, numbers, principal,
         done.touch, tuple(dict.fromkeys(said)), corners, picture, done.samples, done, known,
     )  # fmt: skip
 
@@ -383,8 +392,6 @@ def _numbers(
     """Every number from the estimate and from each sample."""
     t = np.concatenate([done.traction[None], done.draws])
     sampled = done.samples is not None
-    u = np.concatenate([done.moved[None], done.moved_by_draws])
-    u = u - u.mean(axis=(2, 3), keepdims=True)
     cell, rows, columns = field.pitch**2, *field.shape
     x, y = np.meshgrid(
         field.pitch * (np.arange(columns) - 0.5 * (columns - 1)), field.pitch * (np.arange(rows) - 0.5 * (rows - 1))
@@ -408,7 +415,11 @@ def _numbers(
         found[key] = (label, unit, np.asarray(values), expected, sized, why)
 
     # what adhesions do that are finer than the vectors is in the work of the blobs alone
-    work = 0.5 * (t * u).sum(axis=1) * cell if done.work is None else np.concatenate([done.work[:1], done.work])
+    if done.work is not None:
+        work = np.concatenate([done.work[:1], done.work])
+    else:
+        u = np.concatenate([done.moved[None], done.moved_by_draws])
+        work = 0.5 * (t * (u - u.mean(axis=(2, 3), keepdims=True))).sum(axis=1) * cell
     put(
         "strain_energy",
         "strain energy" + (" in the cell" if masked else ""),

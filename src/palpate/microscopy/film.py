@@ -22,6 +22,7 @@ from palpate.microscopy.cell import cell_forces
 from palpate.microscopy.labels import forces_of_labels, read_labels, rows_of
 from palpate.microscopy.pictures import read_all
 from palpate.microscopy.readers import is_field, read_field
+from palpate.recordings.files import atomically
 from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["Film", "Job"]
@@ -167,11 +168,19 @@ class Film:
             for key in NUMBERS:
                 q = part.quantities[key]
                 low, high = q.interval
-                row |= {f"{key}_{q.unit.replace(' ', '')}": f"{q.value:.6g}", f"{key}_low": f"{low:.6g}", f"{key}_high": f"{high:.6g}"}
+                row |= {
+                    f"{key}_{q.unit.replace(' ', '')}": f"{q.value:.6g}",
+                    f"{key}_low": f"{low:.6g}",
+                    f"{key}_high": f"{high:.6g}",
+                }
             rows.append(row | {"notes": "; ".join(part.notes)})
         labelled = []
         if self.labels is not None:
-            labelled = rows_of(forces_of_labels(forces, read_labels(self.labels, size=picture), size=size), file=job.file, frame=job.number)
+            labelled = rows_of(
+                forces_of_labels(forces, read_labels(self.labels, size=picture), size=size),
+                file=job.file,
+                frame=job.number,
+            )
         return rows, labelled
 
     def run(
@@ -194,8 +203,10 @@ class Film:
         left = [j for j in jobs if j.number not in done]
         if shown is not None:
             shown(len(done))
-        if not done:
-            path.write_text(json.dumps({"key": self.key()}) + "\n", encoding="utf-8")
+        # anew, so that a line that was cut off does not spoil the next one
+        lines = [{"key": self.key()}, *({"number": n, "found": found} for n, found in done.items())]
+        text = "".join(json.dumps(line) + "\n" for line in lines)
+        atomically(path, lambda at: _write(at, text))
         count = min(processes or os.cpu_count() or 1, max(len(left), 1))
         with path.open("a", encoding="utf-8") as file:
 
@@ -234,10 +245,16 @@ class Film:
                     break
                 if number == 0:
                     if held.get("key") != self.key():
-                        raise InvalidInput(f"{path} is of a film with other settings or files: delete it to begin anew.")
+                        raise InvalidInput(
+                            f"{path} is of a film with other settings or files: delete it to begin anew."
+                        )
                 elif isinstance(held, dict):
                     out[int(held["number"])] = held["found"]
         return out
+
+
+def _write(at: str, text: str) -> None:
+    Path(at).write_text(text, encoding="utf-8")
 
 
 def _one_thread() -> None:
@@ -251,4 +268,6 @@ def _tried(film: Film, job: Job) -> tuple[list[dict[str, Any]], list[dict[str, A
     try:
         return film.solved(job)
     except PalpateError as error:
-        return [{"file": job.file, "frame": job.number, "page": job.frame, "cell": "", "notes": f"not solved: {error}"}], []
+        return [
+            {"file": job.file, "frame": job.number, "page": job.frame, "cell": "", "notes": f"not solved: {error}"}
+        ], []

@@ -27,6 +27,8 @@ from palpate.touch import Touch
 __all__ = ["Inverted", "inverted", "of_adhesions"]
 
 COMPONENTS = ("x", "y")
+#: The mean displacement of the field of view is that of so many rows and columns.
+FEW = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,12 +83,13 @@ def of_adhesions(
     depth: float,
     noise: float | None,
     likely: npt.NDArray[np.bool_] | None,
+    drift: bool,
     uncertainty: Uncertainty | None,
     draws: int,
     seed: int,
 ) -> Inverted:
     """Traction of a field as adhesions make it, sampled; ``likely`` (row, column) is where they are expected."""
-    found = sampled(field, pad, depth=depth, noise=noise, likely=likely, draws=draws, seed=seed)
+    found = sampled(field, pad, depth=depth, noise=noise, likely=likely, drift=drift, draws=draws, seed=seed)
     skin = Skin(pad, field.array(depth=depth, noise=noise), uncertainty=uncertainty)
     touch = skin.reconstruct(
         np.nan_to_num(field.displacement), method=Adhesions(found=found, field=field), components=COMPONENTS
@@ -95,14 +98,13 @@ def of_adhesions(
     pitch = field.pitch
     x, y = pitch * np.arange(columns), pitch * np.arange(rows)
     each = np.stack([s.on(x, y, pitch) for s in found.samples])
-    every = np.stack([a.ravel() for a in np.meshgrid(x, y)], axis=1)
-    moved = np.stack(
-        [s.moved(every, pitch**2 / 12, found.response).reshape(2, rows, columns) for s in found.samples]
-    )
-    shift = moved.mean(axis=(2, 3))
+    steps = [max(1, n // FEW) for n in (columns, rows)]
+    some = np.stack([a.ravel() for a in np.meshgrid(x[:: steps[0]], y[:: steps[1]])], axis=1)
+    shift = np.stack([s.moved(some, pitch**2 / 12, found.response).mean(axis=1) for s in found.samples])
     work = np.stack([s.work(x, y, pitch, found.response, m) for s, m in zip(found.samples, shift)])
+    nothing = np.zeros((0, 2, rows, columns))
     return Inverted(
-        skin, touch, each.mean(axis=0), moved.mean(axis=0), each, moved, tuple(found.samples), work, found.notes
+        skin, touch, each.mean(axis=0), nothing[:0].sum(axis=0), each, nothing, tuple(found.samples), work, found.notes
     )
 
 

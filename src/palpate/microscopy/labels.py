@@ -23,7 +23,6 @@ from palpate.recordings.files import atomically
 
 if TYPE_CHECKING:
     from palpate.microscopy.cell import CellForces
-    from palpate.microscopy.fields import Field
 
 __all__ = ["LabelForce", "forces_of_labels", "read_labels", "write_labels_table"]
 
@@ -75,7 +74,9 @@ class LabelForce:
         return self.size / self.area
 
 
-def read_labels(source: str | Path | npt.ArrayLike, *, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[np.bool_]]:
+def read_labels(
+    source: str | Path | npt.ArrayLike, *, size: tuple[int, int] | None = None
+) -> dict[str, npt.NDArray[np.bool_]]:
     """Masks (row, column) by label, from a picture of whole numbers (0: none; TIFF, PNG, .npy, _seg.npy of Cellpose) or ImageJ's regions (.roi, RoiSet.zip).
 
     ``size``: columns and rows of the picture that regions belong to.
@@ -109,7 +110,9 @@ def read_labels(source: str | Path | npt.ArrayLike, *, size: tuple[int, int] | N
             held = read_objects(path)
             values = held.get("masks") if isinstance(held, dict) else None
             if not isinstance(values, np.ndarray):
-                raise InvalidInput(f'{path}: holds no "masks", as a _seg.npy of Cellpose does. Save the labels alone with np.save.') from None
+                raise InvalidInput(
+                    f'{path}: holds no "masks", as a _seg.npy of Cellpose does. Save the labels alone with np.save.'
+                ) from None
         return _of_picture(values, str(path))
     from palpate.microscopy.pictures import read_picture
 
@@ -118,15 +121,23 @@ def read_labels(source: str | Path | npt.ArrayLike, *, size: tuple[int, int] | N
 
 def _of_picture(values: npt.NDArray[Any], name: str) -> dict[str, npt.NDArray[np.bool_]]:
     if values.ndim != 2 or values.dtype.kind not in "biuf":
-        raise InvalidInput(f"{name}: a label picture has one channel of whole numbers, 0 for none; got {values.dtype} of shape {values.shape}.")
+        raise InvalidInput(
+            f"{name}: a label picture has one channel of whole numbers, 0 for none; got {values.dtype} of shape {values.shape}."
+        )
     if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)):
         raise InvalidInput(f"{name}: holds numbers that are not whole: it is no label picture.")
     found = np.unique(values)
     found = found[found != 0]
     if not len(found):
         raise InvalidInput(f"{name}: every pixel is zero: it holds no label.")
-    if len(found) > MOST or (values.dtype.kind in "iuf" and len(found) > 16 and (np.diff(values.astype(np.float64), axis=1) == 0).mean() < 0.8):
-        raise InvalidInput(f"{name}: holds {len(found)} values and changes from pixel to pixel: it looks like a photograph, and labels are areas of one whole number.")
+    if len(found) > MOST or (
+        values.dtype.kind in "iuf"
+        and len(found) > 16
+        and (np.diff(values.astype(np.float64), axis=1) == 0).mean() < 0.8
+    ):
+        raise InvalidInput(
+            f"{name}: holds {len(found)} values and changes from pixel to pixel: it looks like a photograph, and labels are areas of one whole number."
+        )
     return {f"{int(v)}": np.asarray(values == v) for v in found}
 
 
@@ -137,19 +148,27 @@ def _of_regions(path: Path, size: tuple[int, int] | None) -> dict[str, npt.NDArr
     except ImportError as error:
         raise missing("ImageJ's regions", error) from error
     if size is None:
-        raise InvalidInput(f"{path}: regions do not tell the size of their picture: give it (--image), or a mask of its size.")
+        raise InvalidInput(
+            f"{path}: regions do not tell the size of their picture: give it (--image), or a mask of its size."
+        )
     try:
         held = roifile.roiread(path)
     except Exception as error:  # of any kind that a damaged file makes
-        raise InvalidInput(f"{path}: cannot be read as ImageJ's regions ({type(error).__name__}: {str(error)[:80]}).") from error
+        raise InvalidInput(
+            f"{path}: cannot be read as ImageJ's regions ({type(error).__name__}: {str(error)[:80]})."
+        ) from error
     out: dict[str, npt.NDArray[np.bool_]] = {}
     for number, region in enumerate(held if isinstance(held, list) else [held], start=1):
         name = region.name or f"{number}"
         corners = region.coordinates()
         if corners is None or len(corners) < 3:
-            raise InvalidInput(f"{path}: region {name} is a line or points, which hold no area. Delete it, or draw an area.")
+            raise InvalidInput(
+                f"{path}: region {name} is a line or points, which hold no area. Delete it, or draw an area."
+            )
         x, y = np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5  # ImageJ counts from pixels' corners
-        out[name if name not in out else f"{name}-{number}"] = inside_outline(np.asarray(corners, dtype=np.float64), x, y)
+        out[name if name not in out else f"{name}-{number}"] = inside_outline(
+            np.asarray(corners, dtype=np.float64), x, y
+        )
     return out
 
 
@@ -174,11 +193,17 @@ def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] |
     >>> forces_of_labels(forces, "adhesions.tif")  # doctest: +SKIP
     """
     field = forces.field
-    size = size or (None if forces.picture is None else (int(np.shape(forces.picture)[1]), int(np.shape(forces.picture)[0]))) or field.size
+    size = (
+        size
+        or (None if forces.picture is None else (int(np.shape(forces.picture)[1]), int(np.shape(forces.picture)[0])))
+        or field.size
+    )
     masks = labels if isinstance(labels, dict) else read_labels(labels, size=size)
     one = next(iter(masks.values()))
     if any(abs(a - b) > 2 * field.step + 0.05 * b for a, b in zip(one.shape[::-1], size)):
-        raise InvalidInput(f"the labels have {one.shape[1]} x {one.shape[0]} pixels, and the picture {size[0]} x {size[1]}: give labels of this picture.")
+        raise InvalidInput(
+            f"the labels have {one.shape[1]} x {one.shape[0]} pixels, and the picture {size[0]} x {size[1]}: give labels of this picture."
+        )
     rows, columns = field.shape
     x, y = _parts(columns), _parts(rows)
     at = [np.rint(s + field.step * p).astype(int) for s, p in zip(field.start, (x, y))]
@@ -188,7 +213,10 @@ def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] |
         there = mask[np.clip(at[1], 0, mask.shape[0] - 1)[:, None], np.clip(at[0], 0, mask.shape[1] - 1)[None, :]]
         number[there & inside[1][:, None] & inside[0][None, :]] = i
     side = field.pitch / PARTS
-    sums = np.stack([_sums(t, number, len(masks)) for t in _tractions(forces, field.pitch * x, field.pitch * y, side)]) * side**2
+    sums = (
+        np.stack([_sums(t, number, len(masks)) for t in _tractions(forces, field.pitch * x, field.pitch * y, side)])
+        * side**2
+    )
     out = []
     for i, (label, mask) in enumerate(masks.items(), start=1):
         area = float((number == i).sum()) * side**2
@@ -201,7 +229,15 @@ def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] |
         _, std, _ = read("force", each @ along, forces.touch.common_std)
         middle = tuple(float(np.mean(m)) for m in np.nonzero(mask)[::-1])
         out.append(
-            LabelForce(label, area, (middle[0], middle[1]), (fx, fy), (sx, sy), length, (max(length - 1.96 * std, 0.0), length + 1.96 * std))
+            LabelForce(
+                label,
+                area,
+                (middle[0], middle[1]),
+                (fx, fy),
+                (sx, sy),
+                length,
+                (max(length - 1.96 * std, 0.0), length + 1.96 * std),
+            )
         )
     if not out:
         raise InvalidInput("no label lies where there are vectors: are the labels of this picture?")

@@ -9,7 +9,6 @@ Biometrika 82, 1995, 711-732), move, and change in size and scale. Traction is o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,6 +76,7 @@ class Chain:
         noise: float,
         *,
         known: bool,
+        drift: bool = True,
         rng: np.random.Generator,
     ) -> None:
         self.vectors, self.response, self.places, self.rng = vectors, response, places, rng
@@ -92,13 +92,15 @@ class Chain:
         self.gram[:q, :q], self.linear[:q] = vectors.patterns @ vectors.patterns.T, vectors.patterns @ vectors.y
         self.count = q
         self.power = float(vectors.y @ vectors.y)
-        self.drift = DRIFT * math.sqrt(self.power / max(len(vectors.y), 1))
-        self.blobs = np.zeros((0, 4))
+        self.drift = float(drift) * DRIFT * math.sqrt(self.power / max(len(vectors.y), 1))
+        self.blobs: Floats = np.zeros((0, 4))
         self.evidence = self._evidence(self.gram, self.linear, self.blobs, self.noise)
 
     # -- what blobs are worth
 
-    def _factor(self, gram: Floats, linear: Floats, blobs: Floats, noise: float) -> tuple[Floats, Floats, Floats] | None:
+    def _factor(
+        self, gram: Floats, linear: Floats, blobs: Floats, noise: float
+    ) -> tuple[Floats, Floats, Floats] | None:
         """Cholesky factor of the posterior's precision of unknowns of variance one, what it makes of the right side, and their scales."""
         count = self.fixed + 2 * len(blobs)
         scale = np.concatenate([np.full(self.fixed, self.drift), np.repeat(np.exp(blobs[:, 3]), 2)])
@@ -125,7 +127,9 @@ class Chain:
         density = self.places.at(x, y)[0]
         if not self.least <= size <= self.largest or not density > 0:
             return -math.inf
-        return math.log(density) - 0.5 * (((size - self.middle) / SIZE) ** 2 + (self._traction(scale, size) / TRACTION) ** 2)
+        return math.log(density) - 0.5 * (
+            ((size - self.middle) / SIZE) ** 2 + (self._traction(scale, size) / TRACTION) ** 2
+        )
 
     def _traction(self, scale: Any, size: Any) -> Any:
         """Log of the traction that a blob's scale means, over the typical one: a blob of size s is as wide as a disc of radius 2 s."""

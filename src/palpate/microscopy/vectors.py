@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -46,7 +47,9 @@ def outliers(u: Floats, noise: float) -> Flags:
     """
     padded = np.pad(u, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
     rows, columns = u.shape[1:]
-    around = np.stack([padded[:, r : r + rows, c : c + columns] for r in range(3) for c in range(3) if (r, c) != (1, 1)])
+    around = np.stack(
+        [padded[:, r : r + rows, c : c + columns] for r in range(3) for c in range(3) if (r, c) != (1, 1)]
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # vectors without neighbours
         middle = np.nanmedian(around, axis=0)
@@ -79,7 +82,8 @@ class Vectors:
 
     def drift(self, places: Floats, weight: Floats) -> Floats:
         """Shifts and a rotation of a picture at some places: (3, 2 n)."""
-        nothing, x, y = np.zeros(len(places)), *(places - self.middle).T
+        nothing = np.zeros(len(places))
+        x, y = (places - self.middle).T
         return np.stack(
             [
                 np.concatenate([weight, nothing]),
@@ -129,13 +133,15 @@ def vectors_of(u: Floats, there: Flags, pitch: float, window: float, strong: Fla
         for side, least in TILES:
             shape = rows // side, side, columns // side, side
 
-            def tiles(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+            def tiles(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
                 return values[: shape[0] * side, : shape[2] * side].reshape(shape)  # noqa: B023
 
             free = (tiles(far) > least).all(axis=(1, 3)) & tiles(there & ~taken).all(axis=(1, 3))
             put(np.argwhere(free) * side, side)
     put(np.argwhere(there & ~taken), 1)
-    return Vectors(np.concatenate(places), np.concatenate(values, axis=1), np.concatenate(variance), np.concatenate(weight), window)
+    return Vectors(
+        np.concatenate(places), np.concatenate(values, axis=1), np.concatenate(variance), np.concatenate(weight), window
+    )
 
 
 def first_guess(
@@ -149,7 +155,9 @@ def first_guess(
     lags = [np.arange(m + 1 - n, s + m) for n, m, s in zip(cells, margin, shape)]
     y, x = pitch * lags[0][:, None], pitch * lags[1][None, :]
     kernel = np.zeros((3, *size))
-    kernel[:, (lags[0] % size[0])[:, None], (lags[1] % size[1])[None, :]] = response.tensor(x, y, (pitch**2 + window**2) / 12 + 0.0 * x * y)
+    kernel[:, (lags[0] % size[0])[:, None], (lags[1] % size[1])[None, :]] = response.tensor(
+        x, y, (pitch**2 + window**2) / 12 + 0.0 * x * y
+    )
     xx, xy, yy = scipy.fft.rfft2(kernel)
     k = [2 * np.pi * np.fft.fftfreq(cells[0])[:, None], 2 * np.pi * np.fft.rfftfreq(cells[1])[None, :]]
     smooth = 1.0 / np.sqrt(1.0 + 4.0 * (k[0] ** 2 + k[1] ** 2))
