@@ -56,7 +56,7 @@ def judged(cell: Cell, method: str) -> dict[str, Any]:
     for key in KEYS:
         q = forces[key]
         out[key] = (q.value, *q.interval, cell.truth[key])
-    masks = {str(i): cell.labels == i for i in cell.forces}
+    masks = {str(i): cell.labels == i for i, force in cell.forces.items() if math.hypot(*force) > 0}
     out["adhesions"] = [
         (f.force[c], f.force[c] - 1.96 * f.std[c], f.force[c] + 1.96 * f.std[c], cell.forces[int(f.label)][c])
         for f in forces_of_labels(forces, masks, size=cell.mask.shape[::-1])

@@ -189,9 +189,12 @@ def _truth(
     x, y = x - middle[0], y - middle[1]
     blocks = t.reshape(2, n, step, n, step).mean(axis=(2, 4))
     # the point nearest to the lines of force, weighted by the squares of the forces
-    lever = tx * y - ty * x
-    matrix = np.array([[(ty**2).sum(), -(tx * ty).sum()], [-(tx * ty).sum(), (tx**2).sum()]])
-    center = np.linalg.solve(matrix, np.array([-(ty * lever).sum(), (tx * lever).sum()]))
+    # by means over vectors' squares, which is how the field knows them
+    bx, by = (tx.reshape(n, step, n, step).mean(axis=(1, 3)), ty.reshape(n, step, n, step).mean(axis=(1, 3)))
+    gx, gy = (a.reshape(n, step, n, step).mean(axis=(1, 3)) for a in (x, y))
+    lever = bx * gy - by * gx
+    matrix = np.array([[(by**2).sum(), -(bx * by).sum()], [-(bx * by).sum(), (bx**2).sum()]])
+    center = np.linalg.solve(matrix, np.array([-(by * lever).sum(), (bx * lever).sum()]))
     if not (x[mask].min() <= center[0] <= x[mask].max() and y[mask].min() <= center[1] <= y[mask].max()):
         center = np.zeros(2)
     far = np.hypot(x - center[0], y - center[1]) + 1e-30

@@ -14,6 +14,7 @@ from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.microscopy.adhesions import Sample
+from palpate.microscopy.blobs import Response
 from palpate.microscopy.fields import Field
 from palpate.microscopy.inversion import Inverted, inverted, of_adhesions
 from palpate.microscopy.masks import on_grid, read_mask
@@ -175,6 +176,7 @@ class CellForces:
     mask: Any = None
     picture: Any = None
     samples: tuple[Sample, ...] | None = None
+    response: Response | None = None
     done: Any = None
     known: Any = None
 
@@ -382,7 +384,7 @@ def cell_forces(
     ]
     return CellForces(
         field, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch.common_std * done.traction), done.draws, inside, corners is not None, numbers, principal,
-        done.touch, tuple(dict.fromkeys(said)), corners, picture, done.samples, done, known,
+        done.touch, tuple(dict.fromkeys(said)), corners, picture, done.samples, done.response, done, known,
     )  # fmt: skip
 
 
@@ -438,12 +440,14 @@ def _numbers(
         -(moments[0, 0] + moments[1, 1]),
         why="trace of the first moments, positive where the cell pulls inwards (Butler et al. 2002)",
     )
-    center = _force_center(t[0], x, y, inside)
-    distance = np.hypot(x - center[0], y - center[1])
+    # each draw has a centre of its own
+    centers = [_force_center(each, x, y, inside) for each in t] if sampled else [_force_center(t[0], x, y, inside)]
+    ox, oy = (np.array([c[i] for c in centers])[:, None, None] for i in (0, 1))
+    distance = np.hypot(x - ox, y - oy)
     inward = (
         np.where(
             distance > 0,
-            -(t[:, 0] * (x - center[0]) + t[:, 1] * (y - center[1])) / np.where(distance > 0, distance, 1.0),
+            -(t[:, 0] * (x - ox) + t[:, 1] * (y - oy)) / np.where(distance > 0, distance, 1.0),
             0.0,
         )
         * cell

@@ -18,6 +18,7 @@ from palpate.inverse.linear.posterior import LinearErrors
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.problem import Problem
 from palpate.microscopy.adhesions import Adhesions, Sample, sampled
+from palpate.microscopy.blobs import Response
 from palpate.microscopy.fields import Field
 from palpate.sensing.arrays import AreaArray
 from palpate.sensing.uncertainty import Uncertainty
@@ -74,6 +75,7 @@ class Inverted:
     samples: tuple[Sample, ...] | None = None
     work: Floats | None = None
     notes: tuple[str, ...] = ()
+    response: Response | None = None
 
 
 def of_adhesions(
@@ -104,7 +106,16 @@ def of_adhesions(
     work = np.stack([s.work(x, y, pitch, found.response, m) for s, m in zip(found.samples, shift)])
     nothing = np.zeros((0, 2, rows, columns))
     return Inverted(
-        skin, touch, each.mean(axis=0), nothing[:0].sum(axis=0), each, nothing, tuple(found.samples), work, found.notes
+        skin,
+        touch,
+        each.mean(axis=0),
+        nothing[:0].sum(axis=0),
+        each,
+        nothing,
+        tuple(found.samples),
+        work,
+        found.notes,
+        found.response,
     )
 
 

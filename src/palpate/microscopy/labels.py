@@ -28,6 +28,8 @@ __all__ = ["LabelForce", "forces_of_labels", "read_labels", "write_labels_table"
 
 #: Each vector's square is cut into so many parts along each side, of which labels hold some.
 PARTS = 4
+#: Vectors within so many pitches of an outline tell its force; and one of so many standard deviations half stays unseen.
+NEAR, UNSEEN = 3.0, 2.0
 #: More labels than this are a photograph.
 MOST = 20_000
 REGIONS = (".roi", ".zip")
@@ -223,10 +225,12 @@ def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] |
         if not area:
             continue
         each = sums[:, :, i - 1]
+        hidden = _hidden(forces, mask, area, each)
         (fx, sx, _), (fy, sy, _) = (read("force", each[:, c], forces.touch.common_std) for c in (0, 1))
         along = np.array([fx, fy]) / max(math.hypot(fx, fy), 1e-300)
         length = math.hypot(fx, fy)
-        _, std, _ = read("force", each @ along, forces.touch.common_std)
+        sx, sy = math.hypot(sx, hidden), math.hypot(sy, hidden)
+        std = math.hypot(read("force", each @ along, forces.touch.common_std)[1], hidden)
         middle = tuple(float(np.mean(m)) for m in np.nonzero(mask)[::-1])
         out.append(
             LabelForce(
@@ -242,6 +246,29 @@ def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] |
     if not out:
         raise InvalidInput("no label lies where there are vectors: are the labels of this picture?")
     return out
+
+
+def _hidden(forces: CellForces, mask: npt.NDArray[np.bool_], area: float, sums: Floats) -> float:
+    """Standard deviation [N] of a force that may be there unseen, in the share of the samples that have none: an adhesion that somebody outlined is not there by chance.
+
+    With vectors near it as all that tells it, their mean apart, a force is known to noise/|response|; samples take a blob in from some four of these on.
+    """
+    if forces.samples is None or forces.response is None or forces.touch.noise_std is None:
+        return 0.0
+    field = forces.field
+    middle = [float(np.mean(m)) for m in np.nonzero(mask)[::-1]]
+    x, y = (
+        field.pixel * (s + field.step * np.arange(n) - m) for s, n, m in zip(field.start, field.shape[::-1], middle)
+    )
+    gx, gy = np.meshgrid(x, y)
+    near = (np.hypot(gx, gy) < NEAR * field.pitch + math.sqrt(area)) & field.valid
+    if near.sum() < 3:
+        return 0.0
+    # an outline is wider than the adhesion in it
+    variance = area / 36 + field.aperture**2 / 12
+    seen = forces.response.tensor(gx[near], gy[near], variance)[0]
+    known = float(np.mean(forces.touch.noise_std)) / max(float(np.linalg.norm(seen - seen.mean())), 1e-300)
+    return UNSEEN * known * math.sqrt(float(np.mean(np.hypot(*sums.T) < known)))
 
 
 def _parts(count: int) -> Floats:
