@@ -105,6 +105,7 @@ def population(first: int, count: int, methods: list[str], held: Path | None) ->
                 file=sys.stderr,
                 flush=True,
             )
+        found = [f for f in found if first <= f["seed"] < first + count]
         lines.append(f"| all | {method} | {len(found)} | {' | '.join(summary(found))} |")
         for name, part in (
             ("noise above 10 %", [f for f in found if f["noise"] > 0.1]),
@@ -186,10 +187,8 @@ def main() -> None:
     args = parser.parse_args()
     head = f"| cells | method | count | {' | '.join(NAMES)} | seconds |"
     rule = "|---" * (4 + len(NAMES)) + "|"
-    lines = [
-        f"Made by `python benchmarks/cells.py --cells {args.cells} --special {args.special} --sides {' '.join(map(str, args.sides))}`.",
-        "",
-    ]
+    said = f"--first {args.first} --cells {args.cells} --methods {' '.join(args.methods)} --rows {' '.join(args.rows)}"
+    lines = [f"Made by `python benchmarks/cells.py {said}`.", ""]
     if "population" in args.rows or "special" in args.rows:
         lines += [head, rule]
     if "population" in args.rows:

@@ -79,6 +79,9 @@ def film(
     with Frames("frames", count, hint="; --processes sets how many run at once") as shown:
         rows, labelled = made.run(partial, processes=processes, shown=shown)
     failed = [r for r in rows if len(r) < 6]
+    if len(failed) == len(rows):
+        partial.unlink(missing_ok=True)
+        raise InvalidInput(f"no frame was solved. Frame {rows[0]['frame']} ({rows[0]['file']}): {rows[0]['notes']}")
     names = max(rows, key=len)
     write_labels_table([{k: r.get(k, "") for k in names} for r in rows], out)
     written = [out]
