@@ -136,9 +136,9 @@ def tfm(
     targets = {e: stem.with_name(stem.name + e) for e in (".html", ".png", ".csv", ".nc")}
     if labels is not None:
         targets["-labels.csv"] = stem.with_name(stem.name + "-labels.csv")
-    given = [o for o, v in (("--order", order), ("--rule", rule)) if v is not None]
-    if given and method != "tikhonov":
-        raise InvalidInput(f"{' and '.join(given)} belong to --method tikhonov; --method is {method}.")
+    theirs = [o for o, v in (("--order", order), ("--rule", rule)) if v is not None]
+    if theirs and method != "tikhonov":
+        raise InvalidInput(f"{' and '.join(theirs)} belong to --method tikhonov; --method is {method}.")
     inputs = [*source, mask, image, labels, *skin_files(skin_file)]
     for target in targets.values():
         check_output(target, inputs=inputs, force=force)

@@ -103,7 +103,7 @@ def sampled(
     ratio = math.ceil(max(field.shape) / WIDEST)
     if ratio > 1:
         few, where = _thinned(field, ratio, likely)
-        found = sampled(
+        coarse = sampled(
             few,
             pad,
             depth=depth,
@@ -116,11 +116,11 @@ def sampled(
         first = 0.5 * (ratio - 1) * field.pitch
         out = np.zeros(field.shape, dtype=bool)
         rows, columns = (n * ratio for n in few.shape)
-        out[:rows, :columns] = np.repeat(np.repeat(found.left_out, ratio, axis=0), ratio, axis=1)
+        out[:rows, :columns] = np.repeat(np.repeat(coarse.left_out, ratio, axis=0), ratio, axis=1)
         said = f"{field.shape[1]} x {field.shape[0]} vectors are more than the traction needs: means of {ratio} x {ratio} of them are solved"
-        samples = [replace(s, places=s.places + first) for s in found.samples]
+        moved = [replace(s, places=s.places + first) for s in coarse.samples]
         return replace(
-            found, samples=samples, noise=found.noise * ratio, left_out=out & field.valid, notes=(said, *found.notes)
+            coarse, samples=moved, noise=coarse.noise * ratio, left_out=out & field.valid, notes=(said, *coarse.notes)
         )
     pitch, window, shape = field.pitch, field.aperture, field.shape
     least = max(LEAST, LEAST_PITCHES * pitch)

@@ -162,7 +162,7 @@ class Film:
             vectors, self.pad, mask=mask, size=size, depth=self.depth, noise=self.noise, method=self.method, drift=self.drift, uncertainty=self.uncertainty,
         )  # fmt: skip
         rows = []
-        for name, one in (cells or {"": None}).items():
+        for name, one in [("", None)] if cells is None else cells.items():
             part = forces if one is None or len(cells or {}) == 1 else forces.within(one, size=size)
             row: dict[str, Any] = {"file": job.file, "frame": job.number, "page": job.frame, "cell": name}
             for key in NUMBERS:
