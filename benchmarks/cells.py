@@ -1,6 +1,6 @@
 """Cells whose truth is known by closed forms (`cells_population`): numbers of `cell_forces` as parts of the truth, and how often its intervals hold it.
 
-Constants of `palpate.microscopy.spread` come from cells 0 to 23, figures from 1000 on.
+Constants of `palpate.microscopy.spread` come from cells 0 to 23, figures from 1000 on. Contractility and adhesions were changed after a look at 1000 to 1017: cells from 2000 on are theirs.
 
     python benchmarks/cells.py --markdown docs/_generated/cells.md      # half an hour
     python benchmarks/cells.py --cells 12 --first 0 --rows population

@@ -14,8 +14,8 @@ __all__ = ["LOGARITHMIC", "read"]
 LOGARITHMIC = ("strain_energy", "traction_peak")
 #: Half-width of a 95 % interval in standard deviations.
 SIDE = 1.96
-#: What the samples leave out, tuned on cells 0 to 23 of benchmarks/cells.py: adhesions are no Gaussians, and chains are short. The standard deviation of the samples is so many
-#: times larger, and this part of the number (of its logarithm for those above) is added to it in quadrature.
+#: What the samples leave out: adhesions are no Gaussians, and chains are short. The standard deviation of the samples is so many times larger, and this part of the
+#: number (of its logarithm for those above) is added to it in quadrature. Set by hand from cells 0 to 23 of benchmarks/cells.py.
 WIDER: dict[str, tuple[float, float]] = {
     "strain_energy": (1.5, 0.10),
     "traction_peak": (1.3, 0.10),
