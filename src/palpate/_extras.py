@@ -29,6 +29,7 @@ EXTRAS = {
     "av": "camera",
     "cv2": "camera",
     "tifffile": "camera",
+    "roifile": "cells",
     "dask": "dask",
     "skfem": "solid",
     "meshio": "solid",

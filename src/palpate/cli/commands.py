@@ -21,6 +21,7 @@ from palpate.cli.demo import demo
 from palpate.cli.design import design
 from palpate.cli.examples import SHORT, example
 from palpate.cli.files import sole_writers
+from palpate.cli.film import film
 from palpate.cli.live import live
 from palpate.cli.methods import MethodCommand, TrackerCommand
 from palpate.cli.pad import pad
@@ -70,7 +71,23 @@ def _root(
 
 #: Those that take the options of methods.
 _TAKING = {track: TrackerCommand, live: TrackerCommand, ros: RosCommand, reconstruct: MethodCommand}
-_COMMANDS = (demo, reconstruct, track, live, tfm, ros, convert, simulate, pad, design, sensors, weigh, calibrate, paper)
+_COMMANDS = (
+    demo,
+    reconstruct,
+    track,
+    live,
+    tfm,
+    film,
+    ros,
+    convert,
+    simulate,
+    pad,
+    design,
+    sensors,
+    weigh,
+    calibrate,
+    paper,
+)
 for _command in _COMMANDS:
     app.command(
         cls=_TAKING.get(_command, Command), short_help=SHORT[_command.__name__], epilog=example(_command.__name__)

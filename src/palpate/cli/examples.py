@@ -11,6 +11,7 @@ SHORT = {
     "track": "Follow a recording or a video: contact, slip, forces over time.",
     "live": "Show in a browser what touches the pad, while it happens.",
     "tfm": "Traction force microscopy: what a cell does to its gel.",
+    "film": "Traction force microscopy of a film, or of many cells.",
     "ros": "Run as a node of ROS 2.",
     "convert": "Turn recordings and tables of others into recordings.",
     "simulate": "Make the recording of a known contact.",
@@ -43,6 +44,9 @@ EXAMPLES = {
     "design": [
         "palpate design design.toml",
         "palpate design design.toml --by pair --plot tradeoffs.pdf --out designs.csv",
+    ],
+    "film": [
+        'palpate film pulled.tif --rest rest.tif --pixel "0.1 um" --youngs-modulus "8 kPa" --poissons-ratio 0.48 --cells cells.tif',
     ],
     "live": [
         "palpate live --demo",
