@@ -128,8 +128,9 @@ def test_the_second_call_compiles_nothing_and_no_tracer_leaks() -> None:
         assert function._cache_size() == 1
         plain = jax.jit(reconstruct)
         plain(model, readings)
+        count = plain._cache_size()
         plain(model, 0.9 * readings)
-        assert plain._cache_size() == 1
+        assert plain._cache_size() == count
         with jax.checking_leaks():
             jax.jit(jax.grad(lambda r, m=model: reconstruct(m, r, {"depth": 0.97}).sum()))(readings)
 

@@ -232,10 +232,11 @@ def reconstruct(model: Model, readings: Any, parameters: Mapping[str, Any] | Non
 def _called(function: Any, like: Any, *arrays: Any) -> Any:
     """A NumPy function of arrays with leading batch axes, of the shape and kind of ``like``."""
 
-    def computed(*given: Any) -> Any:
-        return np.asarray(function(*(np.asarray(v, dtype=np.float64) for v in given)), dtype=like.dtype)
+    shape, dtype = jax.ShapeDtypeStruct(like.shape, like.dtype), np.dtype(like.dtype)
 
-    shape = jax.ShapeDtypeStruct(like.shape, like.dtype)
+    def computed(*given: Any) -> Any:  # it must hold no tracer
+        return np.asarray(function(*(np.asarray(v, dtype=np.float64) for v in given)), dtype=dtype)
+
     return jax.pure_callback(computed, shape, *arrays, vmap_method="expand_dims")
 
 
@@ -279,7 +280,7 @@ _minimum.defvjp(_minimum_forward, _minimum_backward)
 def _of_readings(about: _About, flat: Any) -> Any:
     """The minimum where nothing is varied: all but the readings is on the processor, in double precision, already."""
     m = about.matrices
-    like = jax.ShapeDtypeStruct((*flat.shape[:-1], m.here.shape[1]), flat.dtype)
+    like = jax.ShapeDtypeStruct((*flat.shape[:-1], m.unknowns), flat.dtype)
     return _called(lambda y: minima(m.hessian, _linear(m, y), m.cone), like, flat)  # type: ignore[arg-type]
 
 

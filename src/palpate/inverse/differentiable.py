@@ -12,7 +12,7 @@ converges as rho^-count with rho = x + sqrt(x^2 - 1), x = 1/depth_range: to 1e-9
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,6 +77,10 @@ class Matrices:
     shape: tuple[int, ...]  # (channel, *array)
     surface: tuple[int, ...]  # (component, *surface), all components
     columns: tuple[int, ...]  # those sought
+    readings: int
+    unknowns: int
+    degrees: int  # of the polynomials in depth
+    whole: bool  # no taxel is masked
 
 
 def matrices(
@@ -167,7 +171,8 @@ def matrices(
         hessian = white.T @ white + penalty if cone is not None else None
     return Matrices(
         here, coefficients, float(depth_range), follows, valid, channel, noise, penalty, prior, inverse, hessian, cone,
-        (len(names), *planes[0].shape), (len(surface.components), *surface.shape), problem.columns,
+        (len(names), *planes[0].shape), (len(surface.components), *surface.shape), problem.columns, readings, unknowns,
+        len(coefficients), bool(valid.all()),
     )  # fmt: skip
 
 
@@ -191,7 +196,7 @@ def _map(xp: Any, m: Matrices, a: Mapping[str, Any], p: Mapping[str, Any]) -> An
             )
         x = (depth - 1.0) / m.depth_range
         terms = [xp.ones_like(x), x]
-        while len(terms) < len(m.coefficients):
+        while len(terms) < m.degrees:
             terms.append(2.0 * x * terms[-1] - terms[-2])
         out = xp.tensordot(xp.stack(terms), a["coefficients"], 1)
         nothing = xp.ones_like(x) * math.nan
@@ -231,13 +236,13 @@ def sensed(xp: Any, m: Matrices, a: Mapping[str, Any], traction: Any, p: Mapping
     batch = _batch(traction, m.surface, "traction")
     tail = len(m.surface) - 1
     parts = [traction[(..., c, *(slice(None),) * tail)] for c in m.columns]
-    flat = xp.stack(parts, -1 - tail).reshape((-1, m.here.shape[1]))
+    flat = xp.stack(parts, -1 - tail).reshape((-1, m.unknowns))
     out = flat @ xp.swapaxes(_map(xp, m, a, p), 0, 1)
     if normal is not None:
-        if p.get("noise") is None and m.noise is None:
+        if p.get("noise") is None and "noise" not in a:
             raise Unsupported("normal numbers were given, and the array has no noise: give the array noise=....")
-        out = out + normal.reshape((-1, m.here.shape[0])) * _noise(m, a, p)
-    if not m.valid.all():
+        out = out + normal.reshape((-1, m.readings)) * _noise(m, a, p)
+    if not m.whole:
         out = xp.where(a["valid"] > 0, out, math.nan * xp.ones_like(out))
     return out.reshape((*batch, *m.shape))
 
@@ -245,8 +250,8 @@ def sensed(xp: Any, m: Matrices, a: Mapping[str, Any], traction: Any, p: Mapping
 def flat_readings(xp: Any, m: Matrices, a: Mapping[str, Any], readings: Any) -> tuple[Any, tuple[int, ...]]:
     """(frame, reading), masked taxels 0, and the batch axes."""
     batch = _batch(readings, m.shape, "readings")
-    flat = readings.reshape((-1, m.here.shape[0]))
-    if not m.valid.all():
+    flat = readings.reshape((-1, m.readings))
+    if not m.whole:
         flat = xp.where(a["valid"] > 0, flat, xp.zeros_like(flat))
     return flat, batch
 
@@ -258,7 +263,7 @@ def linear_traction(xp: Any, m: Matrices, a: Mapping[str, Any], flat: Any, p: Ma
     weight = a["valid"] / _noise(m, a, p)
     white = _map(xp, m, a, p) * weight[:, None]
     spread = a["prior"] @ xp.swapaxes(white, 0, 1)
-    inner = white @ spread + xp.eye(m.here.shape[0], dtype=white.dtype, device=getattr(white, "device", None))
+    inner = white @ spread + xp.eye(m.readings, dtype=white.dtype, device=getattr(white, "device", None))
     return xp.swapaxes(spread @ xp.linalg.solve(inner, xp.swapaxes(flat * weight, 0, 1)), 0, 1)
 
 
@@ -279,6 +284,3 @@ def whole_traction(xp: Any, m: Matrices, found: Any, batch: tuple[int, ...]) -> 
     zero = xp.zeros_like(found[(..., 0, *tail)])
     parts = [found[(..., place[c], *tail)] if c in place else zero for c in range(m.surface[0])]
     return xp.stack(parts, -len(m.surface))
-
-
-Argmin = Callable[[Any, Any], Any]
