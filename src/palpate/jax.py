@@ -285,7 +285,7 @@ def _of_readings(about: _About, flat: Any) -> Any:
 
 
 def _linear(m: differentiable.Matrices, flat: Any) -> Any:
-    weight = m.valid / m.noise
+    weight = m.valid / np.asarray(m.noise)
     return (flat * weight) @ (m.here * weight[:, None])
 
 
@@ -296,7 +296,7 @@ def _of_readings_forward(about: _About, flat: Any) -> Any:
 
 def _of_readings_backward(about: _About, kept: Any, gradient: Any) -> Any:
     m, (flat, found) = about.matrices, kept
-    weight = m.valid / m.noise
+    weight = m.valid / np.asarray(m.noise)
 
     def pull(y: Any, x: Any, g: Any) -> Any:
         back = pulled_back(m.hessian, _linear(m, y), x, g, m.cone)  # type: ignore[arg-type]

@@ -88,7 +88,9 @@ class Episode:
                 f"the episode has no readings of {name!r}; its sensors are {', '.join(there) or 'none'}."
             )
         time = self.columns.get(f"{PREFIX}{name}.time")
-        return Recording(readings=self.columns[key], channels=channels, time=None if time is None else time.reshape(-1))
+        return Recording(
+            readings=self.columns[key], channels=tuple(channels), time=None if time is None else time.reshape(-1)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +205,7 @@ def write_dataset(path: str | Path, episodes: Sequence[Episode], *, fps: int, ro
     for number, episode in enumerate(episodes):
         n = len(episode)
         index = np.arange(n)
-        own = {
+        own: dict[str, npt.NDArray[Any]] = {
             "timestamp": (index / fps).astype(np.float32),
             "frame_index": index,
             "episode_index": np.full(n, number),

@@ -54,8 +54,10 @@ def _pulled(
     components: str,
     friction: float,
 ) -> torch.Tensor:
-    arrays = (_numpy(v) for v in (hessian, linear, solution, gradient))
-    return _back(pulled_back(*arrays, _cone(components, friction)), linear)
+    found = pulled_back(
+        _numpy(hessian), _numpy(linear), _numpy(solution), _numpy(gradient), _cone(components, friction)
+    )
+    return _back(found, linear)
 
 
 @_minimum.register_fake

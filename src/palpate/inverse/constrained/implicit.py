@@ -41,7 +41,7 @@ def minima(hessian: npt.ArrayLike, linear: npt.ArrayLike, cone: Cone) -> Floats:
                 if not np.isfinite(h[i]).all() or not np.isfinite(matrix).all():
                     out[i] = np.nan
                     continue
-                found = minimise(quadratic, h[i].reshape(c, -1), cone)  # type: ignore[arg-type]
+                found = minimise(quadratic, h[i].reshape(c, -1), cone)
                 out[i] = found.traction.ravel() if found.converged else np.nan
     return out
 
