@@ -25,7 +25,7 @@ from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.constrained.differences import Differences
 from palpate.inverse.contact.methods import cone_of
-from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.problem import Problem
 from palpate.sensing.operator import Operator
 from palpate.sensing.uncertainty import scale_free, stretched
@@ -159,7 +159,7 @@ def matrices(
         if noise is None:
             raise Unsupported("the differentiable inverse weighs readings by their noise: give the array noise=....")
         cone = cone_of(problem.components, friction) if constrained else None
-        shear = 1.0 if cone is None else 0.5 * (cone.friction or Thresholds().shear) ** 2
+        shear = 1.0 if cone is None else 0.5 * (cone.friction or Policy().prior.shear) ** 2
         laplacian = Differences(surface).laplacian.toarray() * surface.cell
         inside = np.linalg.inv(laplacian)
         variances = [1.0 if surface.components[c] == "z" else shear for c in problem.columns]
