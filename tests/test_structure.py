@@ -130,8 +130,16 @@ def test_rooms() -> None:
 
 def test_numerics_know_no_frames() -> None:
     """`inverse/constrained` minimises; what a frame is, and which explanation of it is the better one, is decided above it."""
-    deciding = ("palpate.inverse.contact", "palpate.inverse.fit", "palpate.inverse.registry", "palpate.status", "palpate.errors")
-    found = {(path.name, module) for path in (SOURCE / "inverse" / "constrained").glob("*.py") for module in imports(path)}
+    deciding = (
+        "palpate.inverse.contact",
+        "palpate.inverse.fit",
+        "palpate.inverse.registry",
+        "palpate.status",
+        "palpate.errors",
+    )
+    found = {
+        (path.name, module) for path in (SOURCE / "inverse" / "constrained").glob("*.py") for module in imports(path)
+    }
     assert not {f"{name} imports {module}" for name, module in found if module.startswith(deciding)}
 
 

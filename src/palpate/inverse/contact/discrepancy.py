@@ -66,7 +66,7 @@ def explained(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: 
         return _with_shares(estimator, readings, data, None, rng)
     plain = estimator.frame(readings, rng)
     if plain.contact and not plain.fit < POOR_FIT:
-        return replace(plain, discrepancy=_posterior(0.0, plain.free)) if zeroed else plain
+        return replace(plain, discrepancy=_posterior(0.0, plain.free, len(data))) if zeroed else plain
     if plain.contact and not zeroed:
         return _doubted(estimator, plain, data)
     if not plain.contact and (not plain.fit < POOR_FIT or np.abs(ratio[~plain.outliers]).max(initial=0.0) < FAR):
@@ -77,7 +77,7 @@ def explained(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: 
 def _doubted(estimator: ConstrainedEstimator, frame: Frame, data: Floats) -> Frame:
     """A contact that leaves more than noise, with the share that it leaves."""
     left = frame.residual * _rms(frame.noise) / max(_rms(data / estimator.readings.std), 1e-300)
-    return replace(frame, discrepancy=max(frame.discrepancy, _posterior(min(left, 1.0), frame.free)))
+    return replace(frame, discrepancy=max(frame.discrepancy, _posterior(min(left, 1.0), frame.free, len(data))))
 
 
 def _undecided(frame: Frame) -> Frame:
@@ -115,19 +115,16 @@ def _with_shares(
         if found.contact:
             found = replace(found, fit=_size_probability(found, len(data)))
         if found.contact and _explains(found):
-            return replace(found, discrepancy=_posterior(max(left, 0.0), found.free))
+            return replace(found, discrepancy=_posterior(max(left, 0.0), found.free, len(data)))
         if found.contact and (best is None or left < best[0]):
             best = left, found
         larger = [s for s in SHARES if s > share]
         share = next((s for s in larger if s >= 0.9 * left), None) if found.contact else next(iter(larger), None)
     if best is not None and best[0] < MOST:
         left, found = best
-        return replace(found, discrepancy=_posterior(left, found.free), unexplained=True)
-    nothing = estimator.unexplained(data, np.zeros(len(data), dtype=bool), 0.0)
-    # contact as large as the largest reading allows
-    largest = float(np.abs(data / estimator.readings.std).max(initial=0.0))
-    hidden = 1.96 * estimator.undetected(largest, data).force
-    return replace(nothing, unexplained=True, bounds=np.stack([-hidden, hidden], axis=-1))
+        # every share that was tried is refuted
+        return replace(found, discrepancy=max(SHARES[-1], _posterior(left, found.free, len(data))), unexplained=True)
+    return replace(estimator.unexplained(data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
 
 
 def _at_noise(
@@ -173,10 +170,11 @@ def _grown(name: str, value: Floats, factor: float) -> Floats:
     return value if name in _FIXED else value * factor
 
 
-def _posterior(left: float, free: float) -> float:
-    """The share, from what is left of the readings (part of their root mean square) with so many degrees of freedom, and the prior."""
+def _posterior(left: float, free: float, count: int) -> float:
+    """The share, from what is left of ``count`` readings (part of their root mean square) with so many degrees of freedom, and the prior."""
     free = max(free, 0.0) if math.isfinite(free) else 0.0
-    return math.sqrt((PRIOR_WEIGHT * DISCREPANCY**2 + free * left**2) / (PRIOR_WEIGHT + free))
+    squares = count * left**2 if free > 0.0 else 0.0
+    return math.sqrt((PRIOR_WEIGHT * DISCREPANCY**2 + squares) / (PRIOR_WEIGHT + free))
 
 
 def _rms(values: Floats) -> float:
