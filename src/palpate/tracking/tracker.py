@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate._arrays import from_numpy
+from palpate._arrays import from_numpy, to_numpy
 from palpate._numbers import plain_time
 from palpate._threads import WIDEST, few_threads
 from palpate.elastic.pad import Floats
@@ -29,6 +29,7 @@ from palpate.sensing.times import as_second
 from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.tracking.anchor import Anchor
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.discrepancy import widened
@@ -186,9 +187,13 @@ class Tracker:
             self.tolerance,
         )
         self._touching = False
-        self._comparison = Comparison(n)
+        self._comparison, self._anchor = Comparison(n), Anchor(estimator.cone, estimator.columns)
         self._beside.forget()
-        self._compared: Answer | None = None  # that of the frame that is solved by itself beside the stream
+        self._compared: tuple[Answer, Floats] | None = None  # of the frame that is solved by itself beside the stream
+        self._own: Floats = np.zeros(
+            (0, 0)
+        )  # traction of the last frame without what a single solve adds, and the force that this adds
+        self._carried: Floats = np.zeros(len(estimator.surface.components))
         self._frame: Frame | None = None
         self._steady = Steady()
         self._restarted = 0
@@ -374,29 +379,46 @@ class Tracker:
             ):
                 return touch
             comparison.begun(self._contact.size)
-            self._compared = Answer.of(touch)
+            self._compared = Answer.of(touch).without_move(self._carried), self._own
         planes, y = self.estimator.readings.planes, frame.actual * self._std
         rest = [planes(f * self._std) for f in self._rest.frames]
-        found = beside.result("alone", lambda: Answer.of(alone(planes(y), rest)))
-        if found is None or self._compared is None:
+        single = beside.result("alone", lambda: alone(planes(y), rest))
+        if single is None or self._compared is None:
             return touch
-        if comparison.settle(self._compared, found):
-            return again(*self._status(bool(touch.converged))) if comparison.refuted or comparison.share else touch
+        found, (compared, own) = Answer.of(single), self._compared
+        if comparison.settle(compared, found):
+            self._hold_to(own, single, compared, found)
+            return again(*self._status(bool(touch.converged)))
         self._begin_anew()
         self._said.append(
-            comparison.words(self._compared, found, "N/m" if self.estimator.operator.surface.dimensions == 1 else "N")
+            comparison.words(compared, found, "N/m" if self.estimator.operator.surface.dimensions == 1 else "N")
         )
         if beside.threaded:
             return again(*self._status(bool(touch.converged)))
         touch = again(*self._in_contact(frame, 0.0, regular=True, restarted=False))
-        comparison.settle(Answer.of(touch), found)
-        return again(*self._status(bool(touch.converged))) if comparison.share else touch
+        again_compared = Answer.of(touch).without_move(self._carried)
+        comparison.settle(again_compared, found)
+        self._hold_to(self._own, single, again_compared, found)
+        return again(*self._status(bool(touch.converged)))
+
+    def _hold_to(self, own: Floats, single: Touch, compared: Answer, found: Answer) -> None:
+        """Carry what a single solve found on, where it explains the readings by contact that pushes as the tracker does, and the two answers meet."""
+        pushes = single.pushing is None or bool(single.pushing)
+        # what the tracker took for offsets is load to a single solve
+        drifted = float(np.abs(self._offsets.mean).max(initial=0.0)) > (self._learning.noise or 0.0)
+        meet = found.explained and not compared.parted(found)
+        if meet and pushes and self._contact.pushing and not drifted:
+            values = to_numpy(single.values).astype(np.float64)
+            self._anchor.take(own, values.reshape(len(values), -1))
+        else:
+            self._anchor.clear()
 
     def _begin_anew(self) -> None:
         """Forget what the contact's answer hangs on besides its readings, the zero and its noise."""
         self._contact.release()
         self._offsets.clear()
         self._offsets.rate = np.zeros_like(self._offsets.rate)
+        self._anchor.clear()
         self._learning.anew()
         self._check.pardon()
 
@@ -634,6 +656,7 @@ class Tracker:
         self._touching = False
         self._contact.release()
         self._comparison.release()
+        self._anchor.clear()
         self._beside.forget()
         self._steady = Steady()
         self._fit = math.nan
@@ -656,8 +679,12 @@ class Tracker:
             share = learning.discrepancy.posterior
             if status is Status.OVERLOAD and errors is not None:
                 errors = open_above(errors)
-            if self._comparison.share and values.any():
-                stated = widened(stated, values.reshape(-1, *grid.shape), grid, self._comparison.share)
+            self._own = values
+            values = self._anchor.carried(values)
+            self._carried = (values - self._own).sum(axis=1) * grid.cell
+            apart = self._comparison.reaching(self._carried, float(np.sqrt((values**2).sum(axis=0)).sum()) * grid.cell)
+            if apart and values.any():
+                stated = widened(stated, values.reshape(-1, *grid.shape), grid, apart)
         else:
             errors = contact.undetected(noise)
             if errors is not None and status is Status.NO_CONTACT:
