@@ -17,8 +17,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
+from palpate.touch import Touch
 
 __all__ = ["Anchor"]
 
@@ -50,6 +52,14 @@ class Anchor:
         """The contact has ended."""
         self._own: Floats | None = None
         self._difference: Floats | None = None
+
+    def hold(self, own: Floats, single: Touch | None) -> None:
+        """Carry a single solve on whose contact pushes; let go of the last one where there is none."""
+        if single is None or not (single.pushing is None or bool(single.pushing)):
+            self.clear()
+            return
+        values = to_numpy(single.values).astype(np.float64)
+        self.take(own, values.reshape(len(values), -1))
 
     def take(self, own: Floats, single: Floats) -> None:
         """What the tracker and a single solve found in one frame."""
