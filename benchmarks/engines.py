@@ -25,7 +25,7 @@ import scale
 
 import palpate as pp
 from palpate.inverse.constrained import products
-from palpate.inverse.contact import constrained, methods
+from palpate.inverse.contact import answer, methods
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.policy import Policy, changed
 from palpate.inverse.linear.matrix_free import path
@@ -176,12 +176,12 @@ def linear(name: str, rule: str) -> dict[str, Any]:
     }
 
 
-DRIFT, EXPLAINS = constrained.drift_probability, AdaptiveEstimator._explains
+DRIFT, EXPLAINS = answer.drift_probability, AdaptiveEstimator._explains
 
 
 def alike(*, alone: bool) -> None:
     """Only what both ways do, or everything: the test of drift takes matrices, and without them no model is refused for what it leaves."""
-    constrained.drift_probability = (lambda *_: math.nan) if alone else DRIFT  # type: ignore[assignment]
+    answer.drift_probability = (lambda *_: math.nan) if alone else DRIFT  # type: ignore[assignment]
     AdaptiveEstimator._explains = (lambda *_: True) if alone else EXPLAINS  # type: ignore[method-assign,assignment]
 
 

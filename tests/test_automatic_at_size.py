@@ -20,6 +20,7 @@ from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.methods import cone_of
 from palpate.inverse.contact.policy import Errors, Parts, Policy
 from palpate.inverse.contact.score import hopeless_signs, likelier_signs
+from palpate.inverse.contact.search import search
 from palpate.inverse.linear.matrix_free import path
 from palpate.inverse.linear.whitening import Readings
 
@@ -207,10 +208,10 @@ def framed(skin: pp.Skin, readings: Any, friction: float | None) -> Any:
     problem = skin.problem()
     # the least error of a large contact's force is a bound, not what products leave
     policy = Policy(
-        parts=Parts(finer_grid=False, finer_sliding=False, second_derivative=False),
+        parts=Parts(finer_grid=False, second_derivative=False),
         errors=Errors(force_at_size=Errors().force, sums_at_size=1.0),
     )
-    return AdaptiveEstimator(problem, cone_of(problem.components, friction), policy=policy).frame([readings])
+    return search(AdaptiveEstimator(problem, cone_of(problem.components, friction), policy=policy), [readings])
 
 
 @pytest.mark.long

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -12,15 +11,13 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import TOLERANCE
 from palpate.inverse.constrained.model import dilated
 from palpate.inverse.constrained.products import FIRST_AT_SIZE
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.prepared import Prepared
 
 __all__ = ["solved"]
 
 
 def solved(
-    estimator: ConstrainedEstimator,
+    estimator: Prepared,
     linear: Floats,
     y: Floats,
     noise: Floats,

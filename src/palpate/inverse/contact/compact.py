@@ -12,7 +12,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,10 +21,8 @@ import scipy.sparse
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.differences import Sparse
 from palpate.inverse.constrained.model import Normal
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.score import share_of
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["Disc", "Discs", "discs"]
 
@@ -129,7 +127,7 @@ def _shares(places: Floats) -> Floats:
 
 
 def discs(
-    estimator: ConstrainedEstimator,
+    estimator: Prepared,
     data: Normal,
     first: Floats,
     white: Floats,

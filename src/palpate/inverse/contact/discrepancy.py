@@ -18,18 +18,17 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.answer import unexplained
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.search import search
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["explained"]
 
@@ -38,13 +37,13 @@ __all__ = ["explained"]
 _FIXED = ("center", "outside_center", "variance_reduction")
 
 
-def explained(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
+def explained(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
     """One frame with the smallest share that explains it; see the module."""
     policy = estimator.policy
     zeroed = estimator.problem.zeroed
     data = estimator.readings.flat(estimator.operator.observed(readings))
     if not estimator.noise_known:
-        plain = estimator.frame(readings, rng)
+        plain = search(estimator, readings, rng)
         few = len(data) <= policy.detection.few_readings or plain.unproven > 0
         if not plain.contact:
             return _undecided(plain) if few and np.any(data) else plain
@@ -57,7 +56,7 @@ def explained(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: 
         and (_rms(ratio) * policy.fit.shares[0] > policy.fit.faint or len(data) <= policy.detection.few_readings)
     ):
         return _with_shares(estimator, readings, data, None, rng)
-    plain = estimator.frame(readings, rng)
+    plain = search(estimator, readings, rng)
     if plain.contact and not plain.fit < POOR_FIT:
         return replace(plain, discrepancy=_posterior(0.0, plain.free, len(data), policy)) if zeroed else plain
     if plain.contact and not zeroed:
@@ -69,7 +68,7 @@ def explained(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: 
     return _with_shares(estimator, readings, data, plain, rng)
 
 
-def _doubted(estimator: ConstrainedEstimator, frame: Frame, data: Floats) -> Frame:
+def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
     """A contact that leaves more than noise, with the share that it leaves."""
     left = frame.residual * _rms(frame.noise) / max(_rms(data / estimator.readings.std), 1e-300)
     return replace(
@@ -94,7 +93,7 @@ def _explains(frame: Frame) -> bool:
 
 
 def _with_shares(
-    estimator: ConstrainedEstimator,
+    estimator: Prepared,
     readings: Sequence[Floats],
     data: Floats,
     plain: Frame | None,
@@ -126,18 +125,16 @@ def _with_shares(
             discrepancy=max(policy.fit.shares[-1], _posterior(left, found.free, len(data), policy)),
             unexplained=True,
         )
-    return replace(estimator.unexplained(data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
+    return replace(unexplained(estimator, data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
 
 
-def _at_noise(
-    estimator: ConstrainedEstimator, readings: Sequence[Floats], factor: float, rng: np.random.Generator | None
-) -> Frame:
+def _at_noise(estimator: Prepared, readings: Sequence[Floats], factor: float, rng: np.random.Generator | None) -> Frame:
     """A frame with ``factor`` times the noise that the estimator was prepared for: the problem is linear, so the readings are divided instead."""
     scaled = copy.copy(estimator)
     if estimator.given_ends is not None:
         scaled.given_ends = (estimator.given_ends[0] / factor, estimator.given_ends[1] / factor)
     scaled.zero = None if estimator.zero is None else estimator.zero / factor
-    found = scaled.frame([r / factor for r in readings], rng)
+    found = search(scaled, [r / factor for r in readings], rng)
     errors = found.known
     changed = {f.name: getattr(errors, f.name) for f in fields(Errors)}
     stated = found.stated

@@ -16,17 +16,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.score import gain_of
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["FewCells", "contact_in_few_cells", "heavy_tails"]
 
@@ -42,7 +39,7 @@ class FewCells:
     left: float
 
 
-def contact_in_few_cells(estimator: ConstrainedEstimator, data: Floats, observed: Flags) -> FewCells | None:
+def contact_in_few_cells(estimator: Prepared, data: Floats, observed: Flags) -> FewCells | None:
     """Contact in a few cells, where noise does not explain the readings as well, about offsets or not; None where it does."""
     policy, readings = estimator.policy, estimator.readings
     channel = estimator.noise.index[observed]
@@ -109,7 +106,7 @@ def _stands_out(data: Floats, channel: Index, policy: Policy) -> bool:
 class _Search:
     """Looks for the cell whose traction explains most of what is left."""
 
-    def __init__(self, estimator: ConstrainedEstimator, observed: Flags) -> None:
+    def __init__(self, estimator: Prepared, observed: Flags) -> None:
         policy = estimator.policy
         self.estimator, self.observed = estimator, observed
         surface = estimator.operator.surface

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,16 +14,14 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.deferred_errors import ContactErrors
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.notes import notes_of
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Estimate, Stated
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["gathered"]
 
 
-def gathered(estimator: ConstrainedEstimator, frames: Sequence[Frame], batch: tuple[int, ...], like: Any) -> Estimate:
+def gathered(estimator: Prepared, frames: Sequence[Frame], batch: tuple[int, ...], like: Any) -> Estimate:
     """One estimate of all frames, with the batch axes first; traction in the kind of array that ``like`` is."""
 
     def stacked(parts: Sequence[Floats]) -> Floats:

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.variances import carried, face_of, taken_by
 from palpate.inverse.contact.explanation import Solved
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.fit import FEWEST, MODEL_DETAIL, misfit_probability
 from palpate.sensing.nuisance import nuisances
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["drift_probability", "fit_of", "misfit_of", "noise_ratio", "proportional_part"]
 
 
-def fit_of(estimator: ConstrainedEstimator, run: Solved) -> tuple[float, float, float]:
+def fit_of(estimator: Prepared, run: Solved) -> tuple[float, float, float]:
     """Misfit probability (`misfit_of`) of the weighed models of a frame, the root mean square of what they leave, in units of the noise, and the degrees
     of freedom that they leave to noise."""
     y, observed, total = run.data / run.noise, run.observed, sum(m.weight for m in run.members)
@@ -32,7 +29,7 @@ def fit_of(estimator: ConstrainedEstimator, run: Solved) -> tuple[float, float, 
     return fit, float(np.sqrt(np.mean(misfit**2))), float(observed.sum()) - taken
 
 
-def proportional_part(estimator: ConstrainedEstimator, run: Solved) -> float:
+def proportional_part(estimator: Prepared, run: Solved) -> float:
     """The share of the readings that is left in proportion to them, where the noise is learned from the frame; 0 where it does not show.
 
     By maximum likelihood of residuals r ~ N(0, a^2 + share^2 m^2), m being what contact explains of each reading, against share = 0 (likelihood ratio).
@@ -53,7 +50,7 @@ def proportional_part(estimator: ConstrainedEstimator, run: Solved) -> float:
     return float(shares[chosen]) if best[0] - best[chosen] > estimator.policy.fit.shows else 0.0
 
 
-def noise_ratio(estimator: ConstrainedEstimator, run: Solved, left: float) -> float:
+def noise_ratio(estimator: Prepared, run: Solved, left: float) -> float:
     """How many times as large as the noise that was given is what contact leaves, ``left`` in units of it (root mean square); 1 where it is no larger.
 
     Errors of least squares grow by this ratio (R. T. Birge, Phys. Rev. 40, 1932, 207-227). Gains that spread leave more than noise and too little
@@ -70,7 +67,7 @@ def noise_ratio(estimator: ConstrainedEstimator, run: Solved, left: float) -> fl
     return min(ratio, policy.fit.most_louder) if ratio > 1.0 + policy.explanations.sure / math.sqrt(2.0 * free) else 1.0
 
 
-def misfit_of(estimator: ConstrainedEstimator, run: Solved, residual: Floats, taken: float, largest: float) -> float:
+def misfit_of(estimator: Prepared, run: Solved, residual: Floats, taken: float, largest: float) -> float:
     """Misfit probability of a frame: of size and whiteness (`palpate.inverse.fit.misfit_probability`) and of drift (`drift_probability`).
 
     ``residual`` is what is left and ``largest`` the largest reading, in units of the noise; ``taken`` the degrees of freedom that contact took.
@@ -96,7 +93,7 @@ def misfit_of(estimator: ConstrainedEstimator, run: Solved, residual: Floats, ta
     )
 
 
-def drift_probability(estimator: ConstrainedEstimator, run: Solved) -> float:
+def drift_probability(estimator: Prepared, run: Solved) -> float:
     """Probability that noise alone leaves as much along offsets and ramps of the channels, B, as contact leaves; NaN where it cannot be told.
 
     Of r = y - A t, where t is the contact with the penalty P, the drift g = B'r has the covariance S = B'B - B'A (A'A + P)^-1 A'B, on the face of

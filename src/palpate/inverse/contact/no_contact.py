@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -12,14 +11,12 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation, Rough, Solved
 from palpate.inverse.contact.few_cells import heavy_tails
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import PROVEN, misfit_probability
 from palpate.inverse.linear.evidence import log_evidence
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["detection_limit", "explained_by_noise", "short_line_load", "uneven_noise", "unproven"]
 
@@ -29,7 +26,7 @@ WIDE = 1.96
 Flags = npt.NDArray[np.bool_]
 
 
-def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: Flags) -> Explanation | None:
+def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Explanation | None:
     """The explanation of a frame that noise explains, alone or with offsets; None where there is more."""
     policy = estimator.policy
     rows = estimator.readings.planes(data)
@@ -63,7 +60,7 @@ def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: 
     return Explanation(1, nothing, np.where(present, none, 0.0), present)
 
 
-def unproven(estimator: ConstrainedEstimator, run: Solved, fit: float) -> bool:
+def unproven(estimator: Prepared, run: Solved, fit: float) -> bool:
     """Whether "no contact" hides what may be contact: noise explains the readings ill (``fit``), or nobody gave it and it has tails
     that Gaussian noise has not, as contact that few taxels feel leaves.
     """
@@ -80,7 +77,7 @@ def unproven(estimator: ConstrainedEstimator, run: Solved, fit: float) -> bool:
     )
 
 
-def short_line_load(estimator: ConstrainedEstimator, run: Solved) -> Floats | None:
+def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
     """The net force (component,) of contact on most of a short line that explains what is taken for noise, where nobody gave the noise; None where there
     is none.
 
@@ -113,7 +110,7 @@ def short_line_load(estimator: ConstrainedEstimator, run: Solved) -> Floats | No
     return out if out.any() else None
 
 
-def detection_limit(estimator: ConstrainedEstimator, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
+def detection_limit(estimator: Prepared, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
     """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where `unproven`, 2 where `short_line_load`."""
     why = 0
     if unproven(estimator, run, fit):
@@ -126,7 +123,7 @@ def detection_limit(estimator: ConstrainedEstimator, run: Solved, fit: float, er
     return errors, why
 
 
-def uneven_noise(estimator: ConstrainedEstimator, data: Floats, observed: Flags, known: float | None) -> float:
+def uneven_noise(estimator: Prepared, data: Floats, observed: Flags, known: float | None) -> float:
     """What noise of another level in each channel explains (`ChannelNoise.uneven`); nothing where the readings are in an order that
     noise has seldom.
     """

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.screening import Ceilings, ceilings, silent
 from palpate.sensing.limits import at_ends
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["Observed", "ends_of_range", "observe"]
 
@@ -41,7 +38,7 @@ class Observed:
         return np.zeros(len(self.data), dtype=bool) if self.ends is None else self.ends.upper | self.ends.lower
 
 
-def observe(estimator: ConstrainedEstimator, readings: Sequence[Floats]) -> Observed:
+def observe(estimator: Prepared, readings: Sequence[Floats]) -> Observed:
     """The readings of a frame, (channel, *array) per plane, screened."""
     noise, policy = estimator.noise, estimator.policy
     data = noise.unlike(estimator.readings.flat(estimator.operator.observed(readings)))
@@ -55,7 +52,7 @@ def observe(estimator: ConstrainedEstimator, readings: Sequence[Floats]) -> Obse
     return Observed(data, np.where(usable, data, found.explained), alive, usable, ends)
 
 
-def ends_of_range(estimator: ConstrainedEstimator, readings: Sequence[Floats], data: Floats) -> Ceilings | None:
+def ends_of_range(estimator: Prepared, readings: Sequence[Floats], data: Floats) -> Ceilings | None:
     """Readings at the end of their range, as stated or as the frame shows it; None where nothing is screened."""
     if not estimator.policy.parts.screening:
         return None

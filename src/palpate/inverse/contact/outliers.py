@@ -4,27 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import gain_of
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["without_outliers"]
 
 Flags = npt.NDArray[np.bool_]
 
 
-def without_outliers(
-    estimator: ConstrainedEstimator, h: Explanation, data: Floats, observed: Flags
-) -> tuple[Explanation, Flags]:
+def without_outliers(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> tuple[Explanation, Flags]:
     """A explanation without the readings that its contact does not explain, left out one at a time, the worst first."""
     policy = estimator.policy
     readings, n = estimator.readings, len(data)

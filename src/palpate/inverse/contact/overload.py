@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,14 +12,12 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.discrepancy import explained
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import ends_of_range
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.prepared import Prepared
 
 __all__ = ["in_range"]
 
 
-def in_range(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
+def in_range(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
     """One frame, whatever part of its readings is at the end of their range.
 
     Readings at their end are censored: contact explains them where it would have them read as much or more. Where they are many, the frame is also solved

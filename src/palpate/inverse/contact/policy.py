@@ -60,9 +60,7 @@ class Parts:
     wide_weights: bool = part("local weights, wide")
     narrow_weights: bool = part("local weights, narrow")
     posterior_variance: bool = part("posterior variance in local weights")
-    shear_in_contact: bool = part("no shear outside contact", needs="shear")
     finer_grid: bool = part("finer grid")
-    finer_sliding: bool = part("finer grid of sliding contact", needs="friction")
     wide_surface: bool = part("surface beyond the edge")
     ends_on_surface: bool = part("models that end on the surface")
     sliding: bool = part("sliding as a whole", needs="friction")
@@ -268,6 +266,9 @@ class Noise:
     broken_rounds: int = number(2, "the same where a channel is broken")
     offset_rounds: int = number(2, "offsets are found again with the contact, so often")
     most_offset_rounds: int = number(6, "and so often where they are far off yet")
+    step: float = number(
+        0.3, "deviations of given noise from which on the step that readings are rounded to is part of it"
+    )
     attempts: int = number(10, "all of these together; each settles by itself")
 
 

@@ -11,7 +11,6 @@ import copy
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -20,16 +19,14 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.constrained.model import ContactModel, dilated
 from palpate.inverse.constrained.variances import taken_by
+from palpate.inverse.contact.answer import framed
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import Observed
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.score import gain_without_cone
 from palpate.inverse.fit import POOR_FIT
 from palpate.inverse.linear.evidence import LinearEvidence
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.adaptive import AdaptiveEstimator
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["with_rims"]
 
@@ -37,7 +34,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 def with_rims(
-    estimator: ConstrainedEstimator,
+    estimator: Prepared,
     run: Solved,
     frame: Frame,
     observed: Observed,
@@ -84,7 +81,7 @@ def with_rims(
         if not gains and h.sign:
             continue
         other.members.extend(rest)
-        found = free.framed(other, observed, rng)
+        found = framed(free, other, observed, rng)
         pressure = (h.sign or 1) * found.traction[-1]
         cancels = np.abs(found.traction).sum() > policy.rims.cancel * np.abs(frame.traction).sum()
         least = min(frame.fit, POOR_FIT) if h.sign and each is h else POOR_FIT
@@ -93,14 +90,14 @@ def with_rims(
     return None
 
 
-def _without_cone(estimator: ConstrainedEstimator) -> AdaptiveEstimator:
+def _without_cone(estimator: Prepared) -> Prepared:
     """The same estimator whose traction may have either sign."""
     policy = estimator.policy
-    free = cast("AdaptiveEstimator", copy.copy(estimator))
+    free = copy.copy(estimator)
     free.cone = Cone(estimator.cone.components, tension=True)
     free.policy = replace(
         policy,
-        parts=replace(policy.parts, shear_in_contact=False, trim=False),
+        parts=replace(policy.parts, trim=False),
         grid=replace(policy.grid, unknowns=policy.rims.unknowns),
     )
     free.posterior = copy.copy(estimator.posterior)
@@ -108,7 +105,7 @@ def _without_cone(estimator: ConstrainedEstimator) -> AdaptiveEstimator:
     return free
 
 
-def _run(free: AdaptiveEstimator, run: Solved, size: Floats, region: Flags) -> tuple[Solved, Iterator[ContactModel]]:
+def _run(free: Prepared, run: Solved, size: Floats, region: Flags) -> tuple[Solved, Iterator[ContactModel]]:
     """The first model over a region, with noise learned from what it leaves, and the others, not yet made."""
     policy = free.policy
     readings, data, observed = free.readings, run.data, run.observed
@@ -125,7 +122,7 @@ def _run(free: AdaptiveEstimator, run: Solved, size: Floats, region: Flags) -> t
         }
         scale = max(evidence[1].scale, floor)
         noise = readings.std * (scale if levels is None else np.maximum(levels[free.noise.index], floor))
-        models = free._ensemble(region, first, data / noise, noise, observed, evidence)
+        models = free.models_over(region, first, data / noise, noise, observed, evidence)
         leading = next(models)
         if free.noise_known or turn == policy.noise.turns - 1:
             break
@@ -150,7 +147,7 @@ def _run(free: AdaptiveEstimator, run: Solved, size: Floats, region: Flags) -> t
     return solved, models
 
 
-def _gain(free: AdaptiveEstimator, push: Solved, other: Solved) -> float:
+def _gain(free: Prepared, push: Solved, other: Solved) -> float:
     """What traction of either sign gains on a push (`score.gain_without_cone`)."""
     squares, taken = [], []
     for run in (push, other):
@@ -161,7 +158,7 @@ def _gain(free: AdaptiveEstimator, push: Solved, other: Solved) -> float:
     return gain_without_cone(n, before, after, taken[1] - taken[0], known=free.noise_known)
 
 
-def _left(free: AdaptiveEstimator, model: ContactModel, run: Solved) -> float:
+def _left(free: Prepared, model: ContactModel, run: Solved) -> float:
     """Root mean square of what a model leaves, in units of the noise."""
     observed = run.observed
     y = free.readings.white((run.data / run.noise)[observed], observed)

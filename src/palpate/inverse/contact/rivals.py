@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from palpate.inverse.contact.answer import combined, framed
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import Observed
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.score import rival_odds, share_of
 from palpate.inverse.contact.solving import solve
 from palpate.inverse.fit import POOR_FIT
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["with_rivals"]
 
@@ -24,7 +22,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 def with_rivals(
-    estimator: ConstrainedEstimator,
+    estimator: Prepared,
     run: Solved,
     frame: Frame,
     observed: Observed,
@@ -42,7 +40,7 @@ def with_rivals(
     if frame.fit < POOR_FIT or anything:
         for rival in rivals[: 1 if anything else policy.explanations.followed]:
             # what is refuted, or refutes nothing, gives way to what is not
-            other = estimator.framed(solve(estimator, rival, plain), observed, rng)
+            other = framed(estimator, solve(estimator, rival, plain), observed, rng)
             if other.fit > policy.fit.accepted and other.contact:
                 return other
     elif frame.fit < policy.fit.doubted and frame.sign == h.sign and run.members:
@@ -53,7 +51,7 @@ def with_rivals(
             if share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < policy.explanations.least_weight:
                 continue
             second = solve(estimator, rival, plain)
-            other = estimator.framed(second, observed, rng)
+            other = framed(estimator, second, observed, rng)
             weight = (
                 share_of(rival_odds(h, frame.fit, rival, other.fit, policy)) if other.fit > policy.fit.accepted else 0.0
             )
@@ -67,7 +65,7 @@ def with_rivals(
 
 
 def _mean(
-    estimator: ConstrainedEstimator,
+    estimator: Prepared,
     run: Solved,
     second: Solved,
     frame: Frame,
@@ -78,7 +76,7 @@ def _mean(
     """The frame of the models of two runs, the second of which has this ``weight``."""
     fit = (1.0 - weight) * frame.fit + weight * other.fit
     part, more = _weighed(run, 1.0 - weight), _weighed(second, weight)
-    found = estimator.combined(part, frame.noise, fit, frame.residual, rng, more)
+    found = combined(estimator, part, frame.noise, fit, frame.residual, rng, more)
     sign = -1 if run.explanation.sign < 0 else 1
     sizes = (1.0 - weight) * frame.nuisance + weight * other.nuisance
     between = weight * (1.0 - weight) * (frame.nuisance - other.nuisance) ** 2

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.explanation import Explanation, Rough
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.score import gain_of
 from palpate.inverse.fit import misfit_probability
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["exceeded", "rough", "rough_fit"]
 
@@ -22,7 +20,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 def rough(
-    estimator: ConstrainedEstimator,
+    estimator: Prepared,
     data: Floats,
     observed: Flags,
     total: float,
@@ -32,7 +30,7 @@ def rough(
     beat: float = -math.inf,
 ) -> Rough:
     """A rough solution of readings that push: the largest noise that explains itself, and is no more than ``noise_at_first``; ``used``
-    degrees of freedom have gone to nuisances; ``near`` is that of `ConstrainedEstimator.fit`. Less noise is not tried where that gains
+    degrees of freedom have gone to nuisances; ``near`` is that of `cells.solved`. Less noise is not tried where that gains
     less, and less than ``beat``.
     """
     policy = estimator.policy
@@ -48,8 +46,8 @@ def rough(
     for turn in range(policy.screening.rounds):
         found = estimator.evidence(linear, readings.planes(filled), known)
         noise = readings.std * known
-        first, explained = estimator.fit(
-            found.traction, data / noise, noise, observed, found.parameter / found.scale**2, near
+        first, explained = solved(
+            estimator, found.traction, data / noise, noise, observed, found.parameter / found.scale**2, near
         )
         near = first
         misfit = readings.white(((data - explained) / readings.std)[observed], observed)
@@ -70,7 +68,7 @@ def rough(
     return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]))
 
 
-def rough_fit(estimator: ConstrainedEstimator, h: Explanation, data: Floats, observed: Flags) -> float:
+def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> float:
     """The chance that noise is what an explanation leaves; 1 where it leaves little. Else contact of one sign is not what this is."""
     policy = estimator.policy
     white = estimator.readings.white((data / estimator.readings.std)[observed], observed)
@@ -87,7 +85,7 @@ def rough_fit(estimator: ConstrainedEstimator, h: Explanation, data: Floats, obs
     return misfit_probability(residual / size, observed, estimator.pairs, taken=taken, known=False)
 
 
-def exceeded(estimator: ConstrainedEstimator, h: Explanation, data: Floats, observed: Flags) -> bool:
+def exceeded(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> bool:
     """Whether what contact leaves is far more than the noise that was given: it is then taken for noise, and the fit says so."""
     policy = estimator.policy
     white = estimator.readings.white((data / estimator.readings.std)[observed], observed)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -17,28 +16,24 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.constrained.variances import taken_by
+from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.few_cells import contact_in_few_cells
 from palpate.inverse.contact.no_contact import uneven_noise
 from palpate.inverse.contact.observed import Observed
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.rough import exceeded
 from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.contact.screening import loaded
 from palpate.inverse.contact.systematic import change_of_nuisances
 from palpate.inverse.linear.evidence import LinearEvidence
 
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
-
 __all__ = ["solve"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: A step that readings are rounded to, in standard deviations of the noise that was given, from which on it is part of that noise.
-_COARSE_STEP = 0.3
 
-
-def solve(estimator: ConstrainedEstimator, h: Explanation, frame: Observed) -> Solved:
+def solve(estimator: Prepared, h: Explanation, frame: Observed) -> Solved:
     """The models of one explanation of a frame; without models noise explains it."""
     return _Solving(estimator, h, frame).run()
 
@@ -46,7 +41,7 @@ def solve(estimator: ConstrainedEstimator, h: Explanation, frame: Observed) -> S
 class _Solving:
     """One explanation while it is solved."""
 
-    def __init__(self, estimator: ConstrainedEstimator, h: Explanation, frame: Observed) -> None:
+    def __init__(self, estimator: Prepared, h: Explanation, frame: Observed) -> None:
         self.estimator, self.policy, self.h, self.frame = estimator, estimator.policy, h, frame
         self.sign = h.sign or 1
         self.data = self.sign * (frame.filled - estimator.shifts @ h.sizes)
@@ -86,7 +81,7 @@ class _Solving:
         estimator, h = self.estimator, self.h
         known: float | None = None
         coarse, least = 0.0, estimator.least_noise(self.data)
-        if estimator.noise_known and self.rounding > _COARSE_STEP:
+        if estimator.noise_known and self.rounding > self.policy.noise.step:
             known = math.hypot(1.0, self.rounding)
         given = known
         if not h.sign:
@@ -155,7 +150,7 @@ class _Solving:
         """Contact by one even penalty on cells of the surface."""
         found, y = self.evidence[1], self.data / self.noise
         weight = found.parameter / found.scale**2
-        fitted = self.estimator.fit(found.traction, y, self.noise, self.observed, weight, self.near)
+        fitted = solved(self.estimator, found.traction, y, self.noise, self.observed, weight, self.near)
         self.first, self.explained = fitted
         self.near = self.first
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -27,11 +26,9 @@ from palpate.inverse.constrained.variances import (
     variance_of_sums,
 )
 from palpate.inverse.contact.policy import STATED
+from palpate.inverse.contact.posterior import Posterior
 from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.grids import Grid
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.posterior import Posterior
 
 __all__ = ["Quantities", "Summary"]
 

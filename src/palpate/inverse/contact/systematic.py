@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -24,20 +23,18 @@ from palpate.inverse.constrained.variances import (
 )
 from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.policy import STATED
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.proposals.levels import reach_of_kind
 from palpate.inverse.fit import POOR_FIT
 from palpate.sensing.grids import block_means
 from palpate.sensing.nuisance import nuisances
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["change_of_nuisances", "doubtful", "inflate_for_misfit", "nuisance_errors", "owe", "share", "state"]
 
 Flags = npt.NDArray[np.bool_]
 
 
-def nuisance_errors(estimator: ConstrainedEstimator, run: Solved) -> Floats:
+def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
     """Standard deviations of the nuisances; where one could not be told from contact, of what may hide."""
     policy = estimator.policy
     h = run.explanation
@@ -57,7 +54,7 @@ def nuisance_errors(estimator: ConstrainedEstimator, run: Solved) -> Floats:
 
 
 def change_of_nuisances(
-    estimator: ConstrainedEstimator,
+    estimator: Prepared,
     h: Explanation,
     model: ContactModel,
     data: Floats,
@@ -99,7 +96,7 @@ def _deviations(precision: Floats) -> Floats:
     return np.asarray(np.sqrt((vectors**2 / values).sum(axis=1)))
 
 
-def doubtful(estimator: ConstrainedEstimator, run: Solved) -> tuple[Floats, Floats]:
+def doubtful(estimator: Prepared, run: Solved) -> tuple[Floats, Floats]:
     """What is not known exactly of the pad does to the readings (reading, unknown), in units of the noise; standard deviations."""
     if not estimator.problem.doubts.any or not run.members:
         return np.zeros((len(run.data), 0)), np.zeros(0)
@@ -113,9 +110,7 @@ def doubtful(estimator: ConstrainedEstimator, run: Solved) -> tuple[Floats, Floa
     return columns / run.noise[:, None], size
 
 
-def share(
-    estimator: ConstrainedEstimator, model: ContactModel, run: Solved, deviation: Floats, at_limit: Flags
-) -> None:
+def share(estimator: Prepared, model: ContactModel, run: Solved, deviation: Floats, at_limit: Flags) -> None:
     """What a model's errors owe to what acts on many readings at once: nuisances, ends of range, a pad not known exactly."""
     policy = estimator.policy
     there = deviation > 0
@@ -141,7 +136,7 @@ def share(
         model.shared = drag if model.shared is None else np.concatenate([model.shared, drag], axis=1)
 
 
-def add_hidden_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Solved, deviation: Floats) -> None:
+def add_hidden_drift(estimator: Prepared, model: ContactModel, run: Solved, deviation: Floats) -> None:
     """What a model's errors owe to drift of displacements that wide pressure may hide, so that no offset or ramp was found.
 
     A displacement is felt far from its load: pressure all round moves the readings much as a shift of the picture does. Of drifts with a
@@ -179,7 +174,7 @@ def add_hidden_drift(estimator: ConstrainedEstimator, model: ContactModel, run: 
         one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
 
 
-def inflate_for_misfit(estimator: ConstrainedEstimator, run: Solved, fit: float) -> None:
+def inflate_for_misfit(estimator: Prepared, run: Solved, fit: float) -> None:
     """What the errors of a frame's models owe to drift of any channel, where what contact and the nuisances leave is no noise (`Touch.fit` says so).
 
     Something is in such readings that is not in the model; offsets and ramps stand for it, with a prior of `Policy` of the largest

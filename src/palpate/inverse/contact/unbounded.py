@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.prepared import Prepared
 
 __all__ = ["goes_on_all_round", "offset_as_load"]
 
 
-def offset_as_load(estimator: ConstrainedEstimator, h: Explanation, traction: Floats) -> Floats | None:
+def offset_as_load(estimator: Prepared, h: Explanation, traction: Floats) -> Floats | None:
     """Net forces (component, 2) between which the force lies if the offsets of an explanation are load; None where they are not, or a zero was taken.
 
     An even press has no known end, so neither has its force. Offsets of stress and strain that are larger than what was found beside them may be an even press all over the array. Smaller ones are
@@ -44,7 +41,7 @@ def offset_as_load(estimator: ConstrainedEstimator, h: Explanation, traction: Fl
     return bounds
 
 
-def goes_on_all_round(estimator: ConstrainedEstimator, traction: Floats, sign: int) -> Floats | None:
+def goes_on_all_round(estimator: Prepared, traction: Floats, sign: int) -> Floats | None:
     """Net forces (component, 2) of contact that is found all round the array's edge: nothing tells where it ends. None where it ends inside."""
     pressure = np.abs(traction[-1]).ravel()
     top = float(pressure.max(initial=0.0))

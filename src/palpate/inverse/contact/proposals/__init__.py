@@ -9,21 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation, Rough
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.proposals import both, offsets, pull, push, ramps
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.rough import rough_fit
 from palpate.inverse.contact.score import best_of, rivals_of
 from palpate.sensing.nuisance import Nuisance
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["PROPOSALS", "explanation_of"]
 
@@ -40,7 +37,7 @@ PROPOSALS: tuple[Callable[[Search], Iterator[Explanation]], ...] = (
 
 
 def explanation_of(
-    estimator: ConstrainedEstimator,
+    estimator: Prepared,
     data: Floats,
     observed: Flags,
     terms: Sequence[Nuisance],

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.prepared import Prepared
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.nuisance import Nuisance
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["edge_drift", "edge_levels", "lowest_levels", "outermost_of", "reach", "reach_of_kind", "touched"]
 
@@ -22,9 +19,7 @@ Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
 
-def edge_levels(
-    estimator: ConstrainedEstimator, data: Floats, observed: Flags, terms: Sequence[Nuisance]
-) -> list[Floats]:
+def edge_levels(estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> list[Floats]:
     """First sizes of offsets, from the outermost taxels, each to be tried; 0 for other nuisances."""
     starts = [np.zeros(len(terms)) for _ in range(3 if estimator.operator.surface.dimensions == 1 else 1)]
     for i, term in enumerate(terms):
@@ -41,7 +36,7 @@ def edge_levels(
 
 
 def lowest_levels(
-    estimator: ConstrainedEstimator, data: Floats, observed: Flags, terms: Sequence[Nuisance], sign: int
+    estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance], sign: int
 ) -> list[Floats]:
     """First sizes of offsets on a line whose contacts reach its ends, none or one: what neighbours between them read least, where contact of this sign
     makes none read less than nothing and the ends read more.
@@ -64,7 +59,7 @@ def lowest_levels(
     return [start] if start.any() else []
 
 
-def edge_drift(estimator: ConstrainedEstimator, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
+def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
     """First sizes of offsets and ramps together, from the outermost taxels by least absolute deviations, which a contact across a part of the edge hardly
     moves (weighed least squares in turn; E. J. Schlossmacher, J. American Statistical Association 68, 1973, 857-859); 0 for other nuisances.
     """
@@ -96,7 +91,7 @@ def edge_drift(estimator: ConstrainedEstimator, data: Floats, observed: Flags, t
     return sizes
 
 
-def reach_of_kind(estimator: ConstrainedEstimator, columns: Floats, data: Floats) -> Floats:
+def reach_of_kind(estimator: Prepared, columns: Floats, data: Floats) -> Floats:
     """The size at which each nuisance makes readings as large as the largest of any channel of its kind: how well a sensor keeps its zero is a
     matter of its range, and not of how much a contact happens to say to one of its channels.
     """
@@ -120,7 +115,7 @@ def reach(columns: Floats, data: Floats) -> Floats:
     )
 
 
-def touched(estimator: ConstrainedEstimator, term: Nuisance) -> tuple[Array, Index]:
+def touched(estimator: Prepared, term: Nuisance) -> tuple[Array, Index]:
     """The array that an offset is of, and the readings of its channel there."""
     first, start = int(np.argmax(term.rows != 0)), 0
     for array in estimator.operator.planes_of:

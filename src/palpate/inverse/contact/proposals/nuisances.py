@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -11,12 +10,10 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.proposals.levels import reach, reach_of_kind
+from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import least_to_beat
 from palpate.sensing.nuisance import Nuisance
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.proposals.search import Search
 
 __all__ = ["with_nuisances"]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -12,13 +11,11 @@ import numpy.typing as npt
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.proposals.levels import edge_levels, outermost_of, reach, touched
 from palpate.inverse.contact.score import hopeless_signs, same
 from palpate.sensing.arrays import ScatteredArray
 from palpate.sensing.nuisance import Nuisance
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["Doubt", "Search"]
 
@@ -46,7 +43,7 @@ class Doubt:
 class Search:
     """A frame and the explanations tried so far. ``total`` is the root mean square of the whitened readings, ``noise`` as in `Explanation`."""
 
-    estimator: ConstrainedEstimator
+    estimator: Prepared
     data: Floats
     observed: Flags
     terms: Sequence[Nuisance]
