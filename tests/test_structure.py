@@ -101,8 +101,8 @@ def circles() -> list[set[str]]:
     return [set(g) for g in groups if len(g) > 1]
 
 
-#: Circles that are left, by their room: each is to go, none may come. In `inverse.contact` the estimator and the files that read its attributes.
-CIRCLES = {"palpate.inverse.contact": 27, "palpate.microscopy": 3}
+#: Circles that are left, by their room: each is to go, none may come.
+CIRCLES = {"palpate.microscopy": 3}
 
 
 def test_no_circles() -> None:

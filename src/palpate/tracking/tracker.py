@@ -648,7 +648,7 @@ class Tracker:
             if status is Status.OVERLOAD and errors is not None:
                 errors = open_above(errors)
             self._own = values
-            values = self._anchor.carried(values)
+            values = self._anchor.carried(values) if contact.pushing else values
             self._carried = (values - self._own).sum(axis=1) * grid.cell
             apart = self._comparison.reaching(self._carried, float(np.sqrt((values**2).sum(axis=0)).sum()) * grid.cell)
             if apart and values.any():
