@@ -36,6 +36,7 @@ ROOMS = [
     "tracking",
     "recordings",
     "network",
+    "design",
     "_skin_properties",
     "skin",
     "archives",
