@@ -69,24 +69,58 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text())
 
 
+def modules() -> dict[str, Path]:
+    """Every module of palpate by its name."""
+    found = {}
+    for path in SOURCE.rglob("*.py"):
+        parts = path.relative_to(SOURCE).with_suffix("").parts
+        found[".".join(("palpate", *(parts[:-1] if parts[-1] == "__init__" else parts)))] = path
+    return found
+
+
+MODULES = modules()
+
+
 def imports(path: Path) -> set[str]:
-    """Modules of palpate that a file imports, those for type checking left out."""
-    tree = tree_of(path)
-    skipped = {
-        id(node)
-        for block in ast.walk(tree)
-        if isinstance(block, ast.If) and isinstance(block.test, ast.Name) and block.test.id == "TYPE_CHECKING"
-        for node in ast.walk(block)
-    }
+    """Modules of palpate that a file imports: at its top, inside functions, and for type checking alone."""
     found = set()
-    for node in ast.walk(tree):
-        if id(node) in skipped:
-            continue
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "palpate":
-            found |= {f"palpate.{a.name}" for a in node.names} if node.module == "palpate" else {node.module}
+            names = {f"{node.module}.{a.name}" for a in node.names}
+            found |= {n if n in MODULES or node.module == "palpate" else node.module for n in names}
         elif isinstance(node, ast.Import):
             found |= {a.name for a in node.names if a.name.startswith("palpate.")}
     return found
+
+
+def circles() -> list[set[str]]:
+    """Groups of files that import each other in a circle (R. Tarjan's strongly connected components of more than one file)."""
+    graph = {name: imports(path) & MODULES.keys() for name, path in MODULES.items() if name != "palpate"}
+    reached: dict[str, set[str]] = {}
+    for name in graph:
+        seen: set[str] = set()
+        left = [name]
+        while left:
+            for other in graph.get(left.pop(), set()) - seen:
+                seen.add(other)
+                left.append(other)
+        reached[name] = seen
+    groups = {frozenset(b for b in reached[a] if a in reached.get(b, set())) | {a} for a in graph if a in reached[a]}
+    return [set(g) for g in groups if len(g) > 1]
+
+
+#: Circles that are left, by their room: each is to go, none may come.
+CIRCLES = {"palpate.microscopy": 3}
+
+
+def test_no_circles() -> None:
+    """No file imports, by whatever way, one that imports it, between rooms or inside of one."""
+    for group in circles():
+        rooms = {name.rpartition(".")[0] for name in group}
+        allowed = max(
+            (n for name, n in CIRCLES.items() if all(r == name or r.startswith(f"{name}.") for r in rooms)), default=0
+        )
+        assert len(group) <= allowed, f"these files import each other in a circle: {', '.join(sorted(group))}"
 
 
 def test_rooms() -> None:

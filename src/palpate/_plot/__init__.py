@@ -1,7 +1,8 @@
 """Pictures. Figures are made without pyplot, so nothing opens a window or keeps state."""
 
+from palpate._plot.arrows import arrow_cells
 from palpate._plot.forces import draw_forces, plot_forces
-from palpate._plot.maps import arrow_cells, plot_touch
+from palpate._plot.maps import plot_touch
 from palpate._plot.over import plot_over
 from palpate._plot.style import INK, column_size, journal, nice, scaled
 from palpate._plot.tables import plot_accuracy, plot_trust

@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate._arrays import to_numpy
 from palpate._extras import require
+from palpate._plot.arrows import arrow_cells
+from palpate._plot.over import plot_over
+from palpate._plot.shown import Shown
 from palpate._plot.style import COLUMN, INK, PAGE, journal, nice, scaled
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -17,9 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from palpate.touch import Touch
-
-__all__ = ["arrow_cells", "plot_touch"]
+__all__ = ["plot_touch"]
 
 #: Arrows are drawn down to this part of the largest.
 WEAK = 0.12
@@ -35,7 +35,7 @@ SEEN = {
 
 
 def plot_touch(
-    touch: Touch,
+    touch: Shown,
     *,
     frame: int = 0,
     truth: Any = None,
@@ -48,8 +48,6 @@ def plot_touch(
     require("figures", "matplotlib")
     one = touch.frame(frame)
     if picture is not None:
-        from palpate._plot.over import plot_over
-
         if truth is not None or ax is not None or seen_from != "inside":
             raise InvalidInput(
                 "over a picture there is neither truth, ax nor seen_from: leave them out (palpate.camera.overlay draws a truth beside)."
@@ -77,7 +75,7 @@ def plot_touch(
         return _plot_area(one, values, true, title, seen_from)
 
 
-def _std(touch: Touch) -> Floats | None:
+def _std(touch: Shown) -> Floats | None:
     """Standard deviation of the traction, where there is one."""
     if touch.errors is None:
         return None
@@ -88,7 +86,7 @@ def _std(touch: Touch) -> Floats | None:
 # -- lines -------------------------------------------------------------------------------------------------------------
 
 
-def _plot_line(touch: Touch, values: Floats, true: Floats | None, title: str | None, ax: Axes | None) -> Figure:
+def _plot_line(touch: Shown, values: Floats, true: Floats | None, title: str | None, ax: Axes | None) -> Figure:
     from matplotlib.figure import Figure
 
     factor, unit = scaled(float(np.nanmax(np.abs(values), initial=0.0)) or 1.0, "Pa")
@@ -126,7 +124,7 @@ def _plot_line(touch: Touch, values: Floats, true: Floats | None, title: str | N
 # -- areas -------------------------------------------------------------------------------------------------------------
 
 
-def _plot_area(touch: Touch, values: Floats, true: Floats | None, title: str | None, seen_from: str) -> Figure:
+def _plot_area(touch: Shown, values: Floats, true: Floats | None, title: str | None, seen_from: str) -> Figure:
     """Panels of pressure, shear and uncertainty; beside a truth a second row, with what was missed in the place of the uncertainty."""
     from matplotlib.figure import Figure
 
@@ -163,7 +161,7 @@ def _plot_area(touch: Touch, values: Floats, true: Floats | None, title: str | N
     return figure
 
 
-def _plot_into(touch: Touch, values: Floats, title: str | None, ax: Axes, seen_from: str) -> Figure:
+def _plot_into(touch: Shown, values: Floats, title: str | None, ax: Axes, seen_from: str) -> Figure:
     """One panel in a figure of the user's: pressure in colour with the shear as arrows."""
     if "z" in touch.components:
         _pressure(ax, touch, values[2], title or "pressure", _top(values[2]), [values], seen_from)
@@ -178,14 +176,14 @@ def _top(*images: Floats) -> float:
     return max(float(np.nanmax(np.abs(i), initial=0.0)) for i in images) or 1.0
 
 
-def _misses(touch: Touch, field: Floats) -> Floats:
+def _misses(touch: Shown, field: Floats) -> Floats:
     """The size of a field over the components that were sought."""
     sought = [touch.surface.components.index(c) for c in touch.components]
     return np.asarray(np.sqrt((field[sought] ** 2).sum(axis=0)))
 
 
 def _show(
-    axes: Axes, touch: Touch, image: Floats, cmap: str, low: float, high: float, label: str, seen_from: str, title: str
+    axes: Axes, touch: Shown, image: Floats, cmap: str, low: float, high: float, label: str, seen_from: str, title: str
 ) -> None:
     width, width_unit = scaled(max(float(np.ptp(a)) for a in touch.surface.axes), "m")
     (y, x), (dy, dx) = touch.surface.axes, touch.surface.spacings
@@ -211,7 +209,7 @@ def _show(
 
 
 def _pressure(
-    axes: Axes, touch: Touch, image: Floats, title: str, largest: float, rows: list[Floats], seen_from: str
+    axes: Axes, touch: Shown, image: Floats, title: str, largest: float, rows: list[Floats], seen_from: str
 ) -> None:
     factor, unit = scaled(largest, "Pa")
     # push and pull are told apart around zero; pressure that only pushes needs no second colour
@@ -229,19 +227,19 @@ def _pressure(
     )
 
 
-def _size(axes: Axes, touch: Touch, image: Floats, title: str, top: float, seen_from: str) -> None:
+def _size(axes: Axes, touch: Shown, image: Floats, title: str, top: float, seen_from: str) -> None:
     factor, unit = scaled(top, "Pa")
     _show(axes, touch, image * factor, "magma", 0.0, top * factor, f"traction [{unit}]", seen_from, title)
 
 
-def _shear(axes: Axes, touch: Touch, values: Floats, title: str, largest: float, seen_from: str) -> None:
+def _shear(axes: Axes, touch: Shown, values: Floats, title: str, largest: float, seen_from: str) -> None:
     factor, unit = scaled(largest, "Pa")
     size = np.hypot(values[0], values[1])
     _show(axes, touch, size * factor, "cividis", 0.0, largest * factor, f"shear [{unit}]", seen_from, title)
     _arrows(axes, touch, values, largest, seen_from, "white")
 
 
-def _arrows(axes: Axes, touch: Touch, values: Floats, largest: float, seen_from: str, colour: str) -> None:
+def _arrows(axes: Axes, touch: Shown, values: Floats, largest: float, seen_from: str, colour: str) -> None:
     """Arrows on the strongest cells first, and what an arrow's length means."""
     from matplotlib.patheffects import withStroke
 
@@ -282,39 +280,3 @@ def _arrows(axes: Axes, touch: Touch, values: Floats, largest: float, seen_from:
         labelsep=0.03,
         fontproperties={"size": 7},
     )
-
-
-def arrow_cells(
-    size: Floats, apart: tuple[float, float], least: Floats | float
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Rows and columns of the cells that get an arrow: the strongest first, none nearer to another than ``apart`` cells, none below ``least``.
-
-    A fixed subsample misses what is smaller than its step; the strongest cell of a small adhesion is always there.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from palpate._plot import arrow_cells
-    >>> size = np.zeros((40, 40))
-    >>> size[7, 13] = 2.0  # a single cell
-    >>> size[20:30, 20:30] = 1.0
-    >>> rows, columns = arrow_cells(size, (5.0, 5.0), 0.1)
-    >>> (int(rows[0]), int(columns[0])), len(rows)
-    ((7, 13), 7)
-    """
-    rows, columns = np.nonzero(size > least)
-    order = np.argsort(-size[rows, columns], kind="stable")
-    free = np.ones(size.shape, dtype=bool)
-    picked = []
-    reach = [max(int(np.ceil(a)), 1) for a in apart]
-    for i, j in zip(rows[order], columns[order]):
-        if not free[i, j]:
-            continue
-        picked.append((i, j))
-        top, left = max(i - reach[0] + 1, 0), max(j - reach[1] + 1, 0)
-        here = free[top : i + reach[0], left : j + reach[1]]
-        ii, jj = np.ogrid[top - i : top - i + here.shape[0], left - j : left - j + here.shape[1]]
-        here &= (ii / apart[0]) ** 2 + (jj / apart[1]) ** 2 >= 1.0
-        free[i, j] = False
-    found = np.array(picked, dtype=np.intp).reshape(-1, 2)
-    return found[:, 0], found[:, 1]

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from palpate._arrays import to_numpy
 from palpate._extras import require
-from palpate._plot.maps import arrow_cells
+from palpate._plot.arrows import arrow_cells
+from palpate._plot.shown import Shown
 from palpate._plot.style import nice, scaled
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -19,8 +20,6 @@ from palpate.sensing.view import eight_bit
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from palpate.touch import Touch
 
 __all__ = ["Lies", "plot_over"]
 
@@ -47,12 +46,12 @@ class Lies(Protocol):
 
 
 def plot_over(
-    touch: Touch,
+    touch: Shown,
     image: npt.ArrayLike,
     view: Lies,
     *,
     show: str = "all",
-    truth: Touch | None = None,
+    truth: Shown | None = None,
     title: str | None = None,
     std: npt.ArrayLike | None = None,
 ) -> Figure:
@@ -103,7 +102,7 @@ def plot_over(
     return figure
 
 
-def _force(touch: Touch) -> str:
+def _force(touch: Shown) -> str:
     force = np.asarray(touch.force, dtype=np.float64)
     names = list(touch.surface.components)
     sides = [float(force[names.index(c)]) if c in touch.components else 0.0 for c in ("x", "y")]
@@ -113,7 +112,7 @@ def _force(touch: Touch) -> str:
     return f"{force[names.index('z')]:.2f} N, across {across:.2f} N"
 
 
-def _field(touch: Touch, name: str, known: npt.ArrayLike | None = None) -> Floats | None:
+def _field(touch: Shown, name: str, known: npt.ArrayLike | None = None) -> Floats | None:
     values = np.nan_to_num(to_numpy(touch.values).astype(np.float64))
     if name == "pressure":
         return values[2] if "z" in touch.components else None
@@ -129,7 +128,7 @@ def _field(touch: Touch, name: str, known: npt.ArrayLike | None = None) -> Float
 
 
 def _panel(
-    axes: Axes, touch: Touch, field: Floats, picture: npt.NDArray[Any], view: Lies, name: str, top: float
+    axes: Axes, touch: Shown, field: Floats, picture: npt.NDArray[Any], view: Lies, name: str, top: float
 ) -> Any:
     """The field in colour through the view, as fine as the picture, the more of it the stronger it is; shear as arrows."""
     from matplotlib.cm import ScalarMappable
@@ -175,7 +174,7 @@ def _panel(
     return scale
 
 
-def _at(touch: Touch, fields: Floats, places: Floats, order: int) -> Floats:
+def _at(touch: Shown, fields: Floats, places: Floats, order: int) -> Floats:
     """Fields (..., y, x) between their cells, at places (..., 2) [m]; 0 beyond the surface."""
     from scipy.ndimage import map_coordinates
 
@@ -185,7 +184,7 @@ def _at(touch: Touch, fields: Floats, places: Floats, order: int) -> Floats:
 
 
 def _smooth(
-    touch: Touch, field: Floats, shape: tuple[int, ...], view: Lies
+    touch: Shown, field: Floats, shape: tuple[int, ...], view: Lies
 ) -> tuple[Floats, tuple[float, float, float, float]]:
     """A field (y, x) at the pixels of a picture, or at every so manyeth of a large one, by cubic splines within the values that it has; and its edges."""
     step = max(1, max(shape[:2]) // FINEST)
@@ -196,7 +195,7 @@ def _smooth(
     return np.clip(values, min(field.min(), 0.0), max(field.max(), 0.0)), edges
 
 
-def _arrows(touch: Touch, shear: Floats, shape: tuple[int, ...], view: Lies) -> tuple[Floats, Floats]:
+def _arrows(touch: Shown, shear: Floats, shape: tuple[int, ...], view: Lies) -> tuple[Floats, Floats]:
     """Middles (n, 2) and arrows (n, 2) [pixels] of shear (2, y, x): the strongest first, none longer than the distance to the next."""
     apart = max(shape[:2]) / ARROWS
     fine = apart / 3.0

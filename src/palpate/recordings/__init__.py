@@ -8,8 +8,9 @@ from palpate.recordings.clock import Clock, read_clock
 from palpate.recordings.columns import TableMapping
 from palpate.recordings.formats import Format, open_recording, read_recording, write_recording
 from palpate.recordings.mapping import TopicMapping
-from palpate.recordings.recorder import Recorder, Sink, recorder
+from palpate.recordings.recorder import recorder
 from palpate.recordings.recording import Recording
+from palpate.recordings.sinks import Recorder, Sink
 from palpate.recordings.tables import read_table
 from palpate.recordings.touchfile import read_touch, write_touch
 

@@ -28,7 +28,7 @@ from palpate.recordings.recording import Recording
 from palpate.recordings.redaction import without_secrets_in_meta
 
 if TYPE_CHECKING:
-    from palpate.recordings.recorder import Recorder
+    from palpate.recordings.sinks import Recorder
     from palpate.recordings.tabletext import Table, Titles
     from palpate.recordings.touchstream import TouchStream
     from palpate.touch import Touch

@@ -25,7 +25,7 @@ from palpate.recordings.stored import confirmed_touch, opened_recording, stored_
 if TYPE_CHECKING:
     import xarray
 
-    from palpate.recordings.recorder import Recorder
+    from palpate.recordings.sinks import Recorder
     from palpate.recordings.touchstream import TouchStream
     from palpate.touch import Touch
 

@@ -4,59 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 from palpate.errors import InvalidInput
-from palpate.touch import Touch
+from palpate.recordings.formats import find_format
+from palpate.recordings.sinks import Recorder
 
-if TYPE_CHECKING:
-    from palpate.grasp import Event
-
-__all__ = ["Recorder", "Sink", "recorder"]
-
-
-class Sink(Protocol):
-    """What takes readings, touches and events of a stream: a recorder, or a server that shows them elsewhere.
-
-    Examples
-    --------
-    >>> class Counter:
-    ...     def __init__(self):
-    ...         self.frames = 0
-    ...
-    ...     def readings(self, time, values):
-    ...         self.frames += 1
-    ...
-    ...     def touch(self, touch, time=None): ...
-    ...
-    ...     def event(self, event): ...
-    ...
-    ...     def close(self): ...
-    >>> counter = Counter()
-    >>> counter.readings(0.0, [[1.0, 2.0]])
-    >>> counter.touch(None), counter.event(None), counter.close(), counter.frames
-    (None, None, None, 1)
-    """
-
-    def readings(self, time: float, values: Any) -> None:
-        """One frame (channel, *array) at ``time`` [s]."""
-
-    def touch(self, touch: Touch, time: float | None = None) -> None:
-        """What was found in one frame."""
-
-    def event(self, event: Event) -> None:
-        """Something that a `palpate.GraspMonitor` noticed."""
-
-    def close(self) -> None:
-        """Finish."""
-
-
-class Recorder(Sink, Protocol):
-    """A sink that is a file; ``with`` closes it."""
-
-    def __enter__(self) -> Any: ...
-
-    def __exit__(self, *_: object) -> None: ...
+__all__ = ["recorder"]
 
 
 def recorder(
@@ -94,7 +48,6 @@ def recorder(
     ((5, 1, 3), 0.04)
     """
     from palpate.elastic.channels import find_channel
-    from palpate.recordings.formats import find_format
     from palpate.recordings.redaction import without_secrets_in_meta
 
     if isinstance(channels, str) or not channels:

@@ -21,7 +21,7 @@ from palpate.recordings.recording import Recording
 from palpate.recordings.touchstream import Piece, TouchStream
 
 if TYPE_CHECKING:
-    from palpate.recordings.recorder import Recorder
+    from palpate.recordings.sinks import Recorder
     from palpate.touch import Touch
 
 __all__ = ["Bag", "Mcap", "frames", "is_bag", "read_robot", "topics"]

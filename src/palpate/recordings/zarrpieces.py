@@ -14,7 +14,7 @@ from palpate.recordings.checked import block_crc
 from palpate.recordings.labelled import missing_value
 from palpate.recordings.stores import zarr_library
 from palpate.recordings.touchstream import Piece, Written, along_time
-from palpate.recordings.zarrstore import DAMAGE
+from palpate.recordings.zarrdamage import DAMAGE
 
 __all__ = ["HERE", "Place"]
 

@@ -18,28 +18,14 @@ from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
 from palpate.recordings.stored import confirmed_touch, opened_recording, stored_recording, touch_group
+from palpate.recordings.zarrdamage import DAMAGE
 
 if TYPE_CHECKING:
-    from palpate.recordings.recorder import Recorder
+    from palpate.recordings.sinks import Recorder
     from palpate.recordings.touchstream import TouchStream
     from palpate.touch import Touch
 
-__all__ = ["DAMAGE", "Zarr"]
-
-#: What zarr and its codecs raise where a store is damaged.
-DAMAGE = (
-    OSError,
-    RuntimeError,
-    KeyError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    IndexError,
-    OverflowError,
-    RecursionError,
-    NotImplementedError,
-    MemoryError,
-)
+__all__ = ["Zarr"]
 
 
 class Zarr(Format):

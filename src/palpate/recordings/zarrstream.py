@@ -22,8 +22,8 @@ from palpate.recordings.labelled import touch_of
 from palpate.recordings.locks import sole_writer
 from palpate.recordings.stores import zarr_library
 from palpate.recordings.touchstream import Arrays, Piece, Written
+from palpate.recordings.zarrdamage import DAMAGE
 from palpate.recordings.zarrpieces import HERE, Place
-from palpate.recordings.zarrstore import DAMAGE
 from palpate.touch import Touch
 from palpate.touch.outcome import Outcome
 

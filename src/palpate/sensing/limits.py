@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +15,6 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput
 
-if TYPE_CHECKING:
-    from palpate.sensing.arrays import Array, _Common
-
 __all__ = ["at_ends", "check_creep", "check_limits", "cut", "ends_of", "of_readings", "taken_as_they_are"]
 
 Flags = npt.NDArray[np.bool_]
@@ -25,6 +22,19 @@ Flags = npt.NDArray[np.bool_]
 NEAR = 1e-3
 #: A reading rests where it is no farther from its zero, as a part of the range.
 RESTING = 0.05
+
+
+class _Ranged(Protocol):
+    """What the ends of a range are asked of: a plane of taxels."""
+
+    @property
+    def channels(self) -> Sequence[str]: ...
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+    @property
+    def limits(self) -> Any: ...
+    @property
+    def valid(self) -> npt.NDArray[np.bool_]: ...
 
 
 def check_limits(limits: Any, channels: Sequence[str], shape: tuple[int, ...]) -> Floats | None:
@@ -54,7 +64,7 @@ def _meant(limits: Any, channels: int, shape: tuple[int, ...]) -> Floats | None:
     return found if found.shape in ((channels, 2), (channels, 2, *shape)) else None
 
 
-def of_readings(array: Array | _Common) -> tuple[Floats, Floats] | None:
+def of_readings(array: _Ranged) -> tuple[Floats, Floats] | None:
     """Low and high end (channel, *shape) of every reading."""
     if array.limits is None:
         return None
@@ -63,7 +73,7 @@ def of_readings(array: Array | _Common) -> tuple[Floats, Floats] | None:
     return found[:, 0], found[:, 1]
 
 
-def check_creep(pad: Viscoelastic, planes: Sequence[Array]) -> Pad:
+def check_creep(pad: Viscoelastic, planes: Sequence[_Ranged]) -> Pad:
     """The elastic pad of one that creeps.
 
     Ends of a range are refused where creep is taken out of the readings first: what is then left of a reading at its end tells nothing of it.
@@ -78,7 +88,7 @@ def check_creep(pad: Viscoelastic, planes: Sequence[Array]) -> Pad:
     return pad.elastic
 
 
-def ends_of(planes: Sequence[Array]) -> tuple[Floats, Floats] | None:
+def ends_of(planes: Sequence[_Ranged]) -> tuple[Floats, Floats] | None:
     """The low and the high end of all working readings (plane, channel, taxel); None without limits."""
     if all(a.limits is None for a in planes):
         return None
@@ -107,7 +117,7 @@ def at_ends(data: Floats, ends: tuple[Floats, Floats] | None, zeroed: Floats | N
         return away & (data >= high - NEAR * size), away & (data <= low + NEAR * size)
 
 
-def taken_as_they_are(parts: Sequence[Any], planes: Sequence[Array]) -> tuple[str, ...]:
+def taken_as_they_are(parts: Sequence[Any], planes: Sequence[_Ranged]) -> tuple[str, ...]:
     """What is said of readings (*batch, channel, *array), one array per plane, at an end of their range, by a method that does not heed it."""
     total = 0
     for part, array in zip(parts, planes):
@@ -123,7 +133,7 @@ def taken_as_they_are(parts: Sequence[Any], planes: Sequence[Array]) -> tuple[st
     )
 
 
-def cut(values: Any, array: Array) -> Any:
+def cut(values: Any, array: _Ranged) -> Any:
     """Readings (*batch, channel, *array) as an array with such ends gives them."""
     ends = of_readings(array)
     if ends is None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,12 +18,10 @@ from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import POOR_FIT
 from palpate.inverse.registry import methods as known_methods
 from palpate.status import Status
-from palpate.touch.outcome import pulling
+from palpate.touch.fields import pulling
+from palpate.touch.numbers import Numbers
 from palpate.uncertainty import Calibration, Constants, constants
 from palpate.units import is_number
-
-if TYPE_CHECKING:
-    from palpate.touch.result import Touch
 
 __all__ = ["calibration_note", "errors", "exceeds", "interval", "std", "uncalibrated"]
 
@@ -34,7 +31,7 @@ __all__ = ["calibration_note", "errors", "exceeds", "interval", "std", "uncalibr
 MORE_OUTSIDE = -math.log(0.025) - 1.0
 
 
-def errors(touch: Touch) -> Errors:
+def errors(touch: Numbers) -> Errors:
     """The closed-form standard deviations; NaN where none are known (yet), or `Unsupported` where the method gives none."""
     if touch.errors is not None:
         return touch.errors
@@ -53,7 +50,7 @@ def errors(touch: Touch) -> Errors:
     return Errors(values, force, moment, center, number, values, values, force, moment, center, number, force)
 
 
-def _unknown(touch: Touch) -> bool:
+def _unknown(touch: Numbers) -> bool:
     """Whether error bars are only missing here: no frame has an answer, or those of a tracker are not worked out yet."""
     codes = np.ravel(touch.status) if touch.status is not None else ()
     found = [Status.coded(int(code)) for code in codes]
@@ -68,7 +65,7 @@ def _unknown(touch: Touch) -> bool:
     return True
 
 
-def _each_method(touch: Touch, function: Callable[[Constants], tuple[Floats, ...]]) -> tuple[Floats, ...]:
+def _each_method(touch: Numbers, function: Callable[[Constants], tuple[Floats, ...]]) -> tuple[Floats, ...]:
     """``function`` of the constants of each frame's method, put together; NaN where a method has none."""
     methods = touch.methods
     out: tuple[Floats, ...] | None = None
@@ -89,7 +86,7 @@ def _each_method(touch: Touch, function: Callable[[Constants], tuple[Floats, ...
     return out
 
 
-def calibration_note(touch: Touch) -> str:
+def calibration_note(touch: Numbers) -> str:
     """Whose constants are used, where the case has none of its own."""
     if touch.errors is None:
         return ""
@@ -109,7 +106,7 @@ def calibration_note(touch: Touch) -> str:
     return ""
 
 
-def std(touch: Touch) -> Floats:
+def std(touch: Numbers) -> Floats:
     """Standard deviation of the traction (*batch, component, *surface) [Pa]."""
     errors(touch)
 
@@ -121,7 +118,7 @@ def std(touch: Touch) -> Floats:
     return _each_method(touch, of)[0]
 
 
-def interval(touch: Touch, level: float, of: str, friction: float | None) -> tuple[Floats, Floats]:
+def interval(touch: Numbers, level: float, of: str, friction: float | None) -> tuple[Floats, Floats]:
     """See `Touch.interval`."""
     if not (is_number(level) and 0 < level < 1):
         raise InvalidInput(f"level must lie between 0 and 1; got {level!r}.")
@@ -194,7 +191,7 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
     return by_calibration(touch, level, of, low, high)
 
 
-def by_calibration(touch: Touch, level: float, of: str, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+def by_calibration(touch: Numbers, level: float, of: str, low: Floats, high: Floats) -> tuple[Floats, Floats]:
     """The ends of an interval, those of the skin's calibration where it tells the quantity: value -+ Student's quantile times standard deviation."""
     of_it = {
         "force": (touch.calibrated, touch.calibrated_std),
@@ -210,7 +207,7 @@ def by_calibration(touch: Touch, level: float, of: str, low: Floats, high: Float
     return np.where(known, value - half, low), np.where(known, value + half, high)
 
 
-def exceeds(touch: Touch, limit: float, of: str) -> Floats:
+def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
     """See `Touch.exceeds`."""
     if of not in ("peak_pressure", "force"):
         raise InvalidInput(f'of must be "peak_pressure" or "force" (the normal force); got {of!r}.')
@@ -250,7 +247,7 @@ def exceeds(touch: Touch, limit: float, of: str) -> Floats:
 
 
 def uncalibrated(
-    touch: Touch, known: Constants, of: str, friction: float | None = None
+    touch: Numbers, known: Constants, of: str, friction: float | None = None
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Of a quantity: value, standard deviation by the model, error of what lies outside the array, and what it cannot go below."""
     found = errors(touch)
@@ -272,7 +269,7 @@ def uncalibrated(
     return value, deviation, np.zeros_like(deviation), none
 
 
-def named(touch: Touch, of: str, value: Floats, friction: float | None = None) -> Floats:
+def named(touch: Numbers, of: str, value: Floats, friction: float | None = None) -> Floats:
     """What is owed to a pad that is not known exactly (standard deviation of a quantity, here of this ``value``): no constant of the method scales it."""
     common = np.zeros(np.shape(value)) if of == "center_of_pressure" else touch.common_std * np.abs(value)
     if touch.discrepancy is not None and np.any(touch.discrepancy):
@@ -285,7 +282,7 @@ def named(touch: Touch, of: str, value: Floats, friction: float | None = None) -
     return np.hypot(common, getattr(touch.stated, name))
 
 
-def _by_discrepancy(touch: Touch, of: str, value: Floats) -> Floats:
+def _by_discrepancy(touch: Numbers, of: str, value: Floats) -> Floats:
     """Standard deviation of a quantity by what the pad's model leaves unexplained: that part of it, of the load for a component of the force, of the
     contact's radius (root mean square) for its centre. What a force may have more beyond the outermost taxels is in `_beyond`.
     """
@@ -308,7 +305,7 @@ def _by_discrepancy(touch: Touch, of: str, value: Floats) -> Floats:
     return np.asarray(share * np.sqrt(np.maximum(np.nan_to_num(np.stack(spreads, axis=-1)), 0.0)))
 
 
-def _beyond(touch: Touch) -> Floats:
+def _beyond(touch: Numbers) -> Floats:
     """What may come to a net force, away from zero, in an interval of 95 %: contact that goes on beyond the outermost taxels, and more of what was found there.
 
     Where a pad's model leaves some of the readings unexplained, nothing checks it beyond the outermost taxels, and pads end there: what was found is known by
@@ -321,7 +318,7 @@ def _beyond(touch: Touch) -> Floats:
     return np.hypot(found.beyond_force, MORE_OUTSIDE * outside)
 
 
-def _slip(touch: Touch, found: Errors | Stated, friction: float) -> tuple[Floats, Floats]:
+def _slip(touch: Numbers, found: Errors | Stated, friction: float) -> tuple[Floats, Floats]:
     """Slip margin and its standard deviation, that of mu p - |q| in the cell that is nearest to slip."""
     value = to_numpy(touch.slip_margin(friction))
     values, d = to_numpy(touch.values), touch.surface.dimensions

@@ -8,23 +8,15 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import from_numpy, namespace, to_numpy
-from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, NotObservable
-from palpate.sensing.grids import Grid
+from palpate.touch.fields import Fields, pulling
 from palpate.units import is_number
 
 __all__ = ["Numbers"]
 
 
-class Numbers:
+class Numbers(Fields):
     """What `Touch` computes from its traction; arrays of the caller's kind, batch axes first."""
-
-    values: Any
-    surface: Grid
-    components: tuple[str, ...]
-    unobservable_force: tuple[str, ...]
-    calibrated: Floats | None
-    calibrated_center: Floats | None
 
     def _require(self, *names: str) -> None:
         missing = [n for n in names if n not in self.components]
@@ -149,9 +141,7 @@ class Numbers:
 
     def _pulls(self) -> Any:
         """Frames (*batch) that pull as a whole, as an array of the caller's kind; None where none does."""
-        from palpate.touch.outcome import pulling
-
-        found = pulling(self)  # type: ignore[arg-type]  # every Numbers is a Touch
+        found = pulling(self)
         if not found.any():
             return None
         xp = namespace(self.values)

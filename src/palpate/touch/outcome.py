@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,11 +14,11 @@ from palpate._arrays import to_numpy
 from palpate._numbers import plain_number
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT, PROVEN
 from palpate.status import Status
+from palpate.touch.fields import pulling
+from palpate.touch.intervals import interval
+from palpate.touch.numbers import Numbers
 
-if TYPE_CHECKING:
-    from palpate.touch.result import Touch
-
-__all__ = ["ROUGH", "ROUGHLY", "Nuisance", "Outcome", "pulling"]
+__all__ = ["ROUGH", "ROUGHLY", "Nuisance", "Outcome"]
 
 #: How far the 95 % interval of the net force reaches to its longer side, in parts of the load, above which the force is said to be known roughly only: it may then be off by
 #: as much as is called wrong (`palpate.bench.trust.judge.WRONG`).
@@ -94,7 +94,7 @@ class Outcome:
     above_modulus: int = 0
 
     @classmethod
-    def of(cls, touch: Touch) -> Outcome:
+    def of(cls, touch: Numbers) -> Outcome:
         """Counted in one touch."""
         status: dict[int, int] = {}
         if touch.status is not None:
@@ -280,14 +280,14 @@ class Outcome:
         return said
 
 
-def _in(touch: Touch, *statuses: Status) -> npt.NDArray[np.bool_]:
+def _in(touch: Numbers, *statuses: Status) -> npt.NDArray[np.bool_]:
     """Frames (*batch) of these statuses."""
     if touch.status is None:
         return np.zeros(touch.batch, dtype=bool)
     return np.isin(np.asarray(touch.status), [int(s) for s in statuses])
 
 
-def _strain(touch: Touch) -> tuple[int, float, int]:
+def _strain(touch: Numbers) -> tuple[int, float, int]:
     """Frames whose strain is too large for linear elasticity, the largest, and frames whose pressure is above the modulus."""
     if touch.strain is None:
         return 0, 0.0, 0
@@ -299,7 +299,7 @@ def _strain(touch: Touch) -> tuple[int, float, int]:
     )
 
 
-def _discrepancy(touch: Touch) -> tuple[int, float]:
+def _discrepancy(touch: Numbers) -> tuple[int, float]:
     """Frames with contact that the pad's model does not explain exactly, and the largest share that it leaves."""
     if touch.discrepancy is None:
         return 0, 0.0
@@ -307,21 +307,8 @@ def _discrepancy(touch: Touch) -> tuple[int, float]:
     return int(np.count_nonzero(share >= SAID)), float(np.max(share, initial=0.0))
 
 
-def pulling(touch: Touch) -> npt.NDArray[np.bool_]:
-    """Frames (*batch) that were found to pull as a whole."""
-    if touch.pushing is None:
-        return np.zeros(touch.batch, dtype=bool)
-    d = touch.surface.dimensions
-    pressure = np.take(to_numpy(touch.values), -1, axis=-1 - d)
-    axes = tuple(range(-d, 0))
-    known = (touch.methods == "adaptive") | (touch.methods == "constrained")
-    return np.asarray(~touch.pushing & known & (pressure.sum(axis=axes) < 0) & (pressure.max(axis=axes) <= 0))
-
-
-def _uncertainty(touch: Touch) -> npt.NDArray[np.float64]:
+def _uncertainty(touch: Numbers) -> npt.NDArray[np.float64]:
     """How far the 95 % interval of the net force reaches to its longer side, worst component, in parts of the load (frame,); zero where nothing touches or nothing is known."""
-    from palpate.touch.intervals import interval
-
     if touch.errors is None:
         return np.zeros(0)
     surface = touch.surface
@@ -336,7 +323,7 @@ def _uncertainty(touch: Touch) -> npt.NDArray[np.float64]:
     return np.ravel(np.divide(half, load, out=np.zeros_like(half, dtype=np.float64), where=solved))
 
 
-def _nuisances(touch: Touch) -> tuple[Nuisance, ...]:
+def _nuisances(touch: Numbers) -> tuple[Nuisance, ...]:
     """What readings hold besides contact, in their units."""
     if touch.nuisance is None or touch.nuisance_std is None:
         return ()

@@ -16,6 +16,8 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.status import Status
 from palpate.touch.counted import numberless
+from palpate.touch.intervals import interval
+from palpate.touch.numbers import Numbers
 from palpate.touch.outcome import Outcome
 from palpate.touch.rounding import decimals, force_unit, open_interval
 
@@ -23,7 +25,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-    from palpate.touch.result import Touch
 
 __all__ = ["Forces", "columns", "table_of", "table_words", "write_table"]
 
@@ -33,7 +34,7 @@ PRINTED = 20
 _AXES = {"force": {1: ("x", "z"), 2: ("x", "y", "z")}, "moment": {1: ("y",), 2: ("x", "y", "z")}}
 
 
-def columns(touch: Touch, *, friction: float | None = None, level: float = 0.95) -> dict[str, Any]:
+def columns(touch: Numbers, *, friction: float | None = None, level: float = 0.95) -> dict[str, Any]:
     """Time, status and numbers of each frame of a touch with their intervals, by the titles of the table; see `Touch.table`."""
     if len(touch.batch) > 1:
         raise InvalidInput(
@@ -80,10 +81,10 @@ def columns(touch: Touch, *, friction: float | None = None, level: float = 0.95)
     return out
 
 
-def _bounds(touch: Touch, level: float, of: str, shape: tuple[int, ...], **given: Any) -> tuple[Floats, Floats]:
+def _bounds(touch: Numbers, level: float, of: str, shape: tuple[int, ...], **given: Any) -> tuple[Floats, Floats]:
     """The interval of each frame (frame, number); NaN where there is none."""
     try:
-        low, high = touch.interval(level, of, **given)
+        low, high = interval(touch, level, of, given.get("friction"))
     except Unsupported:  # a method without error bars
         return np.full(shape, math.nan), np.full(shape, math.nan)
     return (
@@ -127,7 +128,7 @@ class Forces:
     def __len__(self) -> int:
         return len(self._events)
 
-    def add(self, touch: Touch, events: Sequence[object] = ()) -> None:
+    def add(self, touch: Numbers, events: Sequence[object] = ()) -> None:
         """Another frame, or frames (frame, ...), and what happened in it.
 
         Raises

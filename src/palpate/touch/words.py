@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,24 +10,29 @@ from palpate._arrays import to_numpy
 from palpate._numbers import plain_number
 from palpate._plot import scaled
 from palpate.elastic.pad import Floats
+from palpate.touch.intervals import calibration_note, interval
+from palpate.touch.numbers import Numbers
 from palpate.touch.outcome import Outcome
 from palpate.touch.rounding import force_unit, said
 
-if TYPE_CHECKING:
-    from palpate.touch.result import Touch
-
-__all__ = ["outcome", "summary"]
+__all__ = ["notes", "outcome", "summary"]
 
 #: Part of the normal force that lies outside the outermost taxels from which on a summary says so.
 OUTSIDE = 0.05
 
 
-def outcome(touch: Touch) -> list[str]:
+def outcome(touch: Numbers) -> list[str]:
     """What became of the frames of a touch, one sentence for each thing that happened."""
     return Outcome.of(touch).words()
 
 
-def summary(one: Touch, friction: float | None) -> str:
+def notes(touch: Numbers) -> tuple[str, ...]:
+    """See `Touch.notes`."""
+    said = calibration_note(touch)
+    return tuple(dict.fromkeys((*touch.assumptions, *outcome(touch), *((said,) if said else ()))))
+
+
+def summary(one: Numbers, friction: float | None) -> str:
     """Force, peak pressure, centre of pressure, contact and slip margin of one frame, one to a line, then the notes.
 
     A number and its 95 % interval are rounded alike.
@@ -37,7 +41,7 @@ def summary(one: Touch, friction: float | None) -> str:
     force = np.asarray(to_numpy(one.force), dtype=np.float64)
     components = one.surface.components
     if not np.isfinite(force).any():
-        return "\n".join(["net force       not known", *(f"note: {n}" for n in one.notes)])
+        return "\n".join(["net force       not known", *(f"note: {n}" for n in notes(one))])
     # some frames have no intervals: found by a method without error bars, or before a stream has made them
     calibrated = one.calibrated is not None and bool(np.isfinite(one.calibrated).any())
     known = one.errors is not None and (calibrated or bool(np.isfinite(one.errors.force).any()))
@@ -45,7 +49,7 @@ def summary(one: Touch, friction: float | None) -> str:
     def bounds(of: str, **given: float) -> tuple[Floats, Floats]:
         if not known:
             return np.full(9, np.nan), np.full(9, np.nan)
-        low, high = (np.ravel(to_numpy(v)) for v in one.interval(0.95, of, **given))
+        low, high = (np.ravel(to_numpy(v)) for v in interval(one, 0.95, of, given.get("friction")))
         return low, high
 
     lines = []
@@ -101,7 +105,7 @@ def summary(one: Touch, friction: float | None) -> str:
         first = next((i for i, text in enumerate(lines) if " (" in text), None)
         if first is not None:
             lines[first] = lines[first].replace(" (", " (95 %: ", 1)
-    return "\n".join([*lines, *(f"note: {n}" for n in one.notes)])
+    return "\n".join([*lines, *(f"note: {n}" for n in notes(one))])
 
 
 def _unit(values: Sequence[float], unit: str) -> tuple[float, str]:

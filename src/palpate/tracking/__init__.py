@@ -16,7 +16,8 @@
 - `iteration`: the alternating direction method of multipliers;
 - `errors`: error bars, made anew now and then;
 - `rest`, `discrepancy`: what frames without contact show, and what the pad's model leaves unexplained;
-- `single`: the answer compared with that of a frame by itself;
+- `single`: the answer compared with that of a frame by itself; `anchor`: what that found, carried along;
+- `words`: what is said of a frame;
 - `background`: long work beside the stream.
 """
 

@@ -17,9 +17,9 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.policy import Policy
 from palpate.inverse.estimate import Errors, Stated
-from palpate.inverse.fit import POOR_FIT
+from palpate.inverse.fit import DISCREPANCY, POOR_FIT
 from palpate.tracking.background import Background
-from palpate.tracking.discrepancy import LARGEST, PRIOR, share_of
+from palpate.tracking.discrepancy import LARGEST, share_of
 from palpate.tracking.dragging import Drag, Dragging
 from palpate.tracking.errors import ErrorBars
 from palpate.tracking.frames import Found, Frame
@@ -481,7 +481,7 @@ class Contact:
         pushed, converged, pulls = self._pushed(frame)
         count = int(check.suspects.sum())
         suspects = check.suspects.copy()
-        unexplained = PRIOR if self._learning.discrepancy.zeroed else self._limits.unexplained_signal
+        unexplained = DISCREPANCY if self._learning.discrepancy.zeroed else self._limits.unexplained_signal
         if pushed.fits and not pulls and count <= max(FEWEST, FEW * len(pushed.rest)):
             return self._accept_push(frame, pushed, converged)
         marginal = self._marginal

@@ -13,16 +13,16 @@ import math
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.discrepancy import posterior
+from palpate.inverse.contact.policy import Fit
 from palpate.inverse.estimate import Stated
-from palpate.inverse.fit import DISCREPANCY
 from palpate.sensing.grids import Grid
 
-__all__ = ["LARGEST", "PRIOR", "Discrepancy", "share_of", "widened"]
+__all__ = ["LARGEST", "Discrepancy", "share_of", "widened"]
 
+_POLICY = Fit()
 #: Of readings whose noise a zero tells, a pad's model leaves at least the first share; beyond the second it does not explain them.
-LEAST, LARGEST = 0.02, 0.3
-#: What it leaves before a frame says more, and how many readings that counts for.
-PRIOR, PRIOR_WEIGHT = DISCREPANCY, 4.0
+LEAST, LARGEST = _POLICY.shares[0], _POLICY.shares[-1]
 #: Looks that the share is the mean of, and standard deviations of its own by which what is left is beyond noise.
 LOOKS, BEYOND = 32, 3.0
 
@@ -59,7 +59,7 @@ class Discrepancy:
         """The share with what is known before a frame says more; 0 where nothing tells noise from what the model leaves."""
         if not self.zeroed or not self._looks:
             return 0.0
-        return math.sqrt((PRIOR_WEIGHT * PRIOR**2 + self._free * self._square) / (PRIOR_WEIGHT + self._free))
+        return posterior(self.share, self._free, _POLICY)
 
     def look(self, share: float, *, free: float) -> None:
         """A frame of which contact leaves this share, with so many degrees of freedom left to noise."""

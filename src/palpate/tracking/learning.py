@@ -17,8 +17,10 @@ from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background
 from palpate.tracking.discrepancy import Discrepancy
 
-__all__ = ["NORMAL", "Learning", "rough_noise"]
+__all__ = ["NORMAL", "ROUNDING", "Learning", "rough_noise"]
 
+#: What subtracting a zero, the mean of some frames, leaves of a reading in double precision.
+ROUNDING = 1e-12
 #: Median magnitude of a standard normal variable.
 NORMAL = 0.6745
 #: The penalty is learned again when the energy of the readings has changed by this factor, the load thus by 2.

@@ -97,6 +97,10 @@ class Answer:
             0.0 if share is None else float(np.nan_to_num(share)),
         )
 
+    def without_move(self, by: Floats) -> Answer:
+        """The answer before a force ``by`` was added to it."""
+        return replace(self, force=self.force - by, low=self.low - by, high=self.high - by)
+
     def without(self, share: float) -> Answer:
         """The answer whose interval has no room for an error of this ``share`` of the load (standard deviation)."""
         room = (1.96 * share * self.load) ** 2
@@ -141,10 +145,14 @@ class Comparison:
         """Whether the answer of a frame with this load is to be compared; called once a frame."""
         self._since += 1
         doubted = self.share > 0.0 or self.refuted or self.anew
-        if self._since < (DOUBTED if doubted else SPACING) * self._slow:
-            return False
         same = self._load / ANOTHER < load < self._load * ANOTHER
+        if self._since < (DOUBTED if doubted or not same else SPACING) * self._slow:
+            return False
         return doubted or not same or self._since >= AGAIN * self._slow
+
+    def reaching(self, carried: Floats, load: float) -> float:
+        """The share that brings two answers together, and the one without what a single solve adds (a force ``carried``) into the interval."""
+        return math.hypot(self.share, float(np.abs(carried).max(initial=0.0)) / (REACH * max(load, 1e-300)))
 
     def begun(self, load: float) -> None:
         """A comparison has begun."""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["FrameTime", "FrameTimes"]
+__all__ = ["AFTER_RESTART", "FrameTime", "FrameTimes"]
 
+#: Frames after a clock that went back in which the zero may have jumped with it.
+AFTER_RESTART = 10
 #: Least time between two frames, as a part of the usual one: the memory of creep needs time that increases. Nothing in a pad
 #: changes in so little of a frame.
 LEAST_STEP = 1e-6

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import from_numpy
-from palpate._numbers import plain_time
 from palpate._threads import WIDEST, few_threads
 from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import CreepFilter
@@ -28,13 +27,14 @@ from palpate.sensing.times import as_second
 from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.tracking.anchor import Anchor
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.discrepancy import widened
 from palpate.tracking.errors import open_above
 from palpate.tracking.frames import Frame
 from palpate.tracking.health import Flags, Health, ReadingCheck
-from palpate.tracking.learning import Learning, rough_noise
+from palpate.tracking.learning import ROUNDING, Learning, rough_noise
 from palpate.tracking.misfit import Misfit
 from palpate.tracking.offsets import Offsets
 from palpate.tracking.ready import make_ready
@@ -45,18 +45,15 @@ from palpate.tracking.settings import MISREAD, check_settings
 from palpate.tracking.single import Alone, Answer, Comparison
 from palpate.tracking.slow import SlowPress
 from palpate.tracking.standing import Standing, Steady
-from palpate.tracking.times import FrameTime, FrameTimes
+from palpate.tracking.times import AFTER_RESTART, FrameTime, FrameTimes
+from palpate.tracking.words import at_their_end, drifted, restarted, unfinished
 from palpate.tracking.zero import Zero
 from palpate.uncertainty import Case
 
 __all__ = ["FRAMES_OF_ZERO", "Tracker"]
 
-#: Frames after a clock that went back in which the zero may have jumped with it.
-AFTER_RESTART = 10
 #: Frames that are taken for a new zero.
 FRAMES_OF_ZERO = 10
-#: What subtracting a zero, the mean of some frames, leaves of a reading in double precision.
-ROUNDING = 1e-12
 BUDGET_OF_ITERATION = 0.8  # part of the budget in which a frame's iteration ends; the rest is for the answer
 
 
@@ -185,9 +182,13 @@ class Tracker:
             self.tolerance,
         )
         self._touching = False
-        self._comparison = Comparison(n)
+        self._comparison, self._anchor = Comparison(n), Anchor(estimator.cone, estimator.columns)
         self._beside.forget()
-        self._compared: Answer | None = None  # that of the frame that is solved by itself beside the stream
+        self._compared: tuple[Answer, Floats] | None = None  # of the frame that is solved by itself beside the stream
+        self._own: Floats = np.zeros(
+            (0, 0)
+        )  # traction of the last frame without what a single solve adds, and the force that this adds
+        self._carried: Floats = np.zeros(len(estimator.surface.components))
         self._frame: Frame | None = None
         self._steady = Steady()
         self._restarted = 0
@@ -373,29 +374,40 @@ class Tracker:
             ):
                 return touch
             comparison.begun(self._contact.size)
-            self._compared = Answer.of(touch)
+            self._compared = Answer.of(touch).without_move(self._carried), self._own
         planes, y = self.estimator.readings.planes, frame.actual * self._std
         rest = [planes(f * self._std) for f in self._rest.frames]
-        found = beside.result("alone", lambda: Answer.of(alone(planes(y), rest)))
-        if found is None or self._compared is None:
+        single = beside.result("alone", lambda: alone(planes(y), rest))
+        if single is None or self._compared is None:
             return touch
-        if comparison.settle(self._compared, found):
-            return again(*self._status(bool(touch.converged))) if comparison.refuted or comparison.share else touch
+        found, (compared, own) = Answer.of(single), self._compared
+        if comparison.settle(compared, found):
+            self._hold_to(own, single, compared, found)
+            return again(*self._status(bool(touch.converged)))
         self._begin_anew()
         self._said.append(
-            comparison.words(self._compared, found, "N/m" if self.estimator.operator.surface.dimensions == 1 else "N")
+            comparison.words(compared, found, "N/m" if self.estimator.operator.surface.dimensions == 1 else "N")
         )
         if beside.threaded:
             return again(*self._status(bool(touch.converged)))
         touch = again(*self._in_contact(frame, 0.0, regular=True, restarted=False))
-        comparison.settle(Answer.of(touch), found)
-        return again(*self._status(bool(touch.converged))) if comparison.share else touch
+        again_compared = Answer.of(touch).without_move(self._carried)
+        comparison.settle(again_compared, found)
+        self._hold_to(self._own, single, again_compared, found)
+        return again(*self._status(bool(touch.converged)))
+
+    def _hold_to(self, own: Floats, single: Touch, compared: Answer, found: Answer) -> None:
+        """Carry a single solve on where the two answers meet, both push, and the tracker took nothing for offsets that is load to a single solve."""
+        offsets = float(np.abs(self._offsets.mean).max(initial=0.0)) > (self._learning.noise or 0.0)
+        meet = found.explained and not compared.parted(found)
+        self._anchor.hold(own, single if meet and self._contact.pushing and not offsets else None)
 
     def _begin_anew(self) -> None:
         """Forget what the contact's answer hangs on besides its readings, the zero and its noise."""
         self._contact.release()
         self._offsets.clear()
         self._offsets.rate = np.zeros_like(self._offsets.rate)
+        self._anchor.clear()
         self._learning.anew()
         self._check.pardon()
 
@@ -408,8 +420,7 @@ class Tracker:
         self.health.restarts += 1
         self._restarted = AFTER_RESTART
         self._release()
-        creep = "; the pad's creep is taken on as if without a pause" if self._filters is not None else ""
-        return f"the clock went back from {plain_time(frame.before or 0.0)} s to {plain_time(frame.now)} s: contact is found afresh, the zero is kept{creep}"
+        return restarted(frame, creeps=self._filters is not None)
 
     def _typical(self, std: Any) -> float | None:
         """The typical one of standard deviations that a source states, in units of the readings' own; None where it states none."""
@@ -525,15 +536,6 @@ class Tracker:
             status = Status.NOT_PUSHING
         return self._unless_frozen(status), converged
 
-    def _unfinished(self) -> str:
-        """What helps where the iteration did not end."""
-        if self.budget is not None and not self._contact.exhausted:
-            return f"the time of this frame ended the iteration: give it more, with a budget larger than {self.budget:.3g} s"
-        return (
-            f"the steps of this frame ended the iteration: the next frame goes on from here, and a tolerance looser than {self.tolerance:.3g} "
-            "(tolerance=) ends it earlier"
-        )
-
     def _say(self, elapsed: float) -> None:
         """What there is to say about the present contact."""
         contact, said = self._contact, self._said
@@ -542,19 +544,8 @@ class Tracker:
             said.append(STANDS)
         if not contact.pushing and contact.fits:
             said.append("traction of either sign was sought, which explains the readings")
-        if self._check.clipped.any():
-            count = int(self._check.clipped.sum())
-            used = (
-                "the load has no upper end"
-                if self._check.overload
-                else "left out, and the load is at least what they tell"
-            )
-            said.append(f"{count} readings are at the end of their range: {used}")
-        drift = self._offsets.notable()
-        for c in np.flatnonzero(drift):
-            first = int(np.argmax(self._offsets.index == c))
-            what = self._label(first).split(" at ")[0]
-            said.append(f"the zero of {what} has drifted by {drift[c] * self._std[first]:.3g}: taken out")
+        said += at_their_end(int(self._check.clipped.sum()), overload=self._check.overload)
+        said += drifted(self._offsets.notable(), self._offsets.index, self._std, self._label)
         said += self._steady.look(contact.size, elapsed)
 
     def _unless_frozen(self, status: Status) -> Status:
@@ -633,6 +624,7 @@ class Tracker:
         self._touching = False
         self._contact.release()
         self._comparison.release()
+        self._anchor.clear()
         self._beside.forget()
         self._steady = Steady()
         self._fit = math.nan
@@ -642,7 +634,7 @@ class Tracker:
     def _answer(self, status: Status, now: float, converged: bool, like: Any, note: str | None) -> Touch:
         estimator, learning, contact = self.estimator, self._learning, self._contact
         grid, noise = estimator.surface, learning.noise
-        values = np.zeros((len(grid.components), math.prod(estimator.operator.surface.shape)))
+        values: Floats = np.zeros((len(grid.components), math.prod(estimator.operator.surface.shape)))
         errors: Errors | None = None
         stated: Stated | None = None
         share = 0.0
@@ -655,19 +647,27 @@ class Tracker:
             share = learning.discrepancy.posterior
             if status is Status.OVERLOAD and errors is not None:
                 errors = open_above(errors)
-            if self._comparison.share and values.any():
-                stated = widened(stated, values.reshape(-1, *grid.shape), grid, self._comparison.share)
+            self._own = values
+            values = self._anchor.carried(values) if contact.pushing else values
+            self._carried = (values - self._own).sum(axis=1) * grid.cell
+            apart = self._comparison.reaching(self._carried, float(np.sqrt((values**2).sum(axis=0)).sum()) * grid.cell)
+            if apart and values.any():
+                stated = widened(stated, values.reshape(-1, *grid.shape), grid, apart)
         else:
             errors = contact.undetected(noise)
             if errors is not None and status is Status.NO_CONTACT:
-                errors, drifted = self._slow.room(errors, self._zero.wandered, noise or 0.0)
-                self._said += drifted
+                errors, slow = self._slow.room(errors, self._zero.wandered, noise or 0.0)
+                self._said += slow
         proven = learning.noise_known or len(self._std) > estimator.policy.detection.few_readings
         if status is Status.NO_CONTACT and not (proven and (not self._fit < POOR_FIT or not learning.noise_known)):
             status, values = Status.UNDECIDED, values if proven else math.nan * values
         pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
         drag = contact.drag if status.known and self._touching else None
-        self._said += [self._unfinished()] if status is Status.NOT_CONVERGED else []
+        self._said += (
+            [unfinished(self.budget, self.tolerance, exhausted=self._contact.exhausted)]
+            if status is Status.NOT_CONVERGED
+            else []
+        )
         return Touch(
             from_numpy(values.reshape(-1, *estimator.operator.surface.shape), like),
             grid,

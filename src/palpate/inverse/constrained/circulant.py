@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +17,6 @@ import numpy.typing as npt
 from palpate._arrays import irfftn, rfftn
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.quadratic import Penalty
-
-if TYPE_CHECKING:
-    from palpate.inverse.constrained.products import Box
 
 __all__ = ["Circulant", "folded", "symbol_of_penalty", "times"]
 
@@ -44,16 +41,15 @@ class Circulant:
         return irfftn(waves, self.size, [slice(0, n) for n in self.shape], overwrite=True)
 
 
-def folded(box: Box) -> tuple[tuple[int, ...], list[Any]]:
-    """The size of a box's circulant, and of each plane conj(K_i) K_j (channel, component, component, *k): K is the transform of the influence of one cell as
+def folded(shape: Sequence[int], kernels: Sequence[tuple[Floats, Sequence[int]]]) -> tuple[tuple[int, ...], list[Any]]:
+    """The size of the circulant of a box of this shape, and of the kernel (channel, component, *offset) of each plane, with its cells to a pitch, conj(K_i) K_j (channel, component, component, *k): K is the transform of the influence of one cell as
     it repeats with that size.
     """
     from scipy.fft import next_fast_len
 
-    size = tuple(next_fast_len(n, real=True) for n in box.shape)
+    size = tuple(next_fast_len(n, real=True) for n in shape)
     out = []
-    for plane, _, _, _ in box.planes:
-        kernel = plane.kernel[:, list(box.columns)]
+    for kernel, ratios in kernels:
         for axis, n in enumerate(size, start=2):
             short = -kernel.shape[axis] % n
             kernel = np.pad(kernel, [(0, short if a == axis else 0) for a in range(kernel.ndim)])
@@ -61,7 +57,7 @@ def folded(box: Box) -> tuple[tuple[int, ...], list[Any]]:
             kernel = kernel.reshape(parts).sum(axis=axis)
         waves = rfftn(kernel, size)
         # of cells finer than the pitch only every so many places hold a taxel
-        rare = math.prod(plane.ratios)
+        rare = math.prod(ratios)
         out.append((np.conj(waves)[:, :, None] * waves[:, None] / rare).astype(np.complex64))
     return size, out
 

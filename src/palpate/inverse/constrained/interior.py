@@ -11,7 +11,7 @@ whatever the contact: deep taxels under friction, of which Newton's method says 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.faces import Face, slanted, straight
 
 if TYPE_CHECKING:
-    from palpate.inverse.constrained.cone import Cone
     from palpate.inverse.constrained.factors import Factor
     from palpate.inverse.constrained.quadratic import Quadratic
 
@@ -39,8 +38,16 @@ INSIDE, NEAR = 0.1, 0.99
 _TINY = 1e-300
 
 
+class Projecting(Protocol):
+    """What a step asks of the set of a cell's tractions: `palpate.inverse.constrained.cone.Cone` is one."""
+
+    @property
+    def coupled(self) -> bool: ...
+    def project(self, x: Floats) -> Floats: ...
+
+
 def interior(
-    hessian: Quadratic, linear: Floats, cone: Cone, start: Floats, tolerance: float = 0.0
+    hessian: Quadratic, linear: Floats, cone: Projecting, start: Floats, tolerance: float = 0.0
 ) -> tuple[Floats, bool]:
     """The minimiser (component, cell) over a standard cone, from about ``start``, and whether it came there.
 
@@ -115,7 +122,7 @@ class _Second:
         self.point = self._times(s)
 
     @staticmethod
-    def slack(cone: Cone, gradient: Floats) -> Floats:
+    def slack(cone: Projecting, gradient: Floats) -> Floats:
         return cone.project(gradient)
 
     @staticmethod
@@ -171,7 +178,7 @@ class _Half:
         self.point[-1] = np.sqrt(x[-1] * s[-1])
 
     @staticmethod
-    def slack(cone: Cone, gradient: Floats) -> Floats:
+    def slack(cone: Projecting, gradient: Floats) -> Floats:
         out = np.zeros_like(gradient)
         out[-1] = np.maximum(gradient[-1], 0.0)
         return out

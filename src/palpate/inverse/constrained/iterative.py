@@ -7,7 +7,7 @@ variances are those of samples: H x = G'e + P^(1/2) e with e white has the covar
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from palpate.inverse.constrained.rows import Rows
 
 if TYPE_CHECKING:
     from palpate.inverse.constrained.faces import Face
-    from palpate.inverse.constrained.products import Products
 
 __all__ = ["SAMPLES", "Iterative"]
 
@@ -29,10 +28,24 @@ MOST = 400
 SAMPLES, FEW = 16, 8
 
 
+class Multiplied(Protocol):
+    """A normal matrix of which products alone are known; `palpate.inverse.constrained.products.Products` is one."""
+
+    @property
+    def matrix(self) -> Any: ...
+    @property
+    def scales(self) -> Floats: ...
+    @property
+    def circulants(self) -> Any: ...
+    def diagonal(self) -> Floats: ...
+    def many(self, x: Any, *, about: bool = False) -> Any: ...
+    def perturbed(self, rng: Any, count: int) -> Any: ...
+
+
 class Iterative:
     """Of W'HW + diag(more) on the free directions W of a face."""
 
-    def __init__(self, hessian: Products, face: Face, more: Floats) -> None:
+    def __init__(self, hessian: Multiplied, face: Face, more: Floats) -> None:
         self.hessian, self.face, self.more = hessian, face, more
         c, n = face.free.shape
         self._shape = (c, n)

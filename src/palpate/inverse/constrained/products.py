@@ -184,7 +184,7 @@ class Box:
     @cached_property
     def folded(self) -> tuple[tuple[int, ...], list[Any]]:
         """See `palpate.inverse.constrained.circulant.folded`."""
-        return folded(self)
+        return folded(self.shape, [(plane.kernel[:, list(self.columns)], plane.ratios) for plane, *_ in self.planes])
 
     def what_cells_share(self) -> Correlated | None:
         """Of each plane, the transform (channel, component, component, *k) of what influences of two cells have in common, were there taxels for

@@ -24,13 +24,13 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.answer import unexplained
 from palpate.inverse.contact.frame import Frame
-from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.policy import Fit, Policy
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.search import search
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT
 
-__all__ = ["explained"]
+__all__ = ["explained", "posterior"]
 
 
 #: Fields of the errors and of a frame that do not grow with the readings.
@@ -169,11 +169,15 @@ def _grown(name: str, value: Floats, factor: float) -> Floats:
     return value if name in _FIXED else value * factor
 
 
+def posterior(share: float, free: float, policy: Fit) -> float:
+    """The share with its prior, from a ``share`` per degree of freedom that is left (part of the readings' root mean square) and so many of them."""
+    return math.sqrt((policy.prior_weight * DISCREPANCY**2 + free * share**2) / (policy.prior_weight + free))
+
+
 def _posterior(left: float, free: float, count: int, policy: Policy) -> float:
-    """The share, from what is left of ``count`` readings (part of their root mean square) with so many degrees of freedom, and the prior."""
+    """`posterior` of what is left of ``count`` readings (part of their root mean square) with so many degrees of freedom."""
     free = max(free, 0.0) if math.isfinite(free) else 0.0
-    squares = count * left**2 if free > 0.0 else 0.0
-    return math.sqrt((policy.fit.prior_weight * DISCREPANCY**2 + squares) / (policy.fit.prior_weight + free))
+    return posterior(left * math.sqrt(count / free) if free > 0.0 else 0.0, free, policy.fit)
 
 
 def _rms(values: Floats) -> float:

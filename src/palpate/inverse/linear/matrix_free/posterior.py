@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -23,9 +23,6 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.interpolation import between
 from palpate.inverse.linear.posterior import Variances
 from palpate.inverse.linear.spectrum import mirrored
-
-if TYPE_CHECKING:
-    from palpate.inverse.linear.matrix_free.system import System
 
 __all__ = ["SampledVariances"]
 
@@ -45,12 +42,29 @@ FEW = 4
 TIGHT, LONG = 1e-6, 400
 
 
+class Solving(Protocol):
+    """A linear model that is solved by products; `palpate.inverse.linear.matrix_free.system.System` is one."""
+
+    @property
+    def operator(self) -> Any: ...
+    @property
+    def columns(self) -> tuple[int, ...]: ...
+    @property
+    def freedom(self) -> Any: ...
+    @property
+    def normal(self) -> Any: ...
+    @property
+    def space(self) -> Any: ...
+    def solve(self, rows: Any, parameter: Any, *, tolerance: float, most: int, checked: bool) -> Any: ...
+    def traction(self, solved: Any) -> Any: ...
+
+
 class SampledVariances(Variances):
     """What error bars of a system need that does not depend on the frame, made when it is first asked for."""
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: Solving) -> None:
         self.operator, self.grid, self.columns = system.operator, system.operator.surface, system.columns
-        self.system = system
+        self.system: Any = system
         self._maps: OrderedDict[int, tuple[Floats, Floats]] = OrderedDict()
         self._sums: dict[tuple[str, int], Floats] = {}
         self._few: OrderedDict[tuple[str, float], Floats] = OrderedDict()

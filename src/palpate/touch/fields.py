@@ -1,0 +1,142 @@
+"""The fields of a result, and what follows from them alone.
+
+In: what a method or a tracker found. Out: `Fields`, from which numbers (`numbers`), intervals, words and tables are read off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import to_numpy
+from palpate._batches import freeze, per_frame, per_frame_fields
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+from palpate.inverse.estimate import Errors, Stated
+from palpate.sensing.grids import Grid
+from palpate.sensing.view import View
+from palpate.status import Status
+from palpate.uncertainty import Case, contact_kind
+
+__all__ = ["Fields", "pulling"]
+
+
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """What a frame or a batch of frames is made of; `palpate.Touch` says what each field is."""
+
+    values: Any = field(metadata=per_frame("component", "*"))
+    surface: Grid
+    components: tuple[str, ...]
+    method: str
+    assumptions: tuple[str, ...] = ()
+    parameter: Floats | None = field(default=None, metadata=per_frame())
+    noise_std: Floats | None = field(default=None, metadata=per_frame("channel"))
+    residual: Floats | None = field(default=None, metadata=per_frame())
+    unobservable_force: tuple[str, ...] = ()
+    time: Floats | None = field(default=None, metadata=per_frame())
+    meta: dict[str, Any] = field(default_factory=dict)
+    errors: Errors | None = field(default=None, metadata=per_frame())
+    converged: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))
+    touching: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))
+    outliers: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame("reading", missing=False))
+    draws: Floats | None = field(default=None, metadata=per_frame("draw", "component", "*"))
+    resolution: Floats | None = field(default=None, metadata=per_frame())
+    sliding: Floats | None = field(default=None, metadata=per_frame())
+    drag: Floats | None = field(default=None, metadata=per_frame("along"))
+    drag_std: Floats | None = field(default=None, metadata=per_frame())
+    sticking: Floats | None = field(default=None, metadata=per_frame("candidate"))
+    found_by: npt.NDArray[np.str_] | None = field(default=None, metadata=per_frame(missing=""))
+    status: npt.NDArray[np.int8] | None = field(default=None, metadata=per_frame(missing=int(Status.SOLVED)))
+    pushing: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))
+    fit: Floats | None = field(default=None, metadata=per_frame())
+    nuisance: Floats | None = field(default=None, metadata=per_frame("nuisance"))
+    nuisance_std: Floats | None = field(default=None, metadata=per_frame("nuisance"))
+    nuisance_names: tuple[tuple[str, str], ...] = ()
+    at_limit: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame("reading", missing=False))
+    reading_names: Mapping[int, str] = field(default_factory=dict)
+    case: Case | None = None
+    friction: float | None = None
+    view: View | None = None
+    stated: Stated | None = field(default=None, metadata=per_frame())
+    common_std: float = 0.0
+    discrepancy: Floats | None = field(default=None, metadata=per_frame(missing=0.0))
+    force_bounds: Floats | None = field(default=None, metadata=per_frame("component", "bound"))
+    strain: Floats | None = field(default=None, metadata=per_frame())
+    calibrated: Floats | None = field(default=None, metadata=per_frame("component"))
+    calibrated_std: Floats | None = field(default=None, metadata=per_frame("component"))
+    calibrated_freedom: Floats | None = field(default=None, metadata=per_frame())
+    calibrated_center: Floats | None = field(default=None, metadata=per_frame("along"))
+    calibrated_center_std: Floats | None = field(default=None, metadata=per_frame("along"))
+
+    def __post_init__(self) -> None:
+        expected = (len(self.surface.components), *self.surface.shape)
+        shape = tuple(np.shape(self.values))
+        if shape[-len(expected) :] != expected:
+            raise InvalidInput(
+                f"values must have shape (*batch, component, *surface) = (..., {', '.join(map(str, expected))}); got {shape}."
+            )
+        batch = self.batch
+        for name, value in per_frame_fields(self) if batch else ():
+            if tuple(np.shape(value))[: len(batch)] != batch:
+                raise InvalidInput(
+                    f"{name} must have the batch axes {batch} of values first; it has the shape {tuple(np.shape(value))}."
+                )
+        freeze(self)
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Shape of the batch axes; () for one frame.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> pp.Touch(np.zeros((3, 2, 4)), pp.LineGrid(count=4, spacing=1e-3), ("x", "z"), "tikhonov").batch
+        (3,)
+        """
+        return tuple(np.shape(self.values))[: -1 - self.surface.dimensions]
+
+    @property
+    def methods(self) -> npt.NDArray[np.str_]:
+        """The method that found each frame (*batch).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.LineGrid(count=4, spacing=1e-3)
+        >>> pp.Touch(np.zeros((3, 2, 4)), grid, ("x", "z"), "tikhonov").methods.tolist()
+        ['tikhonov', 'tikhonov', 'tikhonov']
+        """
+        return np.full(self.batch, self.method) if self.found_by is None else self.found_by
+
+    @property
+    def calibration_case(self) -> Case:
+        """What the constants of the error bars must be for.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=5.0))
+        >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+        >>> str(skin.reconstruct(readings, method="adaptive").calibration_case)
+        'line, stress, half-space'
+        """
+        return self.case or Case(contact_kind(self.surface.dimensions, self.components))
+
+
+def pulling(touch: Fields) -> npt.NDArray[np.bool_]:
+    """Frames (*batch) that were found to pull as a whole."""
+    if touch.pushing is None:
+        return np.zeros(touch.batch, dtype=bool)
+    d = touch.surface.dimensions
+    pressure = np.take(to_numpy(touch.values), -1, axis=-1 - d)
+    axes = tuple(range(-d, 0))
+    known = (touch.methods == "adaptive") | (touch.methods == "constrained")
+    return np.asarray(~touch.pushing & known & (pressure.sum(axis=axes) < 0) & (pressure.max(axis=axes) <= 0))

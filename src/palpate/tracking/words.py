@@ -1,0 +1,49 @@
+"""What a tracker says of a frame: in, what became of it; out, sentences for its notes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._numbers import plain_time
+from palpate.elastic.pad import Floats
+from palpate.tracking.times import FrameTime
+
+__all__ = ["at_their_end", "drifted", "restarted", "unfinished"]
+
+
+def unfinished(budget: float | None, tolerance: float, *, exhausted: bool) -> str:
+    """What helps where the iteration did not end; ``exhausted``: its steps ended it, not the time."""
+    if budget is not None and not exhausted:
+        return f"the time of this frame ended the iteration: give it more, with a budget larger than {budget:.3g} s"
+    return (
+        f"the steps of this frame ended the iteration: the next frame goes on from here, and a tolerance looser than {tolerance:.3g} "
+        "(tolerance=) ends it earlier"
+    )
+
+
+def at_their_end(count: int, *, overload: bool) -> list[str]:
+    """That so many readings are at the end of their range; ``overload``: too many to tell the load."""
+    if not count:
+        return []
+    used = "the load has no upper end" if overload else "left out, and the load is at least what they tell"
+    return [f"{count} readings are at the end of their range: {used}"]
+
+
+def drifted(drift: Floats, index: npt.NDArray[np.intp], std: Floats, label: Callable[[int], str]) -> list[str]:
+    """The channels whose zero has drifted by ``drift`` (channel,), 0 where that is not worth a word; ``index`` is the channel of each reading."""
+    said = []
+    for c in np.flatnonzero(drift):
+        first = int(np.argmax(index == c))
+        said.append(
+            f"the zero of {label(first).split(' at ')[0]} has drifted by {drift[c] * std[first]:.3g}: taken out"
+        )
+    return said
+
+
+def restarted(frame: FrameTime, *, creeps: bool) -> str:
+    """That the clock has begun anew; ``creeps``: the pad's creep is taken out of the readings."""
+    creep = "; the pad's creep is taken on as if without a pause" if creeps else ""
+    return f"the clock went back from {plain_time(frame.before or 0.0)} s to {plain_time(frame.now)} s: contact is found afresh, the zero is kept{creep}"
