@@ -138,7 +138,9 @@ ROOMS = (
         "palpate.network",
     ),
     *("palpate.camera", "palpate.microscopy", "palpate.live", "palpate.ros", "palpate.pads", "palpate.sensors"),
-    *("palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),
+    *("palpate.pressing", "palpate.mujoco", "palpate.jax", "palpate.lerobot"),
+    "palpate.design",
+    *("palpate.calibrate", "palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),
 )
 
 
@@ -318,6 +320,7 @@ def write_pages() -> None:
 _FUNCTIONS = (
     *("palpate.inverse.observability", "palpate.recordings.recorder"),
     *("palpate.sensors.preset", "palpate.uncertainty.constants"),
+    "palpate.design.sweep",
 )
 
 
