@@ -139,7 +139,8 @@ ROOMS = (
     ),
     *("palpate.camera", "palpate.microscopy", "palpate.live", "palpate.ros", "palpate.pads", "palpate.sensors"),
     *("palpate.pressing", "palpate.mujoco", "palpate.jax", "palpate.lerobot"),
-    *("palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),
+    "palpate.design",
+    *("palpate.calibrate", "palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),
 )
 
 
@@ -319,6 +320,7 @@ def write_pages() -> None:
 _FUNCTIONS = (
     *("palpate.inverse.observability", "palpate.recordings.recorder"),
     *("palpate.sensors.preset", "palpate.uncertainty.constants"),
+    "palpate.design.sweep",
 )
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy.typing as npt
 
 from palpate._threads import cached_property
+from palpate.design import Design, Press, evaluate
 from palpate.elastic.pad import Pad
 from palpate.errors import InvalidInput
 from palpate.inverse.observability import Observability, observability, observable_components
@@ -16,6 +18,9 @@ from palpate.sensing.grids import Grid
 from palpate.sensing.operator import Boundary, Operator
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.uncertainty import Case
+
+if TYPE_CHECKING:
+    from palpate.calibrate import SkinCalibration
 
 __all__ = ["SkinProperties"]
 
@@ -30,6 +35,7 @@ class SkinProperties:
     _boundary: Boundary
     _problem: Problem
     _whole: tuple[Array, ...]
+    _calibration: SkinCalibration | None
 
     @property
     def pad(self) -> Pad:
@@ -113,6 +119,19 @@ class SkinProperties:
         """
         return self._problem.operator
 
+    @property
+    def calibration(self) -> SkinCalibration | None:
+        """What presses with known forces told (`calibrate`); None of a skin that was not calibrated.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])).calibration is None
+        True
+        """
+        return self._calibration
+
     @cached_property
     def components(self) -> tuple[str, ...]:
         """What `reconstruct` seeks by default, the traction components that these channels can tell apart.
@@ -141,6 +160,53 @@ class SkinProperties:
         [159.9, 3.3]
         """
         return observability(self._elastic, self._planes, wavelength, self._names(components))
+
+    def design(
+        self,
+        *,
+        force: float = 1.0,
+        contact_radius: float = 2e-3,
+        shear: float = 0.0,
+        friction: float = 0.5,
+        center: tuple[float, float] | None = None,
+        components: Sequence[str] | None = None,
+    ) -> Design:
+        """What this skin resolves at best: Cramer-Rao bounds of a press, resolution, smallest noticed force, range.
+
+        Parameters
+        ----------
+        force : float
+            Normal force of the press [N]; [N/m] in line contact.
+        contact_radius : float
+            Radius of its contact, half-width in line contact [m].
+        shear, friction : float
+            Tangential over normal force, and the coefficient of friction of the slip margin.
+        center : (float, float), optional
+            Place (x, y) of the press [m]; the middle of the array where nothing is given.
+        components : sequence of str, optional
+            What is sought; `components` of the skin where nothing is given.
+
+        Raises
+        ------
+        InvalidInput
+            A number of the press that is not finite or out of range.
+        Unsupported
+            An array without noise.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
+        >>> array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=100.0)
+        >>> found = pp.Skin(pad, array).design(force=1.0, contact_radius=2e-3)
+        >>> print(f"force +-{found.bound.force[0]:.2f} N, a pair is told apart from {1e3 * found.pair:.1f} mm")
+        force +-0.03 N, a pair is told apart from 1.6 mm
+        """
+        press = Press(force=force, contact_radius=contact_radius, shear=shear, friction=friction, center=center)
+        nuisance, names = self._problem.nuisance, self._names(components)
+        return evaluate(
+            self._elastic, self._planes, press, names, nuisance=nuisance, uncertainty=self._problem.uncertainty
+        )
 
     def case(self, components: Sequence[str] | None = None) -> Case:
         """What the constants of its error bars must be for.
