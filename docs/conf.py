@@ -139,7 +139,7 @@ ROOMS = (
     ),
     *("palpate.camera", "palpate.microscopy", "palpate.live", "palpate.ros", "palpate.pads", "palpate.sensors"),
     "palpate.design",
-    *("palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),
+    *("palpate.calibrate", "palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),
 )
 
 

@@ -50,6 +50,7 @@ _PUBLIC = {
     "Uncertainty": "sensing",
     "GraspMonitor": "grasp",
     "Skin": "skin",
+    "SolidPad": "solid",
     "Status": "status",
     "Touch": "touch",
     "Tracker": "tracking",
@@ -96,6 +97,7 @@ if TYPE_CHECKING:
     from palpate.recordings import Recording
     from palpate.sensing import AreaArray, AreaGrid, LineArray, LineGrid, ScatteredArray
     from palpate.skin import Skin
+    from palpate.solid import SolidPad
     from palpate.status import Status
     from palpate.touch import Touch
     from palpate.tracking import Tracker
@@ -130,6 +132,7 @@ __all__ = [
     "Recording",
     "ScatteredArray",
     "Skin",
+    "SolidPad",
     "Status",
     "Tikhonov",
     "TotalVariation",

@@ -19,7 +19,7 @@ from palpate.sensing.arrays import AreaArray, ScatteredArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from palpate.skin import Skin
+    from palpate.design.protocol import Skin
 
 __all__ = ["Placement", "place"]
 

@@ -23,7 +23,7 @@ from palpate.sensing.uncertainty import Uncertainty
 if TYPE_CHECKING:
     import xarray
 
-    from palpate.skin import Skin
+    from palpate.design.protocol import Skin
 
 __all__ = ["NUMBERS", "Sweep", "combinations", "sweep", "swept"]
 

@@ -67,6 +67,11 @@ class Fields:
     discrepancy: Floats | None = field(default=None, metadata=per_frame(missing=0.0))
     force_bounds: Floats | None = field(default=None, metadata=per_frame("component", "bound"))
     strain: Floats | None = field(default=None, metadata=per_frame())
+    calibrated: Floats | None = field(default=None, metadata=per_frame("component"))
+    calibrated_std: Floats | None = field(default=None, metadata=per_frame("component"))
+    calibrated_freedom: Floats | None = field(default=None, metadata=per_frame())
+    calibrated_center: Floats | None = field(default=None, metadata=per_frame("along"))
+    calibrated_center_std: Floats | None = field(default=None, metadata=per_frame("along"))
 
     def __post_init__(self) -> None:
         expected = (len(self.surface.components), *self.surface.shape)

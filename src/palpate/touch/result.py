@@ -105,6 +105,9 @@ class Touch(Numbers):
         Readings at an end of their range: the true one is at least that.
     reading_names : mapping of int to str
         Channel and taxel of the readings that are left out in some frame.
+    calibrated, calibrated_std : array (*batch, component) or None
+        Net force by the calibration of the skin [N] and its standard deviation (`Skin.calibrate`): `force` is this where it is known;
+        ``calibrated_freedom`` are the degrees of freedom of its intervals, ``calibrated_center`` (x, y) [m] the centre, where labelled places tell it.
     case : Case or None
         What the error bars' constants must be for: contact, kind of channels, body (`palpate.uncertainty`).
     friction : float or None
