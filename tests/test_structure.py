@@ -43,6 +43,7 @@ ROOMS = [
     "skin",
     "archives",
     "simulation",
+    "pressing",
     "camera",
     "microscopy",
     "sensors",
@@ -51,6 +52,10 @@ ROOMS = [
     "bench",
     "live",
     "ros",
+    "mujoco",
+    "torch",
+    "jax",
+    "lerobot",
     "cli",
     "__main__",
 ]
