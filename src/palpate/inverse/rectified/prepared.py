@@ -1,0 +1,177 @@
+"""What the rectified method needs of a skin, made once: fine cells, responses, kernels, patterns."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+
+from palpate._memory import require
+from palpate.elastic.channels import find_channel
+from palpate.elastic.pad import Floats
+from palpate.errors import Unsupported
+from palpate.inverse.fit import neighbours
+from palpate.inverse.problem import Problem
+from palpate.inverse.rectified.policy import Policy
+from palpate.sensing.arrays import ScatteredArray
+from palpate.sensing.grids import refined
+from palpate.sensing.nuisance import nuisances
+from palpate.sensing.operator import Operator
+
+__all__ = ["Kernel", "Prepared"]
+
+Cells = npt.NDArray[np.intp]
+
+
+class Kernel:
+    """Covariance of the latent field, Matern of order 5/2: (1 + a + a^2/3) exp(-a), a = sqrt(5) r / length.
+
+    (C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for Machine Learning, 2006, eq. 4.17.) On a regular grid it depends on the difference of
+    cells alone: blocks of it are looked up, and products with the whole are convolutions.
+    """
+
+    def __init__(self, shape: tuple[int, ...], spacings: tuple[float, ...], length: float) -> None:
+        self.shape = shape
+        axes = [np.arange(n) * dx for n, dx in zip(shape, spacings)]
+        r = np.sqrt(sum(x**2 for x in np.meshgrid(*axes, indexing="ij")))
+        a = math.sqrt(5.0) * r / length
+        table = (1.0 + a + a**2 / 3.0) * np.exp(-a)
+        self.table = table.ravel()
+        self.sizes = tuple(scipy.fft.next_fast_len(2 * n - 1, real=True) for n in shape)
+        wrapped = np.zeros(self.sizes)
+        signed = [np.concatenate([np.arange(n), np.arange(1 - n, 0)]) for n in shape]
+        mesh = np.meshgrid(*signed, indexing="ij")
+        wrapped[tuple(m % s for m, s in zip(mesh, self.sizes))] = table[tuple(np.abs(m) for m in mesh)]
+        self.transfer = np.asarray(scipy.fft.rfftn(wrapped)).real
+
+    def times(self, field: Floats) -> Floats:
+        """The kernel times fields (..., cell)."""
+        d = len(self.shape)
+        axes = tuple(range(-d, 0))
+        spread = scipy.fft.rfftn(field.reshape(*field.shape[:-1], *self.shape), s=self.sizes, axes=axes)
+        out = scipy.fft.irfftn(spread * self.transfer, s=self.sizes, axes=axes)
+        return np.asarray(out[(..., *(slice(n) for n in self.shape))]).reshape(field.shape)
+
+    def block(self, cells: Cells) -> Floats:
+        """The kernel among some cells (flat indices)."""
+        index = np.zeros((len(cells), len(cells)), dtype=np.intp)
+        for x, n in zip(np.unravel_index(cells, self.shape), self.shape):
+            index = index * n + np.abs(x[:, None] - x[None, :])
+        return np.asarray(self.table[index])
+
+
+class Prepared:
+    """Fine cells, responses, kernels and patterns of a skin.
+
+    Attributes
+    ----------
+    responses : array (component, reading, cell)
+        Scaled readings of unit traction, pressure last.
+    scale : array (reading,)
+        Unit of each reading: readings of a kind share one.
+    """
+
+    def __init__(self, problem: Problem, policy: Policy, friction: float | None) -> None:
+        self.problem, self.policy = problem, policy
+        self.planes = planes = problem.planes
+        surface = problem.surface
+        d = surface.dimensions
+        if any(a.noise_correlation for a in planes):
+            raise Unsupported(
+                'method="rectified" takes noise to be independent from taxel to taxel; use method="adaptive", or leave out noise_correlation.'
+            )
+        n = sum(int(a.valid.sum()) * len(a.channels) for a in planes)
+        pitch = max(_pitch(a) for a in planes)
+        spacing = max(surface.spacings)
+        margin = policy.margin if d == 1 and not problem.fixed else 0
+        ratio = max(1, round(spacing / (policy.cell * pitch)))
+        while ratio > 1 and math.prod((k + 2 * margin) * ratio for k in surface.shape) > policy.most_cells:
+            ratio -= 1
+        cells = math.prod((k + 2 * margin) * ratio for k in surface.shape)
+        if n > policy.most_readings or cells > policy.most_cells:
+            raise Unsupported(
+                f'method="rectified" serves up to {policy.most_readings} readings and {policy.most_cells} cells; got {n} and {cells}. '
+                'Use method="adaptive".'
+            )
+        require(
+            8.0 * n * cells * (2.0 * len(surface.components) + 1.0),
+            f'method="rectified": {n} readings and {cells} cells',
+            'Use method="adaptive".',
+        )
+        self.ratio, self.margin, self.pitch = ratio, margin, pitch
+        self.fine = fine = refined(surface, ratio, margin)
+        self.components = len(problem.columns)
+        self.n, self.cells = n, cells
+        dense = Operator(problem.pad, planes, fine, problem.boundary, recall=problem.recall).dense()
+        dense = dense.reshape(n, len(fine.components), cells)[:, list(problem.columns)]
+        self.channel, kinds = _channels(planes)
+        largest = np.abs(dense).max(axis=(1, 2))
+        size = {kind: float(largest[kinds == kind].max()) for kind in np.unique(kinds)}
+        #: readings of different kinds are made alike: each kind by its largest response
+        self.scale = np.array([size[k] if size[k] > 0 else 1.0 for k in kinds])
+        self.responses = np.ascontiguousarray((dense / self.scale[:, None, None]).transpose(1, 0, 2))
+        self.kernels = [
+            Kernel(fine.shape, tuple(s / pitch for s in fine.spacings), length) for length in policy.lengths
+        ]
+        self.count = len(np.unique(self.channel))
+        given = [std for a in planes for std in (a.noise_std or ())]
+        known = all(a.noise_std is not None for a in planes)
+        first = np.array([self.scale[self.channel == c][0] for c in range(self.count)])
+        self.noise: Floats | None = np.array(given) / first if known else None
+        kinds_of = ("offset",) if problem.nuisance is None else problem.nuisance
+        quiet = problem.nuisance is None and problem.zeroed
+        self.patterns = [] if quiet else nuisances(planes, kinds_of)
+        self.patterns_certain = problem.nuisance is not None
+        rows = [p.rows / self.scale for p in self.patterns]
+        self.pattern_size = np.array([float(np.abs(r).max(initial=0.0)) or 1.0 for r in rows])
+        self.columns = np.stack([r / s for r, s in zip(rows, self.pattern_size)], axis=1) if rows else np.zeros((n, 0))
+        self.friction = policy.friction if friction is None else friction
+        self.pairs = neighbours(planes)
+        self.mean = self._mean()
+        self.inside = np.zeros(fine.shape, dtype=bool)
+        m = margin * ratio
+        self.inside[(slice(m, -m if m else None),) * d] = True
+        #: rough covariance of readings for linear screening is made of these
+        self.start = 1.0 / float(np.abs(self.responses[-1].sum(axis=1)).max())
+
+    def _mean(self) -> Floats:
+        """Mean of the latent field (cell,): falls beyond the outermost taxels."""
+        fine = self.fine
+        places = np.stack([x.ravel() for x in np.meshgrid(*fine.axes, indexing="ij")], axis=1)
+        points = np.concatenate([a.points[a.valid.ravel()] for a in self.planes]).reshape(-1, fine.dimensions)
+        out = np.maximum(np.maximum(points.min(axis=0) - places, places - points.max(axis=0)), 0.0)
+        away = np.clip(np.sqrt((out**2).sum(axis=1)) / self.pitch - 0.5, 0.0, 1.5)
+        self.outside = (out > 0).any(axis=1)
+        return np.asarray(self.policy.mean - self.policy.fall * away)
+
+    def means(self, field: Floats) -> Floats:
+        """Fields (..., fine cell) as means over the cells of the surface (..., cell)."""
+        d, m, r = self.fine.dimensions, self.margin * self.ratio, self.ratio
+        field = field.reshape(*field.shape[:-1], *self.fine.shape)[(..., *(slice(m, -m if m else None),) * d)]
+        for axis in range(field.ndim - d, field.ndim):
+            shape = (*field.shape[:axis], field.shape[axis] // r, r, *field.shape[axis + 1 :])
+            field = field.reshape(shape).mean(axis=axis + 1)
+        return field
+
+
+def _pitch(array: object) -> float:
+    if isinstance(array, ScatteredArray):
+        import scipy.spatial
+
+        points = array.points[array.valid.ravel()]
+        return float(np.median(scipy.spatial.cKDTree(points).query(points, k=2)[0][:, 1]))
+    return float(max(array.grid.spacings))  # type: ignore[attr-defined]
+
+
+def _channels(planes: object) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.str_]]:
+    """Number of the channel, and its unit, of each reading."""
+    numbers, kinds, count = [], [], 0
+    for array in planes:  # type: ignore[attr-defined]
+        size = int(array.valid.sum())
+        for name in array.channels:
+            numbers.append(np.full(size, count))
+            kinds.append(np.full(size, find_channel(name).kind.unit))
+            count += 1
+    return np.concatenate(numbers), np.concatenate(kinds)
