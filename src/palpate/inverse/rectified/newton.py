@@ -10,7 +10,7 @@ along the way by the evidence of the linearised model (D. J. C. MacKay, Neural C
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.rectified.link import traction
 from palpate.inverse.rectified.prepared import Kernel, Prepared
 
-__all__ = ["Explanation", "Mode", "Noise", "most_likely"]
+__all__ = ["Explanation", "Mode", "Noise", "Start", "most_likely"]
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,23 @@ class Explanation:
     noise: Noise
 
 
+@dataclass(frozen=True)
+class Start:
+    """Where the iteration starts: latent fields, amplitude and noise."""
+
+    f: Floats
+    h: Floats
+    amplitude: float
+    sigma: Floats
+
+    def louder(self, factor: float) -> Start:
+        """The same traction of an amplitude that is larger by ``factor``."""
+        return Start(self.f / factor, self.h, self.amplitude * factor, self.sigma)
+
+
 @dataclass
 class Mode:
-    """An explanation, solved. ``inverse`` is S^-1, ``blocks`` the derivatives J of each field on the cells ``active``."""
+    """An explanation, solved. ``inverse`` is S^-1, ``weights`` S^-1 times the readings less what is expected, ``line`` the linear model at the mode."""
 
     explanation: Explanation
     f: Floats
@@ -64,9 +78,13 @@ class Mode:
     inverse: Floats
     columns: Floats
     residual: Floats
+    line: Linearised
     taken: float
-    amplitude_information: float
-    extra: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def start(self) -> Start:
+        """For a similar explanation."""
+        return Start(self.f, self.h, self.amplitude, self.sigma)
 
 
 def _inverse(matrix: Floats) -> tuple[Floats, float]:
@@ -143,7 +161,7 @@ def columns_of(p: Prepared, e: Explanation) -> Floats:
     return np.concatenate(out, axis=1) if out else np.zeros((p.n, 0))
 
 
-class _Fields:
+class Fields:
     """Latent fields with what the prior says of them: f = mean + K v."""
 
     def __init__(self, p: Prepared, kernel: Kernel) -> None:
@@ -161,55 +179,66 @@ class _Fields:
         return np.asarray(self.prior + self.local[:, None] * spread + (self.common * v.sum(axis=1))[:, None])
 
 
+@dataclass(frozen=True)
+class Linearised:
+    """Readings about one point of the latent fields: predicted + sum of blocks (field - prior) - shift, on the cells that are active."""
+
+    active: npt.NDArray[np.intp]
+    kernel: Floats
+    blocks: list[Floats]
+    predicted: Floats
+    shift: Floats
+    signal: Floats
+
+
+def linearised(
+    p: Prepared, fields: Fields, x: Floats, s: float, t: Floats, by_f: Floats, by_h: Floats
+) -> Linearised | None:
+    """The derivatives of readings of s t, and the covariance that the prior gives them; None where no cell is in contact."""
+    active = np.flatnonzero(by_f[-1] > 0)
+    if not len(active):
+        return None
+    rows = p.responses[:, :, active]
+    c = p.components
+    blocks = [s * sum(rows[i] * by_h[j, i, active] for i in range(c)) for j in range(c - 1)]
+    blocks.append(s * sum(rows[i] * by_f[i, active] for i in range(c)))
+    kernel = fields.kernel.block(active)
+    signal, shift = np.zeros((p.n, p.n)), np.zeros(p.n)
+    for j, block in enumerate(blocks):
+        signal += fields.local[j] * ((block @ kernel) @ block.T)
+        if fields.common[j]:
+            total = block.sum(axis=1)
+            signal += fields.common[j] * np.outer(total, total)
+        shift += block @ (x[j] - fields.prior[j])[active]
+    predicted = np.asarray(s * sum(rows[i] @ t[i, active] for i in range(c)))
+    return Linearised(active, kernel, blocks, predicted, shift, signal)
+
+
 def most_likely(
     p: Prepared,
     y: Floats,
     e: Explanation,
-    start: Mode | None,
-    amplitude: float,
-    sigma: Floats,
-    *,
-    least: float = -np.inf,
+    start: Start,
 ) -> Mode | None:
-    """The mode of one explanation of scaled readings ``y``; None where no cell is in contact, or where it falls below ``least`` for good."""
+    """The mode of one explanation of scaled readings ``y``; None where no cell is in contact."""
     q = p.policy
     kernel = p.kernels[e.length]
-    fields = _Fields(p, kernel)
+    fields = Fields(p, kernel)
     b = columns_of(p, e)
-    level = level_of(p, e.noise, np.array(sigma))
     y = e.sign * y
-    s = amplitude
-    x = np.zeros((p.components, p.cells))
-    x[-1] = 1.0
-    if start is not None:
-        x[:-1], x[-1] = start.h, start.f
+    x = np.concatenate([start.h, start.f[None]])
+    s = start.amplitude
+    level = level_of(p, e.noise, np.array(start.sigma))
     v: Floats | None = None
-    linear = start is None
-    converged = False
+    converged, damping, last = False, 1.0, 0.0
     steps = 0
     bb = b @ b.T
     for steps in range(1, q.steps + 1):
         t, by_f, by_h = traction(x[-1], x[:-1], q.rounding, p.friction)
-        if linear:  # the first step lets every cell go either way
-            t, by_f, by_h = 0.0 * t, 0.0 * by_f, 0.0 * by_h
-            t[-1], by_f[-1] = x[-1], 1.0
-            linear = False
-        active = np.flatnonzero(by_f[-1] > 0)
-        if not len(active):
+        line = linearised(p, fields, x, s, t, by_f, by_h)
+        if line is None:
             return None
-        rows = p.responses[:, :, active]
-        predicted = s * sum(rows[i] @ t[i, active] for i in range(p.components))
-        blocks = [s * sum(rows[i] * by_h[j, i, active] for i in range(p.components)) for j in range(p.components - 1)]
-        blocks.append(s * sum(rows[i] * by_f[i, active] for i in range(p.components)))
-        k = kernel.block(active)
-        signal = np.zeros((p.n, p.n))
-        shift = np.zeros(p.n)
-        for j, block in enumerate(blocks):
-            signal += fields.local[j] * ((block @ k) @ block.T)
-            if fields.common[j]:
-                total = block.sum(axis=1)
-                signal += fields.common[j] * np.outer(total, total)
-            shift += block @ (x[j] - fields.prior[j])[active]
+        active, blocks, predicted, shift, signal = line.active, line.blocks, line.predicted, line.shift, line.signal
         variance = level.variance
         total_cov = signal + bb
         total_cov[np.diag_indices(p.n)] += variance
@@ -253,16 +282,29 @@ def most_likely(
                     break
                 part *= 0.5
             x, v = trial, trial_v
-        if steps > 1 or start is not None:
-            s *= float(np.exp(change))
-            level.value = np.clip(level.value * np.exp(noisy), 1e-5, 3.0)
-            done = before - now < q.tolerance and part == 1.0 and abs(change) < 0.05 and np.abs(noisy).max() < 0.05
-            if done:
+        if steps > 1:
+            # amplitude and fields follow each other, and may go round in a cycle of two: a step that turns back is halved
+            damping = 0.5 * damping if change * last < 0 else min(1.0, 1.5 * damping)
+            last = change
+            s *= float(np.exp(damping * change))
+            level.value = np.clip(level.value * np.exp(damping * noisy), 1e-5, 3.0)
+            if before - now < q.tolerance and abs(change) < 0.05 and np.abs(noisy).max() < 0.05:
                 converged = True
                 break
-    t, _, _ = traction(x[-1], x[:-1], q.rounding, p.friction)
-    on = np.flatnonzero(t[-1])
-    left = y - s * sum(p.responses[i][:, on] @ t[i, on] for i in range(p.components))
+    # the linear model at the mode itself, for the evidence and the error bars
+    t, by_f, by_h = traction(x[-1], x[:-1], q.rounding, p.friction)
+    line = linearised(p, fields, x, s, t, by_f, by_h)
+    if line is None:
+        return None
+    variance = level.variance
+    total_cov = line.signal + bb
+    total_cov[np.diag_indices(p.n)] += variance
+    inverse, logdet = _inverse(total_cov)
+    diagonal = np.diag(inverse)
+    left = y - line.predicted
+    u = inverse @ (left + line.shift)
+    white = _Woodbury(variance, b)
+    now = 0.5 * float(left @ white.solve(left)) + 0.5 * float(((x - fields.prior) * v).sum())
     evidence = -now - 0.5 * logdet - 0.5 * p.n * np.log(2.0 * np.pi) + level.log_prior()
     evidence -= 0.5 * np.log1p(q.amplitude_spread**2 * information)  # Occam's factor of the amplitude
     free = np.asarray(white.solve(left)) * variance  # the residual without patterns
@@ -280,8 +322,8 @@ def most_likely(
         inverse,
         b,
         free,
+        line,
         float(p.n - (variance * diagonal).sum()),
-        information,
     )
 
 
