@@ -61,4 +61,4 @@ class Policy:
     dropped: float = 8.0
     #: Newton steps, and the change of the log posterior at which they end [nats].
     steps: int = 40
-    tolerance: float = 0.05
+    tolerance: float = 0.2

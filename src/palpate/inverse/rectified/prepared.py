@@ -71,9 +71,13 @@ class Prepared:
         Scaled readings of unit traction, pressure last.
     scale : array (reading,)
         Unit of each reading: readings of a kind share one.
+    coarser : Prepared or None
+        The same on cells twice as large, on which explanations are tried first; on areas.
     """
 
-    def __init__(self, problem: Problem, policy: Policy, friction: float | None) -> None:
+    def __init__(
+        self, problem: Problem, policy: Policy, friction: float | None, *, finer: Prepared | None = None
+    ) -> None:
         self.problem, self.policy = problem, policy
         self.planes = planes = problem.planes
         surface = problem.surface
@@ -89,6 +93,8 @@ class Prepared:
         ratio = max(1, round(spacing / (policy.cell * pitch)))
         while ratio > 1 and math.prod((k + 2 * margin) * ratio for k in surface.shape) > policy.most_cells:
             ratio -= 1
+        if finer is not None:
+            ratio = finer.ratio // 2
         cells = math.prod((k + 2 * margin) * ratio for k in surface.shape)
         if n > policy.most_readings or cells > policy.most_cells:
             raise Unsupported(
@@ -110,7 +116,7 @@ class Prepared:
         largest = np.abs(dense).max(axis=(1, 2))
         size = {kind: float(largest[kinds == kind].max()) for kind in np.unique(kinds)}
         #: readings of different kinds are made alike: each kind by its largest response
-        self.scale = np.array([size[k] if size[k] > 0 else 1.0 for k in kinds])
+        self.scale = np.array([size[k] if size[k] > 0 else 1.0 for k in kinds]) if finer is None else finer.scale
         self.responses = np.ascontiguousarray((dense / self.scale[:, None, None]).transpose(1, 0, 2))
         self.kernels = [
             Kernel(fine.shape, tuple(s / pitch for s in fine.spacings), length) for length in policy.lengths
@@ -133,8 +139,24 @@ class Prepared:
         self.inside = np.zeros(fine.shape, dtype=bool)
         m = margin * ratio
         self.inside[(slice(m, -m if m else None),) * d] = True
-        #: rough covariance of readings for linear screening is made of these
+        #: amplitude of traction all over that makes the largest scaled reading 1
         self.start = 1.0 / float(np.abs(self.responses[-1].sum(axis=1)).max())
+
+        self.coarser = Prepared(problem, policy, friction, finer=self) if d == 2 and finer is None and ratio > 1 else None
+
+    def from_coarser(self, field: Floats) -> Floats:
+        """A field (..., cell) of `coarser`, interpolated."""
+        import scipy.ndimage
+
+        coarse = self.coarser
+        if coarse is None:
+            return field
+        factor = [a / b for a, b in zip(self.fine.shape, coarse.fine.shape)]
+        out = np.empty((*field.shape[:-1], self.cells))
+        for index in np.ndindex(field.shape[:-1]):
+            part = field[index].reshape(coarse.fine.shape)
+            out[index] = scipy.ndimage.zoom(part, factor, order=1, mode="nearest", grid_mode=True).ravel()
+        return out
 
     def _mean(self) -> Floats:
         """Mean of the latent field (cell,): falls beyond the outermost taxels."""

@@ -26,6 +26,8 @@ __all__ = ["Found", "Silence", "explain"]
 HEADS, BELOW = 3, 12.0
 #: Gain of a broken reading that the linear model proposes [nats], and that contact must show.
 PROPOSED, SHOWN = 3.0, 1.0
+#: Explanations of less than this part of the largest weight on coarse cells are not solved on fine ones; frames with nothing in them are not solved again.
+WORTH, NOTHING = 0.03, 0.99
 #: Start from the linear model: its field less this part of its largest value, at so many times its amplitude (a field of mean -1.5 is rarely positive).
 CUT, LOUDER = 0.1, 3.0
 #: How much the amplitude grows from one length to twice it, and from half of one (seen on the unseen population: 2 to 3.3, and 1.8).
@@ -75,6 +77,40 @@ def covariance(p: Prepared, length: int) -> Floats:
 
 def explain(p: Prepared, readings: Floats) -> Found | None:
     """Every explanation of readings (reading,) worth keeping; None where all readings are zero."""
+    coarse = p.coarser
+    if coarse is None:
+        return tried(p, readings)
+    found = tried(coarse, readings)
+    if found is None or found.nothing > NOTHING:
+        return None if found is None else replace(found, modes=[], weights=np.zeros(0), none_weights=np.ones(1))
+    y = readings / p.scale / found.unit
+    modes = []
+    for mode, weight in sorted(zip(found.modes, found.weights), key=lambda pair: -pair[1])[:HEADS]:
+        if weight > WORTH * found.weights.max():
+            begin = mode.start
+            begin = replace(begin, f=p.from_coarser(begin.f), h=p.from_coarser(begin.h))
+            fine = most_likely(p, y, mode.explanation, begin)
+            if fine is not None:
+                modes.append(fine)
+    return weighed(p, modes, found.none, found.unit)
+
+
+def weighed(p: Prepared, modes: list[Mode], none: list[Silence], unit: float) -> Found:
+    """Explanations with their weights, those far below the best one dropped."""
+    q = p.policy
+    total = np.array([m.odds for m in modes] + [n.odds for n in none])
+    weights = np.exp(total - total.max())
+    weights[total < total.max() - q.dropped] = 0.0
+    weights /= weights.sum()
+    keep = weights[: len(modes)] > 1e-3
+    kept = [m for m, k in zip(modes, keep) if k]
+    return Found(
+        kept, weights[: len(modes)][keep], none, weights[len(modes) :], unit, sum(m.steps for m in modes)
+    )
+
+
+def tried(p: Prepared, readings: Floats) -> Found | None:
+    """The same on the cells of ``p`` alone."""
     q = p.policy
     y = readings / p.scale
     unit = float(np.sort(np.abs(y))[-max(2, 1 + p.n // 40)])
@@ -160,17 +196,4 @@ def explain(p: Prepared, readings: Floats) -> Found | None:
                 e = Explanation(1, first, some, out, kind)
                 odds, level, left, variance = silence(p, y, e)
                 none.append(Silence(e, odds + share, level, left, variance))
-    total = np.array([m.odds for m in modes] + [n.odds for n in none])
-    weights = np.exp(total - total.max())
-    weights[total < total.max() - q.dropped] = 0.0
-    weights /= weights.sum()
-    keep = weights[: len(modes)] > 1e-3
-    kept = [m for m, k in zip(modes, keep) if k]
-    return Found(
-        kept,
-        weights[: len(modes)][keep],
-        none,
-        weights[len(modes) :],
-        unit,
-        sum(m.steps for m in modes),
-    )
+    return weighed(p, modes, none, unit)
