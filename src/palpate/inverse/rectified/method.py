@@ -276,7 +276,7 @@ class RectifiedEstimator:
         """Variance of each scaled reading."""
         noise = mode.explanation.noise
         square = mode.sigma**2 if noise.given is None else noise.given**2 + mode.sigma**2 * noise.discrepancy
-        return np.asarray(square[self.prepared.channel])
+        return np.asarray(square[self.prepared.channel] + self.prepared.detail**2)
 
     def _noise(self, mode: Mode, unit: float) -> Floats:
         p = self.prepared

@@ -106,6 +106,7 @@ class Level:
     spread: float
     among: float
     value: Floats  # (channel,) learned part
+    detail: float  # what cells of a finite size add to every reading
 
     @property
     def variance(self) -> Floats:
@@ -117,7 +118,7 @@ class Level:
             square = given**2 + self.value**2
         else:
             square = given**2
-        return np.asarray(square[self.channel])
+        return np.asarray(square[self.channel] + self.detail**2)
 
     def step(self, u: Floats, diagonal: Floats, damped: float = 0.7) -> Floats:
         """Newton step of the logarithms, by Fisher information; u = S^-1 d, ``diagonal`` that of S^-1."""
@@ -147,8 +148,8 @@ def level_of(p: Prepared, noise: Noise, start: Floats) -> Level:
     """How the noise of a frame is learned, from where it starts."""
     q = p.policy
     if noise.discrepancy:
-        return Level(noise, p.channel, p.count, np.log(q.discrepancy), q.discrepancy_spread, q.channel_spread, start)
-    return Level(noise, p.channel, p.count, np.log(q.noise), q.noise_spread, q.channel_spread, start)
+        return Level(noise, p.channel, p.count, np.log(q.discrepancy), q.discrepancy_spread, q.channel_spread, start, p.detail)
+    return Level(noise, p.channel, p.count, np.log(q.noise), q.noise_spread, q.channel_spread, start, p.detail)
 
 
 def columns_of(p: Prepared, e: Explanation) -> Floats:

@@ -22,6 +22,9 @@ from palpate.sensing.operator import Operator
 
 __all__ = ["Kernel", "Prepared"]
 
+#: Samples of the process that measure what cells of a finite size do to readings.
+SAMPLES = 12
+
 Cells = npt.NDArray[np.intp]
 
 
@@ -143,6 +146,32 @@ class Prepared:
         self.start = 1.0 / float(np.abs(self.responses[-1].sum(axis=1)).max())
 
         self.coarser = Prepared(problem, policy, friction, finer=self) if d == 2 and finer is None and ratio > 1 else None
+        #: what cells of this size do to a scaled reading, as a part of the largest (root mean square): a term of the noise
+        self.detail = 0.0
+        if self.coarser is not None:
+            self.coarser.detail = self._lost()
+            # the error of cells goes with their area
+            self.detail = self.coarser.detail * (self.coarser.ratio / ratio) ** 2
+
+    def _lost(self) -> float:
+        """What the coarser cells change of the readings of rectified samples of the process, as a part of the largest reading (root mean square)."""
+        coarse = self.coarser
+        if coarse is None:
+            return 0.0
+        rng = np.random.default_rng(0)
+        kernel = self.kernels[self.policy.first_length]
+        errors = []
+        for _ in range(SAMPLES):
+            # white noise through the root of the kernel, wrapped: its statistics are what counts
+            white = scipy.fft.rfftn(rng.standard_normal(kernel.sizes))
+            field = scipy.fft.irfftn(white * np.sqrt(np.maximum(kernel.transfer, 0.0)), s=kernel.sizes)
+            p = np.maximum(field[tuple(slice(n) for n in self.fine.shape)] - 1.0, 0.0)
+            exact = self.responses[-1] @ p.ravel()
+            rough = coarse.responses[-1] @ _as_coarse(p, coarse.fine.shape).ravel()
+            largest = float(np.abs(exact).max())
+            if largest > 0:
+                errors.append(float(np.mean((rough - exact) ** 2)) / largest**2)
+        return math.sqrt(float(np.mean(errors))) if errors else 0.0
 
     def from_coarser(self, field: Floats) -> Floats:
         """A field (..., cell) of `coarser`, interpolated."""
@@ -176,6 +205,19 @@ class Prepared:
             shape = (*field.shape[:axis], field.shape[axis] // r, r, *field.shape[axis + 1 :])
             field = field.reshape(shape).mean(axis=axis + 1)
         return field
+
+
+def _as_coarse(field: Floats, shape: tuple[int, ...]) -> Floats:
+    """Means of a fine field over the cells of a coarser grid of the same extent."""
+    for axis, n in enumerate(shape):
+        edges = np.linspace(0.0, field.shape[axis], n + 1)
+        total = np.concatenate([np.zeros_like(field.take([0], axis)), np.cumsum(field, axis)], axis)
+        low = np.floor(edges).astype(int)
+        high = np.minimum(low + 1, field.shape[axis])
+        weight = (edges - low).reshape([-1 if a == axis else 1 for a in range(field.ndim)])
+        at = total.take(low, axis) * (1.0 - weight) + total.take(high, axis) * weight
+        field = np.diff(at, axis=axis) / (edges[1] - edges[0])
+    return field
 
 
 def _pitch(array: object) -> float:
