@@ -139,14 +139,19 @@ def row(sample: Sample, method: str, *, timed: bool) -> dict[str, Any]:
         low, high = (np.asarray(end) for end in touch.interval(0.95, "traction"))
         cells = (sample.truth[-1] > 0) | (values[-1] > 0)
         if len(low) != len(sample.truth):  # components sought alone
-            low, high = (np.stack([end[components.index(c)] if c in components else 0 * end[0] for c in skin.surface.components]) for end in (low, high))
+            low, high = (
+                np.stack([end[components.index(c)] if c in components else 0 * end[0] for c in skin.surface.components])
+                for end in (low, high)
+            )
         held = ((low <= sample.truth) & (sample.truth <= high))[columns]
         out["cells"] = float(held[:, cells].mean())
         out["cell width"] = float((high - low)[-1][cells].mean()) / peak
     return out
 
 
-def rows(population: str, kind: str, frames: int, seed: int, keep: Path | None, deadline: float) -> list[dict[str, Any]]:
+def rows(
+    population: str, kind: str, frames: int, seed: int, keep: Path | None, deadline: float
+) -> list[dict[str, Any]]:
     """Rows {method: row, fault: ...} of a population, from the folder where they are there already; fewer where time runs out."""
     out = []
     for i in range(frames):
@@ -272,7 +277,9 @@ def report(found: dict[tuple[str, str], list[dict[str, Any]]], times: dict[str, 
                 (f"coverage of the peak, {kind}, {population}", numbers["peak"], numbers["peak"] >= GATES["peak"]),
             ):
                 bound = f"<= {limit}" if name.startswith("error") else f">= {GATES['peak']}"
-                gates.append(f"| {name} | {bound} | {value:.3f} | {int(numbers['frames'])} | {'yes' if good else 'no'} |")
+                gates.append(
+                    f"| {name} | {bound} | {value:.3f} | {int(numbers['frames'])} | {'yes' if good else 'no'} |"
+                )
     passed = "yes" if times["rectified"] <= GATES["time"] else "no"
     gates.append(f"| 8 x 8 x 3 frame [ms] | <= {GATES['time']:g} | {times['rectified']:.0f} | 1 | {passed} |")
     lines += ["**Gates**", "", "| gate | bound | found | frames | passed |", "|---|---|---|---|---|", *gates, ""]

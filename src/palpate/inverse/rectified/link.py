@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.special
 
 from palpate.elastic.pad import Floats
 
-__all__ = ["moments", "pressure", "traction"]
+__all__ = ["pressure", "traction"]
 
 
 def pressure(f: Floats, rounding: float) -> tuple[Floats, Floats]:
@@ -33,18 +32,3 @@ def traction(f: Floats, h: Floats, rounding: float, friction: float) -> tuple[Fl
         for i in range(len(h)):
             by_h[j, i] = friction * p * ((i == j) * w - w**3 * h[i] * h[j])
     return np.concatenate([p * ratio, p[None]]), by_f, by_h
-
-
-def moments(mean: Floats, std: Floats) -> tuple[Floats, Floats, Floats]:
-    """Mean and variance of max(f, 0) for normal f, and the mean of its slope.
-
-    E = m P + s g, E[p^2] = (m^2 + s^2) P + m s g, slope = P, with P and g the normal distribution and density at m/s
-    (C. E. Clark, Oper. Res. 9, 1961, 145-162, for the larger of two normal variables, one of them zero).
-    """
-    std = np.maximum(std, 1e-9)
-    u = mean / std
-    chance = scipy.special.ndtr(u)
-    density = np.exp(-0.5 * np.minimum(u**2, 700.0)) / np.sqrt(2.0 * np.pi)
-    first = mean * chance + std * density
-    second = (mean**2 + std**2) * chance + mean * std * density
-    return first, np.maximum(second - first**2, 0.0), chance

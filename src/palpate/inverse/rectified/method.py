@@ -22,7 +22,7 @@ from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.contact.discrepancy import FEW, MOST
 from palpate.inverse.contact.methods import cone_of
 from palpate.inverse.contact.posterior import Posterior
-from palpate.inverse.contact.summary import BEYOND, MODEL_FORCE, widened
+from palpate.inverse.contact.summary import MODEL_FORCE, widened
 from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of, frames_of
 from palpate.inverse.fit import MODEL_DETAIL, POOR_FIT, misfit_probability
 from palpate.inverse.linear.posterior import center_rows, moment_rows
@@ -64,7 +64,9 @@ class Rectified(Method):
     """
 
     name: ClassVar[str] = "rectified"
-    summary: ClassVar[str] = "contact as a rectified Gaussian process, for small arrays: sharper on areas, slower, error bars"
+    summary: ClassVar[str] = (
+        "contact as a rectified Gaussian process, for small arrays: sharper on areas, slower, error bars"
+    )
     needs: ClassVar[Needs] = Needs(free_boundary=True, pressure=True)
     error_bars: ClassVar[bool] = True
     narrows: ClassVar[bool] = True
@@ -201,14 +203,9 @@ class RectifiedEstimator:
         load = MODEL_FORCE * self.grid.cell * float(np.abs(traction[-1]).sum())
         top = np.unravel_index(int(np.argmax(np.abs(traction[-1]))), self.grid.shape)
         parts = self.posterior.outside_parts(traction)
-        beyond, _ = self.posterior.going_on(traction)
         sought = np.isin(np.arange(shape[0]), columns)
         force = np.where(sought, np.hypot(found["force"], load), 0.0)
-        reach = max(float(np.abs(x).max()) for x in self.grid.axes)
-        moment = np.hypot(found["moment"], BEYOND * float(np.abs(beyond).max(initial=0.0)) * reach)
-        return Errors(
-            std, force, moment, found["center"], np.asarray(std[-1][top]), reduction, **parts
-        )
+        return Errors(std, force, found["moment"], found["center"], np.asarray(std[-1][top]), reduction, **parts)
 
     def _stated(self, cells: CellPosterior, unit: float, traction: Floats) -> Stated | None:
         """What the result owes to a pad that is not known exactly: the gain times the change of the readings."""
@@ -219,9 +216,7 @@ class RectifiedEstimator:
         moved = cells.gain @ (changes * size / self.prepared.scale[:, None])  # (component and cell, unknown)
         std = np.zeros(traction.shape)
         std[columns] = np.sqrt((moved**2).sum(axis=1)).reshape(-1, *self.grid.shape)
-        found = {
-            name: np.sqrt(((r @ moved) ** 2).sum(axis=1)) for name, r in self._rows(np.abs(traction[-1])).items()
-        }
+        found = {name: np.sqrt(((r @ moved) ** 2).sum(axis=1)) for name, r in self._rows(np.abs(traction[-1])).items()}
         top = np.unravel_index(int(np.argmax(np.abs(traction[-1]))), self.grid.shape)
         return Stated(std, found["force"], found["moment"], found["center"], np.asarray(std[-1][top]))
 
@@ -287,7 +282,9 @@ class RectifiedEstimator:
         p = self.prepared
         outliers = np.isin(np.arange(p.n), mode.explanation.broken)
         known = p.noise is not None and not mode.explanation.noise.discrepancy
-        return self._probability(mode.residual, self._variance(mode), mode.taken - len(mode.explanation.broken), outliers, known=known)
+        return self._probability(
+            mode.residual, self._variance(mode), mode.taken - len(mode.explanation.broken), outliers, known=known
+        )
 
     def _probability(self, residual: Floats, variance: Floats, taken: float, outliers: Any, *, known: bool) -> float:
         left = np.where(outliers, 0.0, residual / np.sqrt(variance))

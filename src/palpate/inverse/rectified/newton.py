@@ -148,7 +148,9 @@ def level_of(p: Prepared, noise: Noise, start: Floats) -> Level:
     """How the noise of a frame is learned, from where it starts."""
     q = p.policy
     if noise.discrepancy:
-        return Level(noise, p.channel, p.count, np.log(q.discrepancy), q.discrepancy_spread, q.channel_spread, start, p.detail)
+        return Level(
+            noise, p.channel, p.count, np.log(q.discrepancy), q.discrepancy_spread, q.channel_spread, start, p.detail
+        )
     return Level(noise, p.channel, p.count, np.log(q.noise), q.noise_spread, q.channel_spread, start, p.detail)
 
 
@@ -230,9 +232,8 @@ def most_likely(
     x = np.concatenate([start.h, start.f[None]])
     s = start.amplitude
     level = level_of(p, e.noise, np.array(start.sigma))
-    v: Floats | None = None
+    v = np.zeros_like(x)
     converged, damping, last = False, 1.0, 0.0
-    steps = 0
     bb = b @ b.T
     for steps in range(1, q.steps + 1):
         t, by_f, by_h = traction(x[-1], x[:-1], q.rounding, p.friction)
@@ -270,9 +271,9 @@ def most_likely(
             left = y - s * sum(p.responses[i][:, on] @ t[i, on] for i in range(p.components))
             return 0.5 * float(left @ white.solve(left)) + 0.5 * float(((z - fields.prior) * w).sum())
 
-        before = np.inf if v is None else energy(x, v)
+        before = np.inf if steps == 1 else energy(x, v)
         part = 1.0
-        if v is None:
+        if steps == 1:
             x, v = new_x, new_v
             now = energy(x, v)
         else:

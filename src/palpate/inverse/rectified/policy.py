@@ -19,6 +19,8 @@ class Policy:
     cell: float = 0.25
     #: Most fine cells: a frame's time grows with their square.
     most_cells: int = 6000
+    #: Most taxels of an area: no population of larger ones has calibrated the error bars.
+    most_taxels: int = 144
     #: Most readings: a frame's time grows with their square times the cells.
     most_readings: int = 1000
     #: Surface cells beyond the surface on each side, on a line, where contact may go on.

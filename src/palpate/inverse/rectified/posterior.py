@@ -59,7 +59,9 @@ def one_mode(p: Prepared, mode: Mode) -> CellPosterior:
         # D of this field: every component's cells
         row = np.concatenate([i * len(some) + local for i in range(c)])
         column = np.tile(within, c)
-        average = scipy.sparse.csr_array((part * derivative[:, within].ravel(), (row, column)), shape=(size, len(active)))
+        average = scipy.sparse.csr_array(
+            (part * derivative[:, within].ravel(), (row, column)), shape=(size, len(active))
+        )
         spread = own * (average @ line.kernel) + common * np.asarray(average.sum(axis=1)).reshape(-1, 1)
         prior += (average @ spread.T).T
         cross += spread @ block.T

@@ -82,6 +82,8 @@ class Prepared:
         self, problem: Problem, policy: Policy, friction: float | None, *, finer: Prepared | None = None
     ) -> None:
         self.problem, self.policy = problem, policy
+        self.ratio: int
+        self.scale: Floats
         self.planes = planes = problem.planes
         surface = problem.surface
         d = surface.dimensions
@@ -99,10 +101,11 @@ class Prepared:
         if finer is not None:
             ratio = finer.ratio // 2
         cells = math.prod((k + 2 * margin) * ratio for k in surface.shape)
-        if n > policy.most_readings or cells > policy.most_cells:
+        taxels = max(int(a.valid.sum()) for a in planes) if d == 2 else 0
+        if taxels > policy.most_taxels or n > policy.most_readings or cells > policy.most_cells:
             raise Unsupported(
-                f'method="rectified" serves up to {policy.most_readings} readings and {policy.most_cells} cells; got {n} and {cells}. '
-                'Use method="adaptive".'
+                f'method="rectified" serves up to {policy.most_taxels} taxels on an area, {policy.most_readings} readings and {policy.most_cells} cells; got '
+                f'{taxels if d == 2 else n} taxels, {n} readings and {cells} cells. Use method="adaptive".'
             )
         require(
             8.0 * n * cells * (2.0 * len(surface.components) + 1.0),
@@ -145,7 +148,9 @@ class Prepared:
         #: amplitude of traction all over that makes the largest scaled reading 1
         self.start = 1.0 / float(np.abs(self.responses[-1].sum(axis=1)).max())
 
-        self.coarser = Prepared(problem, policy, friction, finer=self) if d == 2 and finer is None and ratio > 1 else None
+        self.coarser = (
+            Prepared(problem, policy, friction, finer=self) if d == 2 and finer is None and ratio > 1 else None
+        )
         #: what cells of this size do to a scaled reading, as a part of the largest (root mean square): a term of the noise
         self.detail = 0.0
         if self.coarser is not None:

@@ -68,7 +68,8 @@ def covariance(p: Prepared, length: int) -> Floats:
     def made() -> Floats:
         kernel = p.kernels[length]
         parts = [
-            (1.0 if i == p.components - 1 else 0.3) * (kernel.times(rows) @ rows.T) for i, rows in enumerate(p.responses)
+            (1.0 if i == p.components - 1 else 0.3) * (kernel.times(rows) @ rows.T)
+            for i, rows in enumerate(p.responses)
         ]
         return np.asarray(sum(parts))
 
@@ -104,9 +105,7 @@ def weighed(p: Prepared, modes: list[Mode], none: list[Silence], unit: float) ->
     weights /= weights.sum()
     keep = weights[: len(modes)] > 1e-3
     kept = [m for m, k in zip(modes, keep) if k]
-    return Found(
-        kept, weights[: len(modes)][keep], none, weights[len(modes) :], unit, sum(m.steps for m in modes)
-    )
+    return Found(kept, weights[: len(modes)][keep], none, weights[len(modes) :], unit, sum(m.steps for m in modes))
 
 
 def tried(p: Prepared, readings: Floats) -> Found | None:
