@@ -40,7 +40,7 @@ __all__ = ["Rectified", "RectifiedEstimator"]
 
 @dataclass(frozen=True, kw_only=True)
 class Rectified(Method):
-    """Contact as the positive part of a Gaussian process, solved by Newton steps in the space of the readings: for small arrays.
+    """Contact as the positive part of a Gaussian process, solved by Newton steps in the space of the readings: for pressure on small arrays.
 
     Parameters
     ----------
@@ -98,23 +98,20 @@ class RectifiedEstimator:
         """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
         batch = batch_of(readings, self.operator)
         rows = [self._frame(self.readings.flat(self.operator.observed(f))) for f in frames_of(readings, self.operator)]
-        empty = self._frame(np.zeros(self.prepared.n)) if not rows else rows[0]
 
         def gathered(name: str) -> Any:
-            values = [getattr(r, name) for r in rows]
-            like = np.asarray(getattr(empty, name))
-            return np.reshape(np.asarray(values, dtype=like.dtype), (*batch, *like.shape))
+            values = np.stack([np.asarray(getattr(r, name)) for r in rows])
+            return values.reshape((*batch, *values.shape[1:]))
 
         def together(kind: type, name: str) -> dict[str, Floats]:
-            parts = [getattr(r, name) for r in rows] or [getattr(empty, name)]
             out = {}
             for f in fields(kind):
-                values = [np.asarray(getattr(part, f.name)) for part in parts]
-                out[f.name] = np.reshape(np.stack(values)[: len(rows)], (*batch, *values[0].shape))
+                values = np.stack([np.asarray(getattr(getattr(r, name), f.name)) for r in rows])
+                out[f.name] = values.reshape((*batch, *values.shape[1:]))
             return out
 
         names = tuple((pattern.label, pattern.unit) for pattern in self.prepared.patterns)
-        stated = empty.stated is not None
+        stated = rows[0].stated is not None
         return Estimate(
             from_numpy(gathered("traction"), readings[0]),
             None,
