@@ -25,8 +25,9 @@ import scale
 
 import palpate as pp
 from palpate.inverse.constrained import products
-from palpate.inverse.contact import constrained, summary
+from palpate.inverse.contact import answer, methods
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
+from palpate.inverse.contact.policy import Policy, changed
 from palpate.inverse.linear.matrix_free import path
 from palpate.sensing import operator as operators
 from palpate.sensing.uncertainty import EXACT
@@ -97,7 +98,7 @@ def products_only() -> None:
     products.FEWEST, products.PRODUCTS, products.PRODUCTS_ONCE, products.MANY = 10, 0.0, 0.0, 0
     products.FEWEST_SLIDING, products.PRODUCTS_SLIDING = 10, 0.0
     # the least error of a large contact's force is a bound, not what products leave
-    summary.MODEL_FORCE_AT_SIZE = summary.MODEL_FORCE
+    methods.Policy = lambda: changed(Policy(), "errors.force_at_size", Policy().errors.force)  # type: ignore[misc,assignment]
 
 
 def with_noise(array: Any, noise: tuple[float, ...]) -> Any:
@@ -175,12 +176,12 @@ def linear(name: str, rule: str) -> dict[str, Any]:
     }
 
 
-DRIFT, EXPLAINS = constrained.drift_probability, AdaptiveEstimator._explains
+DRIFT, EXPLAINS = answer.drift_probability, AdaptiveEstimator._explains
 
 
 def alike(*, alone: bool) -> None:
     """Only what both ways do, or everything: the test of drift takes matrices, and without them no model is refused for what it leaves."""
-    constrained.drift_probability = (lambda *_: math.nan) if alone else DRIFT  # type: ignore[assignment]
+    answer.drift_probability = (lambda *_: math.nan) if alone else DRIFT  # type: ignore[assignment]
     AdaptiveEstimator._explains = (lambda *_: True) if alone else EXPLAINS  # type: ignore[method-assign,assignment]
 
 

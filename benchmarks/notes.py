@@ -27,7 +27,7 @@ RETURNS = frozenset(
         "_unfinished",
         "remarks",
         "assumptions",
-        "said_of",
+        "notes_of",
         "_said",
         "_doubts",
         "_note",

@@ -11,10 +11,10 @@ import pytest
 import palpate as pp
 from command_line import CliRunner
 from palpate import bench
-from palpate.bench.ablation import NEEDS, NUMBERS, PARTS, Ablated, Outcome, acts, variants
+from palpate.bench.ablation import Ablated, Outcome, acts, variants
 from palpate.bench.unseen import KINDS, Sample, unseen
 from palpate.cli import app
-from palpate.inverse.contact.parts import Parts, Thresholds
+from palpate.inverse.contact.policy import Detection, Parts, Policy, changed, numbers
 
 
 def a_line() -> Sample:
@@ -27,8 +27,8 @@ def a_line() -> Sample:
     return Sample("line", layout, readings, truth, None, False)
 
 
-def error(sample: Sample, parts: Parts | None = None, thresholds: Thresholds | None = None) -> float:
-    method = Ablated(parts=parts or Parts(), thresholds=thresholds or Thresholds())
+def error(sample: Sample, policy: Policy | None = None) -> float:
+    method = Ablated(policy=policy or Policy())
     touch = sample.layout.skin.reconstruct(sample.readings, method=method, components=["z"])
     return float(np.linalg.norm(np.asarray(touch.values) - sample.truth) / np.linalg.norm(sample.truth))
 
@@ -47,30 +47,46 @@ def test_parts_that_are_left_out_are_missed() -> None:
     sample = a_line()
     whole = error(sample)
     assert whole < 0.15
-    assert error(sample, Parts(outliers=False, screening=False)) > 1.5 * whole
-    assert error(sample, Parts(wide_weights=False, narrow_weights=False)) > 1.1 * whole
-    assert np.isnan(error(sample, thresholds=Thresholds(contact=1e9, sharp=1e9)))  # undecided: nobody gave the noise
+    assert error(sample, Policy(parts=Parts(outliers=False, screening=False))) > 1.5 * whole
+    assert error(sample, Policy(parts=Parts(wide_weights=False, narrow_weights=False))) > 1.1 * whole
+    assert np.isnan(
+        error(sample, Policy(detection=Detection(evidence=1e9, few_cells=1e9)))
+    )  # undecided: nobody gave the noise
     pulls = sample.layout.skin.reconstruct(
-        sample.readings, method=Ablated(parts=Parts(constraint=False)), components=["z"]
+        sample.readings, method=Ablated(policy=Policy(parts=Parts(constraint=False))), components=["z"]
     )
     assert float(np.asarray(pulls.values).min()) < 0.0
 
 
-def test_every_part_has_a_row() -> None:
-    rows = variants()
-    assert {name for off in PARTS.values() for name in off} == {f.name for f in fields(Parts)}
-    assert set(NUMBERS) <= {f.name for f in fields(Thresholds)}
-    assert len(rows) == len(PARTS) + 2 * len(NUMBERS)
-    assert all((parts, numbers) != (Parts(), Thresholds()) for parts, numbers in rows.values())
+def test_every_part_has_a_row_and_every_tried_number_two() -> None:
+    rows, listed = variants(), list(numbers())
+    for one in listed:
+        assert one.why, one.name
+        changes = [
+            p for p in rows.values() if [n.name for n, m in zip(numbers(p), listed) if n.value != m.value] == [one.name]
+        ]
+        assert len(changes) == (1 if one.part else 2 if one.tried else 0), one.name
+    assert {one.name for one in listed if one.part} == {f"parts.{f.name}" for f in fields(Parts)}
+    assert all(policy != Policy() for policy in rows.values())
+    every = variants(every=True)
+    untouched = {one.name for one in listed if not isinstance(one.value, tuple)}
+    for policy in every.values():
+        untouched -= {n.name for n, m in zip(numbers(policy), listed) if n.value != m.value}
+    assert not untouched
+
+
+def test_a_number_that_does_not_exist_is_not_changed() -> None:
+    with pytest.raises(TypeError, match="faintest"):
+        changed(Policy(), "extent.faintest", 1.0)
 
 
 def test_what_does_not_act_on_a_frame_changes_nothing() -> None:
     sample = a_line()
-    skipped = [v for v in variants().values() if not acts(sample, *v)]
-    assert len(skipped) > len(NEEDS)
+    skipped = [v for v in variants().values() if not acts(sample, v)]
+    assert len(skipped) > 8
     whole = error(sample)
-    for parts, numbers in skipped[::3]:
-        assert error(sample, parts, numbers) == whole
+    for policy in skipped[::3]:
+        assert error(sample, policy) == whole
 
 
 @pytest.mark.parametrize("kind", list(KINDS))
@@ -117,6 +133,6 @@ def test_the_command_writes_its_table(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     text = file.read_text(encoding="utf-8")
     assert text.startswith("Made by `palpate bench ablation --frames 2 --numbers 0 --kinds 'line' --seed 7`")
-    assert all(f"without: {name}" in text for name in PARTS)
+    assert all(name in text for name in variants(thresholds=False))
     refused = CliRunner().invoke(app, ["bench", "ablation", "--frames", "2", "--numbers", "3"])
     assert refused.exit_code != 0

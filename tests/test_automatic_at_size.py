@@ -14,10 +14,13 @@ from palpate.inverse.constrained.iterative import Iterative
 from palpate.inverse.constrained.model import Level
 from palpate.inverse.constrained.products import Applied, Boxes, Products
 from palpate.inverse.constrained.quadratic import Penalty
-from palpate.inverse.contact import hypotheses, summary
+from palpate.inverse.contact import summary
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
+from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.methods import cone_of
-from palpate.inverse.contact.parts import Parts
+from palpate.inverse.contact.policy import Errors, Parts, Policy
+from palpate.inverse.contact.score import hopeless_signs, likelier_signs
+from palpate.inverse.contact.search import search
 from palpate.inverse.linear.matrix_free import path
 from palpate.inverse.linear.whitening import Readings
 
@@ -54,9 +57,6 @@ def without_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(products, name, 10)
     for name in ("PRODUCTS", "PRODUCTS_SLIDING"):
         monkeypatch.setattr(products, name, 0.0)
-    # the least error of a large contact's force is a bound, not what products leave
-    monkeypatch.setattr(summary, "MODEL_FORCE_AT_SIZE", summary.MODEL_FORCE)
-    monkeypatch.setattr(summary, "SUMS_AT_SIZE", 1.0)
 
 
 @pytest.mark.parametrize("ratio", [1, 2])
@@ -184,14 +184,12 @@ def test_an_offset_under_a_ball_that_covers_the_array_is_said(monkeypatch: pytes
 )
 def test_signs_that_no_offset_saves(ring: float, gains: tuple[float, float], left_out: list[int]) -> None:
     """Neither where the edge is loaded all round, as an offset would be, nor where nothing explains the readings."""
-    estimator = AdaptiveEstimator(skin_of(20).problem(), cone_of(("x", "y", "z"), None))
     nothing = np.zeros(0)
     tried = [
-        hypotheses.Hypothesis(sign, hypotheses.Rough(gain, 1.0, 1.0, nothing, nothing, ring), nothing)
-        for sign, gain in zip((1, -1), gains)
+        Explanation(sign, Rough(gain, 1.0, 1.0, nothing, nothing, ring), nothing) for sign, gain in zip((1, -1), gains)
     ]
-    assert hypotheses._hopeless(estimator, tried) == left_out
-    assert hypotheses._likelier_first(tried, left_out) == [s for s in (1, -1) if s not in left_out]
+    assert hopeless_signs(tried, Policy()) == left_out
+    assert likelier_signs(tried, left_out) == [s for s in (1, -1) if s not in left_out]
 
 
 def test_a_pull_with_an_offset_on_a_large_array() -> None:
@@ -208,8 +206,12 @@ def test_a_pull_with_an_offset_on_a_large_array() -> None:
 def framed(skin: pp.Skin, readings: Any, friction: float | None) -> Any:
     """A frame on cells of the surface alone: no array too large for matrices is worth finer ones."""
     problem = skin.problem()
-    parts = Parts(finer_grid=False, finer_sliding=False, second_derivative=False)
-    return AdaptiveEstimator(problem, cone_of(problem.components, friction), parts=parts).frame([readings])
+    # the least error of a large contact's force is a bound, not what products leave
+    policy = Policy(
+        parts=Parts(finer_grid=False, second_derivative=False),
+        errors=Errors(force_at_size=Errors().force, sums_at_size=1.0),
+    )
+    return search(AdaptiveEstimator(problem, cone_of(problem.components, friction), policy=policy), [readings])
 
 
 @pytest.mark.long
@@ -247,9 +249,7 @@ def test_broken_readings_are_found_in_windows(monkeypatch: pytest.MonkeyPatch) -
 
     def broken(rows: Any) -> Any:
         data = estimator.readings.flat([rows])
-        return estimator.start.screened(data, everything, estimator.shifts, estimator.thresholds).broken.reshape(
-            3, 16, 16
-        )
+        return estimator.start.screened(data, everything, estimator.shifts).broken.reshape(3, 16, 16)
 
     assert not broken(readings).any()
     readings[2, 8, 7] = 0.0  # dead, under the ball

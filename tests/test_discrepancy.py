@@ -167,3 +167,16 @@ def test_frames_at_rest_of_another_shape_are_refused() -> None:
     skin = taxels(4, THREE)
     with pytest.raises(pp.InvalidInput, match=r"zero must hold frames at rest of shape \(frame, 3, 4, 4\)"):
         skin.reconstruct(np.zeros((3, 4, 4)), zero=np.zeros((5, 4, 4)))
+
+
+@pytest.mark.parametrize("place", [6e-3, 9e-3])
+@pytest.mark.parametrize("response", [0.4, 0.6, 1.0])
+def test_a_press_at_the_end_of_a_pad_is_in_the_interval(place: float, response: float) -> None:
+    """Beyond the outermost of four taxels a pad ends, and answers with a part of what an endless one would: the readings cannot tell, the interval can."""
+    pad = pp.BondedLayers([pp.Layer(thickness=8e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
+    skin = pp.Skin(pad, pp.AreaArray(shape=(2, 2), pitch=12e-3, depth=8e-3, channels=["stress_zz"]))
+    ball = pp.solutions.hertz_point(contact_radius=3e-3, force=2.0).shifted(place, 0.0)
+    readings = response * np.asarray(skin.sense(ball)) + 20.0 * np.random.default_rng(1).standard_normal((1, 2, 2))
+    touch = skin.reconstruct(readings, zero=rest(skin, 20.0))
+    low, high = (float(side[-1]) for side in touch.interval(0.95, "force"))
+    assert low <= 2.0 <= high < 10.0

@@ -12,7 +12,7 @@ import pytest
 import palpate as pp
 from palpate.inverse.constrained import products
 from palpate.inverse.contact import summary
-from palpate.inverse.contact.later import ContactErrors
+from palpate.inverse.contact.deferred_errors import ContactErrors
 from palpate.touch import joined
 
 

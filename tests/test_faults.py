@@ -418,6 +418,7 @@ def test_a_dead_taxel_under_a_narrow_contact_is_left_out(seed: int) -> None:
 
 def test_a_threshold_of_the_sensor_makes_no_dead_taxels() -> None:
     """Readings below a threshold come as zero: at the contact's edge they lie beside large ones, and say that little presses there."""
+    from palpate.inverse.contact.policy import Policy
     from palpate.inverse.contact.screening import silent
     from palpate.inverse.fit import neighbours
 
@@ -428,9 +429,9 @@ def test_a_threshold_of_the_sensor_makes_no_dead_taxels() -> None:
     readings = (clean + 0.01 * clean.max() * rng.standard_normal(clean.shape)).ravel()
     cut = np.where(readings < np.quantile(readings, 0.4), 0.0, readings)
     index = np.zeros(len(cut), dtype=np.intp)
-    assert not silent(cut, index, neighbours([array])).any()
+    assert not silent(cut, index, neighbours([array]), Policy()).any()
     cut[44] = 0.0
-    assert np.flatnonzero(silent(cut, index, neighbours([array]))).tolist() == [44]
+    assert np.flatnonzero(silent(cut, index, neighbours([array]), Policy())).tolist() == [44]
 
 
 def test_a_converter_that_rails_at_ten_peaks_beside_a_pull_is_answered() -> None:

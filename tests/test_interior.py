@@ -98,7 +98,7 @@ def test_every_fit_of_a_frame_ends_although_newtons_method_cycles() -> None:
         return x, there
 
     with (
-        mock.patch("palpate.inverse.contact.constrained.minimise", watched),
+        mock.patch("palpate.inverse.contact.prepared.minimise", watched),
         mock.patch.object(cones, "interior", counted),
     ):
         skin.reconstruct(frame, friction=0.3)

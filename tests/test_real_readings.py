@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.screening import ceilings
 from palpate.inverse.fit import misfit_probability, neighbours
 from palpate.sensing.grids import refined
@@ -170,12 +171,12 @@ def test_ceilings_and_steps() -> None:
     index = np.zeros(12, dtype=int)
     pairs = neighbours([pp.LineArray(count=12, pitch=1e-3, depth=1e-3, channels=["stress_zz"])])
     x = np.minimum(9.0 * np.exp(-0.2 * (np.arange(12) - 5.2) ** 2), 6.0)
-    found = ceilings(x, index, pairs)
+    found = ceilings(x, index, pairs, Policy())
     assert np.flatnonzero(found.upper).tolist() == [4, 5, 6]
     assert not found.lower.any()
     assert not found.step.any()
-    assert not ceilings(np.where(np.arange(12) % 4, x / 2, 6.0), index, pairs).any  # apart from each other
-    rounded = ceilings(np.array([0.0, 1, 2, 5, 7, 7, 6, 4, 3, 1, 0, 0]), index, pairs)
+    assert not ceilings(np.where(np.arange(12) % 4, x / 2, 6.0), index, pairs, Policy()).any  # apart from each other
+    rounded = ceilings(np.array([0.0, 1, 2, 5, 7, 7, 6, 4, 3, 1, 0, 0]), index, pairs, Policy())
     assert not rounded.any  # neighbours of a peak share its step
     assert (rounded.step == 1.0).all()
 
@@ -295,7 +296,7 @@ channels = ["stress_zz"]
 
 
 def test_no_constant_makes_smaller_what_is_stated() -> None:
-    from palpate.inverse.contact.parts import STATED
+    from palpate.inverse.contact.policy import STATED
     from palpate.uncertainty import Case, constants
 
     for contact in ("line", "area", "area with shear"):

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.bench.ablation import Ablated
 from palpate.bench.trust.rows import make_frame
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact import rivals
+from palpate.inverse.contact.policy import Policy, changed
 from palpate.touch import Touch
 
 
@@ -56,12 +57,12 @@ def test_the_level_between_two_contacts_is_tried_where_both_reach_the_ends() -> 
     assert not any(note.startswith("offset") for note in touch.notes)
 
 
-def test_the_mean_of_two_hypotheses_has_the_errors_of_both(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_mean_of_two_hypotheses_has_the_errors_of_both() -> None:
     """-15 % of the peak on a line of 21, true 212 N/m: contact alone says 154 (114 to 180), and with the offset the interval ends at 210."""
     frame = make_frame("offset", 190, seed=60613)
     force, _, high = _force(both := frame.skin.reconstruct(frame.readings))
-    monkeypatch.setattr(rivals, "DOUBTED", 0.0)
-    alone = make_frame("offset", 190, seed=60613).skin.reconstruct(frame.readings)
+    undoubted = Ablated(policy=changed(Policy(), "fit.doubted", 0.0))
+    alone = frame.skin.reconstruct(frame.readings, method=undoubted)
     without, _, end = _force(alone)
     assert without < 0.95 * force
     assert high > end + 0.5 * (force - without)

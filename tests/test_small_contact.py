@@ -9,8 +9,8 @@ import palpate as pp
 from long_runs import long_runs
 from palpate.bench.ablation import Ablated
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.parts import Parts
-from palpate.inverse.contact.sharp import STUDENT, heavy_tails
+from palpate.inverse.contact.few_cells import heavy_tails
+from palpate.inverse.contact.policy import Parts, Policy
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 PITCH = 4e-3
@@ -96,7 +96,7 @@ def test_the_linear_model_takes_it_for_noise() -> None:
     array = _array((8, 8), 0.37, ["stress_zz"])
     readings, _ = _press(array, (0.84, -1.75), 0.4, 0.013, 1)
     skin = pp.Skin(PAD, array)
-    assert not skin.reconstruct(readings, method=Ablated(parts=Parts(sharp=False))).touching
+    assert not skin.reconstruct(readings, method=Ablated(policy=Policy(parts=Parts(few_cells=False)))).touching
     assert float(np.asarray(skin.reconstruct(readings).force)[2]) > 0.0
 
 
@@ -162,9 +162,9 @@ def test_a_stream_does_not_learn_that_there_is_no_noise(
 def test_student_noise_is_what_student_noise_is() -> None:
     rng = np.random.default_rng(0)
     channel = np.zeros(4000, dtype=np.intp)
-    gauss, student = rng.standard_normal(4000), rng.standard_t(STUDENT, 4000)
-    assert heavy_tails(gauss, channel, 4000) == 0.0
-    assert heavy_tails(student, channel, 4000) > 1000.0
+    gauss, student = rng.standard_normal(4000), rng.standard_t(Policy().detection.student, 4000)
+    assert heavy_tails(gauss, channel, 4000, Policy()) == 0.0
+    assert heavy_tails(student, channel, 4000, Policy()) > 1000.0
 
 
 @pytest.mark.parametrize("radius", [2e-3, 3e-3, 4e-3])

@@ -98,9 +98,43 @@ def test_rooms() -> None:
 
 def test_numerics_know_no_frames() -> None:
     """`inverse/constrained` minimises; what a frame is, and which explanation of it is the better one, is decided above it."""
-    deciding = ("palpate.inverse.contact", "palpate.inverse.fit", "palpate.inverse.registry", "palpate.status", "palpate.errors")
-    found = {(path.name, module) for path in (SOURCE / "inverse" / "constrained").glob("*.py") for module in imports(path)}
+    deciding = (
+        "palpate.inverse.contact",
+        "palpate.inverse.fit",
+        "palpate.inverse.registry",
+        "palpate.status",
+        "palpate.errors",
+    )
+    found = {
+        (path.name, module) for path in (SOURCE / "inverse" / "constrained").glob("*.py") for module in imports(path)
+    }
     assert not {f"{name} imports {module}" for name, module in found if module.startswith(deciding)}
+
+
+def test_numbers_of_the_contact_method_are_in_its_policy() -> None:
+    """No other file of `inverse/contact` decides by a number of its own; `local` and `places` are another method."""
+    facts = {
+        "methods.LARGEST_FRICTION",
+        "noise.MEDIAN",
+        "no_contact.WIDE",
+    }  # a limit of an option; two quantiles of a Gaussian
+    found = set()
+    for path in (SOURCE / "inverse" / "contact").rglob("*.py"):
+        if path.stem in ("policy", "local", "places"):
+            continue
+        for node in tree_of(path).body:
+            value = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
+            if value is not None and any(
+                isinstance(n, ast.Constant) and type(n.value) in (int, float) for n in ast.walk(value)
+            ):
+                found |= {f"{path.stem}.{name}" for name in top_level([node])}
+    assert found == facts
+
+
+def test_the_contact_method_has_no_circles() -> None:
+    """What is prepared knows nothing of those that decide with it: no module needs an import for type checking alone."""
+    for path in (SOURCE / "inverse" / "contact").rglob("*.py"):
+        assert "TYPE_CHECKING" not in path.read_text(), path.name
 
 
 def test_a_file_of_700_lines_is_two_rooms() -> None:

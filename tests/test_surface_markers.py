@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.posterior import ambiguity_of
 from palpate.inverse.observability import ACTS, pressing
 
@@ -46,7 +47,7 @@ def test_the_map_is_the_less_known_the_nearer_the_markers_are_to_the_surface() -
     found = []
     for depth in (0.0, 1e-4, 2.5e-4, 1e-3):
         acting = pressing(GEL, [markers(depth)], ["x", "y"])
-        free, coupled = (ambiguity_of(acting, ACTS, coupled=c) for c in (False, True))
+        free, coupled = (ambiguity_of(acting, ACTS, Policy(), coupled=c) for c in (False, True))
         assert coupled[3] == pytest.approx(0.5 * free[3])
         found.append(free[3])
     assert found == sorted(found, reverse=True)

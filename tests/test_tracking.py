@@ -14,7 +14,7 @@ import palpate as pp
 from long_runs import long_runs
 from palpate import simulation, solutions
 from palpate.grasp import Event, GraspMonitor
-from palpate.inverse.contact.rivals import DOUBTED
+from palpate.inverse.contact.policy import Policy
 from palpate.simulation import Stage
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
@@ -457,7 +457,7 @@ def test_error_bars_are_right_from_the_first_frame(skin: pp.Skin) -> None:
         assert touch.errors is not None
         assert same.errors is not None
         # a frame whose fit is doubted has twice the error, which a tracker does not know of
-        doubled = 2.0 if float(same.fit) < DOUBTED else 1.0
+        doubled = 2.0 if float(same.fit) < Policy().fit.doubted else 1.0
         assert 1 / 3 < touch.errors.force[2] * doubled / same.errors.force[2] < 3
         np.testing.assert_allclose(touch.noise_std, same.noise_std, rtol=0.4)
 

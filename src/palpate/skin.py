@@ -29,10 +29,11 @@ from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.contacts import contact_readings, sampled
 from palpate.sensing.grids import Grid
 from palpate.sensing.limits import check_creep, cut, taken_as_they_are
+from palpate.sensing.maps import body_of
 from palpate.sensing.nuisance import check_nuisance
 from palpate.sensing.operator import Boundary
 from palpate.sensing.readings import Layout, checked_traction, creeping, frame_times, joined_planes, with_creep
-from palpate.sensing.surface import default_surface
+from palpate.sensing.surface import surface_of
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.sensing.zero import Rest, rest_frames
 from palpate.solutions import AreaContact, LineContact
@@ -114,15 +115,16 @@ class Skin(SkinProperties):
             pad.compliance(p.depth)  # refuses a depth below a rigid base
         if boundary not in ("free", "periodic"):
             raise InvalidInput(f'boundary must be "free" or "periodic"; got {boundary!r}.')
-        self._given = surface is not None
+        # every spatial computation is that of the instantaneous pad; creep is a filter in time
+        self._elastic: Pad = check_creep(pad, planes) if isinstance(pad, Viscoelastic) else pad
+        # a pad that ends is not touched beyond its end
+        self._given = surface is not None or body_of(self._elastic) is not None
         if surface is None:
             if boundary == "periodic" and not isinstance(planes[0], ScatteredArray):
                 surface = planes[0].grid
             else:
-                surface = default_surface(planes, thickness=pad.thickness)
+                surface = surface_of(self._elastic, planes)
         self._pad, self._planes, self._boundary, self._surface = pad, planes, boundary, surface
-        # every spatial computation is that of the instantaneous pad; creep is a filter in time
-        self._elastic: Pad = check_creep(pad, planes) if isinstance(pad, Viscoelastic) else pad
         self._problem = Problem(
             self._elastic,
             planes,

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.contact import constrained
+from palpate.inverse.contact import prepared
+from palpate.inverse.contact.policy import Policy, changed
 from palpate.live.camera import _opened
 from palpate.microscopy import read_pair
 from palpate.paper.algorithm import half_width
@@ -50,7 +51,7 @@ def weigh_layers(lower: str) -> Any:
 
 
 def by_size(method: str) -> Any:
-    with mock.patch.object(constrained, "LARGEST_UNKNOWNS", 3):
+    with mock.patch.object(prepared, "Policy", return_value=changed(Policy(), "work.unknowns", 3)):
         return pp.Skin(PAD, line(noise=10.0)).reconstruct(PRESS, method=method)
 
 

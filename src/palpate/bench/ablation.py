@@ -1,7 +1,7 @@
 """What each part of the automatic method buys, and whether the answer hangs on its numbers.
 
 Every frame of a population that tuned nothing (`palpate.bench.unseen`) is solved by the whole method, without each part, and with each number
-halved and doubled (`palpate.inverse.contact.parts`). Errors are over those of the whole method in the same frame.
+halved and doubled (`palpate.inverse.contact.policy`). Errors are over those of the whole method in the same frame.
 """
 
 from __future__ import annotations
@@ -9,17 +9,15 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from palpate.bench.accuracy import spread_over
 from palpate.bench.unseen import KINDS, Sample, unseen
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.adaptive import AdaptiveEstimator
-from palpate.inverse.contact.methods import Automatic, AutomaticEstimator, cone_of
-from palpate.inverse.contact.parts import Parts, Thresholds
-from palpate.inverse.linear.methods import Tikhonov
+from palpate.inverse.contact.methods import Automatic, AutomaticEstimator
+from palpate.inverse.contact.policy import Policy, changed, numbers
 from palpate.inverse.problem import Problem
 from palpate.touch import Touch
 from palpate.uncertainty import Calibration
@@ -32,91 +30,42 @@ RESAMPLED = 2000
 
 @dataclass(frozen=True, kw_only=True)
 class Ablated(Automatic):
-    """The automatic method without some of its parts, or with other numbers."""
+    """The automatic method without some of its parts, or with other numbers, where pressure is sought."""
 
-    parts: Parts = field(default_factory=Parts)
-    thresholds: Thresholds = field(default_factory=Thresholds)
+    policy: Policy = field(default_factory=Policy)
 
     def prepare(self, problem: Problem) -> AutomaticEstimator:
         """As `Automatic` does."""
-        cone = cone_of(problem.components, self.friction)
-        pushing = AdaptiveEstimator(problem, cone, parts=self.parts, thresholds=self.thresholds)
-        linear = self.parts.pulls and self.friction is None
-        return AutomaticEstimator(pushing, (lambda: Tikhonov().prepare(problem)) if linear else None)
+        return self.prepared_by(problem, self.policy)
 
 
-#: What each part is called in the table, and what is left out.
-PARTS: dict[str, tuple[str, ...]] = {
-    "pressure never pulls, shear within friction": ("constraint",),
-    "model of an even penalty": ("even_model",),
-    "model of the second derivative": ("second_derivative",),
-    "local weights, wide": ("wide_weights",),
-    "local weights, narrow": ("narrow_weights",),
-    "local weights, both": ("wide_weights", "narrow_weights"),
-    "local weights explain the readings": ("explains",),
-    "posterior variance in local weights": ("posterior_variance",),
-    "no shear outside contact": ("shear_in_contact",),
-    "finer grid": ("finer_grid",),
-    "finer grid of sliding contact": ("finer_sliding",),
-    "surface beyond the edge": ("wide_surface",),
-    "models that end on the surface": ("ends_on_surface",),
-    "sliding as a whole": ("sliding",),
-    "trimming of faint cells": ("trim",),
-    "noise of each channel": ("channel_noise",),
-    "noise learned again": ("noise_again",),
-    "uneven noise is no contact": ("uneven_evidence",),
-    "broken readings left out before contact is sought": ("screening",),
-    "outliers left out": ("outliers",),
-    "outliers and broken readings": ("screening", "outliers"),
-    "offsets of the readings": ("nuisances",),
-    "contact that pulls": ("pulls", "rims"),
-    "pull about a contact": ("rims",),
-    "shear in proportion to the pressure": ("common_shear",),
-    "faint cells left out early": ("narrowed",),
-    "contact smaller than a pitch, seen in a few cells": ("sharp",),
-    "discs of any place and radius": ("compact",),
-    "no local weights for the improbable (saves time)": ("skipped",),
+#: Parts that stand in for each other are left out together, too; a pull without a search for rims is what rims are weighed against.
+TOGETHER: dict[str, tuple[str, ...]] = {
+    "local weights, both": ("parts.wide_weights", "parts.narrow_weights"),
+    "outliers and broken readings": ("parts.screening", "parts.outliers"),
+    "contact that pulls, and rims": ("parts.pulls", "parts.rims"),
 }
 
 
-#: Numbers whose halving and doubling is tried: those that no derivation gives.
-NUMBERS = (
-    "contact",
-    "outlier",
-    "gross",
-    "unequal",
-    "quieter",
-    "shear",
-    "even",
-    "reach",
-    "floor",
-    "rounds",
-    "spacing",
-    "trim",
-    "quiet",
-    "noisy",
-    "ends",
-    "slides",
-    "jointly",
-)
-#: What parts and numbers need to make any difference: friction that is known, shear that is sought, more than one channel.
-NEEDS = {
-    **dict.fromkeys(("sliding", "finer_sliding", "skipped", "slides", "jointly"), "friction"),
-    **dict.fromkeys(("shear_in_contact", "common_shear", "shear"), "shear"),
-    **dict.fromkeys(("channel_noise", "uneven_evidence", "unequal"), "channels"),
-}
-
-
-def variants(*, thresholds: bool = True) -> dict[str, tuple[Parts, Thresholds]]:
-    """Every row of the table: without each part, and, if wanted, with each number of `Thresholds` halved and doubled."""
-    whole, numbers = Parts(), Thresholds()
-    out = {f"without: {name}": (replace(whole, **dict.fromkeys(off, False)), numbers) for name, off in PARTS.items()}
-    if thresholds:
-        for name in NUMBERS:
-            value = getattr(numbers, name)
-            for factor, word in ((0.5, "x 0.5"), (2.0, "x 2")):
-                changed = replace(numbers, **{name: type(value)(value * factor)})
-                out[f"{name} {value:.3g} {word}"] = (whole, changed)
+def variants(*, thresholds: bool = True, every: bool = False) -> dict[str, Policy]:
+    """Every row of the table: without each part, and, if wanted, with each number halved and doubled that no derivation gives; ``every``: with each number."""
+    whole = Policy()
+    out: dict[str, Policy] = {}
+    for one in numbers():
+        if one.part:
+            out[f"without: {one.why}"] = changed(whole, one.name, False)
+    for name, off in TOGETHER.items():
+        policy = whole
+        for part in off:
+            policy = changed(policy, part, False)
+        out[f"without: {name}"] = policy
+    for one in numbers():
+        if one.part or not thresholds or not (one.tried or every) or isinstance(one.value, tuple):
+            continue
+        for factor, word in ((0.5, "x 0.5"), (2.0, "x 2")):
+            value = type(one.value)(one.value * factor)
+            if value != one.value:
+                out[f"{one.name} {one.value:.3g} {word}"] = changed(whole, one.name, value)
     return out
 
 
@@ -160,20 +109,15 @@ def _outcome(sample: Sample, method: Ablated) -> Outcome:
     )
 
 
-def acts(sample: Sample, parts: Parts, thresholds: Thresholds) -> bool:
+def acts(sample: Sample, policy: Policy) -> bool:
     """Whether a variant can change the answer of this frame at all."""
     has = {
+        "": True,
         "friction": sample.friction is not None,
         "shear": len(sample.layout.components) > 1,
         "channels": len(sample.layout.array.channels) > 1,
     }
-    changed = [
-        f.name
-        for given, plain in ((parts, Parts()), (thresholds, Thresholds()))
-        for f in fields(plain)
-        if getattr(given, f.name) != getattr(plain, f.name)
-    ]
-    return any(has[NEEDS[name]] if name in NEEDS else True for name in changed)
+    return any(has[one.needs] for one, plain in zip(numbers(policy), numbers()) if one.value != plain.value)
 
 
 def _one_frame(task: tuple[int, int, str, bool, tuple[str, ...] | None]) -> tuple[str, bool, dict[str, Outcome]]:
@@ -182,10 +126,10 @@ def _one_frame(task: tuple[int, int, str, bool, tuple[str, ...] | None]) -> tupl
     whole = Ablated(friction=sample.friction)
     _outcome(sample, whole)  # finer grids are made when they are first needed
     out = {"whole": _outcome(sample, whole)}
-    for name, (parts, numbers) in variants(thresholds=thresholds).items():
+    for name, policy in variants(thresholds=thresholds, every=chosen is not None).items():
         if chosen is None or name in chosen:
-            other = Ablated(friction=sample.friction, parts=parts, thresholds=numbers)
-            out[name] = _outcome(sample, other) if acts(sample, parts, numbers) else out["whole"]
+            other = Ablated(friction=sample.friction, policy=policy)
+            out[name] = _outcome(sample, other) if acts(sample, policy) else out["whole"]
     return sample.kind, sample.empty, out
 
 

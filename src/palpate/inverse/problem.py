@@ -23,7 +23,7 @@ from palpate.inverse.observability import is_observable
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.operator import Boundary, Operator, check_surface
-from palpate.sensing.surface import WIDE, check_above, check_depth, check_thickness, default_surface
+from palpate.sensing.surface import WIDE, check_above, check_depth, check_thickness, surface_of
 from palpate.sensing.uncertainty import STEP, Uncertainty, scale_free, stretched
 
 __all__ = ["Kept", "Problem"]
@@ -200,7 +200,7 @@ class Problem:
     @property
     def wide_surface(self) -> Grid:
         """The surface that `wide` starts from."""
-        return self.surface if self.fixed else default_surface(self.planes, depths=WIDE, thickness=self.pad.thickness)
+        return self.surface if self.fixed else surface_of(self.pad, self.planes, depths=WIDE)
 
     @property
     def wide(self) -> Operator:

@@ -2,6 +2,7 @@
 
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
+from palpate.sensing.maps import Body, LinearMap, MatrixMap
 from palpate.sensing.operator import Operator
 from palpate.sensing.surface import default_surface
 from palpate.sensing.uncertainty import Uncertainty
@@ -10,9 +11,12 @@ __all__ = [
     "AreaArray",
     "AreaGrid",
     "Array",
+    "Body",
     "Grid",
     "LineArray",
     "LineGrid",
+    "LinearMap",
+    "MatrixMap",
     "Operator",
     "ScatteredArray",
     "Uncertainty",

@@ -1,10 +1,11 @@
 """The linear operator from surface traction to readings, and its adjoint.
 
-Three ways to apply it, chosen by the geometry, never by accuracy:
+Four ways to apply it, chosen by the geometry, never by accuracy:
 
 - a regular array whose pitch is a whole number of surface cells: convolution with the exact influence of one cell, by
   zero-padded FFT (linear, no wrap-around);
 - any other layout: the same influences as a matrix, and of many positions by interpolation from a lattice (`palpate.sensing.scattered`);
+- a pad that is not alike everywhere makes its own (`palpate.sensing.maps`);
 - ``boundary="periodic"``: the surface repeats for ever; each wavevector by its own matrix (`palpate.elastic.transfer`).
 """
 
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +28,9 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.elastic.quantities import transfer
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import Array, ScatteredArray
-from palpate.sensing.grids import Grid
+from palpate.sensing.grids import Grid, refined
 from palpate.sensing.kernels import aperture_rule, influence
+from palpate.sensing.maps import Among, Cached, LinearMap, MatrixMap, body_of
 from palpate.sensing.scattered import Lattice
 
 __all__ = [
@@ -52,31 +54,6 @@ LARGEST_DENSE = 3_000_000_000
 LARGEST_MATRIX = 4096
 #: Bytes of a block of wavevectors in products of spectra: what the processor's second cache holds beside its sources.
 NEAR = 1 << 17
-#: Places of the components that a traction holds; None: all of them.
-Among = Sequence[int] | None
-
-
-class _Plane(Protocol):
-    def forward(self, traction: Any, among: Among = None) -> Any: ...
-    def adjoint(self, readings: Any, among: Among = None) -> Any: ...
-    def dense(self) -> Floats: ...
-    def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats: ...
-
-
-class _Cached:
-    """Prepared NumPy arrays, handed over once per array kind, precision and device."""
-
-    def __init__(self, value: npt.NDArray[Any]) -> None:
-        self.value = value
-        self._copies: dict[tuple[Any, ...], Any] = {}
-
-    def like(self, x: Any) -> Any:
-        key: tuple[Any, ...] = (x.dtype,)
-        if not is_numpy(x):
-            key = (namespace(x).__name__, str(x.dtype), str(getattr(x, "device", "")))
-        if key not in self._copies:
-            self._copies[key] = from_numpy(self.value, x)
-        return self._copies[key]
 
 
 def multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
@@ -201,7 +178,7 @@ class Convolution:
         padded = np.zeros((*self.kernel.shape[:2], *self.size))
         padded[(slice(None), slice(None), *(slice(0, len(lag)) for lag in lags))] = self.kernel
         padded = np.roll(padded, [-(n - 1) for n in self.cells], axis=tuple(range(2, 2 + len(lags))))
-        self.spectrum = _Cached(rfftn(padded, self.size))
+        self.spectrum = Cached(rfftn(padded, self.size))
 
     def forward(self, traction: Any, among: Among = None) -> Any:
         xp, d = namespace(traction), len(self.size)
@@ -266,11 +243,10 @@ def _upsampled(xp: Any, x: Any, axis: int, ratio: int) -> Any:
     return xp.reshape(xp.concat([x, zeros], axis=position + 1), tuple(shape))
 
 
-class _Dense:
+class _Dense(MatrixMap):
     """A matrix of influences, for scattered positions and pitches that do not fit the cells."""
 
     def __init__(self, pad: Pad, array: Array, grid: Grid) -> None:
-        self.taxels, self.cells = array.shape, grid.shape
         points = array.points
         rows, columns = len(array.channels), len(grid.components)
         total = 8 * len(points) * math.prod(grid.shape) * rows * columns
@@ -293,41 +269,7 @@ class _Dense:
             offsets = [part[:, a : a + 1] - grid.axes[a][None, :] for a in range(grid.dimensions)]
             block = influence(pad, offsets, grid.spacings, array.depth, array.channels, rules)
             matrix[:, start : start + chunk] = np.moveaxis(block, 1, 2)
-        self._matrix = matrix
-        self.matrix = _Cached(matrix.reshape(rows * len(points), -1))
-        self.rows, self.count = rows, columns
-
-    def forward(self, traction: Any, among: Among = None) -> Any:
-        xp, d = namespace(traction), len(self.cells)
-        batch = traction.shape[: -1 - d]
-        if among is not None:
-            tail = (slice(None),) * d
-            zero = xp.zeros_like(traction[(..., 0, *tail)])
-            places = {column: place for place, column in enumerate(among)}
-            parts = [traction[(..., places[i], *tail)] if i in places else zero for i in range(self.count)]
-            traction = xp.stack(parts, axis=-1 - d)
-        flat = xp.reshape(traction, (*batch, -1))
-        out = xp.matmul(flat, xp.permute_dims(self.matrix.like(traction), (1, 0)))
-        return xp.reshape(out, (*batch, self.rows, *self.taxels))
-
-    def adjoint(self, readings: Any, among: Among = None) -> Any:
-        xp = namespace(readings)
-        batch = readings.shape[: -1 - len(self.taxels)]
-        flat = xp.reshape(readings, (*batch, -1))
-        out = xp.reshape(xp.matmul(flat, self.matrix.like(readings)), (*batch, self.count, *self.cells))
-        if among is None:
-            return out
-        tail = (slice(None),) * len(self.cells)
-        return xp.stack([out[(..., i, *tail)] for i in among], axis=-1 - len(self.cells))
-
-    def dense(self) -> Floats:
-        """(channel, *taxels, component, *cells)."""
-        return self._matrix.reshape(self.rows, *self.taxels, self.count, *self.cells)
-
-    def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats:
-        """(channel, taxel, cell): readings of unit traction in some ``cells`` (flat indices)."""
-        rows = self._matrix.reshape(self.rows, -1, self.count, math.prod(self.cells))
-        return np.asarray(rows[:, :, component, cells])
+        super().__init__(matrix, array.shape)
 
 
 def periodic_transfer(pad: Pad, grid: Grid, array: Array) -> npt.NDArray[np.complex128]:
@@ -381,7 +323,7 @@ class Periodic:
             "Cut the readings into parts that overlap by a few depths.",
         )
         self.transfer = periodic_transfer(pad, grid, array)
-        self.spectrum = _Cached(self.transfer)
+        self.spectrum = Cached(self.transfer)
 
     def forward(self, traction: Any, among: Among = None) -> Any:
         xp, d = namespace(traction), len(self.size)
@@ -476,16 +418,23 @@ class Operator:
         check_surface(planes, surface)
         for array in planes:
             if boundary == "periodic":
+                if body_of(pad) is not None:
+                    raise Unsupported(
+                        f'a {type(pad).__name__} ends where it ends: boundary="periodic" repeats a pad for ever. Use boundary="free", which is the default.'
+                    )
                 _check_periodic(array, surface)
-        self._weights = [_Cached(a.valid.astype(np.float64)) if a.mask is not None else None for a in planes]
+        self._weights = [Cached(a.valid.astype(np.float64)) if a.mask is not None else None for a in planes]
         self._floating = [_floating_channels(pad, a, boundary) for a in planes]
 
     @cached_property
-    def planes(self) -> list[_Plane]:
+    def planes(self) -> list[LinearMap]:
         """The map of each array, made when it is first needed: a method that cannot serve the size says so before."""
-        made: list[_Plane] = []
+        made: list[LinearMap] = []
+        body = body_of(self.pad)
         for array in self.planes_of:
-            if self.boundary == "periodic":
+            if body is not None:
+                made.append(body.response(array, self.surface))
+            elif self.boundary == "periodic":
                 made.append(Periodic(self.pad, array, self.surface))
             elif commensurate(array, self.surface) is not None:
                 made.append(Convolution(self.pad, array, self.surface, recall=self.recall))
@@ -494,6 +443,21 @@ class Operator:
             else:
                 made.append(_Dense(self.pad, array, self.surface))
         return made
+
+    def finer(self, ratio: int) -> Operator:
+        """The same from cells ``ratio`` times finer along each axis.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+        >>> skin.operator.finer(2).surface.shape
+        (30,)
+        """
+        if ratio == 1:
+            return self
+        return Operator(self.pad, self.planes_of, refined(self.surface, ratio), self.boundary, recall=self.recall)
 
     def worked_out(self) -> dict[str, tuple[Floats, ...]]:
         """Influences that are there, for `Recall`.
@@ -614,6 +578,6 @@ def sampled_kernel(pad: Pad, array: Array) -> Operator:
     operator.pad, operator.planes_of, operator.surface, operator.boundary = pad, (array,), array.grid, "free"
     operator.recall = None
     operator.planes = [Convolution(pad, array, array.grid, concentrated=True)]
-    operator._weights = [_Cached(array.valid.astype(np.float64)) if array.mask is not None else None]
+    operator._weights = [Cached(array.valid.astype(np.float64)) if array.mask is not None else None]
     operator._floating = [_floating_channels(pad, array, "free")]
     return operator

@@ -8,11 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.elastic.channels import find_channel
+from palpate.elastic.pad import Pad
 from palpate.errors import InvalidInput
 from palpate.sensing.arrays import Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
+from palpate.sensing.maps import body_of
 
-__all__ = ["DEPTHS", "check_above", "check_depth", "check_thickness", "default_surface"]
+__all__ = ["DEPTHS", "check_above", "check_depth", "check_thickness", "default_surface", "surface_of"]
 
 #: The surface reaches past the array by this many times the greatest depth.
 DEPTHS = 2.0
@@ -85,6 +87,14 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
     if first.dimensions == 1:
         return LineGrid(count=counts[0], spacing=spacings[0], center=centers[0])
     return AreaGrid(shape=(counts[0], counts[1]), spacing=(spacings[0], spacings[1]), center=(centers[1], centers[0]))
+
+
+def surface_of(pad: Pad, planes: Sequence[Array], *, depths: float = DEPTHS) -> Grid:
+    """Where traction is sought on a pad: the patch that it says can be touched, or `default_surface` of one that goes on for ever."""
+    body = body_of(pad)
+    if body is not None:
+        return body.patch(planes)
+    return default_surface(planes, depths=depths, thickness=pad.thickness)
 
 
 def check_thickness(planes: Sequence[Array], thickness: float | None) -> None:

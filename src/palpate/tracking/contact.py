@@ -14,8 +14,8 @@ import numpy as np
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
-from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import POOR_FIT
 from palpate.tracking.background import Background
@@ -34,6 +34,9 @@ from palpate.tracking.region import Making, NormalEquations, Region
 from palpate.tracking.search import TAKEN, Search
 
 __all__ = ["EVERY", "Contact"]
+
+#: As the contact method has it.
+FAINT = Policy().extent.faint
 
 #: Everything is looked at (new contacts, taxels that contact does not explain) at least once in so many frames: a look costs about as
 #: much as a frame.
@@ -92,7 +95,7 @@ class Contact:
     ) -> None:
         self._estimator, self._equations, self._learning, self._check = estimator, equations, learning, check
         self._offsets, self._background, self._tolerance = offsets, background, tolerance
-        self._limits = Thresholds()
+        self._limits = estimator.policy.detection
         self._solution = Iteration(estimator.cone, len(estimator.columns), math.prod(estimator.operator.surface.shape))
         self._search, self._errors = Search(estimator), ErrorBars(estimator, equations)
         self._pulling = Pulling(estimator, equations)

@@ -18,7 +18,8 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import dilated
-from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
+from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.drag import STICK, sheared
 from palpate.tracking.health import Flags, Index, Single
 from palpate.tracking.iteration import Iteration
@@ -26,6 +27,9 @@ from palpate.tracking.offsets import MODEL, Offsets
 from palpate.tracking.region import SMALLEST, NormalEquations, Region
 
 __all__ = ["Drag", "Dragging"]
+
+#: As the contact method has it.
+FAINT = Policy().extent.faint
 
 #: Templates are made anew after so many frames.
 AGAIN = 8

@@ -14,7 +14,8 @@ from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.factors import cholesky
 from palpate.inverse.constrained.model import ContactModel, Later, Normal
-from palpate.inverse.contact.constrained import FAINT, ConstrainedEstimator
+from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import state
 from palpate.inverse.estimate import Errors, Stated
@@ -27,6 +28,9 @@ from palpate.tracking.pulling import Pulling, firm
 from palpate.tracking.region import NormalEquations
 
 __all__ = ["ErrorBars", "open_above"]
+
+#: As the contact method has it.
+FAINT = Policy().extent.faint
 
 Shrink = Callable[[Floats], Floats]
 #: Errors, what is owed to a pad that is not known exactly, what is told about offsets, and degrees of freedom taken.

@@ -10,10 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.discrepancy import FAR
+from palpate.inverse.contact.policy import Policy
 from palpate.sensing.limits import at_ends
 
 __all__ = ["Flags", "Health", "Index", "ReadingCheck", "Single", "clipped"]
+
+#: As the contact method has it.
+FAR = Policy().screening.deviations
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]

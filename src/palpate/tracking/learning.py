@@ -11,8 +11,8 @@ import numpy as np
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.hypotheses import rough
-from palpate.inverse.contact.sharp import sharp_contact
+from palpate.inverse.contact.few_cells import contact_in_few_cells
+from palpate.inverse.contact.rough import rough
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background
 from palpate.tracking.discrepancy import Discrepancy
@@ -204,5 +204,5 @@ class Learning:
             left = min(left, rough(estimator, sign * data, observed, total).left)
             if left <= little:
                 return left
-        small = sharp_contact(estimator, data, observed)
+        small = contact_in_few_cells(estimator, data, observed)
         return left if small is None else min(left, small.left)

@@ -8,11 +8,15 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import dilated
-from palpate.inverse.contact.constrained import FAINT, MARGIN, ConstrainedEstimator
+from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.policy import Policy
 from palpate.tracking.health import Flags, Index, Single
 from palpate.tracking.region import Region
 
 __all__ = ["LOST", "TAKEN", "Search"]
+
+#: As the contact method has it.
+FAINT, MARGIN = Policy().extent.faint, Policy().extent.margin
 
 #: A contact is taken up where pressure somewhere is this many standard deviations from none, and given up below the second: noise
 #: alone passes 5.5 on one cell in 5e7, on one of 1000 cells in one frame of 50 000 (four minutes at 200 Hz); 4 is hysteresis.

@@ -19,7 +19,6 @@ from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.discrepancy import FEW
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import POOR_FIT
 from palpate.inverse.words import surface_strain
@@ -663,7 +662,7 @@ class Tracker:
             if errors is not None and status is Status.NO_CONTACT:
                 errors, drifted = self._slow.room(errors, self._zero.wandered, noise or 0.0)
                 self._said += drifted
-        proven = learning.noise_known or len(self._std) > FEW
+        proven = learning.noise_known or len(self._std) > estimator.policy.detection.few_readings
         if status is Status.NO_CONTACT and not (proven and (not self._fit < POOR_FIT or not learning.noise_known)):
             status, values = Status.UNDECIDED, values if proven else math.nan * values
         pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)

@@ -21,7 +21,6 @@ from palpate.inverse.constrained.quadratic import Formed, Penalty, Quadratic, fo
 from palpate.inverse.linear.matrix_free.evidence import FrameAtSize, LinearAtSize
 from palpate.inverse.linear.spectrum import Spectrum
 from palpate.inverse.linear.whitening import Readings
-from palpate.sensing.grids import refined
 from palpate.sensing.operator import Operator
 
 __all__ = [
@@ -52,11 +51,7 @@ ROOM = 1.25
 
 def level_operator(operator: Operator, ratio: int) -> Operator:
     """The operator on cells ``ratio`` times finer."""
-    if ratio == 1:
-        return operator
-    return Operator(
-        operator.pad, operator.planes_of, refined(operator.surface, ratio), operator.boundary, recall=operator.recall
-    )
+    return operator.finer(ratio)
 
 
 #: Cells of a contact along a ray up to which it is formed although all its components are not, and entries of their columns (200 MB).

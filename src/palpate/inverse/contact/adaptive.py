@@ -33,11 +33,11 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.constrained.differences import Sparse
-from palpate.inverse.constrained.factors import cholesky
 from palpate.inverse.constrained.model import ContactModel, Level, Normal, dilated
 from palpate.inverse.constrained.variances import taken_by, variance_of
 from palpate.inverse.contact.compact import Discs, discs
-from palpate.inverse.contact.constrained import FAINT, LARGEST_UNKNOWNS, ConstrainedEstimator
+from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.score import weights_by_evidence
 from palpate.inverse.contact.sliding import expanded, in_blocks, ways_of_sliding
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.inverse.observability import ACTS
@@ -47,20 +47,6 @@ __all__ = ["AdaptiveEstimator"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Fine cells per surface cell on a line, and per axis on an area, from low noise to high (`Thresholds.spacing`): where noise is high,
-#: detail finer than the taxels cannot be seen.
-LINE_RATIOS, AREA_RATIOS = (5, 3), (3, 2, 1)
-#: Models of less weight are dropped: they would move the mean by a thousandth of the difference between models.
-LEAST_WEIGHT = 1e-3
-#: Local scales are made so much larger, in turn, where they would keep contact from explaining the readings.
-LARGER = (1.0, 4.0, 16.0, 64.0)
-#: More readings than this hold contact by themselves, and where it is.
-HOLD = 4096
-#: Standard deviations of what more is left by chance.
-LEFT_MORE = 4.0
-#: The part of the force that faint cells (`FAINT`) carry where they are doubted.
-MUCH = 0.05
-
 
 class AdaptiveEstimator(ConstrainedEstimator):
     """The adaptive estimator, prepared once for a problem and its constraints."""
@@ -68,8 +54,12 @@ class AdaptiveEstimator(ConstrainedEstimator):
     past_the_surface = True
 
     derivatives = (1, 2)
-    reach = 1
     acts = ACTS
+
+    @property
+    def reach(self) -> int:
+        """Cells round those in contact that share their error."""
+        return 1
 
     @property
     def finds_sliding(self) -> bool:
@@ -80,22 +70,19 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """How much finer than the surface the problem is worth solving, where the data tell ``freedom`` of ``places`` unknowns."""
         d = self.operator.surface.dimensions
         spacing = (places / max(freedom, 1.0)) ** (1.0 / d)
-        if not self.parts.finer_grid:
+        policy = self.policy
+        if not policy.parts.finer_grid:
             return 1
-        t = self.thresholds
-        limits = (t.spacing, math.inf) if d == 1 else (t.fine_spacing, t.spacing, math.inf)
-        table = list(zip(limits, LINE_RATIOS if d == 1 else AREA_RATIOS))
-        most = min(t.unknowns, max(t.few_unknowns, t.unknowns_per_reading * len(self.readings.std)))
+        limits = (
+            (policy.grid.spacing, math.inf) if d == 1 else (policy.grid.fine_spacing, policy.grid.spacing, math.inf)
+        )
+        table = list(zip(limits, policy.grid.line if d == 1 else policy.grid.area))
+        most = min(
+            policy.grid.unknowns,
+            max(policy.grid.few_unknowns, policy.grid.unknowns_per_reading * len(self.readings.std)),
+        )
         wanted = [r for limit, r in table if r == 1 or unknowns * r**d <= most]
         return min(next(r for limit, r in table if spacing <= limit), max([*wanted, 1]))
-
-    def _freedom_along(self, data: Normal, weight: float) -> float:
-        """How many degrees of freedom of the pressure the data tell, by the even penalty of that weight."""
-        import scipy.linalg
-
-        even = self.precisions(data.level, 1, weight)[-1][data.cells][:, data.cells].toarray()
-        factor = cholesky(data.gram + even)
-        return float(np.trace(scipy.linalg.cho_solve((factor, True), data.gram, check_finite=False)))
 
     def models(
         self,
@@ -111,25 +98,26 @@ class AdaptiveEstimator(ConstrainedEstimator):
         of the weight goes to models that end it on the surface. Nor is friction in the data, where the channels alone do not tell pressure
         from shear: half of the weight goes to models that friction bounds.
         """
+        policy = self.policy
         size = np.abs(first[-1]).reshape(self.operator.surface.shape)
         region = dilated(size > self.quiet(y) * size.max(), 1)
         regions = [region]
         beyond = first[-1].reshape(size.shape)[~self.inside]
-        if self.parts.ends_on_surface and (beyond > 0).any() and (region & self.inside).any():
+        if policy.parts.ends_on_surface and (beyond > 0).any() and (region & self.inside).any():
             regions.append(region & self.inside)
-        shares = [1.0] if len(regions) == 1 else [1.0 - self.thresholds.ends, self.thresholds.ends]
+        shares = [1.0] if len(regions) == 1 else [1.0 - policy.prior.ends, policy.prior.ends]
         ways = [self]
         if self.ambiguous and not self.cone.coupled:
             bounded = copy.copy(self)
-            bounded.cone = Cone(self.cone.components, self.thresholds.most_friction)
+            bounded.cone = Cone(self.cone.components, policy.prior.most_friction)
             ways.append(bounded)
         for way in ways:
             for r, share in zip(regions, shares):
-                for member in way._ensemble(r, first, y, noise, observed, evidence):
+                for member in way.models_over(r, first, y, noise, observed, evidence):
                     member.weight *= share / len(ways)
                     yield member
 
-    def _ensemble(
+    def models_over(
         self,
         region: Flags,
         first: Floats,
@@ -139,9 +127,10 @@ class AdaptiveEstimator(ConstrainedEstimator):
         evidence: Mapping[int, LinearEvidence],
     ) -> Iterator[ContactModel]:
         """The models of a frame with contact in a region, with their weights."""
+        policy = self.policy
         grid, c = self.operator.surface, len(self.columns)
         possible = int(region.sum())
-        if not self.cone.free and self.parts.narrowed:
+        if not self.cone.free and policy.parts.narrowed:
             # what the models would trim in any case makes them slow
             pressure = first[-1].reshape(grid.shape)
             region = region & dilated(pressure > self._trim(y) * np.where(region, pressure, 0.0).max(), 1)
@@ -162,27 +151,21 @@ class AdaptiveEstimator(ConstrainedEstimator):
             # the first model is the one that noise is learned from
             yield from compact
         slides: list[tuple[Floats, Floats, float]] = []
-        if self.cone.coupled and self.parts.sliding:
+        if self.cone.coupled and policy.parts.sliding:
             coarse = data if ratio == 1 else refined(1)[0]
             precisions = self.precisions(coarse.level, 1, parameter / scale**2)
             given = coarse, first, precisions
             if coarse.at_size:
-                given = in_blocks(*given)
-            slides = ways_of_sliding(given[0], given[1], self.cone, given[2], self.thresholds)
+                given = in_blocks(*given, policy)
+            slides = ways_of_sliding(given[0], given[1], self.cone, given[2], self.policy)
         rest = max(1.0 - sum(chance for _, _, chance in slides), 0.0)
         # what is as good as excluded is not worth its local weights
-        whole = rest >= self.thresholds.slides or not self.parts.skipped
+        whole = rest >= policy.prior.slides or not policy.parts.skipped
         for m in self._members(data, start, y, evidence if whole else {1: evidence[1]}, local=whole):
             m.weight *= rest * fields
             yield m
         alone = copy.copy(self)
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
-        if slides and not coarse.at_size:
-            # pressure alone has fewer unknowns than the data tell: a finer grid pays sooner
-            freedom = alone._freedom_along(coarse.along(slides[0][0]), parameter / scale**2)
-            finer = self._ratio(count, freedom, count)
-            if self.parts.finer_sliding and finer > ratio and count * c * finer**grid.dimensions <= LARGEST_UNKNOWNS:
-                data, start = refined(finer)
         for ray, changes, chance in slides:
             for one in alone._members(data.along(ray), start[-1:], y, evidence):
                 member = expanded(one, data, ray, changes)
@@ -195,7 +178,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         self, data: Normal, first: Floats, y: Floats, noise: Floats, observed: Flags, parameter: float, possible: int
     ) -> Discs | None:
         """Discs that a contact of a few taxels may be (`palpate.inverse.contact.compact`); none where it is larger."""
-        if not self.parts.compact or data.at_size:
+        if not self.policy.parts.compact or data.at_size:
             return None
         white = self.readings.white(y[observed], observed)
         left = white - self.readings.white((self.explained_by(first) / noise)[observed], observed)
@@ -227,31 +210,31 @@ class AdaptiveEstimator(ConstrainedEstimator):
         local: bool = True,
     ) -> Iterator[ContactModel]:
         """The models on the cells of ``data``, with their weights; without ``local``, those of an even penalty alone."""
+        policy = self.policy
         level = data.level
-        best = max(e.gain for e in evidence.values())
-        odds = {order: math.exp(max(e.gain - best, -50.0)) for order, e in evidence.items()}
-        chosen = [order for order in evidence if order == 1 or odds[order] >= self.thresholds.improbable]
+        odds = weights_by_evidence({order: e.gain for order, e in evidence.items()})
+        chosen = [order for order in evidence if order == 1 or odds[order] >= policy.prior.improbable]
         total = sum(odds[order] for order in chosen)
         reaches = self._reaches(level) if local else []
         even = 1.0
         if reaches:
             # an even penalty gets its share, and half where the second derivative is what the frame speaks for
             smooth = sum(odds[order] for order in chosen[1:]) / total
-            even = (1.0 - smooth) * self.thresholds.even + smooth / 2.0 if self.parts.even_model else 0.0
+            even = (1.0 - smooth) * policy.prior.even + smooth / 2.0 if policy.parts.even_model else 0.0
         first: ContactModel | None = None
         for order in chosen:
             weight = odds[order] * even / total
-            if order > 1 and reaches and not weight > LEAST_WEIGHT:
+            if order > 1 and reaches and not weight > policy.prior.least_weight:
                 continue
             found = evidence[order]
             precisions = self.precisions(level, order, found.parameter / found.scale**2)
             member = self._trimmed(self.model(data, precisions, start), precisions, y)
             member.weight = weight
             first = first or member
-            if not reaches or weight > LEAST_WEIGHT:
+            if not reaches or weight > policy.prior.least_weight:
                 yield member
         share = (1.0 - even) / max(len(reaches), 1)
-        if first is None or not share > LEAST_WEIGHT:
+        if first is None or not share > policy.prior.least_weight:
             return
         energies = {variance: self._energies(first, variance) for _, variance in reaches}
         for width, variance in reaches:
@@ -261,12 +244,13 @@ class AdaptiveEstimator(ConstrainedEstimator):
 
     def _trimmed(self, member: ContactModel, precision: Sparse | Sequence[Sparse], y: Floats) -> ContactModel:
         """Without the cells whose pressure is not told from none: all of it pushes, so that noise there would add up."""
+        policy = self.policy
         pressure = member.solution.traction[-1]
         position = np.flatnonzero(pressure > self._trim(y) * pressure.max())
-        if not len(position) or not self.parts.trim or self.cone.free:  # nothing pushes, or not only
+        if not len(position) or not policy.parts.trim or self.cone.free:  # nothing pushes, or not only
             position = np.arange(len(pressure))
         found = self.model(member.data.part(position), precision, member.solution.traction[:, position], keep_face=True)
-        return self._without_faint(found, precision) if self.parts.trim and not self.cone.free else found
+        return self._without_faint(found, precision) if policy.parts.trim and not self.cone.free else found
 
     def _without_faint(self, member: ContactModel, precision: Sparse | Sequence[Sparse]) -> ContactModel:
         """Without faint pressure all round, where it makes up much of the force and the readings do not ask for it.
@@ -274,9 +258,10 @@ class AdaptiveEstimator(ConstrainedEstimator):
         Wide even pressure on a thin bonded layer is hardly felt, and costs no gradients; where friction is known, noise in shear asks for it: a
         twisted ball of 2.4 N was read as 3.5 N.
         """
+        policy = self.policy
         pressure = member.solution.traction[-1]
-        faint = pressure <= FAINT * pressure.max()
-        if not pressure[faint].sum() > MUCH * pressure.sum():
+        faint = pressure <= policy.extent.faint * pressure.max()
+        if not pressure[faint].sum() > policy.extent.faint * pressure.sum():
             return member
         position = np.flatnonzero(~faint)
         traction = member.solution.traction[:, position]
@@ -285,38 +270,37 @@ class AdaptiveEstimator(ConstrainedEstimator):
 
     def _trim(self, y: Floats) -> float:
         """The part of the peak below which pressure is noise, for whitened readings."""
-        return min(self.thresholds.trim / max(float(np.abs(y).max()), 1e-300), self.thresholds.largest_trim)
+        policy = self.policy
+        return min(policy.extent.trim / max(float(np.abs(y).max()), 1e-300), policy.extent.faint)
 
     def _reaches(self, level: Level) -> list[tuple[float, bool]]:
         """Widths in cells of the local means that differ on this grid; without the variance weak shear would be lost."""
+        policy = self.policy
         cell, shear = min(level.grid.spacings), len(self.columns) > 1
-        wide = (max(self.thresholds.reach * self.depth / cell, 1.0), shear and self.parts.posterior_variance)
-        narrow = (1.0, self.parts.posterior_variance)
-        chosen = [r for r, on in ((wide, self.parts.wide_weights), (narrow, self.parts.narrow_weights)) if on]
+        wide = (max(policy.prior.reach * self.depth / cell, 1.0), shear and policy.parts.posterior_variance)
+        narrow = (1.0, policy.parts.posterior_variance)
+        chosen = [r for r, on in ((wide, policy.parts.wide_weights), (narrow, policy.parts.narrow_weights)) if on]
         return list(dict.fromkeys(chosen))
 
     def _relearned(
         self, member: ContactModel, width: float, variance: bool, y: Floats, energies: Floats
     ) -> ContactModel:
         """The penalty learned from its own result, over and over, beginning with the ``energies`` of the first."""
+        policy = self.policy
         level, first = member.level, member
-        c = len(self.columns)
         precisions: list[Sparse] = []
-        quiet, rounds = self.thresholds.quiet, self.thresholds.rounds
+        quiet, rounds = policy.extent.quiet, policy.prior.rounds
         for i in range(rounds):
             tau = self._local_scales(member, width, energies if i == 0 else self._energies(member, variance))
             loud = tau.max(axis=0).ravel()
             pressure = member.solution.traction[-1]
             keep = (loud[member.cells] > quiet * loud.max()) | (pressure > self.quiet(y) * pressure.max())
-            if self.parts.shear_in_contact and not self.cone.coupled and c > 1:
-                # no shear outside contact
-                keep &= dilated(member.pressure > 0, 1).ravel()[member.cells]
             position = np.flatnonzero(keep)
             if not len(position):
                 break
-            least = self.thresholds.floor * tau.max()  # of all components: without friction shear is nothing
+            least = policy.prior.floor * tau.max()  # of all components: without friction shear is nothing
             last = i == rounds - 1
-            for larger in LARGER:
+            for larger in policy.prior.larger:
                 each = level.differences.local(larger * np.maximum(tau, least))
                 found = self.model(
                     member.data.part(position),
@@ -337,13 +321,14 @@ class AdaptiveEstimator(ConstrainedEstimator):
 
         A model of fewer degrees of freedom leaves as many more squares of the noise, and by chance their deviation.
         """
-        if not self.parts.explains or len(self.readings.std) > HOLD:
+        policy = self.policy
+        if not policy.parts.explains or len(self.readings.std) > policy.work.hold:
             return True
         more = member.squares - first.squares
-        if not more > LEFT_MORE:
+        if not more > policy.prior.left_more:
             return True
         fewer = taken_by(first)
-        return more < fewer + LEFT_MORE * math.sqrt(fewer)
+        return more < fewer + policy.prior.left_more * math.sqrt(fewer)
 
     def _local_scales(self, member: ContactModel, width: float, energies: Floats) -> Floats:
         """tau (component, *grid): local mean of the squared gradient, of each component by itself."""

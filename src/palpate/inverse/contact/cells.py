@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -12,21 +11,13 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import TOLERANCE
 from palpate.inverse.constrained.model import dilated
 from palpate.inverse.constrained.products import FIRST_AT_SIZE
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.prepared import Prepared
 
 __all__ = ["solved"]
 
-#: Cells start as contact where the linear solution is more than this part of its peak; cells that are missing are added, so
-#: that it only saves time.
-LIKELY = 0.15
-#: Rounds of adding cells; so few are not added.
-ROUNDS, FEWEST = 12, 0.02
-
 
 def solved(
-    estimator: ConstrainedEstimator,
+    estimator: Prepared,
     linear: Floats,
     y: Floats,
     noise: Floats,
@@ -39,18 +30,19 @@ def solved(
     It is solved over cells where pressure is likely; cells are added until none is missing. ``near`` is the solution of a problem that
     differs little, where there is one: it saves steps and changes nothing else.
     """
+    policy = estimator.policy
     level, components = estimator.level(1), len(estimator.columns)
     grid = level.grid
     precisions = estimator.precisions(level, 1, weight)
     pressure = linear[-1]
-    region = dilated(pressure >= max(LIKELY * float(pressure.max()), 1e-300), 1).ravel()
+    region = dilated(pressure >= max(policy.work.likely * float(pressure.max()), 1e-300), 1).ravel()
     region[int(np.argmax(pressure))] = True
     start = linear.reshape(len(linear), -1)
     if near is not None and near[-1].any():
         start = near
     slope = estimator.misfit_gradient(y, noise, observed)
     reference = estimator.quiet(y) * float(np.abs(slope).max())
-    for _ in range(ROUNDS):
+    for _ in range(policy.work.cell_rounds):
         cells = np.flatnonzero(region)
         data = estimator.normal(level, cells, y, noise, observed, once=True)
         tolerance = TOLERANCE
@@ -71,7 +63,7 @@ def solved(
         # the edge of what is hardly felt grows by a few cells in many rounds; models have a margin of their own
         beside = dilated(region.reshape(grid.shape), 1).ravel()
         missing = pull > reference
-        if not (missing & ~beside).any() and missing.sum() <= FEWEST * region.sum():
+        if not (missing & ~beside).any() and missing.sum() <= policy.work.few_cells * region.sum():
             break
         # where Newton's method cycles all of the surface is soon in contact: of a large one, one hard problem instead of one a round
         region |= missing | (data.at_size and member.solution.hard)

@@ -12,7 +12,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,35 +21,12 @@ import scipy.sparse
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.differences import Sparse
 from palpate.inverse.constrained.model import Normal
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.score import share_of
 
 __all__ = ["Disc", "Discs", "discs"]
 
 Index = npt.NDArray[np.intp]
-
-#: Radii in cells of the finer grid, up to a pitch; where more than this part of the weight is at the largest, contact is larger.
-RADII, AT_END = (0.5, 1.0, 1.5, 2.25, 3.25, 4.5, 6.0), 0.8
-#: A contact is small where the first solution presses as hard as half of its peak on no more taxels than this (area, line).
-TAXELS = {2: 6.0, 1: 3.0}
-#: Discs that become models.
-DRAWN = 8
-#: Where noise is not given, what discs leave is no less than this part of the largest reading: their edges and places are not those of contact.
-DETAIL = 0.015
-#: Weight of all of them below which they are not worth solving, and at most: a disc is never all that is possible.
-LEAST, MOST = 0.02, 0.67
-#: Discs that leave this many times the noise, and what fields leave, are none.
-WORSE = 2.0
-#: Cells that places are sought among.
-LARGEST = 4000
-#: Places that discs of the third radius do best at, at which all radii are tried.
-PLACES = 200
-#: The best discs, about which places between cells are tried, and how many to a cell on either side.
-BEST, STEPS = 24, 3
-#: Halvings of the step, from half a cell, in which the best place of each radius is sought; then so many steps to either side are weighed: four taxels
-#: round a small contact tell its place to a fiftieth of a cell, and a third of a cell beside it nothing fits.
-HALVINGS, ASIDE = 5, 2
 
 
 @dataclass(frozen=True)
@@ -81,10 +58,10 @@ class _Tried:
 class _Neighbours:
     """Which cells of a region lie how near to which."""
 
-    def __init__(self, cells: Index, shape: tuple[int, ...]) -> None:
-        steps, self.far, next_to, self.shares = _steps(len(shape))
+    def __init__(self, cells: Index, shape: tuple[int, ...], radii: tuple[float, ...], steps_to_a_cell: int) -> None:
+        steps, self.far, next_to, self.shares = _steps(len(shape), radii[-1], steps_to_a_cell)
         # the place of every cell among those of the region, and none round it
-        reach = int(RADII[-1])
+        reach = int(radii[-1])
         wide = tuple(n + 2 * reach for n in shape)
         self.count = len(cells)
         self.first = np.ravel_multi_index(tuple(p + reach for p in np.unravel_index(cells, shape)), wide)
@@ -117,7 +94,7 @@ class _Neighbours:
         return np.asarray(self.number[self.first[list(centres)][:, None] + self.next_to])
 
     def about(self, centre: int) -> tuple[Index, Floats]:
-        """The neighbours of a cell, itself among them, and their share (place, neighbour) in places between them, by linear interpolation: `STEPS` of
+        """The neighbours of a cell, itself among them, and their share (place, neighbour) in places between them, by linear interpolation: `steps` of
         them to a cell.
         """
         near = self.next_to_each([centre])[0]
@@ -126,15 +103,15 @@ class _Neighbours:
 
 
 @functools.cache
-def _steps(dimensions: int) -> tuple[Index, Floats, Index, Floats]:
+def _steps(dimensions: int, radius: float, between_cells: int) -> tuple[Index, Floats, Index, Floats]:
     """Steps to cells within the largest radius, from near to far, and how far; steps to the next cells, and their share in places between them."""
 
-    reach = int(RADII[-1])
+    reach = int(radius)
     steps = _lattice(np.arange(-reach, reach + 1), dimensions)
     far = np.sqrt((steps**2).sum(axis=1))
     order = np.argsort(far, kind="stable")
-    order = order[far[order] <= RADII[-1]]
-    between = _lattice(np.linspace(-1.0, 1.0, 2 * STEPS + 1), dimensions)
+    order = order[far[order] <= radius]
+    between = _lattice(np.linspace(-1.0, 1.0, 2 * between_cells + 1), dimensions)
     return steps[order], far[order], _lattice(np.arange(-1, 2), dimensions), _shares(between)
 
 
@@ -150,7 +127,7 @@ def _shares(places: Floats) -> Floats:
 
 
 def discs(
-    estimator: ConstrainedEstimator,
+    estimator: Prepared,
     data: Normal,
     first: Floats,
     white: Floats,
@@ -163,15 +140,17 @@ def discs(
     ``first`` is the first solution (component, *surface), ``left`` the squares that it leaves, and ``taken`` the degrees of freedom that it takes;
     ``possible`` is how many cells of the surface a contact may lie on.
     """
+    rules = estimator.policy.discs
+    radii, count = rules.radii, len(rules.radii)
     grid, c, n = data.level.grid, len(data.linear), len(data.cells)
     pressure = first[-1]
     taxels_a_cell = estimator.taxels / max(float((~estimator.outside).sum()), 1.0)
     small = float((pressure > 0.5 * pressure.max()).sum()) * taxels_a_cell
     free, total = len(white) - c, float(white @ white)
-    if data.at_size or small > TAXELS[grid.dimensions] or free < c + 2 or n > LARGEST:
+    if data.at_size or small > rules.taxels[grid.dimensions - 1] or free < c + 2 or n > rules.cells:
         return None
     matrix = np.asarray(data.matrix.T).reshape(c, n, len(white)).transpose(1, 0, 2).reshape(n, -1)
-    detail = 0.0 if estimator.noise_known else (DETAIL * float(np.abs(white).max())) ** 2
+    detail = 0.0 if estimator.noise_known else (rules.detail * float(np.abs(white).max())) ** 2
     floor = detail * len(white)
 
     def columns(shapes: Sparse) -> Floats:
@@ -188,14 +167,14 @@ def discs(
         rest = total - 2.0 * (found * right).sum(axis=1) + (found * (gram @ found[..., None])[..., 0]).sum(axis=1)
         return _Tried(columns, found, np.maximum(rest, 0.0) + floor)
 
-    places = _Neighbours(data.cells, grid.shape)
-    some = np.argsort(tried(columns(places.of(np.arange(n), RADII[2]))).left, kind="stable")[:PLACES]
-    rings = [columns(places.of(some, radius, beyond)) for beyond, radius in zip((-1.0, *RADII), RADII)]
+    places = _Neighbours(data.cells, grid.shape, radii, rules.steps)
+    some = np.argsort(tried(columns(places.of(np.arange(n), radii[2]))).left, kind="stable")[: rules.places]
+    rings = [columns(places.of(some, radius, beyond)) for beyond, radius in zip((-1.0, *radii), radii)]
     for inner, ring in itertools.pairwise(rings):
         ring += inner  # all that lies within
     coarse = tried(np.concatenate(rings))
     # between cells: the best, and their neighbours' share of them
-    best = np.argsort(coarse.left, kind="stable")[:BEST]
+    best = np.argsort(coarse.left, kind="stable")[: rules.best]
     sizes = best // len(some)
     near = [places.about(int(some[k % len(some)])) for k in best]
     blocks: dict[int, Floats] = {}  # what readings they give, and their size in cells
@@ -203,7 +182,7 @@ def discs(
     for size in np.unique(sizes):
         those = np.flatnonzero(sizes == size)
         centres, inverse = np.unique(np.concatenate([near[k][0] for k in those]), return_inverse=True)
-        shapes = places.of(centres, RADII[size])
+        shapes = places.of(centres, radii[size])
         each, counts = columns(shapes).reshape(len(centres), -1), np.diff(shapes.indptr)
         parts = np.split(inverse, np.cumsum([len(near[k][0]) for k in those])[:-1])
         blocks |= {int(k): near[k][1] @ each[part] for k, part in zip(those, parts)}
@@ -217,19 +196,21 @@ def discs(
     usual, axes = len(fine[0].left), _lattice(np.arange(-1.0, 2.0), grid.dimensions)
     volume = [np.zeros(usual)]
     # the best place of each radius, and those next to it; of all radii together
-    best_of = [int(some[int(np.argmin(left))]) for left in coarse.left.reshape(len(RADII), -1)]
+    best_of = [int(some[int(np.argmin(left))]) for left in coarse.left.reshape(count, -1)]
     around = places.next_to_each(best_of)
     missing = around < 0
     each = np.zeros((*around.shape, c * len(white)))
     counts = np.zeros(around.shape)
     for size, (cells, gone) in enumerate(zip(around, missing)):
-        ones = places.of(cells[~gone], RADII[size])
+        ones = places.of(cells[~gone], radii[size])
         each[size, ~gone] = columns(ones).reshape(len(ones.indptr) - 1, -1)
         counts[size, ~gone] = np.diff(ones.indptr)
-    at, here = np.zeros((len(RADII), grid.dimensions)), np.arange(len(RADII))
-    for turn in range(HALVINGS + 1):
-        step, last = 0.5 ** (turn + 1), turn == HALVINGS
-        moves = _lattice(np.arange(-ASIDE, ASIDE + 1.0), grid.dimensions) * 2.0 * step if last else axes * step
+    at, here = np.zeros((count, grid.dimensions)), np.arange(count)
+    for turn in range(rules.halvings + 1):
+        step, last = 0.5 ** (turn + 1), turn == rules.halvings
+        moves = (
+            _lattice(np.arange(-rules.aside, rules.aside + 1.0), grid.dimensions) * 2.0 * step if last else axes * step
+        )
         there = np.clip(at[:, None] + moves, -1.0, 1.0)
         share = _shares(there.reshape(-1, grid.dimensions)).reshape(*there.shape[:2], -1)
         whole = ((share * missing[here, None]).sum(axis=2) < 1e-9).all(axis=1)  # else at the region's edge
@@ -243,32 +224,32 @@ def discs(
         for size, part in zip(here, share):
             known = ~missing[size]
             shapes += [(around[size, known], s[known], int(size), float(s @ counts[size])) for s in part]
-        volume.append(np.full(len(one.left), grid.dimensions * math.log(2.0 * step * STEPS)))
+        volume.append(np.full(len(one.left), grid.dimensions * math.log(2.0 * step * rules.steps)))
     left_by, found_by = np.concatenate([f.left for f in fine]), np.concatenate([f.traction for f in fine])
     theirs = max(len(white) - taken, 1.0)
-    if (float(left_by.min()) - floor) / free > max(WORSE**2 * max(left / theirs, 1.0), detail):
+    if (float(left_by.min()) - floor) / free > max(rules.worse**2 * max(left / theirs, 1.0), detail):
         return None
     # any radius up to the largest is as likely
     size_by = np.array([size for *_, size, _ in shapes])
-    log_weight = -0.5 * free * np.log(left_by) + np.log(np.gradient(np.array(RADII)))[size_by] + np.concatenate(volume)
+    log_weight = -0.5 * free * np.log(left_by) + np.log(np.gradient(np.array(radii)))[size_by] + np.concatenate(volume)
     top = -0.5 * free * math.log(float(left_by.min()))
     weight = np.exp(log_weight - top)
-    if weight[size_by == len(RADII) - 1].sum() > AT_END * weight.sum():
+    if weight[size_by == count - 1].sum() > rules.at_end * weight.sum():
         return None
     # of all shapes, those as good as the best
     anywhere = max(possible * data.level.ratio**grid.dimensions, n)
-    chance = float(weight.sum()) / (anywhere * len(RADII) * usual / len(best))
+    chance = float(weight.sum()) / (anywhere * count * usual / len(best))
     mine = top + 0.5 * free * math.log(free * total) + math.log(chance)
     other = -0.5 * theirs * math.log((left + floor) / theirs / total)
-    share_of_all = 1.0 / (1.0 + math.exp(min(max(other - mine, -50.0), 50.0)))
-    if share_of_all < LEAST:
+    share_of_all = share_of(mine - other)
+    if share_of_all < rules.least:
         return None
     order = np.argsort(found_by[:, -1] * np.array([extent for *_, extent in shapes]), kind="stable")
     steps = np.cumsum(weight[order]) / weight.sum()
     drawn = []
-    for pick in order[np.searchsorted(steps, (np.arange(DRAWN) + 0.5) / DRAWN)]:
+    for pick in order[np.searchsorted(steps, (np.arange(rules.drawn) + 0.5) / rules.drawn)]:
         cells, share, size, _ = shapes[pick]
-        shape = places.summed(cells, RADII[size], share)
+        shape = places.summed(cells, radii[size], share)
         position = np.flatnonzero(shape)
         drawn.append(Disc(position, found_by[pick][:, None] * shape[position]))
-    return Discs(tuple(drawn), min(share_of_all, MOST))
+    return Discs(tuple(drawn), min(share_of_all, rules.most))

@@ -8,202 +8,50 @@ what `palpate.inverse.contact.adaptive` starts from and what `palpate.tracking` 
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
 
 from palpate._threads import cached_property, few_threads
-from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
-from palpate.errors import Unsupported
-from palpate.inverse.constrained.cone import TOLERANCE, Cone, minimise
-from palpate.inverse.constrained.differences import Sparse
-from palpate.inverse.constrained.model import LARGEST_KEPT, ContactModel, Level, Normal, Rounds, dilated, level_operator
-from palpate.inverse.constrained.products import AT_SIZE, Products, can_be_applied
-from palpate.inverse.constrained.quadratic import Penalty
-from palpate.inverse.constrained.responses import Responses
-from palpate.inverse.constrained.variances import taken_by
-from palpate.inverse.contact.cells import solved
-from palpate.inverse.contact.edges import outside_taxels, ring_of
-from palpate.inverse.contact.frame import BROKEN, MUCH, Frame, Run, how_small, told_alone
+from palpate.inverse.constrained.model import ContactModel, dilated
 from palpate.inverse.contact.gathered import gathered
-from palpate.inverse.contact.hypotheses import Hypothesis, exceeded, hypothesis_of, rough_fit, without_outliers
-from palpate.inverse.contact.misfit import drift_probability, fit_of, louder, misfit_of, proportional_part
-from palpate.inverse.contact.noise import ChannelNoise
-from palpate.inverse.contact.offsets import goes_on_all_round, offset_as_load
 from palpate.inverse.contact.overload import in_range
-from palpate.inverse.contact.parts import Parts, Thresholds
-from palpate.inverse.contact.posterior import Posterior, ambiguity_of
-from palpate.inverse.contact.quiet import explained_by_noise, uneven, what_hides
-from palpate.inverse.contact.rims import with_rims
-from palpate.inverse.contact.rivals import DOUBTED, with_rivals
-from palpate.inverse.contact.screening import Ceilings, ceilings, loaded, outermost, shallow, silent
-from palpate.inverse.contact.sharp import sharp_contact
-from palpate.inverse.contact.start import LinearStart, linear_models
-from palpate.inverse.contact.summary import Summary
-from palpate.inverse.contact.systematic import change_of_nuisances, doubtful, nuisance_errors, share, share_refuted
-from palpate.inverse.contact.windows import Windows
-from palpate.inverse.estimate import Errors, Estimate, batch_of, frames_of
-from palpate.inverse.fit import POOR_FIT, neighbours
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.estimate import Estimate, batch_of, frames_of
 from palpate.inverse.linear.evidence import LinearEvidence
-from palpate.inverse.linear.matrix_free.path import LinearModel, contact_at_size
-from palpate.inverse.linear.parameter import MODEL_ERROR
-from palpate.inverse.linear.priors import DifferencePrior
-from palpate.inverse.linear.whitening import Readings
-from palpate.inverse.observability import pressing
-from palpate.inverse.problem import Problem
-from palpate.sensing.limits import at_ends, ends_of
-from palpate.sensing.nuisance import nuisances
 
 __all__ = ["ConstrainedEstimator"]
 
 Flags = npt.NDArray[np.bool_]
-Index = npt.NDArray[np.intp]
-
-#: Cells of less than this part of the peak pressure do not make a contact ; cells so near to one are part of its problem. A convention
-#: of this method and of the tracker, whose error bars are calibrated with it.
-FAINT, MARGIN = 0.05, 2
-#: Most unknowns of one frame: a dense normal matrix of 650 MB.
-LARGEST_UNKNOWNS = 9000
-#: Readings up to which the second derivative is tried too (its spectrum costs as much again to prepare).
-SECOND_ORDER_READINGS = 4096
-#: Gain in log evidence of a patch of pressure beside a larger one: as for a frame (6), and the logarithm of the thousand places
-#: where noise may look like one (7), with 2 to spare.
-PATCH_EVIDENCE = 15.0
-#: Changes of the channels' noise (log) of less than this are not followed: half of what counts as different (`Thresholds.unequal`).
-SETTLED = 0.1
-#: Channels' noise and contact are found in turn, so often at most; the noise of all, so often.
-TURNS, TURNS_OF_ALL = 4, 2
-#: Rounds of leaving readings out: each finds what larger ones hid; two more where a channel is broken.
-ROUNDS_OF_OUTLIERS, ROUNDS_OF_BROKEN = 4, 2
-#: Offsets are found again with the contact, so often; and so often where they are far off yet.
-ROUNDS_OF_OFFSETS, MOST_OF_OFFSETS = 2, 6
-#: Below this misfit probability noise may be alike from taxel to taxel, as in three good frames of ten, where no more than so many readings tell: of
-#: more, noise that is alike is refuted as such, and a tenth of good frames doubt (`rivals.DOUBTED`).
-ALIKE, FEW_ALIKE = 0.3, 150
-#: All of these together; each comes to rest by itself.
-MOST_ATTEMPTS = 10
-#: What readings may hold besides contact where the user does not say.
-DEFAULT_NUISANCES = ("offset", "rotation")
 
 
-class ConstrainedEstimator:
-    """The constrained estimator, prepared once for a problem and its constraints.
+class ConstrainedEstimator(Prepared):
+    """The constrained estimator, prepared once for a problem and its constraints."""
 
-    The surface is the middle of the operator's grid: a contact across the array's edge is explained by cells farther out than anyone wants
-    to see. ``parameter`` is the weight of the penalty (None: by evidence), ``draws`` the number of posterior samples of each frame.
-    """
+    def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
+        """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
+        like, batch = readings[0], batch_of(readings, self.operator)
+        frames = []
+        for f in frames_of(readings, self.operator):
+            with few_threads(self.widest, len(self.readings.std)), self.rounds:
+                frames.append(in_range(self, f, rng))
+                if math.prod(batch) > 1:
+                    frames[-1] = replace(frames[-1], errors=frames[-1].known)
 
-    #: Cells round those in contact beyond doubt that share their error.
-    reach = MARGIN
-    #: Derivatives whose penalties are compared by evidence.
-    derivatives: tuple[int, ...] = (1,)
-    #: Whether contact is sought on a wider grid than the surface.
-    past_the_surface = False
-    #: Where channels alone do not tell pressure from shear: how much pressure must act on them for the least error of the normal force to be no more. One
-    #: model, and the tracker, read it 14 % low on average where pressure acts 0.3 times as shear does, 26 % at 0.16 and 60 % at 0.02.
-    acts = 1.0
+        return gathered(self, frames, batch, like)
 
-    def __init__(
-        self,
-        problem: Problem,
-        cone: Cone,
-        *,
-        parameter: float | None = None,
-        draws: int = 0,
-        parts: Parts | None = None,
-        thresholds: Thresholds | None = None,
-    ) -> None:
-        self.parts, self.thresholds = parts or Parts(), thresholds or Thresholds()
-        self.parameter, self.draws = parameter, draws
-        self.wide = self.past_the_surface and self.parts.wide_surface and not problem.fixed
-        self.problem, self.columns = problem, problem.columns
-        self.cone = cone if self.parts.constraint else Cone(cone.components, tension=True)
-        columns, operator = self.columns, problem.wide if self.wide else problem.operator
-        self.operator = operator
-        grid = operator.surface
-        self.surface = self.grid = problem.surface
-        # the cells of the operator's grid that the result is made of
-        self.window = tuple(slice((n - m) // 2, (n - m) // 2 + m) for n, m in zip(grid.shape, self.surface.shape))
-        self.inside = np.zeros(grid.shape, dtype=bool)
-        self.inside[self.window] = True
-        # outside the outermost taxels
-        self.outside = outside_taxels(operator)
-        # shear varies less than pressure, by what friction allows, shared between its components
-        shear = 0.5 * (cone.friction or self.thresholds.shear) ** 2
-        self.variances = [1.0 if c == len(columns) - 1 else shear for c in range(len(columns))]
-        readings = sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)
-        second = readings <= SECOND_ORDER_READINGS and self.parts.second_derivative
-        orders = self.derivatives if second else (1,)
-        #: Whether the linear model is matrix-free, and so is contact where that is sooner.
-        self.at_size = contact_at_size(problem, wide=self.wide)
-        priors = {order: [DifferencePrior(grid, order, v) for v in self.variances] for order in orders}
-        self.orders = linear_models(problem, priors, wide=self.wide)
-        problem.prepare_doubts(wide=self.wide)
-        self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
-        self.readings = Readings(operator, self.scales)
-        self.given_ends = ends_of(operator.planes_of)
-        self.zero = None if problem.zero is None else self.readings.flat(problem.zero)
-        self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.thresholds)
-        self._responses = Responses(operator, columns, self.readings)
-        self._levels: dict[int, Level] = {}
-        self.rounds = Rounds()
-        ambiguity = (0.0, 0.0, 0.0, 0.0)
-        if problem.ambiguous:
-            acting = pressing(problem.pad, problem.planes, problem.components[:-1])
-            ambiguity = ambiguity_of(acting, self.acts, coupled=cone.coupled)
-        self.posterior = Posterior(operator, columns, cone, self.inside, self.outside, self.reach, ambiguity=ambiguity)
-        self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
-        self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
-        #: Whether the linear model can follow any readings, noise too: it tells nothing of noise, nor of offsets.
-        self.ambiguous = problem.ambiguous
-        kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else DEFAULT_NUISANCES
-        self.terms = nuisances(operator.planes_of, kinds) if self.parts.nuisances else []
-        if problem.zeroed:
-            # the zero took the offsets of stress and strain out; an image may still have moved
-            self.terms = [t for t in self.terms if t.kind == "rotation" or t.unit == "m"]
-        #: Those that noise alone may stand about; a ramp that nobody named is sought with contact alone, where offsets leave doubt.
-        self.usual = len(self.terms)
-        if self.terms and problem.nuisance is None:
-            self.terms += [t for t in nuisances(operator.planes_of, ("ramp",)) if not problem.zeroed or t.unit == "m/m"]
-        windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
-        self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows)
-        self.ring = ring_of(self.outside)
-        self.outermost = outermost(self.orders[1])
-        self.far = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
-        #: What contact may do (`hypotheses`): push (1), pull as a whole (-1), both (0; the linear method's then).
-        self.signs: tuple[int, ...] = (1,)
-
-    def ring_load(self, pressure: Floats) -> float:
-        """The part of the cells over the outermost taxels that are loaded."""
-        top = float(pressure.max(initial=0.0))
-        return float((pressure.ravel()[self.ring] > FAINT * top).mean()) if top > 0 else 0.0
-
-    def least_noise(self, data: Floats) -> float:
-        """The least noise that is assumed, in units of the whitening."""
-        return MODEL_ERROR * float(np.abs(data / self.readings.std).max(initial=0.0))
-
-    @property
-    def finds_sliding(self) -> bool:
-        """Whether models of a contact that slides are among those weighed."""
-        return False
-
-    def level(self, ratio: int) -> Level:
-        """The operator on cells ``ratio`` times finer, made once."""
-        if ratio not in self._levels:
-            operator = self.problem.kept.get(("level", self.wide, ratio), lambda: level_operator(self.operator, ratio))
-            self._levels[ratio] = Level(operator, ratio, self.columns, self.readings)
-        return self._levels[ratio]
-
-    def precisions(self, level: Level, order: int, weight: float) -> list[Sparse]:
-        """The even penalty of each component on a level."""
-        return level.differences.even(order, [weight / v for v in self.variances])
+    @cached_property
+    def even_noise(self) -> ConstrainedEstimator:
+        """The same estimator with one noise for all channels of a kind (`Problem.with_even_noise`)."""
+        problem = self.problem.with_even_noise()
+        out = ConstrainedEstimator(problem, self.cone, parameter=self.parameter, draws=self.draws, policy=self.policy)
+        out.signs = tuple(sign for sign in self.signs if sign)
+        return out
 
     def models(
         self,
@@ -220,9 +68,12 @@ class ConstrainedEstimator:
         """
         import scipy.ndimage
 
+        policy = self.policy
         level = self.level(1)
         parameter, scale = evidence[1].parameter, evidence[1].scale
-        region = dilated((first[-1] > FAINT * first[-1].max()).reshape(level.grid.shape), MARGIN)
+        region = dilated(
+            (first[-1] > policy.extent.faint * first[-1].max()).reshape(level.grid.shape), policy.extent.margin
+        )
         cells = np.flatnonzero(region)
         data = self.normal(level, cells, y, noise, observed)
         patches = scipy.ndimage.label(region, np.ones((3,) * region.ndim))[0].ravel()[cells]
@@ -231,7 +82,7 @@ class ConstrainedEstimator:
             alone = np.where(patches == patch, first[:, cells], 0.0)
             weight[patch] = 0.5 * float(((data.matrix @ alone.ravel()) ** 2).sum())
         largest = max(weight, key=lambda patch: weight[patch])
-        kept = [patch for patch, w in weight.items() if w > PATCH_EVIDENCE or patch == largest]
+        kept = [patch for patch, w in weight.items() if w > policy.detection.patch or patch == largest]
         position = np.flatnonzero(np.isin(patches, kept))
         model = self.model(
             data.part(position),
@@ -240,7 +91,7 @@ class ConstrainedEstimator:
             keep_face=True,
         )
         pressure = model.solution.traction[-1]
-        sure = np.flatnonzero(pressure > FAINT * pressure.max())
+        sure = np.flatnonzero(pressure > policy.extent.faint * pressure.max())
         model.contact = self.model(
             model.data.part(sure),
             self.precisions(level, 1, parameter / scale**2),
@@ -249,451 +100,3 @@ class ConstrainedEstimator:
         )
         model.weight = 1.0
         yield model
-
-    def effective_freedom(self, parameter: float) -> float:
-        """How many degrees of freedom of the traction the data tell, rather than the penalty."""
-        return self.start.freedom(parameter)
-
-    def resolution(self, parameter: float) -> float:
-        """Finest detail that the data tell [m]: the side of the area (length on a line) that has one degree of freedom."""
-        arrays = self.operator.planes_of
-        points = np.concatenate([a.points for a in arrays])
-        spans = np.ptp(points, axis=0) + np.asarray(self.operator.surface.spacings)
-        return float(
-            (np.prod(spans) * len(self.columns) / max(self.effective_freedom(parameter), 1.0)) ** (1.0 / len(spans))
-        )
-
-    @cached_property
-    def _widest(self) -> int:
-        """Unknowns of the largest matrix of a frame. Where products serve large contacts matrices are small, and one thread is sooner than several that
-        wait for each other (32 x 32 x 3 on two cores: 0.4 s against 1.6).
-        """
-        unknowns = self.inside.size * len(self.columns)
-        return unknowns if self.ambiguous or not can_be_applied(self.operator) else min(unknowns, LARGEST_KEPT)
-
-    def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
-        """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
-        like, batch = readings[0], batch_of(readings, self.operator)
-        frames = []
-        for f in frames_of(readings, self.operator):
-            with few_threads(self._widest, len(self.readings.std)), self.rounds:
-                frames.append(in_range(self, f, rng))
-                if math.prod(batch) > 1:
-                    frames[-1] = replace(frames[-1], errors=frames[-1].known)
-
-        return gathered(self, frames, batch, like)
-
-    @cached_property
-    def even_noise(self) -> ConstrainedEstimator:
-        """The same estimator with one noise for all channels of a kind (`Problem.with_even_noise`)."""
-        problem = self.problem.with_even_noise()
-        out = ConstrainedEstimator(
-            problem, self.cone, parameter=self.parameter, draws=self.draws, parts=self.parts, thresholds=self.thresholds
-        )
-        out.signs = tuple(sign for sign in self.signs if sign)
-        return out
-
-    def cut(self, field: Floats) -> Floats:
-        """The part of a field (..., *grid) that lies on the surface; a field of the surface's own grid is all of it."""
-        if field.shape[-self.surface.dimensions :] == self.surface.shape:
-            return field
-        place: tuple[Any, ...] = (..., *self.window)
-        return np.asarray(field[place])
-
-    def frame(self, readings: Sequence[Floats], rng: np.random.Generator | None = None) -> Frame:
-        """Contact in one frame of readings, (channel, *array) per plane."""
-        data = self.noise.unlike(self.readings.flat(self.operator.observed(readings)))
-        alive = self.noise.alive(data)
-        ends = self.ends(readings, data)
-        if self.parts.screening:
-            alive &= ~silent(data, self.noise.index, self.pairs)
-        usable = alive.copy()
-        filled = data
-        if self.parts.screening:
-            limits = ends.upper | ends.lower if ends is not None else np.zeros(len(data), dtype=bool)
-            found = self.start.screened(data, alive & ~limits, self.shifts[:, : self.usual], self.thresholds)
-            usable &= ~found.broken
-            filled = np.where(usable, data, found.explained)
-        screened = filled, usable
-        quiet = explained_by_noise(self, filled, usable)
-        small = None if quiet is None else sharp_contact(self, filled, usable)
-        quiet = quiet if small is None else None
-        h = quiet or hypothesis_of(
-            self, filled, usable, self.terms, signs=self.signs, noise=None if small is None else small.left
-        )
-        if self.parts.outliers and quiet is None:
-            h, counted = without_outliers(self, h, filled, usable)
-            if (usable & ~counted).any():
-                usable = counted
-                filled = np.where(usable, filled, h.sign * h.rough.explained + self.shifts @ h.sizes)
-        if self.ambiguous and quiet is None:
-            chance = rough_fit(self, h, filled, usable)
-            everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > self.thresholds.everywhere
-            if chance < self.thresholds.structured_chance or everywhere:
-                return self.unexplained(data, ~usable, chance)
-        run = self.run_of(h, filled, alive, usable, ends)
-        frame = self.framed(run, data, ends, rng)
-        frame = with_rims(self, run, frame, *screened, ends, rng) or frame
-        return with_rivals(self, run, frame, data, alive, screened[1], ends, rng)
-
-    def ends(self, readings: Sequence[Floats], data: Floats) -> Ceilings | None:
-        """Readings at the end of their range, as stated or as the frame shows it; None where nothing is screened."""
-        if not self.parts.screening:
-            return None
-        given = None if self.given_ends is None else at_ends(self.readings.flat(readings), self.given_ends)
-        return ceilings(data if self.zero is None else data + self.zero, self.noise.index, self.pairs, given)
-
-    def as_they_are(self) -> ConstrainedEstimator:
-        """The same estimator, for which no reading is at the end of its range, broken, or off by an offset."""
-        out = copy.copy(self)
-        out.parts = replace(self.parts, screening=False, outliers=False)
-        out.given_ends, out.terms, out.usual = None, [], 0
-        out.__dict__.pop("shifts", None)
-        even = out.__dict__.pop("even_noise", None)
-        if even is not None:
-            out.__dict__["even_noise"] = even.as_they_are()
-        return out
-
-    @cached_property
-    def shifts(self) -> Floats:
-        """The nuisances over the readings (reading, term)."""
-        n = len(self.readings.std)
-        return np.stack([t.rows for t in self.terms], axis=1) if self.terms else np.zeros((n, 0))
-
-    @cached_property
-    def even_press(self) -> Floats:
-        """Readings (reading, component sought) under an even traction of 1 Pa that reaches far beyond the array."""
-        grid = self.operator.surface
-        size = len(self.columns), int(np.prod(grid.shape))
-        each = [np.where(np.arange(size[0])[:, None] == i, np.ones(size), 0.0) for i in range(size[0])]
-        return np.stack([self.explained_by(t) for t in each], axis=1)
-
-    def run_of(self, h: Hypothesis, raw: Floats, alive: Flags, usable: Flags, ends: Ceilings | None) -> Run:
-        """One hypothesis, solved."""
-        known: float | None = None  # noise scale, where the contact tells it better than the linear model
-        levels: Floats | None = None  # the same of every channel
-        data = (h.sign or 1) * (raw - self.shifts @ h.sizes)
-        rows = self.readings.planes(data)
-        observed, learned = usable.copy(), 0
-        least = np.zeros_like(data)
-        limited = np.zeros(len(data), dtype=bool)
-        if ends is not None:
-            limited = (ends.upper | ends.lower) & alive
-            observed &= ~limited
-            least = ends.step / (math.sqrt(12.0) * self.readings.std)
-        high = None if ends is None else (ends.upper if h.sign >= 0 else ends.lower)
-        parts, limits = self.parts, self.thresholds
-        rounding = float(least.max(initial=0.0))
-        if self.noise_known and rounding > 0.3:
-            known = math.hypot(1.0, rounding)
-        # noise that was given; what the cells of the surface leave beyond it, and what finer ones leave
-        given, coarse, finer = known, 0.0, 0.0
-        if h.sign and (exceeded(self, h, data, usable) if self.noise_known else h.present.any()):
-            known = max(h.rough.left, self.least_noise(data))
-            coarse = known if self.noise_known else 0.0
-        nothing = np.zeros((len(data), 0)), np.zeros(0)
-        refined, near = 0, h.rough.traction if h.sign else None
-        follows = self.ambiguous or self._follows(h, rows)
-        if (follows or not usable.all()) and h.rough.left > 0 and h.sign and not self.noise_known:
-            # a linear model makes noise of the edges of what is filled in
-            known = max(h.rough.left, self.least_noise(data))
-        if h.noise is not None:
-            known = max(h.noise, self.least_noise(data))
-        for attempt in range(MOST_ATTEMPTS):
-            evidence = {order: self.evidence(linear, rows, known) for order, linear in self.orders.items()}
-            gain, parameter, scale = evidence[1].gain, evidence[1].parameter, evidence[1].scale
-            loud = uneven(self, data, observed, known)
-            floor = max(self.least_noise(data), rounding)
-            noise = self.readings.std * np.maximum(scale if levels is None else levels[self.noise.index], floor)
-            if not (scale > 0 and (gain > limits.contact + loud or h.noise is not None)):
-                small = sharp_contact(self, data, observed) if scale > 0 and h.sign else None
-                if small is not None:
-                    h, known = replace(h, noise=small.left), max(small.left, floor)
-                    continue
-                return Run(h, [], data, noise, observed, parameter, scale, levels, True, math.inf, nothing)
-            first, explained = self.fit(evidence[1].traction, data / noise, noise, observed, parameter / scale**2, near)
-            near = first
-            if high is not None and attempt < ROUNDS_OF_OUTLIERS:
-                # a reading at its ceiling counts where the contact would have it read less
-                short = limited & ~observed & np.where(high, explained < data, explained > data)
-                if short.any():
-                    observed |= short
-                    rows = self.readings.planes(np.where(observed, data, explained))
-                    continue
-            wrong = self.noise.outliers(data, explained, np.maximum(noise, coarse * self.readings.std)) & ~limited
-            few = (wrong | ~observed)[alive].mean() <= limits.most_outliers and not loaded(
-                wrong, data, explained, self.pairs
-            )
-            found = few and parts.outliers and (wrong & observed).any()
-            if (attempt < ROUNDS_OF_OUTLIERS and found) or (attempt < ROUNDS_OF_BROKEN and not alive.all()):
-                if few and parts.outliers:
-                    observed &= ~wrong
-                # what is left out is filled with what the contact explains, so that the linear model can go on
-                rows = self.readings.planes(np.where(observed, data, explained))
-                continue
-            if not first[-1].any():
-                break
-            # noise and offsets are learned from the first model alone; the others are made when they have come to rest
-            models = self.models(first, data / noise, noise, observed, evidence)
-            leading = next(models)
-            if h.present.any() and refined < MOST_OF_OFFSETS:
-                sure = refined >= ROUNDS_OF_OFFSETS
-                change, unsure = change_of_nuisances(self, h, leading, data, noise, observed, sure=sure)
-                refined += 1
-                if change.any():
-                    h = replace(h, sizes=h.sizes + (h.sign or 1) * change, present=h.present & ~unsure)
-                    data = data - self.shifts @ change
-                    rows = self.readings.planes(np.where(observed, data, explained))
-                    continue
-            own = None
-            if parts.channel_noise and not self.noise_known:
-                own = self.noise.levels(leading, data / noise, noise, observed, unequal=levels is None)
-            if own is not None:
-                if levels is not None and (learned == TURNS or np.abs(np.log(own / levels)).max() < SETTLED):
-                    break
-                levels, learned = own, learned + 1
-                continue
-            if not parts.noise_again or (self.noise_known and not coarse):
-                break
-            # what pressure that only pushes cannot follow is noise, even where a linear model could
-            took = taken_by(leading) if follows or leading.compact else None
-            left = self.noise.left(leading, first, data / noise, observed, self.effective_freedom(parameter), took)
-            left *= noise[0] / self.readings.std[0]
-            change_of_noise = max(left, floor) / max(scale, floor)
-            if self.noise_known:
-                if learned == 0 and change_of_noise * limits.quieter < 1.0:
-                    # finer cells explain more: all but the noise that was given, or what they leave
-                    known, finer = given, max(left, floor)
-                elif learned == 1 and change_of_noise > limits.unexplained:
-                    known = finer
-                elif learned == 1 and change_of_noise > limits.quieter:
-                    known = left
-                else:
-                    break
-                learned += 1
-                continue
-            if follows and change_of_noise < 1.0:
-                # it began with the largest noise that explains itself
-                change_of_noise = 1.0 / change_of_noise
-            if learned == TURNS_OF_ALL or change_of_noise < limits.quieter:
-                break
-            total = float(np.sqrt(np.mean(self.readings.white((data / self.readings.std)[observed], observed) ** 2)))
-            if left > max(limits.most * total, limits.unexplained * scale):
-                break  # most of what a linear model explains is left: a pull, not noise
-            known, learned = left, learned + 1
-        signal = self.readings.white((data / noise)[observed], observed)
-        left = float(np.sqrt(np.mean((signal - self.readings.white((explained / noise)[observed], observed)) ** 2)))
-        limit = max(limits.unexplained, limits.unexplained_signal * float(np.sqrt(np.mean(signal**2))))
-        members = [leading, *models] if first[-1].any() else []
-        return Run(h, members, data, noise, observed, parameter, scale, levels, left <= limit, limit, nothing)
-
-    def _follows(self, h: Hypothesis, rows: Sequence[Floats]) -> bool:
-        """Whether the linear model follows any readings, noise too, so that its evidence tells nothing of noise: as many components as
-        channels, felt by shallow taxels.
-        """
-        if self.noise_known or not h.sign:
-            return False
-        return self.evidence(self.orders[1], rows, None).scale < self.thresholds.followed * h.rough.left
-
-    def framed(self, run: Run, data: Floats, ends: Ceilings | None, rng: np.random.Generator | None) -> Frame:
-        """One frame of the hypothesis that it was solved with."""
-        h = run.hypothesis
-        deviation = nuisance_errors(self, run)
-        at_limit = np.zeros(len(data), dtype=bool) if ends is None else ends.upper | ends.lower
-        left_out = ~run.observed & ~at_limit
-        each = np.full(self.noise.count, run.scale) if run.levels is None else run.levels
-        if not run.members:
-            rest = np.where(run.observed, run.data / np.where(run.noise > 0, run.noise, 1.0), 0.0)
-            # a reading that stands alone may be a small contact right over a shallow taxel
-            alone = np.where(shallow(self.operator.planes_of), data, 0.0)
-            nothing = self._nothing(run.parameter, run.scale, run.data, left_out, alone)
-            fit = misfit_of(self, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
-            errors, unknown = what_hides(self, run, fit, nothing.known)
-            result = replace(nothing, errors=errors, pushed=run.pushed and h.sign == 1, fit=fit, unproven=unknown)
-        else:
-            run.doubtful = doubtful(self, run)
-            run.drift = drift_probability(self, run)
-            for m in run.members:
-                share(self, m, run, deviation, at_limit)
-            fit, left, free = fit_of(self, run)
-            if fit < POOR_FIT:
-                share_refuted(self, run, fit)
-            result = self.combined(run, each, fit, left, rng)
-            # the models may explain on a finer grid what cells of the surface cannot
-            pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
-            turned = result.draws if result.draws is None or h.sign >= 0 else -result.draws
-            result = replace(
-                result,
-                traction=-result.traction if h.sign < 0 else result.traction,
-                draws=turned,
-                outliers=left_out,
-                pushed=pushed,
-                adrift=run.adrift > 0.5,
-                free=free,
-                discrepancy=proportional_part(self, run),
-            )
-        bounds = offset_as_load(self, h, result.traction)
-        undecided = bounds is not None
-        if bounds is None:
-            bounds = goes_on_all_round(self, result.traction, h.sign)
-        return replace(
-            result,
-            sign=h.sign,
-            nuisance=h.sizes,
-            nuisance_std=deviation,
-            at_limit=at_limit,
-            undecided=undecided,
-            bounds=result.bounds if bounds is None else bounds,
-        )
-
-    @cached_property
-    def pairs(self) -> tuple[Index, Index]:
-        """Readings that are neighbours."""
-        return neighbours(self.operator.planes_of)
-
-    def evidence(self, linear: LinearModel, rows: Sequence[Floats], known: float | None) -> LinearEvidence:
-        """What a linear model makes of a frame; ``known`` fixes the noise scale where it is not the arrays' own."""
-        return self.start.evidence(linear, rows, known)
-
-    def undetected(self, scale: float, data: Floats | None = None) -> Errors:
-        """Errors of a frame without contact: what would not be noticed."""
-        width = max(self.operator.surface.spacings)
-        # cells that are not finer than the array do not tell a place between shallow taxels
-        coarse = min(a.depth for a in self.operator.planes_of) < width and self.inside.sum() <= 2 * self.taxels
-        finer = self.level(2).operator if coarse else None
-        return self.posterior.undetected(self.readings, self.depth, scale, finer=finer, data=data)
-
-    def _nothing(self, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Any = 0.0) -> Frame:
-        """No contact; ``alone`` is what readings that are left out may yet say of it."""
-        grid, names = self.operator.surface, self.operator.surface.components
-        shape = (len(names), *grid.shape)
-        # from the readings themselves: the residual is all noise
-        rms = float(np.sqrt(np.mean((data / self.readings.std) ** 2)))
-        errors = self.undetected(scale if self.noise_known else rms, np.where(outliers, alone, data))
-        empty = np.zeros((self.draws, *shape)) if self.draws else None
-        noise = np.full(self.noise.count, scale)
-        return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)
-
-    def unexplained(self, data: Floats, outliers: Flags, chance: float) -> Frame:
-        """A frame that no contact explains: nothing is known."""
-        nothing = self._nothing(math.nan, math.nan, data, outliers)
-        unknown = {f.name: np.full_like(getattr(nothing.known, f.name), math.nan) for f in fields(Errors)}
-        gap, terms = math.nan * nothing.traction, np.full(len(self.terms), math.nan)
-        return replace(
-            nothing,
-            traction=gap,
-            errors=Errors(**unknown),
-            contact=True,
-            pushed=False,
-            fit=chance,
-            nuisance=terms,
-            nuisance_std=terms,
-            at_limit=np.zeros(len(data), dtype=bool),
-        )
-
-    def fit(
-        self,
-        linear: Floats,
-        y: Floats,
-        noise: Floats,
-        observed: Flags,
-        weight: float,
-        near: Floats | None = None,
-    ) -> tuple[Floats, Floats]:
-        """The constrained solution on the surface grid (component, cell), and the readings that it explains (`cells.solved`)."""
-        return solved(self, linear, y, noise, observed, weight, near)
-
-    def quiet(self, y: Floats) -> float:
-        """The part of the peak below which pressure is not told from none, for whitened readings."""
-        t = self.thresholds
-        return float(np.clip(t.noisy / max(float(np.abs(y).max()), 1e-300), t.quiet, t.most_quiet))
-
-    def explained_by(self, traction: Floats) -> Floats:
-        return self._responses.of(traction)
-
-    def misfit_gradient(self, residual: Floats, noise: Floats, observed: Flags) -> Floats:
-        """A' N^-1 residual for every surface cell, (component, cell); ``residual`` is in units of the noise."""
-        white = np.zeros(len(residual))
-        white[observed] = self.readings.white(self.readings.white(residual[observed], observed), observed)
-        return self._responses.back(white / noise)
-
-    def check_size(self, unknowns: int) -> None:
-        """Refuse a problem that is too large."""
-        if unknowns > LARGEST_UNKNOWNS:
-            raise Unsupported(
-                f"the contact covers {unknowns} unknowns, too many (limit {LARGEST_UNKNOWNS}). Give a "
-                "coarser surface (Skin(..., surface=...)), or "
-                + (f"seek {list(self.cone.components[:-1])} alone." if self.ambiguous else 'use method="tikhonov".')
-            )
-
-    def model(
-        self,
-        data: Normal,
-        precision: Sparse | Sequence[Sparse],
-        start: Floats,
-        *,
-        keep_face: bool = False,
-        tolerance: float = TOLERANCE,
-    ) -> ContactModel:
-        each = [precision] * len(self.columns) if isinstance(precision, scipy.sparse.csr_array) else precision
-        penalty = Penalty(data.cells, each, data.level.grid.shape)
-        hessian = data.quadratic(penalty)
-        if isinstance(hessian, Products):
-            tolerance = max(tolerance, AT_SIZE)
-        solution = minimise(hessian, data.linear, self.cone, start, tolerance=tolerance, keep_face=keep_face)
-        return ContactModel(data, hessian, penalty, solution)
-
-    def normal(
-        self, level: Level, cells: Index, y: Floats, noise: Floats, observed: Flags, *, once: bool = False
-    ) -> Normal:
-        # what readings hardly tell apart is too badly conditioned for products
-        kept = self.rounds.kept
-        return level.normal(
-            cells, y, noise, observed, kept, products=not self.ambiguous, once=once, slides=self.finds_sliding
-        )
-
-    def combined(
-        self,
-        run: Run,
-        noise: Floats,
-        fit: float,
-        left: float,
-        rng: np.random.Generator | None,
-        also: Run | None = None,
-    ) -> Frame:
-        """The mean of the models of a run, and of ``also`` another, with the errors of all."""
-        runs = [run] if also is None else [run, also]
-        members = [m for r in runs for m in r.members]
-        large = any(m.data.at_size for m in members)
-        summary = Summary(members, self.posterior)
-        limit = ALIKE if len(self.readings.std) <= FEW_ALIKE else DOUBTED
-        summary.alike = self.readings.independent and self.problem.nuisance is None and fit < limit
-        summary.louder = louder(self, run, left)
-        summary.gain = self.problem.uncertainty.assumed_gain
-        summary.whites = [
-            self.readings.white((r.data / r.noise)[r.observed], r.observed) for r in runs for _ in r.members
-        ]
-        weights = np.array([m.weight for m in members])
-        sampled = None
-        if self.draws:
-            sampled = self.posterior.draws(members, weights, self.draws, rng or np.random.default_rng(0))
-        alone = told_alone(self.operator.planes_of, run, np.abs(summary.mean[-1]), self.operator.surface)
-        summary.doubted = BROKEN * alone if MUCH < alone < 1.0 - MUCH else 0.0
-        return Frame(
-            summary.mean,
-            summary if large else summary.errors(),
-            run.parameter,
-            noise,
-            left,
-            all(m.solution.converged for m in members),
-            True,
-            ~run.observed,
-            sampled,
-            sliding=sum(m.weight for m in members if m.ray is not None),
-            fit=fit,
-            small=how_small(members, self.operator.planes_of, run),
-            stated=summary.stated(),
-            alone=alone,
-            beyond=self.posterior.beyond(summary.mean),
-            hangs=0.0 if self.given_ends or not self.readings.independent else summary.largest_part(),
-        )

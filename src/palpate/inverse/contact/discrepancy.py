@@ -18,66 +18,62 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.answer import unexplained
 from palpate.inverse.contact.frame import Frame
+from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.search import search
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT
 
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
+__all__ = ["explained"]
 
-__all__ = ["FAR", "FEW", "explained"]
-
-#: Shares that are tried in turn.
-SHARES = (0.02, 0.05, 0.1, 0.2, 0.3)
-#: A contact that leaves more than this part of the readings tells nothing of them (a convention).
-MOST = 0.5
-#: How many readings `fit.DISCREPANCY` counts for.
-PRIOR_WEIGHT = 4.0
-#: Noise of a zero that is so many times smaller than the smallest share is not tried by itself first.
-FAINT = 3.0
-#: Readings so many standard deviations from zero are no noise (2e-9 of Gaussian noise; `Thresholds.outlier`).
-FAR = 6.0
-#: Readings up to which noise that was learned from the frame itself does not prove that nothing touches, and on which finer models than one even penalty follow
-#: what the pad's model does wrong: in a trial on four real skins of 4 to 15 readings they had up to seven times the error.
-FEW = 50
 
 #: Fields of the errors and of a frame that do not grow with the readings.
 _FIXED = ("center", "outside_center", "variance_reduction")
 
 
-def explained(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
+def explained(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
     """One frame with the smallest share that explains it; see the module."""
+    policy = estimator.policy
     zeroed = estimator.problem.zeroed
     data = estimator.readings.flat(estimator.operator.observed(readings))
     if not estimator.noise_known:
-        plain = estimator.frame(readings, rng)
-        few = len(data) <= FEW or plain.unproven > 0
+        plain = search(estimator, readings, rng)
+        few = len(data) <= policy.detection.few_readings or plain.unproven > 0
         if not plain.contact:
             return _undecided(plain) if few and np.any(data) else plain
         return _doubted(estimator, plain, data) if plain.fit < POOR_FIT else plain
     ratio = data / estimator.readings.std
-    far = np.abs(ratio).max(initial=0.0) > FAR
-    if zeroed and far and (_rms(ratio) * SHARES[0] > FAINT or len(data) <= FEW):
+    far = np.abs(ratio).max(initial=0.0) > policy.screening.deviations
+    if (
+        zeroed
+        and far
+        and (_rms(ratio) * policy.fit.shares[0] > policy.fit.faint or len(data) <= policy.detection.few_readings)
+    ):
         return _with_shares(estimator, readings, data, None, rng)
-    plain = estimator.frame(readings, rng)
+    plain = search(estimator, readings, rng)
     if plain.contact and not plain.fit < POOR_FIT:
-        return replace(plain, discrepancy=_posterior(0.0, plain.free)) if zeroed else plain
+        return replace(plain, discrepancy=_posterior(0.0, plain.free, len(data), policy)) if zeroed else plain
     if plain.contact and not zeroed:
         return _doubted(estimator, plain, data)
-    if not plain.contact and (not plain.fit < POOR_FIT or np.abs(ratio[~plain.outliers]).max(initial=0.0) < FAR):
+    if not plain.contact and (
+        not plain.fit < POOR_FIT or np.abs(ratio[~plain.outliers]).max(initial=0.0) < policy.screening.deviations
+    ):
         return replace(plain, undecided=plain.undecided or plain.fit < POOR_FIT)
     return _with_shares(estimator, readings, data, plain, rng)
 
 
-def _doubted(estimator: ConstrainedEstimator, frame: Frame, data: Floats) -> Frame:
+def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
     """A contact that leaves more than noise, with the share that it leaves."""
     left = frame.residual * _rms(frame.noise) / max(_rms(data / estimator.readings.std), 1e-300)
-    return replace(frame, discrepancy=max(frame.discrepancy, _posterior(min(left, 1.0), frame.free)))
+    return replace(
+        frame, discrepancy=max(frame.discrepancy, _posterior(min(left, 1.0), frame.free, len(data), estimator.policy))
+    )
 
 
 def _undecided(frame: Frame) -> Frame:
@@ -97,16 +93,17 @@ def _explains(frame: Frame) -> bool:
 
 
 def _with_shares(
-    estimator: ConstrainedEstimator,
+    estimator: Prepared,
     readings: Sequence[Floats],
     data: Floats,
     plain: Frame | None,
     rng: np.random.Generator | None,
 ) -> Frame:
     """The frame with the first of the shares that explains it, else what comes nearest."""
+    policy = estimator.policy
     level = estimator.even_noise
     ratio = _rms(data / level.readings.std)
-    share: float | None = SHARES[0]
+    share: float | None = policy.fit.shares[0]
     best: tuple[float, Frame] | None = None
     while share is not None:
         factor = math.hypot(1.0, share * ratio)
@@ -115,30 +112,29 @@ def _with_shares(
         if found.contact:
             found = replace(found, fit=_size_probability(found, len(data)))
         if found.contact and _explains(found):
-            return replace(found, discrepancy=_posterior(max(left, 0.0), found.free))
+            return replace(found, discrepancy=_posterior(max(left, 0.0), found.free, len(data), policy))
         if found.contact and (best is None or left < best[0]):
             best = left, found
-        larger = [s for s in SHARES if s > share]
+        larger = [s for s in policy.fit.shares if s > share]
         share = next((s for s in larger if s >= 0.9 * left), None) if found.contact else next(iter(larger), None)
-    if best is not None and best[0] < MOST:
+    if best is not None and best[0] < policy.detection.most_left:
         left, found = best
-        return replace(found, discrepancy=_posterior(left, found.free), unexplained=True)
-    nothing = estimator.unexplained(data, np.zeros(len(data), dtype=bool), 0.0)
-    # contact as large as the largest reading allows
-    largest = float(np.abs(data / estimator.readings.std).max(initial=0.0))
-    hidden = 1.96 * estimator.undetected(largest, data).force
-    return replace(nothing, unexplained=True, bounds=np.stack([-hidden, hidden], axis=-1))
+        # every share that was tried is refuted
+        return replace(
+            found,
+            discrepancy=max(policy.fit.shares[-1], _posterior(left, found.free, len(data), policy)),
+            unexplained=True,
+        )
+    return replace(unexplained(estimator, data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
 
 
-def _at_noise(
-    estimator: ConstrainedEstimator, readings: Sequence[Floats], factor: float, rng: np.random.Generator | None
-) -> Frame:
+def _at_noise(estimator: Prepared, readings: Sequence[Floats], factor: float, rng: np.random.Generator | None) -> Frame:
     """A frame with ``factor`` times the noise that the estimator was prepared for: the problem is linear, so the readings are divided instead."""
     scaled = copy.copy(estimator)
     if estimator.given_ends is not None:
         scaled.given_ends = (estimator.given_ends[0] / factor, estimator.given_ends[1] / factor)
     scaled.zero = None if estimator.zero is None else estimator.zero / factor
-    found = scaled.frame([r / factor for r in readings], rng)
+    found = search(scaled, [r / factor for r in readings], rng)
     errors = found.known
     changed = {f.name: getattr(errors, f.name) for f in fields(Errors)}
     stated = found.stated
@@ -173,10 +169,11 @@ def _grown(name: str, value: Floats, factor: float) -> Floats:
     return value if name in _FIXED else value * factor
 
 
-def _posterior(left: float, free: float) -> float:
-    """The share, from what is left of the readings (part of their root mean square) with so many degrees of freedom, and the prior."""
+def _posterior(left: float, free: float, count: int, policy: Policy) -> float:
+    """The share, from what is left of ``count`` readings (part of their root mean square) with so many degrees of freedom, and the prior."""
     free = max(free, 0.0) if math.isfinite(free) else 0.0
-    return math.sqrt((PRIOR_WEIGHT * DISCREPANCY**2 + free * left**2) / (PRIOR_WEIGHT + free))
+    squares = count * left**2 if free > 0.0 else 0.0
+    return math.sqrt((policy.fit.prior_weight * DISCREPANCY**2 + squares) / (policy.fit.prior_weight + free))
 
 
 def _rms(values: Floats) -> float:

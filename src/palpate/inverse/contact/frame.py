@@ -3,38 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.constrained.model import ContactModel
-from palpate.inverse.contact.hypotheses import Hypothesis
-from palpate.inverse.contact.parts import STATED
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Stated
-from palpate.sensing.arrays import Array
-from palpate.sensing.grids import Grid
 
-__all__ = ["BROKEN", "MUCH", "Frame", "Run", "how_small", "said_of", "told_alone"]
+__all__ = ["Frame"]
 
-#: Standard deviations of noise above which a reading, or the sum of squares of many, is no noise.
-STANDS_OUT = 4.0
-#: Part of the load that is worth a word where one taxel alone tells it, or where it lies outside the outermost taxels (a convention).
-MUCH = 0.1
-#: Traction outside the outermost taxels, in parts of the largest, from which on the contact goes on there and nothing says how far (a convention).
-GOES_ON = 0.5
-#: Traction at the outermost taxels, in parts of the largest, from which on contact goes on beyond them (`Posterior.going_on`).
-AT_EDGE = 0.3
-#: Part of the normal force that one reading alone tells, from which on it is said: where that reading is cut by a half, so is a third of the force. A fifth of
-#: the clean frames of `palpate bench trust` say it, all of contacts of two or three shallow taxels, and five of eight single readings cut that nothing showed.
-HANGS = 0.4
-#: Taxels within so many pitches are neighbours, across too.
-BESIDE = 1.5
-#: Standard deviation of that one taxel's part of the force beside others, in parts of it and divided by `STATED`: it is there or not, and nothing tells.
-BROKEN = 0.5 / STATED
 
 Flags = npt.NDArray[np.bool_]
 
@@ -43,7 +22,7 @@ Flags = npt.NDArray[np.bool_]
 class Frame:
     """One frame's result. Errors of a contact too large for matrices are worked out when they are asked for. ``small``: it may be a disc of about a
     pitch or less (`palpate.inverse.contact.compact`); 2 where one taxel alone tells it. ``adrift``: drift may be part of its force. ``stated``: what it owes to a pad that is not known exactly.
-    ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: `Posterior.beyond`; ``unproven``: 1 where `quiet.unproven`, 2 where `quiet.could_be`;
+    ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: `Posterior.beyond`; ``unproven``: 1 where `quiet.unproven`, 2 where `quiet.short_line_load`;
     ``hangs``: the part of the normal force that one reading alone tells, where no ends of its range are given. ``discrepancy``: share of the readings that the pad's model leaves
     unexplained; ``unexplained``: nothing explains the readings; ``undecided``: noise or an offset explains them, and so may
     contact; ``one_penalty``: found by one even penalty
@@ -85,130 +64,3 @@ class Frame:
     def known(self) -> Errors:
         """The errors, worked out."""
         return self.errors.errors() if isinstance(self.errors, Summary) else self.errors
-
-
-@dataclass
-class Run:
-    """One hypothesis of a frame, solved: its models, and what they were solved with. Without models nothing touches.
-
-    ``drift``: `misfit.drift_probability`; ``adrift``: the weight of models whose normal force may be drift (`systematic.share_drift`).
-    """
-
-    hypothesis: Hypothesis
-    members: list[ContactModel]
-    data: Floats
-    noise: Floats
-    observed: Flags
-    parameter: float
-    scale: float
-    levels: Floats | None
-    pushed: bool
-    limit: float
-    doubtful: tuple[Floats, Floats]
-    drift: float = math.nan
-    adrift: float = 0.0
-
-
-def how_small(members: Sequence[ContactModel], planes: Sequence[Array], run: Run) -> int:
-    """0, 1 where a contact may be small, and 2 where besides readings of one taxel alone stand out of the noise: what touches there cannot be told
-    from what is wrong with it."""
-    if not any(m.compact for m in members):
-        return 0
-    first = np.cumsum([0] + [int(a.valid.sum()) for a in planes])
-    taxel = np.concatenate([np.tile(np.arange(s, e), len(a.channels)) for a, s, e in zip(planes, first, first[1:])])
-    squares = np.where(run.observed, (run.data / np.where(run.noise > 0, run.noise, 1.0)) ** 2, 0.0)
-    rest = run.observed & (taxel != taxel[int(np.argmax(squares))])
-    count = int(rest.sum())
-    level = count + STANDS_OUT * math.sqrt(2.0 * count)
-    return 2 if count and squares[rest].max() < STANDS_OUT**2 and squares[rest].sum() < level else 1
-
-
-def told_alone(planes: Sequence[Array], run: Run, pressure: Floats, grid: Grid) -> float:
-    """The largest part of the load, ``pressure`` on the surface's cells, that lies nearest to a taxel whose neighbours all read as where nothing touches."""
-    import scipy.spatial
-
-    readings, load = run.observed & (np.abs(run.data) > STANDS_OUT * run.noise), float(pressure.sum())
-    if not readings.any() or not load > 0.0:
-        return 0.0
-    places, loud, start = [], [], 0
-    for array in planes:
-        places.append(array.points[array.valid.ravel()])
-        size = len(places[-1]) * len(array.channels)
-        loud.append(readings[start : start + size].reshape(len(array.channels), -1).any(axis=0))
-        start += size
-    others = scipy.spatial.cKDTree(np.concatenate([p[q] for p, q in zip(places, loud)]))
-    cells, found = None, 0.0
-    for points, heard in zip(places, loud):
-        if len(points) < 2 or not heard.any():
-            continue
-        near = scipy.spatial.cKDTree(points).query(points[heard], k=2)[0][:, 1]
-        # the first that is found is itself
-        alone = others.query(points[heard], k=2)[0][:, 1] > BESIDE * near
-        for point, reach in zip(points[heard][alone], near[alone]):
-            if cells is None:
-                cells = np.stack([x.ravel() for x in np.meshgrid(*grid.axes, indexing="ij")[::-1]], axis=1)
-            here = ((cells - point) ** 2).sum(axis=1) < reach**2
-            found = max(found, float(pressure.ravel()[here].sum()) / load)
-    return found
-
-
-def said_of(frames: Sequence[Frame], batch: tuple[int, ...]) -> tuple[str, ...]:
-    """What few taxels do not tell."""
-
-    def where(count: int) -> str:
-        return f" in {count} of {len(frames)} frames" if batch else ""
-
-    small, alone = (sum(n) for n in zip(*((f.small > 0, f.small > 1) for f in frames)))
-    said = []
-    if small:
-        said.append(
-            f"small contact{where(small)}: few taxels feel it, so that its size and its place between them, and its force with them, are known "
-            "no better than the intervals say"
-        )
-    if alone:
-        said.append(
-            f"small contact or a broken taxel{where(alone)}: one taxel alone tells it, and the others read as where nothing touches"
-        )
-    lonely = sum(f.alone > MUCH and f.small < 2 for f in frames)
-    if lonely:
-        said.append(
-            f"a broken taxel or a small contact beside others{where(lonely)}: one taxel alone tells a part of the load, and its neighbours read as where "
-            "nothing touches"
-        )
-    across = sum(f.beyond[0] > MUCH or f.beyond[1] > GOES_ON for f in frames)
-    if across:
-        said.append(
-            f"contact across the edge{where(across)}: more than {100.0 * MUCH:.0f} % of the load, or {100.0 * GOES_ON:.0f} % of the largest traction, was found outside the outermost "
-            "taxels, where nothing is measured"
-        )
-    brink = sum(f.beyond[0] <= MUCH and f.beyond[1] <= GOES_ON and f.beyond[2] > AT_EDGE for f in frames)
-    if brink:
-        said.append(
-            f"contact at the edge{where(brink)}: at the outermost taxels traction is {100.0 * AT_EDGE:.0f} % of the largest or more, and how far it goes on "
-            "beyond them is not measured: the intervals have room for as far as it reaches inwards"
-        )
-    hanging = [f.hangs for f in frames if f.hangs > HANGS]
-    if hanging:
-        said.append(
-            f"one reading alone tells {100.0 * max(hanging):.0f} % of the normal force{where(len(hanging))}: nothing shows whether it is right, or at the end of "
-            "its range (limits= of the array says where that is)"
-        )
-    pressed = sum(f.unproven == 2 for f in frames)
-    short = sum(not f.converged for f in frames)
-    if short:
-        said.append(
-            f"the iteration did not reach its tolerance{where(short)}: the best traction met is given, and the error bars may be too narrow; "
-            'method="tikhonov" has no such iteration'
-        )
-    drifting = sum(f.adrift for f in frames)
-    if drifting:
-        said.append(
-            f"drift{where(drifting)}: a shift or a tilt of the displacements that the readings do not tell from contact may be part of the force: "
-            "the intervals allow for one of a tenth of the largest reading (standard deviation). Where nothing drifts, say Skin(..., nuisance=[])"
-        )
-    if pressed:
-        said.append(
-            f"nothing was found{where(pressed)}, but contact all over so few taxels explains the readings as well as noise does, and the interval has room for it: "
-            "noise= of the array, where it is known, tells"
-        )
-    return tuple(said)

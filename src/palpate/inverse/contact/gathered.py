@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.frame import Frame, said_of
-from palpate.inverse.contact.later import ContactErrors
+from palpate.inverse.contact.deferred_errors import ContactErrors
+from palpate.inverse.contact.frame import Frame
+from palpate.inverse.contact.notes import notes_of
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Estimate, Stated
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["gathered"]
 
 
-def gathered(estimator: ConstrainedEstimator, frames: Sequence[Frame], batch: tuple[int, ...], like: Any) -> Estimate:
+def gathered(estimator: Prepared, frames: Sequence[Frame], batch: tuple[int, ...], like: Any) -> Estimate:
     """One estimate of all frames, with the batch axes first; traction in the kind of array that ``like`` is."""
 
     def stacked(parts: Sequence[Floats]) -> Floats:
@@ -57,14 +56,16 @@ def gathered(estimator: ConstrainedEstimator, frames: Sequence[Frame], batch: tu
         pushed=numbers("pushed", bool),
         resolution=np.array([estimator.resolution(f.parameter) for f in frames]).reshape(batch),
         sliding=numbers("sliding") if estimator.finds_sliding else None,
-        said=said_of(frames, batch),
+        said=notes_of(frames, batch, estimator.policy),
         noise_std=noise * np.concatenate(estimator.scales),
         fit=numbers("fit"),
         sign=numbers("sign", int),
         nuisance=np.stack([f.nuisance for f in frames]).reshape((*batch, -1)) if estimator.terms else None,
         nuisance_std=np.stack([f.nuisance_std for f in frames]).reshape((*batch, -1)) if estimator.terms else None,
         nuisance_names=tuple((t.label, t.unit) for t in estimator.terms),
-        at_limit=np.stack([f.at_limit for f in frames]).reshape((*batch, -1)) if estimator.parts.screening else None,
+        at_limit=np.stack([f.at_limit for f in frames]).reshape((*batch, -1))
+        if estimator.policy.parts.screening
+        else None,
         stated=_stated(frames, stacked),
         discrepancy=numbers("discrepancy"),
         unexplained=numbers("unexplained", bool),

@@ -15,6 +15,7 @@ from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.local import LocalEstimator
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of
 from palpate.inverse.linear.matrix_free.path import Linear
 from palpate.inverse.linear.methods import Tikhonov
@@ -75,8 +76,12 @@ class Adaptive(Method):
 
     def prepare(self, problem: Problem) -> AdaptiveEstimator:
         """Both linear models that it starts from."""
+        return self.prepared_by(problem, Policy())
+
+    def prepared_by(self, problem: Problem, policy: Policy) -> AdaptiveEstimator:
+        """The same, going by other numbers (`palpate.bench.ablation`)."""
         self.check(problem)
-        return AdaptiveEstimator(problem, cone_of(problem.components, self.friction), draws=self.draws)
+        return AdaptiveEstimator(problem, cone_of(problem.components, self.friction), draws=self.draws, policy=policy)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,10 +194,12 @@ class Automatic(Method):
     def prepare(self, problem: Problem) -> Prepared:
         """The adaptive method; the linear one when a frame first needs it."""
         other = self.resolved(problem)
-        if other is not self:
-            return other.prepare(problem)
-        pushing = Adaptive(friction=self.friction, draws=self.draws).prepare(problem)
-        linear = self.friction is None and not problem.ambiguous
+        return self.prepared_by(problem, Policy()) if other is self else other.prepare(problem)
+
+    def prepared_by(self, problem: Problem, policy: Policy) -> AutomaticEstimator:
+        """Where pressure is sought, going by these numbers."""
+        pushing = Adaptive(friction=self.friction, draws=self.draws).prepared_by(problem, policy)
+        linear = self.friction is None and not problem.ambiguous and policy.parts.pulls
         return AutomaticEstimator(
             pushing, (lambda: with_offsets(Tikhonov().prepare(problem), problem)) if linear else None
         )
@@ -204,7 +211,9 @@ class AutomaticEstimator:
     def __init__(self, pushing: AdaptiveEstimator, pulling: Callable[[], Linear] | None) -> None:
         self.pushing, self.grid = pushing, pushing.grid
         self._pulling = pulling
-        if pushing.parts.pulls and not pushing.ambiguous:  # there, that pressure pushes is what tells it from shear
+        if (
+            pushing.policy.parts.pulls and not pushing.ambiguous
+        ):  # there, that pressure pushes is what tells it from shear
             pushing.signs = (1, -1) if pulling is None else (1, -1, 0)
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:

@@ -3,37 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.variances import carried, face_of, taken_by
-from palpate.inverse.contact.frame import Run
+from palpate.inverse.contact.explanation import Solved
+from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.fit import FEWEST, MODEL_DETAIL, misfit_probability
 from palpate.sensing.nuisance import nuisances
 
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
-
-__all__ = ["drift_probability", "fit_of", "louder", "misfit_of", "proportional_part"]
-
-#: What is left is more than the noise that was given where it is so many standard errors of its root mean square larger, and by this factor at most: cells
-#: of a finite size leave more than the least noise, and hardly change the sums.
-SURE, MOST_LOUDER = 2.0, 3.0
-#: Levels of even noise, in parts of what is left, and shares that are tried in `proportional_part`; the gain in log likelihood from which on a share
-#: shows (one clean frame in 400).
-ROOTS_OF_EVEN, SHARES_TRIED, SHOWS = np.geomspace(0.1, 1.5, 12), np.r_[0.0, np.geomspace(0.02, 0.6, 12)], 4.0
-#: Directions that contact takes up but for this part of their square tell nothing of drift; the same of large contacts, whose solutions are known to less.
-#: Of more readings than this each model costs a tenth of a frame, and none is asked where one
-#: before found this probability or more.
-TOLD, TOLD_AT_SIZE, MANY, PLAIN = 1e-6, 2e-5, 4096, 0.05
-#: More readings than this tell of drifts as small as what a penalty leaves of a contact that covers them: those of `MODEL_DETAIL` of the largest reading are no
-#: misfit there, S + S D^2 S with D their sizes. Balls and punches on 12 x 60 to 64 x 64 taxels were refuted in one clean frame of four without it.
-LOUD = 1000
+__all__ = ["drift_probability", "fit_of", "misfit_of", "noise_ratio", "proportional_part"]
 
 
-def fit_of(estimator: ConstrainedEstimator, run: Run) -> tuple[float, float, float]:
+def fit_of(estimator: Prepared, run: Solved) -> tuple[float, float, float]:
     """Misfit probability (`misfit_of`) of the weighed models of a frame, the root mean square of what they leave, in units of the noise, and the degrees
     of freedom that they leave to noise."""
     y, observed, total = run.data / run.noise, run.observed, sum(m.weight for m in run.members)
@@ -46,7 +29,7 @@ def fit_of(estimator: ConstrainedEstimator, run: Run) -> tuple[float, float, flo
     return fit, float(np.sqrt(np.mean(misfit**2))), float(observed.sum()) - taken
 
 
-def proportional_part(estimator: ConstrainedEstimator, run: Run) -> float:
+def proportional_part(estimator: Prepared, run: Solved) -> float:
     """The share of the readings that is left in proportion to them, where the noise is learned from the frame; 0 where it does not show.
 
     By maximum likelihood of residuals r ~ N(0, a^2 + share^2 m^2), m being what contact explains of each reading, against share = 0 (likelihood ratio).
@@ -58,20 +41,22 @@ def proportional_part(estimator: ConstrainedEstimator, run: Run) -> float:
     residual = run.data[observed] / run.noise[observed] - found
     sizes = np.abs(found)
     level = max(float(np.sqrt(np.mean(residual**2))), 1e-300)
-    even, shares = level * ROOTS_OF_EVEN, SHARES_TRIED
+    # the likelihood on a grid of both: even noise in parts of what is left, and shares
+    even, shares = level * np.geomspace(0.1, 1.5, 12), np.r_[0.0, np.geomspace(0.02, 0.6, 12)]
     variance = even[:, None, None] ** 2 + (shares[None, :, None] * sizes) ** 2
     minus = 0.5 * (residual**2 / variance + np.log(variance)).sum(axis=-1)
     best = minus.min(axis=0)
     chosen = int(np.argmin(best))
-    return float(shares[chosen]) if best[0] - best[chosen] > SHOWS else 0.0
+    return float(shares[chosen]) if best[0] - best[chosen] > estimator.policy.fit.shows else 0.0
 
 
-def louder(estimator: ConstrainedEstimator, run: Run, left: float) -> float:
+def noise_ratio(estimator: Prepared, run: Solved, left: float) -> float:
     """How many times as large as the noise that was given is what contact leaves, ``left`` in units of it (root mean square); 1 where it is no larger.
 
     Errors of least squares grow by this ratio (R. T. Birge, Phys. Rev. 40, 1932, 207-227). Gains that spread leave more than noise and too little
     for a misfit.
     """
+    policy = estimator.policy
     if not estimator.noise_known:
         return 1.0
     count, total = int(run.observed.sum()), sum(m.weight for m in run.members)
@@ -79,10 +64,10 @@ def louder(estimator: ConstrainedEstimator, run: Run, left: float) -> float:
     if free < FEWEST:
         return 1.0
     ratio = left * math.sqrt(count / free)
-    return min(ratio, MOST_LOUDER) if ratio > 1.0 + SURE / math.sqrt(2.0 * free) else 1.0
+    return min(ratio, policy.fit.most_louder) if ratio > 1.0 + policy.explanations.sure / math.sqrt(2.0 * free) else 1.0
 
 
-def misfit_of(estimator: ConstrainedEstimator, run: Run, residual: Floats, taken: float, largest: float) -> float:
+def misfit_of(estimator: Prepared, run: Solved, residual: Floats, taken: float, largest: float) -> float:
     """Misfit probability of a frame: of size and whiteness (`palpate.inverse.fit.misfit_probability`) and of drift (`drift_probability`).
 
     ``residual`` is what is left and ``largest`` the largest reading, in units of the noise; ``taken`` the degrees of freedom that contact took.
@@ -108,7 +93,7 @@ def misfit_of(estimator: ConstrainedEstimator, run: Run, residual: Floats, taken
     )
 
 
-def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
+def drift_probability(estimator: Prepared, run: Solved) -> float:
     """Probability that noise alone leaves as much along offsets and ramps of the channels, B, as contact leaves; NaN where it cannot be told.
 
     Of r = y - A t, where t is the contact with the penalty P, the drift g = B'r has the covariance S = B'B - B'A (A'A + P)^-1 A'B, on the face of
@@ -119,11 +104,12 @@ def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
     Taken out first (by the Schur complement) is what a pad may do that is not known exactly, and shear in one proportion to the pressure, which
     the penalty keeps small. Of more than `LOUD` readings the covariance is S + S D^2 S: drifts of a size D are no misfit.
     """
+    policy = estimator.policy
     import scipy.special
 
     if not run.members:
         return math.nan
-    many = int(run.observed.sum()) > MANY
+    many = int(run.observed.sum()) > policy.fit.many
     members = sorted(run.members, key=lambda m: -m.weight) if many else run.members
     observed, known = run.observed, estimator.noise_known
     drifts = np.stack([t.rows for t in nuisances(estimator.operator.planes_of, ("offset", "ramp"))], axis=1)
@@ -133,7 +119,7 @@ def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
     detail = math.hypot(MODEL_DETAIL, estimator.problem.doubts.stated_gain) * float(np.abs(y).max(initial=0.0))
     chances: list[float] = []
     for m in members:
-        if many and max(chances, default=0.0) > PLAIN:
+        if many and max(chances, default=0.0) > policy.fit.accepted:
             break
         t, matrix = m.solution.traction, m.data.matrix
         ways = np.zeros((len(t) - 1, *t.shape))
@@ -156,9 +142,9 @@ def drift_probability(estimator: ConstrainedEstimator, run: Run) -> float:
                 slope[-1:] -= m.penalty.product(t[-1:])
             along = along - moved.T @ face.columns(slope.reshape(1, -1))[0]
         covariance = each.T @ each - local @ moved
-        least = TOLD_AT_SIZE if m.data.at_size else TOLD
+        least = policy.fit.told_at_size if m.data.at_size else policy.fit.told
         fewer, without = _squares(covariance[:first, :first], along[:first], least)
-        if len(y) > LOUD:
+        if len(y) > policy.fit.loud:
             highest = np.abs(each[:, first:]).max(axis=0)
             unseen = MODEL_DETAIL * float(np.abs(y).max(initial=0.0)) / np.where(highest > 0, highest, np.inf)
             tied = covariance[first:, :first] @ np.linalg.pinv(covariance[:first, :first], rcond=least, hermitian=True)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.constrained.variances import taken_of_each
-from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Operator
 
@@ -18,10 +18,6 @@ __all__ = ["ChannelNoise"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Readings of a channel needed for a noise of its own.
-FEWEST = 3
-#: Noise that readings without any are given, as a part of each.
-TRACE = 1e-6
 #: Median of |x| of a standard Gaussian.
 MEDIAN = 0.6745
 
@@ -29,8 +25,8 @@ MEDIAN = 0.6745
 class ChannelNoise:
     """The noise of each channel; ``index`` says which channel each working reading belongs to."""
 
-    def __init__(self, operator: Operator, readings: Readings, known: bool, thresholds: Thresholds) -> None:
-        self.readings, self.known, self.thresholds = readings, known, thresholds
+    def __init__(self, operator: Operator, readings: Readings, known: bool, policy: Policy) -> None:
+        self.readings, self.known, self.policy = readings, known, policy
         self.index = np.repeat(
             np.arange(sum(len(a.channels) for a in operator.planes_of)),
             [n for a, n in zip(operator.planes_of, readings.sizes) for _ in a.channels],
@@ -41,17 +37,20 @@ class ChannelNoise:
     def alive(self, data: Floats) -> Flags:
         """False for the readings of a channel all of which are the same while others differ: it is broken."""
         ends = np.searchsorted(self.index, np.arange(self.count + 1))
-        same = np.array([b - a > FEWEST and np.ptp(data[a:b]) == 0 for a, b in itertools.pairwise(ends)])
+        same = np.array(
+            [b - a > self.policy.noise.fewest and np.ptp(data[a:b]) == 0 for a, b in itertools.pairwise(ends)]
+        )
         return np.asarray(~same[self.index] if not same.all() else np.ones(len(data), dtype=bool))
 
     def unlike(self, data: Floats) -> Floats:
         """Readings of which every channel reads one value, with a trace of noise: without any, an offset explains them to the last digit, and what is
         left is divided by nothing.
         """
+        policy = self.policy
         ends = np.searchsorted(self.index, np.arange(self.count + 1))
-        if any(b - a <= FEWEST or np.ptp(data[a:b]) > 0 for a, b in itertools.pairwise(ends)):
+        if any(b - a <= policy.noise.fewest or np.ptp(data[a:b]) > 0 for a, b in itertools.pairwise(ends)):
             return data
-        return np.asarray(data * (1.0 + TRACE * np.random.default_rng(1).standard_normal(len(data))))
+        return np.asarray(data * (1.0 + policy.work.trace * np.random.default_rng(1).standard_normal(len(data))))
 
     def uneven(self, data: Floats, observed: Flags, known: float | None) -> float:
         """Log likelihood of noise alone with a level for each channel, over that of one level: no contact explains what this does."""
@@ -61,7 +60,7 @@ class ChannelNoise:
         white = self.readings.white((data / self.readings.std)[observed], observed)
         power, count = np.bincount(channel, white**2), np.bincount(channel)
         power, count = power[power > 0], count[power > 0]
-        if not len(power) or (count < FEWEST).any():
+        if not len(power) or (count < self.policy.noise.fewest).any():
             return 0.0
         common = power.sum() / count.sum() if known is None else known**2
         own = power / count
@@ -74,14 +73,15 @@ class ChannelNoise:
 
         With ``unequal``, None where the channels' noise is not told apart from one for all.
         """
+        policy = self.policy
         if self.count == 1:
             return None
-        channel, limit = self.index[observed], self.thresholds.unequal
+        channel, limit = self.index[observed], policy.noise.unequal
         matrix = member.data.matrix
         misfit = matrix @ member.solution.traction.ravel() - self.readings.white(y[observed], observed)
         count = np.bincount(channel, minlength=self.count)
         alive = count > 0
-        if (count[alive] < FEWEST).any():
+        if (count[alive] < policy.noise.fewest).any():
             return None
         power = np.bincount(channel, misfit**2, minlength=len(count))[alive]
         if unequal and np.ptp(np.log(np.maximum(power / count[alive], 1e-300))) < 2.0 * limit:
@@ -90,7 +90,7 @@ class ChannelNoise:
         free = np.maximum((count - took)[alive], 1.0)
         off = 0.5 * np.log(np.maximum(power / free, 1e-300) * free.sum() / power.sum())
         # the logarithm of a root mean square of n readings has the standard error 1/sqrt(2 n)
-        if unequal and not (np.abs(off) > limit + self.thresholds.unequal_errors / np.sqrt(2.0 * free)).any():
+        if unequal and not (np.abs(off) > limit + policy.noise.unequal_errors / np.sqrt(2.0 * free)).any():
             return None
         out = (noise / self.readings.std)[np.searchsorted(self.index, np.arange(len(count)))]
         out[alive] *= np.sqrt(power / free)
@@ -110,7 +110,8 @@ class ChannelNoise:
 
     def outliers(self, data: Floats, explained: Floats, noise: Floats) -> Flags:
         """Readings that the contact does not explain: far beyond the noise and beyond most other residuals."""
+        policy = self.policy
         residual = np.abs(data - explained) / noise
         typical = max(1.0, float(np.median(residual)) / MEDIAN)
-        gross = self.thresholds.gross * float(np.abs(explained / noise).max())
-        return np.asarray(residual > max(self.thresholds.outlier * typical, gross))
+        gross = policy.screening.gross * float(np.abs(explained / noise).max())
+        return np.asarray(residual > max(policy.screening.deviations * typical, gross))

@@ -5,40 +5,39 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.discrepancy import FAR, explained
+from palpate.inverse.contact.discrepancy import explained
 from palpate.inverse.contact.frame import Frame
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.observed import ends_of_range
+from palpate.inverse.contact.prepared import Prepared
 
 __all__ = ["in_range"]
 
-#: Part of a channel's readings at the end of their range from which on the load has no upper end. Of balls on 6 x 6 and 10 x 10 taxels whose ranges end
-#: below their peak the interval held the true force in 16 of 16 frames up to it, and in 5 of 6 just above.
-OPEN = 0.15
 
-
-def in_range(estimator: ConstrainedEstimator, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
+def in_range(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
     """One frame, whatever part of its readings is at the end of their range.
 
     Readings at their end are censored: contact explains them where it would have them read as much or more. Where they are many, the frame is also solved
     with the readings as they are. That load is one that the true load exceeds, as every true reading exceeds the one at its end.
     """
+    policy = estimator.policy
     data = estimator.readings.flat(estimator.operator.observed(readings))
-    ends = estimator.ends(readings, data)
+    ends = ends_of_range(estimator, readings, data)
     if ends is None or not ends.any:
         return explained(estimator, readings, rng)
     # at rest readings of few steps are often alike: an end is far from zero
-    far = np.abs(data) > FAR * estimator.readings.std if estimator.noise_known else np.ones(len(data), dtype=bool)
+    far = (
+        np.abs(data) > policy.screening.deviations * estimator.readings.std
+        if estimator.noise_known
+        else np.ones(len(data), dtype=bool)
+    )
     at_end = (ends.upper | ends.lower) & far
     count = np.bincount(estimator.noise.index)
     part = float((np.bincount(estimator.noise.index, at_end, len(count)) / count).max())
-    if part < OPEN:
+    if part < policy.screening.open_end:
         return explained(estimator, readings, rng)
     least = explained(estimator.as_they_are(), readings, rng)
     found = least if at_end.all() else explained(estimator, readings, rng)

@@ -13,7 +13,7 @@ from palpate.inverse.constrained.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.constrained.factors import Bordered, cholesky
 from palpate.inverse.constrained.model import ContactModel, dilated, scattered
 from palpate.inverse.constrained.products import AT_SIZE, Products
-from palpate.inverse.contact.frame import AT_EDGE
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.estimate import Errors
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.grids import block_means
@@ -24,35 +24,19 @@ __all__ = ["Posterior", "ambiguity_of"]
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: Least error of the net force, as a part of the normal force, where the channels alone do not tell pressure from shear and friction is not
-#: known: what decides is the penalty. A ball of 2 N on a bonded gel reads 1.86 to 1.95 N at 1 % noise, sliding, twisted or neither, with markers in it; 1.35 to 1.72 N with markers on its surface,
-#: which pressure hardly moves (`benchmarks/in_plane.py`). There it is as much more as pressure acts less than `observability.ACTS`.
-AMBIGUOUS_FORCE = 0.05
-#: The same where friction is given: mean errors of 1 to 3 % with markers in the gel, 1 to 7 % on its surface (docs/_generated/in_plane.md).
-AMBIGUOUS_COUPLED = 0.02
-#: What pressure passes for shear there, whether friction is known or not, as a part of the normal force: errors of 0.1 to 0.8 % where nothing shears.
-AMBIGUOUS_SHEAR = 0.005
-#: What is not known there of the peak of pressure, as a part of it: so much times 1/a - 1/`SHAPED`, a being what pressure does to the readings over what as
-#: much shear does, at the wavelength where it does least; and at most. On gels of 2.5 to 5 mm peaks of 0.1 to 0.7 of the true ones are found from markers on the
-#: surface (a = 0.003 to 0.02), 0.1 to 0.5 from 0.1 mm below it (0.03 to 0.06), 0.6 to 0.9 from 0.25 mm (0.1 to 0.13), 0.9 to 1 from 0.5 mm: where pressure of some
-#: wavelength moves nothing, its map is as wide as the penalty makes it. Half of it where friction is given.
-AMBIGUOUS_PEAK, SHAPED, MOST_AMBIGUOUS = 0.035, 0.2, 0.8
-#: The same for pressure in a cell, whose constants of calibration are so many times less.
-AMBIGUOUS_CELLS = 2.7
 
-
-def ambiguity_of(acting: Floats, usual: float, *, coupled: bool) -> tuple[float, float, float, float]:
+def ambiguity_of(acting: Floats, usual: float, policy: Policy, *, coupled: bool) -> tuple[float, float, float, float]:
     """Least errors (`Posterior`) where channels do not tell pressure from shear, ``acting`` being what pressure does over what as much shear does, at
     several wavelengths, and ``usual`` what it must do to be told as well as inside a gel; ``coupled``: friction is given.
     """
-    normal = (AMBIGUOUS_COUPLED if coupled else AMBIGUOUS_FORCE) * max(1.0, usual / max(float(np.median(acting)), 1e-3))
-    peak = AMBIGUOUS_PEAK * max(1.0 / max(float(np.min(acting)), 1e-3) - 1.0 / SHAPED, 0.0)
-    peak = (0.5 if coupled else 1.0) * min(peak, MOST_AMBIGUOUS)
-    return AMBIGUOUS_SHEAR, normal, AMBIGUOUS_CELLS * peak, peak
-
-
-#: Cells of more than this part of the largest traction are in contact.
-REACHED = 0.05
+    normal = (policy.errors.ambiguous_coupled if coupled else policy.errors.ambiguous_force) * max(
+        1.0, usual / max(float(np.median(acting)), 1e-3)
+    )
+    peak = policy.errors.ambiguous_peak * max(
+        1.0 / max(float(np.min(acting)), 1e-3) - 1.0 / policy.errors.ambiguous_shape, 0.0
+    )
+    peak = (0.5 if coupled else 1.0) * min(peak, policy.errors.most_ambiguous)
+    return policy.errors.ambiguous_shear, normal, policy.errors.ambiguous_cells * peak, peak
 
 
 class Posterior:
@@ -71,11 +55,12 @@ class Posterior:
         inside: Flags,
         outside: Flags,
         reach: int,
+        policy: Policy,
         *,
         ambiguity: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
     ) -> None:
         self.operator, self.columns, self.cone = operator, tuple(columns), cone
-        self.inside, self.outside, self.reach = inside, outside, reach
+        self.inside, self.outside, self.reach, self.policy = inside, outside, reach, policy
         self.ambiguity = ambiguity
 
     def beyond(self, traction: Floats) -> tuple[float, float, float]:
@@ -96,11 +81,12 @@ class Posterior:
 
         The traction on the cells at them, gone on as far as contact reaches inwards: what is symmetric about the edge has as much again beyond.
         """
+        policy = self.policy
         grid, at = self.operator.surface, dilated(self.outside, 1) & ~self.outside
         size = np.sqrt((traction**2).sum(axis=0)) * self.inside
-        loaded = size > REACHED * max(float(size.max()), 1e-300)
+        loaded = size > policy.extent.faint * max(float(size.max()), 1e-300)
         here = at & loaded
-        if not here.any() or float(size[at].max()) < AT_EDGE * float(size.max()):
+        if not here.any() or float(size[at].max()) < policy.extent.at_edge * float(size.max()):
             return np.zeros(len(traction)), np.zeros(len(grid.shape))
         inwards = float((loaded & ~self.outside).sum()) / float(here.sum())
         force = grid.cell * inwards * traction[:, here].sum(axis=1)

@@ -11,7 +11,6 @@ import copy
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -20,103 +19,95 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.constrained.model import ContactModel, dilated
 from palpate.inverse.constrained.variances import taken_by
-from palpate.inverse.contact.frame import Frame, Run
-from palpate.inverse.contact.screening import Ceilings
+from palpate.inverse.contact.answer import framed
+from palpate.inverse.contact.explanation import Solved
+from palpate.inverse.contact.frame import Frame
+from palpate.inverse.contact.observed import Observed
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.score import gain_without_cone
+from palpate.inverse.fit import POOR_FIT
 from palpate.inverse.linear.evidence import LinearEvidence
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.adaptive import AdaptiveEstimator
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
 
 __all__ = ["with_rims"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Misfit probability below which pull about a contact is looked for, and above which it is believed where a push is not possible at all.
-DOUBT, MISFIT = 0.05, 0.01
-#: Up to here it is looked for as well where noise that nobody gave may have been learned from the pull, and believed where the gain is this large. Of 130
-#: frames of `palpate bench trust` between, rims gain 17 to 500, what is no rim 11 or less but for waves of noise and wrong depths (16 to 29, no worse for it).
-SLIGHT, EVIDENT = 0.2, 12.0
-#: Cells of less than this part of the peak pressure do not make a contact; the margin as a part of its radius. A rim is narrower.
-FAINT, MARGIN = 0.05, 0.5
-#: Most unknowns: none of them is at a bound, so that each is solved for.
-UNKNOWNS = 1500
-#: Traction that is so many times that of the push is made of pushes and pulls that cancel in the readings; and pressure pulls no harder
-#: than it pushes.
-CANCEL, HARDEST = 3.0, 1.0
-#: Rounds in which the noise is learned; it comes to rest within this factor.
-ROUNDS, SETTLED = 4, 1.2
-
 
 def with_rims(
-    estimator: ConstrainedEstimator,
-    run: Run,
+    estimator: Prepared,
+    run: Solved,
     frame: Frame,
-    raw: Floats,
-    usable: Flags,
-    ends: Ceilings | None,
+    observed: Observed,
     rng: np.random.Generator | None,
 ) -> Frame | None:
     """The frame with traction of either sign about its contact; None where that explains it no better, or is not worth trying.
 
-    ``raw`` are the readings and ``usable`` those that count, before any was left out that contact which pushes does not explain.
+    ``observed`` are the readings before any was left out that contact which pushes does not explain.
     """
+    policy = estimator.policy
     if (
-        not estimator.parts.rims
+        not policy.parts.rims
         or 0 not in estimator.signs
         or not run.members
-        or not (frame.fit < (DOUBT if estimator.noise_known else SLIGHT) or run.hypothesis.sign == 0)
+        or not (
+            frame.fit < (policy.fit.accepted if estimator.noise_known else policy.rims.sought)
+            or run.explanation.sign == 0
+        )
     ):
         return None
     if any(m.data.at_size for m in run.members):
         return None
     size = np.abs(frame.traction[-1])
-    core = size > FAINT * size.max()
+    core = size > policy.extent.faint * size.max()
     radius = 0.5 * core.sum() ** (1.0 / core.ndim)
-    region = dilated(core, 1 + math.ceil(MARGIN * radius))
-    if not core.any() or region.sum() * len(estimator.columns) > UNKNOWNS:
+    region = dilated(core, 1 + math.ceil(policy.rims.margin * radius))
+    if not core.any() or region.sum() * len(estimator.columns) > policy.rims.unknowns:
         return None
-    h = run.hypothesis
+    h = run.explanation
     # where it is not known what the contact does, neither is how much of the array's edge is loaded
     h = replace(h, rough=replace(h.rough, ring=estimator.ring_load(size)))
-    limited = np.zeros(len(raw), dtype=bool) if ends is None else ends.upper | ends.lower
     free = _without_cone(estimator)
     # an offset that was found with a push may be what a rim leaves
     without = replace(h, sizes=np.zeros_like(h.sizes), present=np.zeros_like(h.present))
-    least_gain = estimator.thresholds.contact if frame.fit < DOUBT or h.sign == 0 else EVIDENT
+    least_gain = policy.detection.evidence if frame.fit < policy.fit.accepted or h.sign == 0 else policy.rims.evident
     for each in [without, h] if h.present.any() else [h]:
-        data = (h.sign or 1) * (raw - estimator.shifts @ each.sizes)
-        whole = replace(run, hypothesis=each, data=data, observed=run.observed | (usable & ~limited))
+        data = (h.sign or 1) * (observed.filled - estimator.shifts @ each.sizes)
+        whole = replace(run, explanation=each, data=data, observed=run.observed | (observed.usable & ~observed.limited))
         other, rest = _run(free, whole, size, region)
         gains = _gain(free, run, other) > least_gain
-        if not gains and h.sign == 0 and frame.fit > DOUBT:
+        if not gains and h.sign == 0 and frame.fit > policy.fit.accepted:
             # cells of the surface were too coarse for it: a push does on finer ones
             return replace(frame, sign=1, pushed=True)
         if not gains and h.sign:
             continue
         other.members.extend(rest)
-        found = free.framed(other, raw, ends, rng)
+        found = framed(free, other, observed, rng)
         pressure = (h.sign or 1) * found.traction[-1]
-        cancels = np.abs(found.traction).sum() > CANCEL * np.abs(frame.traction).sum()
-        least = min(frame.fit, MISFIT) if h.sign and each is h else MISFIT
-        if found.fit > least and not cancels and -pressure.min() <= HARDEST * pressure.max():
+        cancels = np.abs(found.traction).sum() > policy.rims.cancel * np.abs(frame.traction).sum()
+        least = min(frame.fit, POOR_FIT) if h.sign and each is h else POOR_FIT
+        if found.fit > least and not cancels and -pressure.min() <= pressure.max():
             return replace(found, sign=2, pushed=False)
     return None
 
 
-def _without_cone(estimator: ConstrainedEstimator) -> AdaptiveEstimator:
+def _without_cone(estimator: Prepared) -> Prepared:
     """The same estimator whose traction may have either sign."""
-    free = cast("AdaptiveEstimator", copy.copy(estimator))
+    policy = estimator.policy
+    free = copy.copy(estimator)
     free.cone = Cone(estimator.cone.components, tension=True)
-    free.parts = replace(estimator.parts, shear_in_contact=False, trim=False)
-    free.thresholds = replace(estimator.thresholds, unknowns=UNKNOWNS)
+    free.policy = replace(
+        policy,
+        parts=replace(policy.parts, trim=False),
+        grid=replace(policy.grid, unknowns=policy.rims.unknowns),
+    )
     free.posterior = copy.copy(estimator.posterior)
     free.posterior.cone = free.cone
     return free
 
 
-def _run(free: AdaptiveEstimator, run: Run, size: Floats, region: Flags) -> tuple[Run, Iterator[ContactModel]]:
+def _run(free: Prepared, run: Solved, size: Floats, region: Flags) -> tuple[Solved, Iterator[ContactModel]]:
     """The first model over a region, with noise learned from what it leaves, and the others, not yet made."""
+    policy = free.policy
     readings, data, observed = free.readings, run.data, run.observed
     first = np.zeros((len(free.columns), size.size))
     first[-1] = size.ravel()
@@ -125,15 +116,15 @@ def _run(free: AdaptiveEstimator, run: Run, size: Floats, region: Flags) -> tupl
     # from what a push leaves downwards: a linear model may follow any readings
     known = None if free.noise_known else float(np.median(run.noise / readings.std))
     levels: Floats | None = None
-    for turn in range(ROUNDS):
+    for turn in range(policy.noise.turns):
         evidence: Mapping[int, LinearEvidence] = {
             o: free.evidence(each, rows, known) for o, each in free.orders.items()
         }
         scale = max(evidence[1].scale, floor)
         noise = readings.std * (scale if levels is None else np.maximum(levels[free.noise.index], floor))
-        models = free._ensemble(region, first, data / noise, noise, observed, evidence)
+        models = free.models_over(region, first, data / noise, noise, observed, evidence)
         leading = next(models)
-        if free.noise_known or turn == ROUNDS - 1:
+        if free.noise_known or turn == policy.noise.turns - 1:
             break
         if levels is None:
             levels = free.noise.levels(leading, data / noise, noise, observed, unequal=True)
@@ -141,7 +132,7 @@ def _run(free: AdaptiveEstimator, run: Run, size: Floats, region: Flags) -> tupl
                 continue
         spent = taken_by(leading) / max(float(observed.sum()), 1.0)
         left = scale * _left(free, leading, replace(run, noise=noise)) / math.sqrt(max(1.0 - spent, 1e-3))
-        if max(left / scale, scale / max(left, 1e-300)) < SETTLED:
+        if max(left / scale, scale / max(left, 1e-300)) < policy.noise.again:
             break
         known = left
     solved = replace(
@@ -156,25 +147,18 @@ def _run(free: AdaptiveEstimator, run: Run, size: Floats, region: Flags) -> tupl
     return solved, models
 
 
-def _gain(free: AdaptiveEstimator, push: Run, other: Run) -> float:
-    """Log likelihood that the degrees of freedom of traction of either sign gain on those of a push, over their number (H. Akaike, IEEE
-    Trans. Automatic Control 19, 1974, 716-723).
-    """
+def _gain(free: Prepared, push: Solved, other: Solved) -> float:
+    """What traction of either sign gains on a push (`score.gain_without_cone`)."""
     squares, taken = [], []
-    unit = free.readings.std
     for run in (push, other):
-        model, noise = run.members[0], float(np.median(run.noise / unit))
+        model, noise = run.members[0], float(np.median(run.noise / free.readings.std))
         squares.append((noise * _left(free, model, run)) ** 2)
         taken.append(taken_by(model))
-    n = float(other.observed.sum())
-    if free.noise_known:
-        gain = 0.5 * n * (squares[0] - squares[1])
-    else:
-        gain = 0.5 * n * math.log(squares[0] / max(squares[1], 1e-300))
-    return gain - (taken[1] - taken[0])
+    n, (before, after) = float(other.observed.sum()), squares
+    return gain_without_cone(n, before, after, taken[1] - taken[0], known=free.noise_known)
 
 
-def _left(free: AdaptiveEstimator, model: ContactModel, run: Run) -> float:
+def _left(free: Prepared, model: ContactModel, run: Solved) -> float:
     """Root mean square of what a model leaves, in units of the noise."""
     observed = run.observed
     y = free.readings.white((run.data / run.noise)[observed], observed)

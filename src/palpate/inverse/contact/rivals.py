@@ -1,81 +1,73 @@
-"""Hypotheses with nuisances that a frame was not taken for, where what it leaves speaks against the one that it was."""
+"""Explanations with nuisances that a frame was not taken for, where what it leaves speaks against the one that it was."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from palpate.elastic.pad import Floats
-from palpate.inverse.contact.frame import Frame, Run
-from palpate.inverse.contact.hypotheses import worth_of
-from palpate.inverse.contact.screening import Ceilings
+from palpate.inverse.contact.answer import combined, framed
+from palpate.inverse.contact.explanation import Solved
+from palpate.inverse.contact.frame import Frame
+from palpate.inverse.contact.observed import Observed
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.score import rival_odds, share_of
+from palpate.inverse.contact.solving import solve
 from palpate.inverse.fit import POOR_FIT
 
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
-
-__all__ = ["DOUBTED", "with_rivals"]
+__all__ = ["with_rivals"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: So many rivals take the place of a hypothesis that is refuted, where they explain the frame as well as one in so many good ones is.
-RIVALS, ACCEPTED = 2, 0.05
-#: Below this misfit probability, as of one good frame in ten, a rival that nearly gained as much is weighed with it.
-DOUBTED = 0.1
-#: One that has less weight than this is left out, and one that has all but this takes its place.
-SLIGHT = 0.05
-
 
 def with_rivals(
-    estimator: ConstrainedEstimator,
-    run: Run,
+    estimator: Prepared,
+    run: Solved,
     frame: Frame,
-    raw: Floats,
-    alive: Flags,
-    usable: Flags,
-    ends: Ceilings | None,
+    observed: Observed,
     rng: np.random.Generator | None,
 ) -> Frame:
     """The frame, or that of a rival which explains what it leaves; where neither is sure, the mean of both with the errors of both.
 
     The odds of two are those of their gains, exp(gain), times those of their misfit probabilities.
     """
-    h, rivals = run.hypothesis, run.hypothesis.rivals
+    policy = estimator.policy
+    h, rivals = run.explanation, run.explanation.rivals
+    plain = replace(observed, filled=observed.data)
     # load all round with an offset against it leaves the rest free, and explains anything
-    anything = h.present.any() and h.rough.ring > estimator.thresholds.ring
+    anything = h.present.any() and h.rough.ring > policy.explanations.ring
     if frame.fit < POOR_FIT or anything:
-        for rival in rivals[: 1 if anything else RIVALS]:
+        for rival in rivals[: 1 if anything else policy.explanations.followed]:
             # what is refuted, or refutes nothing, gives way to what is not
-            other = estimator.framed(estimator.run_of(rival, raw, alive, usable, ends), raw, ends, rng)
-            if other.fit > ACCEPTED and other.contact:
+            other = framed(estimator, solve(estimator, rival, plain), observed, rng)
+            if other.fit > policy.fit.accepted and other.contact:
                 return other
-    elif frame.fit < DOUBTED and frame.sign == h.sign and run.members:
+    elif frame.fit < policy.fit.doubted and frame.sign == h.sign and run.members:
         for rival in rivals[:1]:
             if rival.sign != h.sign:
                 continue
-            gained = worth_of(rival, estimator.thresholds) - worth_of(h, estimator.thresholds)
-            if _share(gained - math.log(frame.fit)) < SLIGHT:
+            # at best it explains the frame as well as any
+            if share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < policy.explanations.least_weight:
                 continue
-            second = estimator.run_of(rival, raw, alive, usable, ends)
-            other = estimator.framed(second, raw, ends, rng)
-            weight = _share(gained + math.log(max(other.fit, 1e-300) / frame.fit)) if other.fit > ACCEPTED else 0.0
-            if other.contact and weight > SLIGHT:
-                return other if weight > 1.0 - SLIGHT else _mean(estimator, run, second, frame, other, weight, rng)
+            second = solve(estimator, rival, plain)
+            other = framed(estimator, second, observed, rng)
+            weight = (
+                share_of(rival_odds(h, frame.fit, rival, other.fit, policy)) if other.fit > policy.fit.accepted else 0.0
+            )
+            if other.contact and weight > policy.explanations.least_weight:
+                return (
+                    other
+                    if weight > 1.0 - policy.explanations.least_weight
+                    else _mean(estimator, run, second, frame, other, weight, rng)
+                )
     return frame
 
 
-def _share(log_odds: float) -> float:
-    return 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
-
-
 def _mean(
-    estimator: ConstrainedEstimator,
-    run: Run,
-    second: Run,
+    estimator: Prepared,
+    run: Solved,
+    second: Solved,
     frame: Frame,
     other: Frame,
     weight: float,
@@ -84,8 +76,8 @@ def _mean(
     """The frame of the models of two runs, the second of which has this ``weight``."""
     fit = (1.0 - weight) * frame.fit + weight * other.fit
     part, more = _weighed(run, 1.0 - weight), _weighed(second, weight)
-    found = estimator.combined(part, frame.noise, fit, frame.residual, rng, more)
-    sign = -1 if run.hypothesis.sign < 0 else 1
+    found = combined(estimator, part, frame.noise, fit, frame.residual, rng, more)
+    sign = -1 if run.explanation.sign < 0 else 1
     sizes = (1.0 - weight) * frame.nuisance + weight * other.nuisance
     between = weight * (1.0 - weight) * (frame.nuisance - other.nuisance) ** 2
     within = (1.0 - weight) * frame.nuisance_std**2 + weight * other.nuisance_std**2
@@ -105,5 +97,5 @@ def _mean(
     )
 
 
-def _weighed(run: Run, part: float) -> Run:
+def _weighed(run: Solved, part: float) -> Solved:
     return replace(run, members=[replace(m, weight=part * m.weight) for m in run.members])

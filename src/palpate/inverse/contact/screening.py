@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.score import gain_of
 from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence, log_evidence
 from palpate.inverse.linear.matrix_free.evidence import FrameAtSize
 from palpate.inverse.linear.matrix_free.path import LinearModel
@@ -26,7 +27,6 @@ from palpate.inverse.linear.regularised import Decomposition
 from palpate.inverse.linear.whitening import Readings
 
 __all__ = [
-    "TOO_MUCH",
     "Ceilings",
     "Screened",
     "ceilings",
@@ -39,34 +39,6 @@ __all__ = [
 ]
 
 Flags = npt.NDArray[np.bool_]
-
-#: The noise is sought from this part of all readings downwards, each time by what the model before leaves, until it changes by less than
-#: `SETTLED`: the largest noise that explains itself. (Marginal likelihood alone may find none at all on a few taxels.)
-FIRST_NOISE, SETTLED, ROUNDS = 0.3, 1.2, 10
-#: Readings at one value that is the largest (or smallest) of their channel, so many at least, lie at a ceiling; where all readings are
-#: rounded to a step, neighbours of a peak often share its value, and it takes more.
-FEWEST_AT_CEILING, FEWEST_ROUNDED = 2, 4
-#: A reading of exactly zero is dead where its neighbours read this part of the channel's largest on average.
-BESIDE = 0.1
-#: At most this part of a dead taxel's neighbours reads zero too: at the edge of what a threshold cuts off, half of them do.
-ALIKE = 0.25
-#: So many neighbours that are not explained are no broken taxels.
-FEWEST_LOADED = 3
-#: Readings count as rounded where the largest is this many steps at most (12 bits).
-MOST_STEPS = 4096
-#: Candidates that are looked at closely in each round.
-CANDIDATES = 4
-#: Fewer readings than this are not screened.
-FEWEST_READINGS = 6
-#: A reading is not broken where a load right over its taxel leaves less than this many times the noise that leaving it out does, and
-#: explains this part of what that does.
-NEARLY, LOCAL = 1.5, 0.7
-#: The outermost taxels, by pitches from the edge, are broken only if they read this many times the largest of the others.
-OUTERMOST, TOO_MUCH = 1.0, 8.0
-#: A reading this many times all others counts as alone, whatever a linear model that follows any readings makes of it.
-ALONE = 4.0
-#: Taxels less deep than this part of the pitch feel next to nothing of what their neighbours do.
-SHALLOW = 0.6
 
 
 @dataclass(frozen=True)
@@ -90,6 +62,7 @@ def ceilings(
     data: Floats,
     index: npt.NDArray[np.intp],
     pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    policy: Policy,
     given: tuple[Flags, Flags] | None = None,
 ) -> Ceilings:
     """Of readings, ``index`` being the channel of each and ``pairs`` those that are neighbours; ``given``: those at a high and at a low end that is given.
@@ -109,14 +82,14 @@ def ceilings(
         apart = np.diff(levels)
         smallest = float(apart[apart > 1e-9 * size].min(initial=math.inf))
         rounded = False
-        if size / smallest <= MOST_STEPS and b - a >= 8:
+        if size / smallest <= policy.screening.steps and b - a >= 8:
             steps = (levels - levels[0]) / smallest
             rounded = bool(np.abs(steps - np.round(steps)).max() < 1e-6 * max(1.0, float(steps.max())))
         if rounded:
             step[a:b] = smallest
-        if not rounded and _symmetric(values, size):
+        if not rounded and _symmetric(values, size, policy):
             continue
-        fewest = FEWEST_ROUNDED if rounded else FEWEST_AT_CEILING
+        fewest = policy.screening.at_end_rounded if rounded else policy.screening.at_end
         for flags, end in ((upper, levels[-1]), (lower, levels[0])):
             there = np.abs(values - end) <= 1e-12 * size
             # an end on the other side of zero, or of next to nothing, is where nothing presses
@@ -134,7 +107,10 @@ def ceilings(
 
 
 def silent(
-    data: Floats, index: npt.NDArray[np.intp], pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
+    data: Floats,
+    index: npt.NDArray[np.intp],
+    pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    policy: Policy,
 ) -> Flags:
     """Readings of exactly zero among neighbours that read as one: dead taxels, which noise would have moved. Zeros side by side are a sensor's
     threshold, below which it says nothing.
@@ -151,7 +127,9 @@ def silent(
         np.add.at(count, i, 1.0)
         np.add.at(alike, i, zero[j])
     out[zero] = (
-        (np.abs(total) > BESIDE * count * largest[index])[zero] & (alike <= ALIKE * count)[zero] & (count > 0)[zero]
+        (np.abs(total) > policy.screening.dead * count * largest[index])[zero]
+        & (alike <= policy.screening.dead_neighbours * count)[zero]
+        & (count > 0)[zero]
     )
     # a channel most of which reads zero has a threshold, not dead taxels
     often = np.bincount(index, zero) > 0.5 * np.bincount(index)
@@ -159,13 +137,17 @@ def silent(
 
 
 def loaded(
-    wrong: Flags, data: Floats, explained: Floats, pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
+    wrong: Flags,
+    data: Floats,
+    explained: Floats,
+    pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    policy: Policy,
 ) -> bool:
     """Whether several neighbours of those that are not explained read more than is explained, to the same side: something acts there that the
     model does not have, a pull or another contact. Broken taxels stand alone, or read too little.
     """
     more = wrong & (np.abs(data) > np.abs(explained))
-    if more.sum() < FEWEST_LOADED:
+    if more.sum() < policy.screening.neighbours:
         return False
     import scipy.sparse
     import scipy.sparse.csgraph
@@ -175,15 +157,15 @@ def loaded(
     n = len(data)
     graph = scipy.sparse.coo_array((np.ones(int(joined.sum())), (i[joined], j[joined])), shape=(n, n))
     label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    return bool(np.bincount(label[more]).max() >= FEWEST_LOADED)
+    return bool(np.bincount(label[more]).max() >= policy.screening.neighbours)
 
 
-def _symmetric(values: Floats, size: float) -> bool:
+def _symmetric(values: Floats, size: float, policy: Policy) -> bool:
     """Whether most readings between the ends have a twin, as those made without noise for a contact in the middle have: not a ceiling."""
     inner = np.sort(values[(values < values.max() - 1e-12 * size) & (values > values.min() + 1e-12 * size)])
     same = np.diff(inner) <= 1e-12 * size
     twin = np.append(same, False) | np.insert(same, 0, False)
-    return bool(len(inner) >= FEWEST_READINGS and twin.mean() > 0.5)
+    return bool(len(inner) >= policy.screening.fewest and twin.mean() > 0.5)
 
 
 @dataclass(frozen=True)
@@ -198,19 +180,20 @@ def linear_noise(
     linear: Decomposition,
     rows: Sequence[Floats],
     total: float,
+    policy: Policy,
     patterns: Floats | None = None,
     projected: Floats | None = None,
 ) -> tuple[LinearEvidence, float, float]:
     """The linear model whose noise explains itself, that noise, and the degrees of freedom left; noise in units of the whitening."""
     c = np.asarray(linear.spectrum.project(rows)) if projected is None else projected
     values = linear.spectrum.eigenvalues
-    known = 1.0 if linear.noise_known else FIRST_NOISE * total
-    for _ in range(ROUNDS):
+    known = 1.0 if linear.noise_known else policy.screening.first_noise * total
+    for _ in range(policy.screening.rounds):
         found = linear_evidence(linear, rows, None, known, patterns, projected=c)
         w = found.parameter / (found.parameter + values)
         free = max(float(w.sum()) - (0 if patterns is None else len(patterns)), 1.0)
         left = math.sqrt(max(_misfit(linear, c, found, patterns), 0.0) / free)
-        if left > known / SETTLED and (left < known * SETTLED or not linear.noise_known):
+        if left > known / policy.noise.again and (left < known * policy.noise.again or not linear.noise_known):
             break
         if linear.noise_known and left <= known:
             break
@@ -218,14 +201,16 @@ def linear_noise(
     return found, left, free
 
 
-def noise_at_size(linear: FrameAtSize, rows: Sequence[Floats], total: float) -> tuple[LinearEvidence, float, float]:
+def noise_at_size(
+    linear: FrameAtSize, rows: Sequence[Floats], total: float, policy: Policy
+) -> tuple[LinearEvidence, float, float]:
     """`linear_noise` on a matrix-free system."""
     certain = linear.linear.noise_known
-    known = 1.0 if certain else FIRST_NOISE * total
-    for _ in range(ROUNDS):
+    known = 1.0 if certain else policy.screening.first_noise * total
+    for _ in range(policy.screening.rounds):
         found, misfit, free = linear.noise(rows, None, known)
         left = math.sqrt(max(misfit, 0.0) / free)
-        if left > known / SETTLED and (left < known * SETTLED or not certain):
+        if left > known / policy.noise.again and (left < known * policy.noise.again or not certain):
             break
         if certain and left <= known:
             break
@@ -247,13 +232,13 @@ def screened(
     data: Floats,
     observed: Flags,
     shifts: Floats,
-    thresholds: Thresholds,
+    policy: Policy,
     patterns: Sequence[Floats] | None = None,
 ) -> Screened:
     """Broken readings of a frame; ``shifts`` (reading, pattern) are offsets that it may have besides, so that they break nothing; ``patterns`` are the same
     in the basis of the spectrum, where they are known.
     """
-    return _Screening(linear, readings, data, shifts).run(observed, thresholds, patterns)
+    return _Screening(linear, readings, data, shifts, policy).run(observed, patterns)
 
 
 def outermost(linear: LinearModel) -> Flags:
@@ -267,15 +252,17 @@ def outermost(linear: LinearModel) -> Flags:
             array.shape if len(array.shape) == points.shape[1] else (len(points),) * points.shape[1]
         ):
             pitch = (high[axis] - low[axis]) / max(n - 1, 1)
-            reach = OUTERMOST * pitch * (1.0 + 1e-9)
+            reach = pitch * (1.0 + 1e-9)
             near |= (points[:, axis] - low[axis] <= reach) | (high[axis] - points[:, axis] <= reach)
         parts.append(np.tile(near, len(array.channels)))
     return np.concatenate(parts)
 
 
-def shallow(arrays: Sequence[Any]) -> Flags:
+def shallow(arrays: Sequence[Any], policy: Policy) -> Flags:
     """Readings of taxels that feel next to nothing of what their neighbours do."""
-    each = [np.full(int(a.valid.sum()) * len(a.channels), a.depth < SHALLOW * _pitch(a)) for a in arrays]
+    each = [
+        np.full(int(a.valid.sum()) * len(a.channels), a.depth < policy.screening.shallow * _pitch(a)) for a in arrays
+    ]
     return np.concatenate(each)
 
 
@@ -289,8 +276,9 @@ class _Screening:
     Its noise is learned even where it was given, because what breaks the readings hides in it.
     """
 
-    def __init__(self, linear: Decomposition, readings: Readings, data: Floats, shifts: Floats) -> None:
+    def __init__(self, linear: Decomposition, readings: Readings, data: Floats, shifts: Floats, policy: Policy) -> None:
         self.linear, self.readings, self.shifts = replace(linear, noise_known=False), readings, shifts
+        self.policy = policy
         self.known, self.least = linear.noise_known, 1.0 if linear.noise_known else 0.0
         self.scaled = data / readings.std
         self.rows = readings.planes(data)
@@ -311,7 +299,7 @@ class _Screening:
     def model(self, held: Sequence[Floats], total: float) -> tuple[LinearEvidence, float, float]:
         """The linear model with the patterns that are held, the noise that it leaves, and the freedom left."""
         patterns = np.stack(held) if held else None
-        found, left, free = linear_noise(self.linear, self.rows, total, patterns, self.coefficients)
+        found, left, free = linear_noise(self.linear, self.rows, total, self.policy, patterns, self.coefficients)
         return found, max(left, self.least), free
 
     def _evidence(self, held: Sequence[Floats]) -> float:
@@ -320,24 +308,25 @@ class _Screening:
         found = linear_evidence(self.linear, self.rows, None, 1.0, patterns, projected=self.coefficients)
         return log_evidence(found.objective, found.logdet, found.freedom, 1.0)
 
-    def run(self, observed: Flags, thresholds: Thresholds, patterns: Sequence[Floats] | None) -> Screened:
+    def run(self, observed: Flags, patterns: Sequence[Floats] | None) -> Screened:
+        policy = self.policy
         n, scaled = len(self.scaled), self.scaled
         broken = np.zeros(n, dtype=bool)
         counted = int(observed.sum())
         total = math.sqrt(float(np.mean(scaled[observed] ** 2))) if counted else 0.0
-        if not total > 0.0 or len(self.shifts.T) + n - counted > n // 2 or counted < FEWEST_READINGS:
+        if not total > 0.0 or len(self.shifts.T) + n - counted > n // 2 or counted < policy.screening.fewest:
             return Screened(broken, np.zeros(n))
         held = [self.pattern(column) for column in self.shifts.T] if patterns is None else list(patterns)
         held += list(self.singles([int(i) for i in np.flatnonzero(~observed)])) if counted < n else []
         found, left, _ = self.model(held, total)
         explained = _explained(self.linear, self.readings, found, self.shifts)
-        for _ in range(max(int(thresholds.most_outliers * n), 1)):
+        for _ in range(max(int(policy.screening.most * n), 1)):
             there = observed & ~broken
             # what presses beyond the array's edge is felt by the outermost taxels alone: they count as broken only if they read far too much
             others = np.where(there & ~self.outermost, np.abs(scaled), 0.0).max(initial=0.0)
-            there &= ~self.outermost | (np.abs(scaled) > TOO_MUCH * others)
+            there &= ~self.outermost | (np.abs(scaled) > policy.screening.outermost * others)
             residual = np.where(there, np.abs(scaled - explained / self.readings.std), 0.0)
-            places = list(np.argsort(residual)[::-1][:CANDIDATES])
+            places = list(np.argsort(residual)[::-1][: policy.screening.candidates])
             places.append(int(np.argmax(np.where(there, np.abs(scaled), 0.0))))
             singles = dict(zip((int(i) for i in places), self.singles(places)))
             chosen, size = self._worst(singles, held, found.parameter)
@@ -345,20 +334,22 @@ class _Screening:
                 break
             column = singles[chosen]
             after, rest, free = self.model([*held, column], total)
-            gain = free * math.log(left / rest)
+            gain = gain_of(free, left, rest)
             counts = observed & ~broken
             other = counts & (np.arange(n) != chosen)
-            if abs(scaled[chosen]) > ALONE * float(np.abs(scaled[other]).max(initial=0.0)):
+            if abs(scaled[chosen]) > policy.screening.alone * float(np.abs(scaled[other]).max(initial=0.0)):
                 # all readings' size with it and without: what is ten times the others is broken on the smallest array
                 without = math.sqrt(float(np.mean(scaled[other] ** 2)))
                 with_it = math.sqrt(float(np.mean(scaled[counts] ** 2)))
-                gain = max(gain, counted * math.log(with_it / max(without, 1e-300)))
+                gain = max(gain, gain_of(counted, with_it, without))
             if self.known:
                 gain = max(
                     gain, self._evidence([*held, column]) - self._evidence(held) - math.log(3.0 * np.abs(scaled).max())
                 )
-            far = size > thresholds.outlier * rest
-            if not (far and gain > thresholds.broken + math.log(n)) or self._local(chosen, held, total, left, rest):
+            far = size > policy.screening.deviations * rest
+            if not (far and gain > policy.screening.broken + math.log(n)) or self._local(
+                chosen, held, total, left, rest
+            ):
                 break
             broken[chosen] = True
             held.append(column)
@@ -391,6 +382,7 @@ class _Screening:
 
     def _local(self, place: int, held: Sequence[Floats], total: float, left: float, rest: float) -> bool:
         """Whether a load right over a taxel says what its reading says: the taxel lies too near the surface for others to feel it."""
+        policy = self.policy
         operator, start = self.linear.operator, 0
         for array in operator.planes_of:
             n = int(array.valid.sum())
@@ -400,7 +392,11 @@ class _Screening:
             start += n * len(array.channels)
         pitch = _pitch(array)
         # a taxel right under the surface feels little else than what lies over it and the next ones
-        widths = (0.5 * min(operator.surface.spacings), 0.5 * pitch, pitch) if array.depth < SHALLOW * pitch else (0.0,)
+        widths = (
+            (0.5 * min(operator.surface.spacings), 0.5 * pitch, pitch)
+            if array.depth < policy.screening.shallow * pitch
+            else (0.0,)
+        )
         away = [np.abs(x - point[a]) for a, x in enumerate(operator.surface.axes)]
         away = [x - x.min() for x in away]
         load = np.zeros(
@@ -413,7 +409,9 @@ class _Screening:
         columns = [self.pattern(self.readings.flat([p[i] for p in operator.forward(load)])) for i in range(len(load))]
         useful = [c / size for c in columns if (size := float(np.linalg.norm(c))) > 0]
         loaded = self.model([*held, *useful], total)[1]
-        return loaded < NEARLY * rest and left**2 - loaded**2 > LOCAL * (left**2 - rest**2)
+        return loaded < policy.screening.nearly * rest and left**2 - loaded**2 > policy.screening.explained * (
+            left**2 - rest**2
+        )
 
 
 def _explained(linear: Decomposition, readings: Readings, found: LinearEvidence, shifts: Floats) -> Floats:

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
-import scipy.special
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone, minimise
@@ -19,16 +18,12 @@ from palpate.inverse.constrained.factors import Bordered, cholesky
 from palpate.inverse.constrained.model import ContactModel, Normal
 from palpate.inverse.constrained.products import Applied
 from palpate.inverse.constrained.quadratic import Penalty, Unformed
-from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.score import shares_by_evidence
 
 __all__ = ["expanded", "in_blocks", "ways_of_sliding"]
 
 Index = npt.NDArray[np.intp]
-
-#: Unknowns up to which a large contact is looked at for sliding: in blocks of cells, as what tells of it is as wide as the contact.
-MOST_UNKNOWNS = 450
-#: Blocks that are multiplied at a time.
-AT_A_TIME = 32
 
 
 def log_evidence(data: Normal, penalty: Penalty) -> float:
@@ -65,7 +60,9 @@ def expanded(one: ContactModel, data: Normal, ray: Floats, changes: Floats) -> C
     return ContactModel(part, one.hessian, one.penalty, solution, ray=ray, changes=changes)
 
 
-def in_blocks(data: Normal, first: Floats, precisions: Sequence[Sparse]) -> tuple[Normal, Floats, list[Sparse]]:
+def in_blocks(
+    data: Normal, first: Floats, precisions: Sequence[Sparse], policy: Policy
+) -> tuple[Normal, Floats, list[Sparse]]:
     """A contact that is known by products, in blocks of cells: its normal equations, first traction and penalties.
 
     Steps between blocks of b cells have b times the energy of the slopes that they stand for.
@@ -80,15 +77,15 @@ def in_blocks(data: Normal, first: Floats, precisions: Sequence[Sparse]) -> tupl
         counts = tuple(-(-n // side) for n in shape)
         flat = np.ravel_multi_index(tuple(p // side for p in places), counts)
         blocks, inverse = np.unique(flat, return_inverse=True)
-        if c * len(blocks) <= MOST_UNKNOWNS:
+        if c * len(blocks) <= policy.prior.sliding_unknowns:
             break
         side += 1
     n, k = len(data.cells), len(blocks)
     sums = scipy.sparse.csr_array((np.ones(n), (inverse, np.arange(n))), shape=(k, n))
     gram = np.empty((c, k, c, k))
     for column in range(c):
-        for start in range(0, k, AT_A_TIME):
-            some = np.arange(start, min(start + AT_A_TIME, k))
+        for start in range(0, k, policy.work.blocks):
+            some = np.arange(start, min(start + policy.work.blocks, k))
             unit = np.zeros((len(some), c, n), dtype=np.float32)
             unit[:, column] = inverse[None, :] == some[:, None]
             seen = matrix.together(unit)
@@ -105,7 +102,7 @@ def in_blocks(data: Normal, first: Floats, precisions: Sequence[Sparse]) -> tupl
 
 
 def ways_of_sliding(
-    data: Normal, first: Floats, cone: Cone, precisions: Sequence[Sparse], thresholds: Thresholds
+    data: Normal, first: Floats, cone: Cone, precisions: Sequence[Sparse], policy: Policy
 ) -> list[tuple[Floats, Floats, float]]:
     """Ways in which the contact may slide as a whole: shear over pressure (component,), its changes (change, component), probability.
 
@@ -118,7 +115,7 @@ def ways_of_sliding(
     pressing = Penalty(cells, precisions[-1:], shape)
     c = len(precisions)
     pressure = first[-1:, cells]
-    for turn in range(thresholds.jointly):
+    for turn in range(policy.prior.jointly):
         # shear over pressure, and the pressure that goes with it, in turn
         explained = data.explained(pressure[0])
         pull = data.linear[:-1] @ pressure[0] - explained[:-1, -1]
@@ -126,7 +123,7 @@ def ways_of_sliding(
         size = float(np.linalg.norm(found))
         if not size > 0:
             return []
-        if turn < thresholds.jointly - 1:
+        if turn < policy.prior.jointly - 1:
             one = data.along(np.append(found * min(1.0, mu / size), 1.0))
             pressure = minimise(one.quadratic(pressing), one.linear, Cone(cone.components[-1:]), pressure).traction
     full = mu * found / size
@@ -141,6 +138,6 @@ def ways_of_sliding(
         observed = changes @ explained[:-1, :-1] @ changes.T
         width = 0.5 * len(changes) * math.log(2.0 * math.pi) - 0.5 * float(np.linalg.slogdet(observed)[1])
         logs.append(log_evidence(one, pressing) + min(width, volume) - volume)
-    chances = scipy.special.softmax(logs)
-    kept = [(w, float(p)) for w, p in zip(ways, chances[1:]) if p >= thresholds.slides]
+    chances = shares_by_evidence(logs)
+    kept = [(w, float(p)) for w, p in zip(ways, chances[1:]) if p >= policy.prior.slides]
     return [(np.append(ratio, 1.0), np.pad(changes, ((0, 0), (0, 1))), p) for (ratio, changes, _), p in kept]

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import Rounds
-from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.screening import Screened, linear_noise, noise_at_size, screened
 from palpate.inverse.contact.windows import Windows
 from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence
@@ -39,8 +39,9 @@ class LinearStart:
         parameter: float | None,
         rounds: Rounds,
         windows: Windows,
+        policy: Policy,
     ) -> None:
-        self.orders, self.readings, self.parameter = orders, readings, parameter
+        self.orders, self.readings, self.parameter, self.policy = orders, readings, parameter, policy
         self._rounds, self._windows = rounds, windows
         #: The offsets that a frame may have, and the same in the basis of the linear model.
         self._shifts: tuple[Floats, list[Floats]] | None = None
@@ -69,24 +70,24 @@ class LinearStart:
         """
         linear, rows, n = self.orders[1], self.readings.planes(data), len(data)
         if isinstance(linear, LinearAtSize):
-            return noise_at_size(self._rounds.of(linear), rows, total)
+            return noise_at_size(self._rounds.of(linear), rows, total, self.policy)
         patterns = None
         missing = np.flatnonzero(~observed)
         if len(missing):
             each = [np.where(np.arange(n) == i, self.readings.std, 0.0) for i in missing]
             patterns = np.stack([self.projected(self.readings.planes(e)) for e in each])
-        return linear_noise(linear, rows, total, patterns)
+        return linear_noise(linear, rows, total, self.policy, patterns)
 
     def projected(self, rows: Sequence[Floats]) -> Floats:
         """Readings in the basis of the linear model."""
         linear = self.orders[1]
         return np.asarray(linear.project(rows) if isinstance(linear, LinearAtSize) else linear.spectrum.project(rows))
 
-    def screened(self, data: Floats, observed: Flags, shifts: Floats, thresholds: Thresholds) -> Screened:
+    def screened(self, data: Floats, observed: Flags, shifts: Floats) -> Screened:
         """Broken readings of a frame, and what is said in their place; ``shifts`` as in `screening.screened`."""
         linear = self.orders[1]
         if isinstance(linear, LinearAtSize):
-            return self._windows.screened(self.readings, data, observed, thresholds)
+            return self._windows.screened(self.readings, data, observed, self.policy)
         if self._shifts is None or self._shifts[0] is not shifts:
             self._shifts = shifts, [self.projected(self.readings.planes(column)) for column in shifts.T]
-        return screened(linear, self.readings, data, observed, shifts, thresholds, self._shifts[1])
+        return screened(linear, self.readings, data, observed, shifts, self.policy, self._shifts[1])

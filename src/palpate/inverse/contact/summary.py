@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -26,32 +25,16 @@ from palpate.inverse.constrained.variances import (
     variance_of,
     variance_of_sums,
 )
-from palpate.inverse.contact.parts import STATED
+from palpate.inverse.contact.policy import STATED
+from palpate.inverse.contact.posterior import Posterior
 from palpate.inverse.estimate import Errors, Stated
 from palpate.sensing.grids import Grid
 
-if TYPE_CHECKING:
-    from palpate.inverse.contact.posterior import Posterior
-
-__all__ = ["MODEL_FORCE", "Quantities", "Summary"]
+__all__ = ["Quantities", "Summary"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: No pad and no grid is known better than this part of the net force: the least error of it that is assumed. A convention, which
-#: matters only where noise is less than that.
-MODEL_FORCE = 5e-4
-#: The same of a contact too large for matrices. Balls on 64 x 64 and 128 x 128 taxels read 0.21 % too little to 0.12 % too much; which way intervals
-#: lean was measured on small contacts, so that one end of theirs is only 0.65 of this away.
-MODEL_FORCE_AT_SIZE = 4e-3
-#: How many times as uncertain as its models say net force, moment and centre of such a contact are: errors of the force of 12 frames on 128 x 128 taxels
-#: (the contacts of benchmarks/coverage.py, seed 4321) have a root mean square of 1.2 standard deviations.
-SUMS_AT_SIZE = 1.25
-#: Where noise may be alike from taxel to taxel, a net force is so many times less certain (correlation over two pitches does that to a mean over many
-#: taxels of a line), by this part of itself at most: what else a frame is not explained for has errors of its own.
-LOUDER, MOST_ALIKE = 2.0, 0.1
-#: Standard deviation of what lies beyond the outermost taxels, in parts of what `Posterior.going_on` says may: of two standard deviations, all of it.
-BEYOND = 0.5
 #: The quantities that are sums over the contact.
 SUMS = ("force", "moment", "center")
 
@@ -185,7 +168,7 @@ class Summary:
     """Mean of the weighed models of a frame, and the errors of every quantity (`Errors`), each worked out when it is asked for."""
 
     def __init__(self, members: Sequence[ContactModel], posterior: Posterior) -> None:
-        self.members, self.posterior = members, posterior
+        self.members, self.posterior, self.policy = members, posterior, posterior.policy
         self.grid = posterior.operator.surface
         self._parts = [Quantities(m, self.grid, posterior.inside) for m in members]
         self._sure = [
@@ -194,7 +177,7 @@ class Summary:
         ]
         self._weights = np.array([m.weight for m in members])
         self.alike = False  # whether noise may be alike from taxel to taxel
-        self.louder = 1.0  # what is left of the readings over the noise that was given
+        self.noise_ratio = 1.0  # what is left of the readings over the noise that was given
         self.gain = 0.0  # what gains are taken to be known to
         self.whites: list[Floats] = []  # the readings of each model, whitened
         self.doubted = 0.0  # part of the normal force that may not be there
@@ -205,7 +188,7 @@ class Summary:
         within = np.stack([getattr(p, name)[1] for p in self._sure])
         mean = np.tensordot(self._weights, values, 1)
         at_size = name in SUMS and any(m.data.at_size for m in self.members)
-        within = ((SUMS_AT_SIZE if at_size else 1.0) * self.louder) ** 2 * within
+        within = ((self.policy.errors.sums_at_size if at_size else 1.0) * self.noise_ratio) ** 2 * within
         return mean, np.tensordot(self._weights, within + (values - mean) ** 2, 1)
 
     def stated(self) -> Stated | None:
@@ -261,17 +244,20 @@ class Summary:
     def _beyond(self) -> tuple[Floats, Floats]:
         """Standard deviation of the net force (component,) by contact that goes on beyond the outermost taxels, for moment and centre; its place (axis,)."""
         force, place = self.posterior.going_on(self.mean)
-        return BEYOND / STATED * np.abs(force), place
+        return self.policy.errors.beyond / STATED * np.abs(force), place
 
     def force(self) -> Floats:
+        policy = self.policy
         total, variance = self._mixed("force")
         hidden = np.full(len(total), self.posterior.ambiguity[0])
         hidden[-1] = math.hypot(self.posterior.ambiguity[1], self.doubted)
         large = any(m.data.at_size for m in self.members)
-        known = MODEL_FORCE_AT_SIZE if large else MODEL_FORCE
+        known = policy.errors.force_at_size if large else policy.errors.force
         least = np.maximum(known * np.abs(total), hidden * abs(total[-1]))
         if self.alike:
-            variance = variance + np.minimum((LOUDER**2 - 1.0) * variance, (MOST_ALIKE * np.linalg.norm(total)) ** 2)
+            variance = variance + np.minimum(
+                (policy.errors.alike**2 - 1.0) * variance, (policy.errors.most_alike * np.linalg.norm(total)) ** 2
+            )
         return self._everywhere(np.sqrt(variance + least**2))
 
     def moment(self) -> Floats:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -22,34 +21,23 @@ from palpate.inverse.constrained.variances import (
     shared_errors,
     variance_of_sums,
 )
-from palpate.inverse.contact.frame import Run
-from palpate.inverse.contact.hypotheses import Hypothesis, reach_of_kind
-from palpate.inverse.contact.parts import STATED
+from palpate.inverse.contact.explanation import Explanation, Solved
+from palpate.inverse.contact.policy import STATED
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.proposals.levels import reach_of_kind
 from palpate.inverse.fit import POOR_FIT
 from palpate.sensing.grids import block_means
 from palpate.sensing.nuisance import nuisances
 
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
-
-__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "share_refuted", "state"]
+__all__ = ["change_of_nuisances", "doubtful", "inflate_for_misfit", "nuisance_errors", "owe", "share", "state"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Standard deviation of the normal force, in parts of it, from which on it is said that drift may have a part in it (a convention).
-MUCH = 0.1
-#: A ramp that was found roughly, and is no more than so many of its standard deviations once contact is solved with it, is not there.
-UNSURE = 2.0
-#: Standard deviation of a net force that drift of readings which are not explained may make, in parts of the load. Of 50 such frames (`palpate bench trust`,
-#: all kinds of faults) three are off by more than half of the load, and half by less than a tenth; the prior alone made intervals of 1 to 130 loads.
-REFUTED = 0.25
-#: Misfit probability that refutes for certain.
-PROOF = 1e-4
 
-
-def nuisance_errors(estimator: ConstrainedEstimator, run: Run) -> Floats:
+def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
     """Standard deviations of the nuisances; where one could not be told from contact, of what may hide."""
-    h = run.hypothesis
+    policy = estimator.policy
+    h = run.explanation
     if not estimator.terms or not (run.noise > 0).all():  # nothing at all was read
         return np.zeros(len(estimator.terms))
     columns = estimator.shifts / run.noise[:, None]
@@ -58,16 +46,16 @@ def nuisance_errors(estimator: ConstrainedEstimator, run: Run) -> Floats:
     if run.members and h.present.any():
         rows = estimator.readings.white(columns[np.ix_(run.observed, h.present)], run.observed)
         deviation[h.present] = _deviations(_told(run.members[0], rows))
-    if run.members and h.rough.ring > estimator.thresholds.ring:
+    if run.members and h.rough.ring > policy.explanations.ring:
         reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in estimator.shifts.T])
         offsets = np.array([t.kind == "offset" for t in estimator.terms])
-        deviation = np.maximum(deviation, np.where(offsets, estimator.thresholds.hidden_offset * reach, 0.0))
+        deviation = np.maximum(deviation, np.where(offsets, policy.errors.hidden_offset * reach, 0.0))
     return np.asarray(deviation)
 
 
 def change_of_nuisances(
-    estimator: ConstrainedEstimator,
-    h: Hypothesis,
+    estimator: Prepared,
+    h: Explanation,
     model: ContactModel,
     data: Floats,
     noise: Floats,
@@ -77,8 +65,9 @@ def change_of_nuisances(
 ) -> tuple[Floats, Flags]:
     """How the sizes of the nuisances that are there change when contact and they are solved together, on the face of the contact; and which of those
     that are only sought where offsets leave doubt are then no more than `UNSURE` of their standard deviations. ``sure``: only where they are far off
-    (`Thresholds.nuisance`): the contact's cells change with them, so that smaller steps need not end.
+    (`Policy`): the contact's cells change with them, so that smaller steps need not end.
     """
+    policy = estimator.policy
     out = np.zeros(len(estimator.terms))
     columns = (estimator.shifts[:, h.present] / noise[:, None])[observed]
     rows = estimator.readings.white(columns, observed)
@@ -88,10 +77,10 @@ def change_of_nuisances(
     step = np.linalg.lstsq(precision, rows.T @ misfit, rcond=1e-6)[0]
     deviation = 1.0 / np.sqrt(np.maximum((rows**2).sum(axis=0), 1e-300))
     joint = _deviations(precision)
-    least = estimator.thresholds.nuisance * joint if sure else 0.5 * deviation
+    least = policy.explanations.nuisance * joint if sure else 0.5 * deviation
     out[h.present] = np.where(np.abs(step) > least, step, 0.0)
     unsure = h.present & (np.arange(len(out)) >= estimator.usual)
-    unsure[h.present] &= np.abs(h.sizes[h.present] + (h.sign or 1) * step) < UNSURE * joint
+    unsure[h.present] &= np.abs(h.sizes[h.present] + (h.sign or 1) * step) < policy.errors.unsure * joint
     return np.where(unsure, -(h.sign or 1) * h.sizes, out), unsure
 
 
@@ -107,7 +96,7 @@ def _deviations(precision: Floats) -> Floats:
     return np.asarray(np.sqrt((vectors**2 / values).sum(axis=1)))
 
 
-def doubtful(estimator: ConstrainedEstimator, run: Run) -> tuple[Floats, Floats]:
+def doubtful(estimator: Prepared, run: Solved) -> tuple[Floats, Floats]:
     """What is not known exactly of the pad does to the readings (reading, unknown), in units of the noise; standard deviations."""
     if not estimator.problem.doubts.any or not run.members:
         return np.zeros((len(run.data), 0)), np.zeros(0)
@@ -121,16 +110,17 @@ def doubtful(estimator: ConstrainedEstimator, run: Run) -> tuple[Floats, Floats]
     return columns / run.noise[:, None], size
 
 
-def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviation: Floats, at_limit: Flags) -> None:
+def share(estimator: Prepared, model: ContactModel, run: Solved, deviation: Floats, at_limit: Flags) -> None:
     """What a model's errors owe to what acts on many readings at once: nuisances, ends of range, a pad not known exactly."""
+    policy = estimator.policy
     there = deviation > 0
     noise, observed = run.noise, run.observed
     columns = estimator.shifts[:, there] / noise[:, None]
-    prior = np.where(run.hypothesis.present, math.inf, deviation)[there]
+    prior = np.where(run.explanation.present, math.inf, deviation)[there]
     if (at_limit & observed).any():
         # readings that count although they may be larger: all of them by a common part
         excess = np.where(at_limit & observed, run.data / noise, 0.0)[:, None]
-        columns, prior = np.concatenate([columns, excess], axis=1), np.append(prior, estimator.thresholds.excess)
+        columns, prior = np.concatenate([columns, excess], axis=1), np.append(prior, policy.screening.excess)
     white = estimator.readings.white(columns[observed], observed)
     doubted = estimator.readings.white(run.doubtful[0][observed], observed)
     each = estimator.problem.doubts.stated_gain * np.abs(run.data / noise)[observed]
@@ -138,26 +128,27 @@ def share(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviat
         if one is not None:
             owe(one, white, prior)
     state(model.contact or model, doubted, run.doubtful[1], each)
-    share_drift(estimator, model, run, deviation)
+    add_hidden_drift(estimator, model, run, deviation)
     free = not (estimator.cone.coupled or estimator.ambiguous or model.contact)
-    if estimator.parts.common_shear and len(estimator.columns) > 1 and free:
+    if policy.parts.common_shear and len(estimator.columns) > 1 and free:
         y = estimator.readings.white((run.data / noise)[observed], observed)
         drag = with_common_shear(model, y, estimator.variances[:-1], pulls=estimator.cone.free)
         model.shared = drag if model.shared is None else np.concatenate([model.shared, drag], axis=1)
 
 
-def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Run, deviation: Floats) -> None:
+def add_hidden_drift(estimator: Prepared, model: ContactModel, run: Solved, deviation: Floats) -> None:
     """What a model's errors owe to drift of displacements that wide pressure may hide, so that no offset or ramp was found.
 
     A displacement is felt far from its load: pressure all round moves the readings much as a shift of the picture does. Of drifts with a
-    prior of `Thresholds.hidden_drift` of the largest reading, what the readings do not tell, (S + 1/prior^2)^-1 with S as in
+    prior of `Policy` of the largest reading, what the readings do not tell, (S + 1/prior^2)^-1 with S as in
     `variances.shared_errors`, is in the errors. Stress and strain feel what is near: there drift leaves what contact cannot follow. Where
     ``nuisance`` is named, nothing else drifts. ``deviation``: offsets that are accounted for already.
 
     ``run.adrift`` grows by the model's weight where most of what is not known of its normal force is drift, and much of the force.
     """
-    part = estimator.thresholds.hidden_drift
-    if not estimator.parts.nuisances or estimator.problem.nuisance is not None or not estimator.far or not part > 0.0:
+    policy = estimator.policy
+    part = policy.errors.hidden_drift
+    if not policy.parts.nuisances or estimator.problem.nuisance is not None or not estimator.far or not part > 0.0:
         return
     accounted = {t.label for t, d in zip(estimator.terms, deviation) if d > 0}
     terms = [t for t in nuisances(estimator.operator.planes_of, ("offset", "ramp")) if t.label not in accounted]
@@ -179,20 +170,21 @@ def share_drift(estimator: ConstrainedEstimator, model: ContactModel, run: Run, 
             rest = float(variance_of_sums(one, total.reshape(1, -1))[0])
             drift = float(((face.columns(total.reshape(1, -1)) @ more) ** 2).sum())
             force = float((total * one.solution.traction).sum())
-            run.adrift += model.weight * (drift > max(rest, (MUCH * force) ** 2))
+            run.adrift += model.weight * (drift > max(rest, (policy.errors.much * force) ** 2))
         one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
 
 
-def share_refuted(estimator: ConstrainedEstimator, run: Run, fit: float) -> None:
+def inflate_for_misfit(estimator: Prepared, run: Solved, fit: float) -> None:
     """What the errors of a frame's models owe to drift of any channel, where what contact and the nuisances leave is no noise (`Touch.fit` says so).
 
-    Something is in such readings that is not in the model; offsets and ramps stand for it, with a prior of `Thresholds.refuted_drift` of the largest
+    Something is in such readings that is not in the model; offsets and ramps stand for it, with a prior of `Policy` of the largest
     reading of their kind. What the readings tell of them, they tell by the model that they refute: the prior is taken as it is, up to `REFUTED` of the load.
     A misfit of which one good frame in a hundred has more is no proof: the part grows with the logarithm of the probability, to all of it at `PROOF`.
     Where ``nuisance`` is named, nothing else drifts.
     """
-    proof = math.log(max(fit, PROOF) / POOR_FIT) / math.log(PROOF / POOR_FIT)
-    part = proof * estimator.thresholds.refuted_drift
+    policy = estimator.policy
+    proof = math.log(max(fit, policy.fit.proof) / POOR_FIT) / math.log(policy.fit.proof / POOR_FIT)
+    part = proof * policy.errors.refuted_drift
     if estimator.problem.nuisance is not None or not part > 0.0:
         return
     rows = np.stack([t.rows for t in nuisances(estimator.operator.planes_of, ("offset", "ramp"))], axis=1)
@@ -208,7 +200,7 @@ def share_refuted(estimator: ConstrainedEstimator, run: Run, fit: float) -> None
             local = face_of(one.solution)[0].columns(sums.reshape(len(t), -1))
             deviation = np.sqrt(((local @ more) ** 2).sum(axis=1)).max()
             load = cell * float(np.sqrt((t**2).sum(axis=0)).sum())
-            more = more * min(1.0, proof * REFUTED * load / max(STATED * float(deviation), 1e-300))
+            more = more * min(1.0, proof * policy.fit.refuted_load * load / max(STATED * float(deviation), 1e-300))
             one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
 
 

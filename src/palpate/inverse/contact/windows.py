@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.noise import MEDIAN
-from palpate.inverse.contact.parts import Thresholds
+from palpate.inverse.contact.policy import Policy, Screening
 from palpate.inverse.contact.screening import Screened, screened
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.regularised import Decomposition
@@ -30,16 +30,6 @@ __all__ = ["Windows"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Half the taxels of a window along an axis, on an area and on a line.
-HALF = {2: 6, 1: 20}
-#: A reading nearer than this to an edge of its window that is none of the array's is left to another window.
-INNER = 3
-#: Suspicious is what differs from its neighbours by this many robust standard deviations, and this many times as much as the readings a little
-#: farther away do from theirs.
-SUSPICIOUS, ALONE = 5.0, 1.5
-#: Windows that are looked at in each round, the most suspicious ones; rounds, as each finds what larger ones hid.
-MOST, ROUNDS = 24, 3
-
 
 class Windows:
     """The windows of a problem; the decompositions of those met are kept with it."""
@@ -52,19 +42,19 @@ class Windows:
         #: Planes that do not lie over each other have no windows in common.
         self.serves = all(isinstance(a, AreaArray | LineArray) and a.grid == first.grid for a in problem.planes)  # type: ignore[union-attr]
 
-    def screened(self, readings: Readings, data: Floats, observed: Flags, thresholds: Thresholds) -> Screened:
+    def screened(self, readings: Readings, data: Floats, observed: Flags, policy: Policy) -> Screened:
         """Broken readings of a frame, and what the windows say in their place."""
         broken, explained = np.zeros(len(data), dtype=bool), np.zeros(len(data))
         if not self.serves:
             return Screened(broken, explained)
         filled = data
-        for _ in range(ROUNDS):
+        for _ in range(policy.screening.window_rounds):
             found = False
             planes = readings.planes(filled)
             working = readings.planes(np.where(observed, 1.0, 0.0))
             told = readings.planes(np.where(observed & ~broken, 1.0, 0.0))
-            for place in _suspicious([p / s for p, s in zip(planes, self._scales(readings))], told):
-                window = self._window(place, planes, working, thresholds)
+            for place in _suspicious([p / s for p, s in zip(planes, self._scales(readings))], told, policy.screening):
+                window = self._window(place, planes, working, policy)
                 for rows, value in window:
                     flat = readings.flat(rows) > 0
                     flat &= ~broken
@@ -81,11 +71,11 @@ class Windows:
         return [np.where(s > 0, s, 1.0) for s in readings.planes(readings.std)]
 
     def _window(
-        self, place: tuple[int, ...], planes: Sequence[Floats], working: Sequence[Floats], thresholds: Thresholds
+        self, place: tuple[int, ...], planes: Sequence[Floats], working: Sequence[Floats], policy: Policy
     ) -> list[tuple[list[Floats], list[Floats]]]:
         """What is broken in the window round a taxel, and what the window says of it, over all planes; nothing where nothing is."""
         shape = planes[0].shape[1:]
-        half = HALF[len(shape)]
+        half = policy.screening.window[len(shape) - 1]
         start = [max(0, min(p - half, n - 2 * half - 1)) for p, n in zip(place, shape)]
         stop = [min(n, s + 2 * half + 1) for s, n in zip(start, shape)]
         here = (slice(None), *(slice(a, b) for a, b in zip(start, stop)))
@@ -94,11 +84,11 @@ class Windows:
         own = Readings(linear.operator, linear.scales)
         data = own.flat([p[here] for p in planes])
         there = own.flat([w[here] for w in working]) > 0
-        found = screened(linear, own, data, there, shifts, thresholds)
-        inner = np.ones(counts, dtype=bool)
+        found = screened(linear, own, data, there, shifts, policy)
+        inner, margin = np.ones(counts, dtype=bool), policy.screening.window_edge
         for axis, (a, b, n) in enumerate(zip(start, stop, shape)):
             index = np.arange(a, b)
-            kept = (index >= (a + INNER if a > 0 else 0)) & (index < (b - INNER if b < n else n))
+            kept = (index >= (a + margin if a > 0 else 0)) & (index < (b - margin if b < n else n))
             inner &= kept.reshape([-1 if i == axis else 1 for i in range(len(shape))])
         sure = own.planes(np.where(found.broken, 1.0, 0.0))
         if not any((s * inner).any() for s in sure):
@@ -141,7 +131,7 @@ def _cut(array: Array, counts: tuple[int, ...]) -> Array:
     raise TypeError("only regular arrays have windows")
 
 
-def _suspicious(planes: Sequence[Floats], working: Sequence[Floats]) -> list[tuple[int, ...]]:
+def _suspicious(planes: Sequence[Floats], working: Sequence[Floats], rules: Screening) -> list[tuple[int, ...]]:
     """Taxels whose readings stand out from their neighbours', the worst first, each at the head of its neighbourhood."""
     import scipy.ndimage
 
@@ -162,13 +152,16 @@ def _suspicious(planes: Sequence[Floats], working: Sequence[Floats]) -> list[tup
             ring = np.ones((9,) * values.ndim, dtype=bool)
             ring[(slice(2, 7),) * values.ndim] = False
             around = scipy.ndimage.maximum_filter(size, footprint=ring, mode="constant")
-            out = np.where((size > SUSPICIOUS) & (size > ALONE * np.minimum(around, size.max() / ALONE)), size, 0.0)
+            alone = rules.suspicious_alone
+            out = np.where(
+                (size > rules.suspicious) & (size > alone * np.minimum(around, size.max() / alone)), size, 0.0
+            )
             worst = out if worst is None else np.maximum(worst, out)
     if worst is None or not worst.any():
         return []
     heads = (worst > 0) & (worst == scipy.ndimage.maximum_filter(worst, size=5))
     places = np.argwhere(heads)
-    order = np.argsort(-worst[heads], kind="stable")[:MOST]
+    order = np.argsort(-worst[heads], kind="stable")[: rules.windows]
     return [tuple(int(i) for i in places[k]) for k in order]
 
 

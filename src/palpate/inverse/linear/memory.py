@@ -15,7 +15,7 @@ from palpate.inverse.linear.spectrum import LARGEST_BLOCK, LARGEST_MODES, LARGES
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.operator import LARGEST_MATRIX
-from palpate.sensing.surface import WIDE, default_surface
+from palpate.sensing.surface import WIDE, surface_of
 
 __all__ = ["block_size", "check_spectrum", "check_waves", "spectrum_fits", "spectrum_memory"]
 
@@ -99,7 +99,7 @@ def check_waves(planes: Sequence[Array], surface: Grid) -> None:
 
 
 def _served(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) -> bool:
-    surface = default_surface(planes, depths=WIDE, thickness=pad.thickness)
+    surface = surface_of(pad, planes, depths=WIDE)
     peak = spectrum_memory(pad, planes, surface, sought)
     return block_size(pad, planes, surface) <= LARGEST_BLOCK and (
         free is None or peak <= RECOMMENDED * free or peak < SMALL

@@ -32,6 +32,7 @@ from palpate.inverse.linear.priors import DifferencePrior, Prior
 from palpate.inverse.linear.whitening import axis_roots, inverse_root
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
+from palpate.sensing.maps import body_of
 from palpate.sensing.operator import Operator
 
 __all__ = ["DataSpectrum", "Shared", "Spectrum", "noise_scales"]
@@ -566,6 +567,8 @@ def in_blocks(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
 
 def mirrored(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
     """Whether pad, arrays and surface are mirror images of themselves about one centre."""
+    if body_of(pad) is not None:  # what its maps are alike in is not known
+        return False
     for array in planes:
         if isinstance(array, ScatteredArray) or array.mask is not None:
             return False

@@ -21,6 +21,7 @@ from palpate.inverse.method import Method
 from palpate.inverse.paper.grid import common_grid, embed
 from palpate.inverse.problem import Problem
 from palpate.sensing.arrays import Array
+from palpate.sensing.maps import kernel_of
 from palpate.sensing.operator import sampled_kernel
 
 __all__ = ["Division", "DivisionEstimator"]
@@ -62,7 +63,7 @@ class DivisionEstimator:
         self.columns = list(columns)
         spectra = []
         for array in planes:
-            kernel = sampled_kernel(pad, array).planes[0].kernel  # type: ignore[attr-defined]
+            kernel = kernel_of(sampled_kernel(pad, array).planes[0], "the founding paper's division")
             spectra.append(_wrapped_spectrum(kernel[:, self.columns], self.grid.shape))
         stacked = np.moveaxis(np.concatenate(spectra), (0, 1), (-2, -1))  # (*k, channel, component)
         with np.errstate(divide="ignore", invalid="ignore"):

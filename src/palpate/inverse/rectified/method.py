@@ -19,10 +19,10 @@ import numpy as np
 from palpate._arrays import from_numpy
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
-from palpate.inverse.contact.discrepancy import FEW, MOST
 from palpate.inverse.contact.methods import cone_of
+from palpate.inverse.contact.policy import Policy as ContactPolicy
 from palpate.inverse.contact.posterior import Posterior
-from palpate.inverse.contact.summary import MODEL_FORCE, widened
+from palpate.inverse.contact.summary import widened
 from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of, frames_of
 from palpate.inverse.fit import MODEL_DETAIL, POOR_FIT, misfit_probability
 from palpate.inverse.linear.posterior import center_rows, moment_rows
@@ -92,7 +92,9 @@ class RectifiedEstimator:
         )
         inside = np.ones(self.grid.shape, dtype=bool)
         outside = self.prepared.means(self.prepared.outside.astype(np.float64)) > 0.5
-        self.posterior = Posterior(self.operator, problem.columns, cone, inside, outside, 1)
+        #: what frames without contact, few readings and cells beyond the taxels mean is the same for all methods that know contact
+        self.contact = ContactPolicy()
+        self.posterior = Posterior(self.operator, problem.columns, cone, inside, outside, 1, self.contact)
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
         """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
@@ -166,7 +168,7 @@ class RectifiedEstimator:
             nuisance=sizes,
             nuisance_std=deviations,
             discrepancy=share,
-            unexplained=share > MOST,
+            unexplained=share > self.contact.detection.most_left,
             undecided=False,
             bounds=np.full((len(self.grid.components), 2), math.nan),
         )
@@ -197,7 +199,7 @@ class RectifiedEstimator:
         reduction[columns] = cells.reduction.reshape(-1, *self.grid.shape)
         rows = self._rows(np.abs(traction[-1]))
         found = {name: unit * cells.std_of(r) for name, r in rows.items()}
-        load = MODEL_FORCE * self.grid.cell * float(np.abs(traction[-1]).sum())
+        load = self.contact.errors.force * self.grid.cell * float(np.abs(traction[-1]).sum())
         top = np.unravel_index(int(np.argmax(np.abs(traction[-1]))), self.grid.shape)
         parts = self.posterior.outside_parts(traction)
         sought = np.isin(np.arange(shape[0]), columns)
@@ -236,7 +238,7 @@ class RectifiedEstimator:
         depth = max(a.depth for a in self.problem.planes)
         data = np.where(outliers, 0.0, data)
         errors = self.posterior.undetected(scaled, depth, 1.0, data=data if (std > 0).all() else None)
-        few = p.noise is None and p.n <= FEW and bool(np.any(data))
+        few = p.noise is None and p.n <= self.contact.detection.few_readings and bool(np.any(data))
         bounds = np.full((columns, 2), math.nan)
         traction = np.zeros((columns, *self.grid.shape))
         if few:

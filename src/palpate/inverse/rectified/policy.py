@@ -64,3 +64,20 @@ class Policy:
     #: Newton steps, and the change of the log posterior at which they end [nats].
     steps: int = 40
     tolerance: float = 0.2
+    #: Explanations at the first length that go on to the others, and how many nats below the best one they may be.
+    heads: int = 3
+    below: float = 12.0
+    #: Gain of a broken reading that the linear model proposes, and that contact must show [nats].
+    proposed: float = 3.0
+    shown: float = 1.0
+    #: Part of the largest weight on coarse cells from which on an explanation is solved on fine ones; a frame that is empty on coarse cells is not solved again.
+    worth: float = 0.03
+    nothing: float = 0.99
+    #: Start from the linear model: its field less this part of its largest value, of so many times its amplitude (a field of mean -1.5 is rarely positive).
+    cut: float = 0.1
+    louder: float = 3.0
+    #: How much the amplitude grows from one length to twice it, and from half of one: 2 to 3.3 and 1.8 were seen.
+    longer: float = 2.5
+    shorter: float = 1.7
+    #: Samples of the process that measure what coarse cells do to readings.
+    samples: int = 12

@@ -22,9 +22,6 @@ from palpate.sensing.operator import Operator
 
 __all__ = ["Kernel", "Prepared"]
 
-#: Samples of the process that measure what cells of a finite size do to readings.
-SAMPLES = 12
-
 Cells = npt.NDArray[np.intp]
 
 
@@ -166,7 +163,7 @@ class Prepared:
         rng = np.random.default_rng(0)
         kernel = self.kernels[self.policy.first_length]
         errors = []
-        for _ in range(SAMPLES):
+        for _ in range(self.policy.samples):
             # white noise through the root of the kernel, wrapped: its statistics are what counts
             white = scipy.fft.rfftn(rng.standard_normal(kernel.sizes))
             field = scipy.fft.irfftn(white * np.sqrt(np.maximum(kernel.transfer, 0.0)), s=kernel.sizes)

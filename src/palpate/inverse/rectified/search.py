@@ -22,17 +22,6 @@ from palpate.inverse.rectified.prepared import Prepared
 
 __all__ = ["Found", "Silence", "explain"]
 
-#: Explanations at the first length that go on to the others, and how many nats below the best they may be.
-HEADS, BELOW = 3, 12.0
-#: Gain of a broken reading that the linear model proposes [nats], and that contact must show.
-PROPOSED, SHOWN = 3.0, 1.0
-#: Explanations of less than this part of the largest weight on coarse cells are not solved on fine ones; frames with nothing in them are not solved again.
-WORTH, NOTHING = 0.03, 0.99
-#: Start from the linear model: its field less this part of its largest value, at so many times its amplitude (a field of mean -1.5 is rarely positive).
-CUT, LOUDER = 0.1, 3.0
-#: How much the amplitude grows from one length to twice it, and from half of one (seen on the unseen population: 2 to 3.3, and 1.8).
-LONGER, SHORTER = 2.5, 1.7
-
 
 @dataclass(frozen=True)
 class Silence:
@@ -78,16 +67,16 @@ def covariance(p: Prepared, length: int) -> Floats:
 
 def explain(p: Prepared, readings: Floats) -> Found | None:
     """Every explanation of readings (reading,) worth keeping; None where all readings are zero."""
-    coarse = p.coarser
+    q, coarse = p.policy, p.coarser
     if coarse is None:
         return tried(p, readings)
     found = tried(coarse, readings)
-    if found is None or found.nothing > NOTHING:
+    if found is None or found.nothing > q.nothing:
         return None if found is None else replace(found, modes=[], weights=np.zeros(0), none_weights=np.ones(1))
     y = readings / p.scale / found.unit
     modes = []
-    for mode, weight in sorted(zip(found.modes, found.weights), key=lambda pair: -pair[1])[:HEADS]:
-        if weight > WORTH * found.weights.max():
+    for mode, weight in sorted(zip(found.modes, found.weights), key=lambda pair: -pair[1])[: q.heads]:
+        if weight > q.worth * found.weights.max():
             begin = mode.start
             begin = replace(begin, f=p.from_coarser(begin.f), h=p.from_coarser(begin.h))
             fine = most_likely(p, y, mode.explanation, begin)
@@ -132,7 +121,7 @@ def tried(p: Prepared, readings: Floats) -> Found | None:
             p, y, first, columns_of(p, replace(plain, broken=tuple(broken))), plain.noise, rough
         )
         gain, reading = broken_gain(u, diagonal, broken, q.broken)
-        if gain + q.odds_broken < PROPOSED or len(broken) >= 2 + p.n // 20:
+        if gain + q.odds_broken < q.proposed or len(broken) >= 2 + p.n // 20:
             break
         broken.append(reading)
 
@@ -151,27 +140,27 @@ def tried(p: Prepared, readings: Floats) -> Found | None:
     for sign in (-1, 1) if pull else (1,):
         field = sign * rough_field
         begin = Start(
-            (field - CUT * float(field.max())) / LOUDER, np.zeros((p.components - 1, p.cells)), LOUDER * s, sigma
+            (field - q.cut * float(field.max())) / q.louder, np.zeros((p.components - 1, p.cells)), q.louder * s, sigma
         )
         for some in choices:
             for out in {(), tuple(broken)}:
                 solved(Explanation(sign, first, some, tuple(out), noise), begin)
     best = max((m.odds for m in modes), default=-np.inf)
-    heads = sorted((m for m in modes if m.odds > best - BELOW), key=lambda m: -m.odds)[:HEADS]
+    heads = sorted((m for m in modes if m.odds > best - q.below), key=lambda m: -m.odds)[: q.heads]
     count = len(p.kernels)
     for head in heads:
-        for lengths, step in ((range(first + 1, count), LONGER), (range(first - 1, -1, -1), 1.0 / SHORTER)):
+        for lengths, step in ((range(first + 1, count), q.longer), (range(first - 1, -1, -1), 1.0 / q.shorter)):
             mode = head
             for length in lengths:
                 next_one = solved(replace(head.explanation, length=length), mode.start.louder(step))
-                if next_one is None or next_one.odds < max(m.odds for m in modes) - BELOW:
+                if next_one is None or next_one.odds < max(m.odds for m in modes) - q.below:
                     break
                 mode = next_one
     top = max(modes, key=lambda m: m.odds, default=None)
     # readings that only contact shows to be broken
     while top is not None and len(top.explanation.broken) < 2 + p.n // 20:
         gain, reading = broken_gain(top.weights, np.diag(top.inverse), top.explanation.broken, q.broken)
-        if gain + q.odds_broken < SHOWN:
+        if gain + q.odds_broken < q.shown:
             break
         now = replace(top.explanation, broken=(*top.explanation.broken, reading))
         near = [k for k in (now.length - 1, now.length, now.length + 1) if 0 <= k < count]

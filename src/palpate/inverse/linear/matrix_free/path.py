@@ -14,6 +14,7 @@ from palpate.inverse.linear.priors import DifferencePrior, Prior
 from palpate.inverse.linear.regularised import Decomposition, Regularised
 from palpate.inverse.linear.stated import InDoubt
 from palpate.inverse.problem import Problem
+from palpate.sensing.maps import body_of
 from palpate.sensing.operator import LARGEST_MATRIX
 
 __all__ = [
@@ -65,7 +66,11 @@ def _alone(
 def contact_at_size(problem: Problem, *, wide: bool) -> bool:
     """Whether a method that knows contact is to start from a matrix-free system: of a regular array whose taxels have noise of their own."""
     surface = problem.wide_surface if wide else problem.surface
-    if problem.boundary != "free" or any(a.noise_correlation for a in problem.planes):
+    if (
+        body_of(problem.pad) is not None
+        or problem.boundary != "free"
+        or any(a.noise_correlation for a in problem.planes)
+    ):
         return False
     regular = on_lattice(problem.planes, surface)
     return regular and block_size(problem.pad, problem.planes, surface) > LARGEST_DENSE_BLOCK
@@ -84,7 +89,12 @@ def linear_model(problem: Problem, priors: Sequence[Prior], *, wide: bool) -> Li
 
 def matrix_free(problem: Problem, filter_factors: Filter, priors: Sequence[Prior]) -> bool:
     """Whether the problem is too large for a dense decomposition, and can go without."""
-    if problem.boundary != "free" or filter_factors is not tikhonov or not servable(problem.planes):
+    if (
+        body_of(problem.pad) is not None
+        or problem.boundary != "free"
+        or filter_factors is not tikhonov
+        or not servable(problem.planes)
+    ):
         return False
     regular = on_lattice(problem.planes, problem.surface)
     if not regular and not all(isinstance(p, DifferencePrior) for p in priors):

@@ -21,6 +21,7 @@ from palpate.inverse.linear.matrix_free.lattice import Inverse
 from palpate.inverse.linear.matrix_free.normal import Normal
 from palpate.inverse.linear.matrix_free.preconditioner import Balanced, LongestCosines, LongestSines, approximation
 from palpate.inverse.linear.priors import DifferencePrior
+from palpate.sensing.maps import kernel_of
 from palpate.sensing.operator import Convolution
 
 __all__ = ["OnArray", "OnSurface", "Space", "Sums", "space"]
@@ -357,7 +358,7 @@ class OnSurface:
             area = min(1.0, math.prod(e / (n * dx) for e, n, dx in zip(extent, grid.shape, grid.spacings)))
             covered.append(area)
             density = len(points) / (area * math.prod(grid.shape))
-            kernel = plane.kernel  # type: ignore[attr-defined]
+            kernel = kernel_of(plane, "a problem of so many readings")
             for c in range(len(array.channels)):
                 waves = _sines(kernel[c][normal.columns], grid.shape)
                 out = out + density * waves / normal.scale(p, c) ** 2

@@ -4,57 +4,50 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.frame import Run
-from palpate.inverse.contact.hypotheses import Hypothesis, Rough, rough
-from palpate.inverse.contact.sharp import heavy_tails
+from palpate.inverse.contact.explanation import Explanation, Rough, Solved
+from palpate.inverse.contact.few_cells import heavy_tails
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.rough import rough
+from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import PROVEN, misfit_probability
 from palpate.inverse.linear.evidence import log_evidence
 
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
+__all__ = ["detection_limit", "explained_by_noise", "short_line_load", "uneven_noise", "unproven"]
 
-__all__ = ["could_be", "explained_by_noise", "uneven", "unproven", "what_hides"]
-
-#: Log likelihood of heavy tails over Gaussian noise from which on a few readings stand out of what is taken for noise. Of 40 quiet frames with Gaussian noise
-#: none has more than 3, of 40 with Student's of 4 degrees of freedom 15; of four contacts on thin layers and lines that were taken for noise three have.
-HEAVY = 4.0
-#: Contact may be all that a short line reads: on no more than so many taxels, beginning with this part of the readings as noise, it explains them if it leaves
-#: this part of them.
-FEW_TAXELS, QUIETER, EXPLAINED = 25, 0.03, 0.35
 #: Half of an interval of 95 % in standard deviations.
 WIDE = 1.96
 
 Flags = npt.NDArray[np.bool_]
 
 
-def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: Flags) -> Hypothesis | None:
-    """The hypothesis of a frame that noise explains, alone or with offsets; None where there is more."""
-    rows, limit = estimator.readings.planes(data), estimator.thresholds.contact
-    loud = uneven(estimator, data, observed, None)
+def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Explanation | None:
+    """The explanation of a frame that noise explains, alone or with offsets; None where there is more."""
+    policy = estimator.policy
+    rows = estimator.readings.planes(data)
+    loud = uneven_noise(estimator, data, observed, None)
     none = np.zeros(len(estimator.terms))
     flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
     nothing = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
     linear = estimator.orders[1]
     plain = estimator.evidence(linear, rows, None)
-    if not plain.gain > limit + loud:
-        return Hypothesis(1, nothing, none, none > 0)
+    if not more_than_noise(plain.gain, loud, policy):
+        return Explanation(1, nothing, none, none > 0)
     if not estimator.terms:
         return None
     shifts = estimator.shifts[:, : estimator.usual]
     patterns = np.stack([estimator.start.projected(estimator.readings.planes(c)) for c in shifts.T])
     found = estimator.start.evidence(linear, rows, None, patterns)
-    if found.gain > limit + loud:
+    if more_than_noise(found.gain, loud, policy):
         return None
     noise = 1.0 if estimator.noise_known else None
     reach = [np.abs(data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in shifts.T]
-    prior = float(np.log(np.maximum(np.array(reach) * estimator.thresholds.largest_nuisance, 1e-300)).sum())
+    prior = float(np.log(np.maximum(np.array(reach) * policy.explanations.largest_nuisance, 1e-300)).sum())
     alone = log_evidence(found.objective, found.logdet, found.freedom, noise) - found.gain - prior
     if alone < log_evidence(plain.objective, plain.logdet, plain.freedom, noise):
         return None
@@ -62,12 +55,12 @@ def explained_by_noise(estimator: ConstrainedEstimator, data: Floats, observed: 
     unit = np.sqrt((patterns**2).sum(axis=1))
     sizes = np.linalg.lstsq(patterns.T, estimator.start.projected(rows), rcond=None)[0]
     present = none > 0
-    present[: estimator.usual] = np.abs(sizes) * unit > estimator.thresholds.nuisance * found.scale
+    present[: estimator.usual] = np.abs(sizes) * unit > policy.explanations.nuisance * found.scale
     none[: estimator.usual] = sizes
-    return Hypothesis(1, nothing, np.where(present, none, 0.0), present)
+    return Explanation(1, nothing, np.where(present, none, 0.0), present)
 
 
-def unproven(estimator: ConstrainedEstimator, run: Run, fit: float) -> bool:
+def unproven(estimator: Prepared, run: Solved, fit: float) -> bool:
     """Whether "no contact" hides what may be contact: noise explains the readings ill (``fit``), or nobody gave it and it has tails
     that Gaussian noise has not, as contact that few taxels feel leaves.
     """
@@ -77,18 +70,28 @@ def unproven(estimator: ConstrainedEstimator, run: Run, fit: float) -> bool:
     count = np.maximum(np.bincount(channel, None, estimator.noise.count), 1)
     level = np.sqrt(np.bincount(channel, data**2, estimator.noise.count) / count)[channel]
     relative = np.divide(data, level, out=np.zeros_like(data), where=level > 0)
-    return bool(len(data) and relative.any() and heavy_tails(relative, channel, len(data)) > HEAVY)
+    return bool(
+        len(data)
+        and relative.any()
+        and heavy_tails(relative, channel, len(data), estimator.policy) > estimator.policy.detection.heavy_tails
+    )
 
 
-def could_be(estimator: ConstrainedEstimator, run: Run) -> Floats | None:
+def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
     """The net force (component,) of contact on most of a short line that explains what is taken for noise, where nobody gave the noise; None where there
     is none.
 
     A few taxels on a line, all of them pressed, read as noise has it, as each has two neighbours only. Contact that only pushes (or pulls) then leaves next
     to nothing; so it does of noise that chance made like that, and no reading says which.
     """
+    policy = estimator.policy
     lines = estimator.operator.surface.dimensions == 1
-    if estimator.noise_known or not lines or estimator.taxels > FEW_TAXELS or not estimator.parts.sharp:
+    if (
+        estimator.noise_known
+        or not lines
+        or estimator.taxels > policy.detection.short_line
+        or not policy.parts.few_cells
+    ):
         return None
     white = estimator.readings.white((run.data / estimator.readings.std)[run.observed], run.observed)
     total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
@@ -97,34 +100,35 @@ def could_be(estimator: ConstrainedEstimator, run: Run) -> Floats | None:
     grid = estimator.operator.surface
     out = np.zeros(len(grid.components))
     for sign in (1, -1) if -1 in estimator.signs else (1,):
-        found = rough(estimator, sign * run.data, run.observed, total, 0, QUIETER * total)
+        found = rough(estimator, sign * run.data, run.observed, total, 0, policy.detection.short_line_noise * total)
         left = white - sign * estimator.readings.white(
             (found.explained / estimator.readings.std)[run.observed], run.observed
         )
-        if math.sqrt(float(np.mean(left**2))) < EXPLAINED * total:
+        if math.sqrt(float(np.mean(left**2))) < policy.detection.short_line_left * total:
             force = grid.cell * np.abs(found.traction[:, estimator.inside.ravel()].sum(axis=1))
             out[list(estimator.columns)] = np.maximum(out[list(estimator.columns)], force)
     return out if out.any() else None
 
 
-def what_hides(estimator: ConstrainedEstimator, run: Run, fit: float, errors: Errors) -> tuple[Errors, int]:
-    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where `unproven`, 2 where `could_be`."""
+def detection_limit(estimator: Prepared, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
+    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where `unproven`, 2 where `short_line_load`."""
     why = 0
     if unproven(estimator, run, fit):
         # as large as the largest reading says
         why, largest = 1, float(np.abs(run.data / estimator.readings.std).max(initial=0.0))
         errors = estimator.undetected(largest, run.data)
-    force = could_be(estimator, run)
+    force = short_line_load(estimator, run)
     if force is not None:
         why, errors = 2, replace(errors, force=np.maximum(errors.force, force / WIDE))
     return errors, why
 
 
-def uneven(estimator: ConstrainedEstimator, data: Floats, observed: Flags, known: float | None) -> float:
+def uneven_noise(estimator: Prepared, data: Floats, observed: Flags, known: float | None) -> float:
     """What noise of another level in each channel explains (`ChannelNoise.uneven`); nothing where the readings are in an order that
     noise has seldom.
     """
-    if not estimator.parts.uneven_evidence:
+    policy = estimator.policy
+    if not policy.parts.uneven_evidence:
         return 0.0
     found = estimator.noise.uneven(data, observed, known)
     if not found > 0.0:
@@ -135,4 +139,4 @@ def uneven(estimator: ConstrainedEstimator, data: Floats, observed: Flags, known
     level = np.sqrt(power / np.maximum(count, 1))
     relative = np.where(observed, data / np.maximum(level[estimator.noise.index], 1e-300), 0.0)
     chance = misfit_probability(relative, observed, estimator.pairs, taken=0.0, known=False)
-    return 0.0 if chance < estimator.thresholds.ordered else found
+    return 0.0 if chance < policy.detection.ordered else found

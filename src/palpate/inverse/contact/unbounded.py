@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.hypotheses import Hypothesis
-
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.explanation import Explanation
+from palpate.inverse.contact.prepared import Prepared
 
 __all__ = ["goes_on_all_round", "offset_as_load"]
 
-#: An even press explains offsets where it leaves less than this part of them.
-EXPLAINS = 0.2
-#: Contact goes on all round where every cell over the outermost taxels has this part of the largest pressure.
-AT_EDGE = 0.5
 
-
-def offset_as_load(estimator: ConstrainedEstimator, h: Hypothesis, traction: Floats) -> Floats | None:
-    """Net forces (component, 2) between which the force lies if the offsets of a hypothesis are load; None where they are not, or a zero was taken.
+def offset_as_load(estimator: Prepared, h: Explanation, traction: Floats) -> Floats | None:
+    """Net forces (component, 2) between which the force lies if the offsets of an explanation are load; None where they are not, or a zero was taken.
 
     An even press has no known end, so neither has its force. Offsets of stress and strain that are larger than what was found beside them may be an even press all over the array. Smaller ones are
     offsets: contact on top of an even press is rare, and offsets are not.
     """
+    policy = estimator.policy
     offsets = h.present & np.array([t.kind == "offset" and t.unit != "m" for t in estimator.terms], dtype=bool)
     if estimator.problem.zeroed or not offsets.any():
         return None
@@ -35,7 +28,7 @@ def offset_as_load(estimator: ConstrainedEstimator, h: Hypothesis, traction: Flo
     even = np.linalg.lstsq(columns, rows, rcond=1e-3)[0]
     even[-1] = max(even[-1], 0.0) if estimator.columns[-1] == len(traction) - 1 else even[-1]
     left = rows - columns @ even
-    if float(left @ left) > EXPLAINS**2 * float(rows @ rows):
+    if float(left @ left) > policy.errors.even_press**2 * float(rows @ rows):
         return None
     found = np.abs(traction).reshape(len(traction), -1).max(axis=1)
     if not np.abs(even).max() > found.max():
@@ -43,16 +36,20 @@ def offset_as_load(estimator: ConstrainedEstimator, h: Hypothesis, traction: Flo
     force = estimator.operator.surface.cell * traction.reshape(len(traction), -1).sum(axis=1)
     bounds = np.stack([force, force], axis=1)
     for column, value in zip(estimator.columns, even):
-        if abs(value) > EXPLAINS * np.abs(even).max():
+        if abs(value) > policy.errors.even_press * np.abs(even).max():
             bounds[column, int(value > 0)] = math.copysign(math.inf, value)
     return bounds
 
 
-def goes_on_all_round(estimator: ConstrainedEstimator, traction: Floats, sign: int) -> Floats | None:
+def goes_on_all_round(estimator: Prepared, traction: Floats, sign: int) -> Floats | None:
     """Net forces (component, 2) of contact that is found all round the array's edge: nothing tells where it ends. None where it ends inside."""
     pressure = np.abs(traction[-1]).ravel()
     top = float(pressure.max(initial=0.0))
-    if not top > 0.0 or not len(estimator.ring) or float(pressure[estimator.ring].min()) < AT_EDGE * top:
+    if (
+        not top > 0.0
+        or not len(estimator.ring)
+        or float(pressure[estimator.ring].min()) < estimator.policy.extent.goes_on * top
+    ):
         return None
     bounds = np.full((len(traction), 2), math.nan)
     bounds[-1, int(sign >= 0)] = math.copysign(math.inf, sign)

@@ -16,48 +16,34 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.score import gain_of
 
-if TYPE_CHECKING:
-    from palpate.inverse.contact.constrained import ConstrainedEstimator
-
-__all__ = ["Sharp", "heavy_tails", "sharp_contact"]
+__all__ = ["FewCells", "contact_in_few_cells", "heavy_tails"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: Cells of a contact that is sought: more are no longer few.
-FEW = 6
-#: Entries of the columns of all cells that are looked through; where there would be more, those nearest to the largest reading.
-ENTRIES, NEAREST = 2_000_000, 9
-#: Degrees of freedom of Student's distribution: as heavy as noise that still has a scale.
-STUDENT = 2.0
-#: Rounds of its scale (by expectation and maximisation), which settles in ten.
-ROUNDS = 20
-#: A small contact makes a reading this many times as large as half of its channel: four standard deviations of Gaussian noise.
-STANDS_OUT = 6.0
-#: Cells are twice as fine as the surface's up to so many: where in a cell a small contact lies is seen.
-FINEST = 10_000
-
 
 @dataclass(frozen=True)
-class Sharp:
+class FewCells:
     """Gain of contact in a few cells over Gaussian noise, and the noise that it leaves, in units of the whitening."""
 
     gain: float
     left: float
 
 
-def sharp_contact(estimator: ConstrainedEstimator, data: Floats, observed: Flags) -> Sharp | None:
+def contact_in_few_cells(estimator: Prepared, data: Floats, observed: Flags) -> FewCells | None:
     """Contact in a few cells, where noise does not explain the readings as well, about offsets or not; None where it does."""
-    readings, t = estimator.readings, estimator.thresholds
+    policy, readings = estimator.policy, estimator.readings
     channel = estimator.noise.index[observed]
-    if not estimator.parts.sharp or not _stands_out(data[observed], channel):
+    if not policy.parts.few_cells or not _stands_out(data[observed], channel, policy):
         return None
     white = readings.white((data / readings.std)[observed], observed)
     rows = (estimator.shifts[:, : estimator.usual] / readings.std[:, None])[observed]
@@ -66,14 +52,14 @@ def sharp_contact(estimator: ConstrainedEstimator, data: Floats, observed: Flags
     free = len(white) - base.shape[1]
     if free < 2 or not (left != 0.0).any():
         return None
-    heavy = heavy_tails(left, channel, free)
+    heavy = heavy_tails(left, channel, free, policy)
     total = math.sqrt(float(left @ left) / free)
     known = 1.0 if estimator.noise_known else None
     # what it leaves is no less than what the model cannot follow
     floor = max(estimator.least_noise(data), known or 0.0)
     search = _Search(estimator, observed)
-    best: Sharp | None = None
-    for count in range(1, FEW + 1):
+    best: FewCells | None = None
+    for count in range(1, policy.discs.few + 1):
         added = search.best(left)
         added = added - base @ (base.T @ added)
         more, size = np.linalg.qr(added)
@@ -84,17 +70,17 @@ def sharp_contact(estimator: ConstrainedEstimator, data: Floats, observed: Flags
         if free < 2:
             break
         size_left = max(math.sqrt(float(left @ left) / free), floor)
-        gain = free * math.log(max(total / size_left, 1.0)) - count * math.log(search.cells)
+        gain = gain_of(free, max(total, size_left), size_left) - count * math.log(search.cells)
         if best is None or gain > best.gain:
-            best = Sharp(gain, size_left)
+            best = FewCells(gain, size_left)
         if size_left <= floor:
             break
-    return best if best is not None and best.gain > t.sharp + heavy else None
+    return best if best is not None and best.gain > policy.detection.few_cells + heavy else None
 
 
-def heavy_tails(white: Floats, channel: Index, free: int) -> float:
+def heavy_tails(white: Floats, channel: Index, free: int, policy: Policy) -> float:
     """Log likelihood of noise of Student's distribution with a scale for each channel, over that of Gaussian noise of one level."""
-    v = STUDENT
+    v = policy.detection.student
     constant = math.lgamma(0.5 * (v + 1.0)) - math.lgamma(0.5 * v) - 0.5 * math.log(math.pi * v)
     total = float(white @ white) / free
     gauss = -0.5 * len(white) * (math.log(2.0 * math.pi * total) + 1.0)
@@ -104,29 +90,32 @@ def heavy_tails(white: Floats, channel: Index, free: int) -> float:
         scale = float(np.median(squares)) or float(squares.mean())
         if not scale > 0.0:
             continue
-        for _ in range(ROUNDS):
+        for _ in range(policy.discs.scales):
             scale = max(float(((v + 1.0) / (v + squares / scale) * squares).mean()), 1e-300)
         part = constant - 0.5 * math.log(scale) - 0.5 * (v + 1.0) * np.log1p(squares / (v * scale))
         student += float(part.sum())
     return max(student - gauss, 0.0)
 
 
-def _stands_out(data: Floats, channel: Index) -> bool:
+def _stands_out(data: Floats, channel: Index, policy: Policy) -> bool:
     """Whether a reading is far larger than most of its channel."""
     sizes = [np.abs(data[channel == one]) for one in np.unique(channel)]
-    return any(bool(s.max() > STANDS_OUT * np.median(s)) for s in sizes)
+    return any(bool(s.max() > policy.detection.stands_out * np.median(s)) for s in sizes)
 
 
 class _Search:
     """Looks for the cell whose traction explains most of what is left."""
 
-    def __init__(self, estimator: ConstrainedEstimator, observed: Flags) -> None:
+    def __init__(self, estimator: Prepared, observed: Flags) -> None:
+        policy = estimator.policy
         self.estimator, self.observed = estimator, observed
         surface = estimator.operator.surface
         fine = math.prod(surface.shape) * 2**surface.dimensions
-        self.level = estimator.level(2 if fine <= FINEST else 1)
+        self.level = estimator.level(2 if fine <= policy.work.finest else 1)
         self.cells = math.prod(self.level.grid.shape)
-        self.some = max(ENTRIES // max(int(observed.sum()) * len(estimator.columns), 1), NEAREST)
+        self.some = max(
+            policy.work.entries // max(int(observed.sum()) * len(estimator.columns), 1), policy.work.nearest
+        )
         self.every = self._of_all() if self.some >= self.cells else None
 
     def _of_all(self) -> tuple[Floats, Floats]:

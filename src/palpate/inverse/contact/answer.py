@@ -1,0 +1,164 @@
+"""From the solved models of an explanation to the frame that is answered: errors, fit, notes' figures, bounds; and frames where nothing was found."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.explanation import Solved
+from palpate.inverse.contact.frame import Frame
+from palpate.inverse.contact.misfit import drift_probability, fit_of, misfit_of, noise_ratio, proportional_part
+from palpate.inverse.contact.no_contact import detection_limit
+from palpate.inverse.contact.notes import single_taxel_share, smallness
+from palpate.inverse.contact.observed import Observed
+from palpate.inverse.contact.policy import STATED
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.screening import shallow
+from palpate.inverse.contact.summary import Summary
+from palpate.inverse.contact.systematic import doubtful, inflate_for_misfit, nuisance_errors, share
+from palpate.inverse.contact.unbounded import goes_on_all_round, offset_as_load
+from palpate.inverse.estimate import Errors
+from palpate.inverse.fit import POOR_FIT
+
+__all__ = ["combined", "framed", "unexplained"]
+
+Flags = npt.NDArray[np.bool_]
+
+
+def framed(prepared: Prepared, run: Solved, observed: Observed, rng: np.random.Generator | None) -> Frame:
+    """One frame of the explanation that it was solved with."""
+    h = run.explanation
+    deviation = nuisance_errors(prepared, run)
+    at_limit = observed.limited
+    left_out = ~run.observed & ~at_limit
+    each = np.full(prepared.noise.count, run.scale) if run.levels is None else run.levels
+    if not run.members:
+        rest = np.where(run.observed, run.data / np.where(run.noise > 0, run.noise, 1.0), 0.0)
+        # a reading that stands alone may be a small contact right over a shallow taxel
+        alone = np.where(shallow(prepared.operator.planes_of, prepared.policy), observed.data, 0.0)
+        nothing = _nothing(prepared, run.parameter, run.scale, run.data, left_out, alone)
+        fit = misfit_of(prepared, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
+        errors, unknown = detection_limit(prepared, run, fit, nothing.known)
+        result = replace(nothing, errors=errors, pushed=run.pushed and h.sign == 1, fit=fit, unproven=unknown)
+    else:
+        run.doubtful = doubtful(prepared, run)
+        run.drift = drift_probability(prepared, run)
+        for m in run.members:
+            share(prepared, m, run, deviation, at_limit)
+        fit, left, free = fit_of(prepared, run)
+        if fit < POOR_FIT:
+            inflate_for_misfit(prepared, run, fit)
+        result = combined(prepared, run, each, fit, left, rng)
+        # the models may explain on a finer grid what cells of the surface cannot
+        pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
+        turned = result.draws if result.draws is None or h.sign >= 0 else -result.draws
+        result = replace(
+            result,
+            traction=-result.traction if h.sign < 0 else result.traction,
+            draws=turned,
+            outliers=left_out,
+            pushed=pushed,
+            adrift=run.adrift > 0.5,
+            free=free,
+            discrepancy=proportional_part(prepared, run),
+        )
+    bounds = offset_as_load(prepared, h, result.traction)
+    undecided = bounds is not None
+    if bounds is None:
+        bounds = goes_on_all_round(prepared, result.traction, h.sign)
+    return replace(
+        result,
+        sign=h.sign,
+        nuisance=h.sizes,
+        nuisance_std=deviation,
+        at_limit=at_limit,
+        undecided=undecided,
+        bounds=result.bounds if bounds is None else bounds,
+    )
+
+
+def combined(
+    prepared: Prepared,
+    run: Solved,
+    noise: Floats,
+    fit: float,
+    left: float,
+    rng: np.random.Generator | None,
+    also: Solved | None = None,
+) -> Frame:
+    """The mean of the models of a run, and of ``also`` another, with the errors of all."""
+    policy = prepared.policy
+    runs = [run] if also is None else [run, also]
+    members = [m for r in runs for m in r.members]
+    large = any(m.data.at_size for m in members)
+    summary = Summary(members, prepared.posterior)
+    limit = policy.fit.alike if len(prepared.readings.std) <= policy.fit.few else policy.fit.doubted
+    summary.alike = prepared.readings.independent and prepared.problem.nuisance is None and fit < limit
+    summary.noise_ratio = noise_ratio(prepared, run, left)
+    summary.gain = prepared.problem.uncertainty.assumed_gain
+    summary.whites = [
+        prepared.readings.white((r.data / r.noise)[r.observed], r.observed) for r in runs for _ in r.members
+    ]
+    weights = np.array([m.weight for m in members])
+    sampled = None
+    if prepared.draws:
+        sampled = prepared.posterior.draws(members, weights, prepared.draws, rng or np.random.default_rng(0))
+    alone = single_taxel_share(
+        prepared.operator.planes_of, run, np.abs(summary.mean[-1]), prepared.operator.surface, policy
+    )
+    summary.doubted = 0.5 / STATED * alone if policy.errors.much < alone < 1.0 - policy.errors.much else 0.0
+    return Frame(
+        summary.mean,
+        summary if large else summary.errors(),
+        run.parameter,
+        noise,
+        left,
+        all(m.solution.converged for m in members),
+        True,
+        ~run.observed,
+        sampled,
+        sliding=sum(m.weight for m in members if m.ray is not None),
+        fit=fit,
+        small=smallness(members, prepared.operator.planes_of, run, policy),
+        stated=summary.stated(),
+        alone=alone,
+        beyond=prepared.posterior.beyond(summary.mean),
+        hangs=0.0 if prepared.given_ends or not prepared.readings.independent else summary.largest_part(),
+    )
+
+
+def _nothing(
+    prepared: Prepared, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Any = 0.0
+) -> Frame:
+    """No contact; ``alone`` is what readings that are left out may yet say of it."""
+    grid, names = prepared.operator.surface, prepared.operator.surface.components
+    shape = (len(names), *grid.shape)
+    # from the readings themselves: the residual is all noise
+    rms = float(np.sqrt(np.mean((data / prepared.readings.std) ** 2)))
+    errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, alone, data))
+    empty = np.zeros((prepared.draws, *shape)) if prepared.draws else None
+    noise = np.full(prepared.noise.count, scale)
+    return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)
+
+
+def unexplained(prepared: Prepared, data: Floats, outliers: Flags, chance: float) -> Frame:
+    """A frame that no contact explains: nothing is known."""
+    nothing = _nothing(prepared, math.nan, math.nan, data, outliers)
+    unknown = {f.name: np.full_like(getattr(nothing.known, f.name), math.nan) for f in fields(Errors)}
+    gap, terms = math.nan * nothing.traction, np.full(len(prepared.terms), math.nan)
+    return replace(
+        nothing,
+        traction=gap,
+        errors=Errors(**unknown),
+        contact=True,
+        pushed=False,
+        fit=chance,
+        nuisance=terms,
+        nuisance_std=terms,
+        at_limit=np.zeros(len(data), dtype=bool),
+    )

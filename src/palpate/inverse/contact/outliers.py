@@ -1,0 +1,56 @@
+"""Readings that the contact of an explanation does not explain, left out before it is solved."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.explanation import Explanation
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.rough import rough
+from palpate.inverse.contact.score import gain_of
+
+__all__ = ["without_outliers"]
+
+Flags = npt.NDArray[np.bool_]
+
+
+def without_outliers(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> tuple[Explanation, Flags]:
+    """A explanation without the readings that its contact does not explain, left out one at a time, the worst first."""
+    policy = estimator.policy
+    readings, n = estimator.readings, len(data)
+    if h.sign == 0 or not h.rough.traction[-1].any():
+        return h, observed
+    columns = np.stack([term.rows for term in estimator.terms], axis=1) if estimator.terms else np.zeros((n, 0))
+    clean = h.sign * (data - columns @ h.sizes)
+    counted = observed.copy()
+    white = readings.white((clean / readings.std)[counted], counted)
+    total = math.sqrt(float(np.mean(white**2)))
+    best = h.rough
+    for _ in range(max(int(policy.screening.most * observed.sum()), 1)):
+        size = np.abs(clean) / readings.std
+        others = np.where(counted & ~estimator.outermost, size, 0.0).max(initial=0.0)
+        may = counted & (~estimator.outermost | (size > policy.screening.outermost * others))
+        residual = np.where(may, np.abs(clean - best.explained) / readings.std, 0.0)
+        worst = int(np.argmax(residual))
+        largest = float(np.abs(best.explained / readings.std).max(initial=0.0))
+        # one reading among n raises what is left to its own size over sqrt(n): it hides behind itself where there are few
+        part = 1.0 if estimator.at_size else policy.explanations.half
+        if not residual[worst] > max(part * policy.screening.deviations * best.left, policy.screening.gross * largest):
+            break
+        fewer = counted.copy()
+        fewer[worst] = False
+        filled = np.where(fewer, clean, best.explained)
+        found = rough(estimator, filled, fewer, total, int(h.present.sum()), h.noise, best.traction)
+        floor = max(found.left, estimator.least_noise(data))
+        if not (
+            gain_of(found.free, max(best.left, floor), floor) > policy.screening.broken + math.log(n)
+            and abs(clean[worst] - found.explained[worst]) / readings.std[worst] > policy.screening.deviations * floor
+        ):
+            break
+        counted, best = fewer, found
+    return replace(h, rough=best), counted

@@ -1,0 +1,69 @@
+"""What a frame is taken to be before it is solved: contact that pushes, that pulls, or both; with offsets and ramps of the readings or without.
+
+Each file proposes one kind of explanation: ``propose(search)`` yields rough explanations, each of which is taken up before the next is asked for, so that it knows
+what was tried. A new kind is a file and a line in `PROPOSALS`; they are compared by `palpate.inverse.contact.score` alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.explanation import Explanation, Rough
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.proposals import both, offsets, pull, push, ramps
+from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.rough import rough_fit
+from palpate.inverse.contact.score import best_of, rivals_of
+from palpate.sensing.nuisance import Nuisance
+
+__all__ = ["PROPOSALS", "explanation_of"]
+
+Flags = npt.NDArray[np.bool_]
+
+#: Kinds of explanation, in the order in which they are tried.
+PROPOSALS: tuple[Callable[[Search], Iterator[Explanation]], ...] = (
+    push.propose,
+    pull.propose,
+    offsets.propose,
+    ramps.propose,
+    both.propose,
+)
+
+
+def explanation_of(
+    estimator: Prepared,
+    data: Floats,
+    observed: Flags,
+    terms: Sequence[Nuisance],
+    *,
+    signs: Sequence[int],
+    noise: float | None = None,
+) -> Explanation:
+    """What a frame is taken to be, with its rivals.
+
+    ``terms`` are the nuisances that may be there; ``signs``: what contact may do (`Explanation.sign`); ``noise`` is that of `Explanation`.
+    """
+    readings, policy = estimator.readings, estimator.policy
+    white = readings.white((data / readings.std)[observed], observed)
+    total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
+    none = np.zeros(len(terms))
+    if not total > 0.0:
+        flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
+        return Explanation(1, Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0), none, none > 0)
+    search = Search(estimator, data, observed, terms, signs, total, noise)
+    for propose in PROPOSALS:
+        search.add(propose(search))
+    best = best_of(search.tried, policy)
+    free = next((h for h in search.tried if h.sign == 0), None)
+    if free is not None and best.sign != 0:
+        # one sign leaves an order that noise does not have
+        chance = rough_fit(estimator, best, data, observed)
+        best = free if chance < policy.explanations.structured_chance else best
+    best = replace(best, rivals=rivals_of(best, search.tried, policy))
+    return best if noise is None else replace(best, noise=noise)

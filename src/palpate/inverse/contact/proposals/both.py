@@ -1,0 +1,25 @@
+"""Traction of either sign, by the linear model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from palpate.inverse.contact.explanation import Explanation, Rough
+from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.score import gain_of
+
+__all__ = ["propose"]
+
+
+def propose(search: Search) -> Iterator[Explanation]:
+    """The linear model's traction; of it some lies everywhere, so that the edge of the array counts as loaded as the push loads it."""
+    data, observed = search.data, search.observed
+    if 0 not in search.signs or (~observed).sum() > len(data) // 2:
+        return
+    found, left, free = search.estimator.start.noise(data, search.total, observed)
+    gain = gain_of(free, search.total, left, search.estimator.least_noise(data))
+    flat = found.traction.reshape(len(found.traction), -1)
+    ring = search.tried[0].rough.ring
+    yield Explanation(0, Rough(gain, left, free, flat, np.zeros_like(data), ring), search.none, search.none > 0)

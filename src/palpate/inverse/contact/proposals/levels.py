@@ -1,0 +1,146 @@
+"""First sizes of offsets and ramps, read off the taxels that nothing presses, and how large either may be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.channels import find_channel
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.prepared import Prepared
+from palpate.sensing.arrays import Array, ScatteredArray
+from palpate.sensing.nuisance import Nuisance
+
+__all__ = ["edge_drift", "edge_levels", "lowest_levels", "outermost_of", "reach", "reach_of_kind", "touched"]
+
+Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
+
+
+def edge_levels(estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> list[Floats]:
+    """First sizes of offsets, from the outermost taxels, each to be tried; 0 for other nuisances."""
+    starts = [np.zeros(len(terms)) for _ in range(3 if estimator.operator.surface.dimensions == 1 else 1)]
+    for i, term in enumerate(terms):
+        if term.kind != "offset":
+            continue
+        array, place = touched(estimator, term)
+        here = observed[place]
+        if here.any():
+            points = array.points[array.valid.ravel()][here]
+            levels = _levels_of(data[place][here], points, isinstance(array, ScatteredArray))
+            for start, level in zip(starts, levels):
+                start[i] = level
+    return [s for k, s in enumerate(starts) if not any(np.array_equal(s, before) for before in starts[:k])]
+
+
+def lowest_levels(
+    estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance], sign: int
+) -> list[Floats]:
+    """First sizes of offsets on a line whose contacts reach its ends, none or one: what neighbours between them read least, where contact of this sign
+    makes none read less than nothing and the ends read more.
+    """
+    if estimator.far or estimator.operator.surface.dimensions > 1:
+        return []
+    start = np.zeros(len(terms))
+    for i, term in enumerate(terms):
+        if term.kind != "offset":
+            continue
+        array, place = touched(estimator, term)
+        here = observed[place]
+        points = array.points[array.valid.ravel()][here]
+        values = sign * data[place][here][np.argsort(points[:, 0])]
+        width = 2 * max(1, min(2, len(values) // 6))
+        if len(values) > 2 * width:
+            least = float(np.convolve(values, np.full(width, 1.0 / width), mode="valid").min())
+            ends = min(float(values[: width // 2].mean()), float(values[-(width // 2) :].mean()), 0.0)
+            start[i] = sign * least if least < ends + estimator.policy.explanations.half * least else 0.0
+    return [start] if start.any() else []
+
+
+def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
+    """First sizes of offsets and ramps together, from the outermost taxels by least absolute deviations, which a contact across a part of the edge hardly
+    moves (weighed least squares in turn; E. J. Schlossmacher, J. American Statistical Association 68, 1973, 857-859); 0 for other nuisances.
+    """
+    sizes = np.zeros(len(terms))
+    for offset in terms:
+        if offset.kind != "offset":
+            continue
+        array, place = touched(estimator, offset)
+        points = array.points[array.valid.ravel()]
+        if points.shape[1] == 1:
+            k = max(1, min(2, len(points) // 6))
+            order = np.argsort(points[:, 0])
+            edge = np.isin(np.arange(len(points)), [*order[:k], *order[-k:]])
+        else:
+            edge = outermost_of(points, isinstance(array, ScatteredArray))
+        edge &= observed[place]
+        of = [j for j, t in enumerate(terms) if t.kind in ("offset", "ramp") and t.rows[place].any()]
+        if edge.sum() < len(of):
+            continue
+        rows = np.stack([terms[j].rows[place][edge] for j in of], axis=1)
+        scale = np.abs(rows).max(axis=0)
+        y = data[place][edge]
+        weight = np.ones(len(y))
+        for _ in range(estimator.policy.work.reweighed):
+            found = np.linalg.lstsq(rows / scale * weight[:, None], y * weight, rcond=1e-9)[0]
+            left = np.abs(y - rows / scale @ found)
+            weight = 1.0 / np.sqrt(np.maximum(left, 1e-3 * max(float(np.abs(y).max()), 1e-300)))
+        sizes[of] = found / scale
+    return sizes
+
+
+def reach_of_kind(estimator: Prepared, columns: Floats, data: Floats) -> Floats:
+    """The size at which each nuisance makes readings as large as the largest of any channel of its kind: how well a sensor keeps its zero is a
+    matter of its range, and not of how much a contact happens to say to one of its channels.
+    """
+    arrays = estimator.operator.planes_of
+    kinds = [find_channel(c).kind.unit for a in arrays for c in a.channels]
+    kind = np.repeat(kinds, [int(a.valid.sum()) for a in arrays for _ in a.channels])
+    size = np.abs(data)
+    return np.array(
+        [
+            size[np.isin(kind, np.unique(kind[c != 0]))].max(initial=0.0)
+            / max(float(np.abs(c).max(initial=0.0)), 1e-300)
+            for c in columns.T
+        ]
+    )
+
+
+def reach(columns: Floats, data: Floats) -> Floats:
+    """The size at which each nuisance makes readings as large as the largest that it touches."""
+    return np.array(
+        [np.abs(data[c != 0]).max(initial=0.0) / max(float(np.abs(c).max(initial=0.0)), 1e-300) for c in columns.T]
+    )
+
+
+def touched(estimator: Prepared, term: Nuisance) -> tuple[Array, Index]:
+    """The array that an offset is of, and the readings of its channel there."""
+    first, start = int(np.argmax(term.rows != 0)), 0
+    for array in estimator.operator.planes_of:
+        n = int(array.valid.sum())
+        for _ in array.channels:
+            if first < start + n:
+                return array, np.arange(start, start + n)
+            start += n
+    raise IndexError(first)
+
+
+def _levels_of(values: Floats, points: Floats, scattered: bool) -> list[float]:
+    """Levels of a channel where little happens: of the outermost taxels, on a line the end that reads less, and then either end: shear reaches
+    far along a line, and of two ends that it takes in opposite directions the one that reads less is the farther off.
+    """
+    if points.shape[1] == 1:
+        order = np.argsort(points[:, 0])
+        k = max(1, min(2, len(values) // 6))
+        ends = [float(values[order[:k]].mean()), float(values[order[-k:]].mean())]
+        return [min(ends, key=abs), *ends]
+    return [float(np.median(values[outermost_of(points, scattered)]))]
+
+
+def outermost_of(points: Floats, scattered: bool) -> Flags:
+    """Which taxels of an area lie at its edge."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.15 if scattered else 1e-6
+    return np.asarray(np.any((points - low < margin * (high - low)) | (high - points < margin * (high - low)), axis=1))

@@ -1,0 +1,93 @@
+"""Contact of one sign with the nuisances that are there: sizes and contact found in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.explanation import Explanation, Rough
+from palpate.inverse.contact.proposals.levels import reach, reach_of_kind
+from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.rough import rough
+from palpate.inverse.contact.score import least_to_beat
+from palpate.sensing.nuisance import Nuisance
+
+__all__ = ["with_nuisances"]
+
+Flags = npt.NDArray[np.bool_]
+
+
+def with_nuisances(search: Search, sign: int, start: Floats, sought: Flags) -> Explanation | None:
+    """Contact of one sign with those of the nuisances ``sought`` that are there; None where there are none, or it cannot be better than what was tried."""
+    estimator, rules = search.estimator, search.estimator.policy.explanations
+    terms = [term for term, here in zip(search.terms, sought) if here]
+    solved = _in_turn(search, terms, sign, start[sought], least_to_beat(search.tried, estimator.policy))
+    if solved is None:
+        return None
+    found, sizes = solved
+    # one as large as the readings themselves is no offset, and a very small one is what the model cannot follow
+    columns = np.stack([term.rows for term in terms], axis=1)
+    part = np.abs(sizes) / np.maximum(reach(columns, search.data), 1e-300)
+    largest = rules.largest_nuisance * reach_of_kind(estimator, columns, search.data - columns @ sizes)
+    if not ((part > rules.smallest_nuisance).any() and (np.abs(sizes) <= largest).all()):
+        return None
+    every = search.none
+    every[sought] = sizes
+    return Explanation(sign, found, every, every != 0)
+
+
+def _in_turn(
+    search: Search, terms: Sequence[Nuisance], sign: int, start: Floats, beat: float
+) -> tuple[Rough, Floats] | None:
+    """The rough solution with the nuisances that are there, and their sizes; None where it is as good as certain that its gain stays below ``beat``: rounds
+    that go on as the best of them so far do not bring it there.
+
+    Sizes and contact are found in turn: the sizes from what the contact leaves, by least squares. Where displacement is felt far away each
+    turn goes only a quarter of the way: then most of the steps' geometric series is summed (A. C. Aitken, Proc. R. Soc. Edinburgh 46, 1926, 289-305).
+    """
+    estimator, data, observed = search.estimator, search.data, search.observed
+    policy = estimator.policy
+    readings = estimator.readings
+    columns = np.stack([term.rows for term in terms], axis=1)
+    unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
+    sizes, present = start.copy(), np.ones(len(terms), dtype=bool)
+    best: Rough | None = None
+    deviation, last = np.zeros(len(terms)), np.zeros(len(terms))
+    near: Floats | None = None
+    step = 0.0
+    for turn in range(policy.explanations.nuisance_rounds):
+        clean = sign * (data - columns @ sizes)
+        found = rough(estimator, clean, observed, search.total, int(present.sum()), search.noise, near, beat)
+        near = found.traction
+        deviation = np.maximum(found.left, estimator.least_noise(data)) / np.maximum(unit, 1e-300)
+        if best is not None:
+            if found.gain < best.gain:
+                break
+            step = max(step, found.gain - best.gain)
+            if found.gain + (policy.explanations.nuisance_rounds - 1 - turn) * step < beat:
+                return None
+        best, kept = found, sizes.copy()
+        left = sign * (clean - found.explained) / readings.std
+        allowed = readings.allowing(columns[:, present])
+        change = np.zeros(len(terms))
+        change[present] = allowed.sizes_of(left, observed)
+        ratio = np.divide(change, last, out=np.zeros_like(change), where=last != 0.0)
+        slow = (ratio > policy.work.slow) & (ratio < 1.0)
+        last = np.where(slow, 0.0, change)
+        change = np.where(
+            slow,
+            change * (1.0 + policy.work.series * ratio / np.maximum(1.0 - ratio, 1.0 / policy.work.farthest)),
+            change,
+        )
+        sizes = sizes + change
+        present = np.abs(sizes) > policy.explanations.nuisance * deviation
+        sizes = np.where(present, sizes, 0.0)
+        if not present.any() or (np.abs(change) < 0.3 * deviation).all():
+            break
+    if best is None:
+        raise RuntimeError("no round of nuisances was made")
+    present = np.abs(kept) > policy.explanations.nuisance * deviation
+    return best, np.where(present, kept, 0.0)

@@ -1,0 +1,28 @@
+"""Contact with offsets, from several first levels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from palpate.inverse.contact.explanation import Explanation
+from palpate.inverse.contact.proposals.levels import lowest_levels
+from palpate.inverse.contact.proposals.nuisances import with_nuisances
+from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.score import likelier_signs
+
+__all__ = ["propose"]
+
+
+def propose(search: Search) -> Iterator[Explanation]:
+    """Offsets with contact of either sign, the likelier one first: the other is left where it cannot catch up."""
+    if not search.terms or not (search.doubt.sought or search.doubt.wide):
+        return
+    estimator, doubt = search.estimator, search.doubt
+    signs = likelier_signs(search.tried, doubt.hopeless) if doubt.sought else [doubt.best.sign]
+    for sign in signs:
+        lowest = lowest_levels(estimator, search.data, search.observed, search.terms, sign)
+        for k, start in enumerate([*search.levels, *lowest]):
+            found = with_nuisances(search, sign, start, search.usual)
+            # the level of the wrong end leaves the other end loaded, and so does a ramp
+            if found is not None and (k == 0 or not found.rough.ring > estimator.policy.explanations.edge):
+                yield found

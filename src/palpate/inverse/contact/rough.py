@@ -1,0 +1,94 @@
+"""A rough solution of contact of one sign: one even penalty, cells of the surface, and the largest noise that explains itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.cells import solved
+from palpate.inverse.contact.explanation import Explanation, Rough
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.score import gain_of
+from palpate.inverse.fit import misfit_probability
+
+__all__ = ["exceeded", "rough", "rough_fit"]
+
+Flags = npt.NDArray[np.bool_]
+
+
+def rough(
+    estimator: Prepared,
+    data: Floats,
+    observed: Flags,
+    total: float,
+    used: int = 0,
+    noise_at_first: float | None = None,
+    near: Floats | None = None,
+    beat: float = -math.inf,
+) -> Rough:
+    """A rough solution of readings that push: the largest noise that explains itself, and is no more than ``noise_at_first``; ``used``
+    degrees of freedom have gone to nuisances; ``near`` is that of `cells.solved`. Less noise is not tried where that gains
+    less, and less than ``beat``.
+    """
+    policy = estimator.policy
+    readings, certain = estimator.readings, estimator.noise_known
+    floor = estimator.least_noise(data)
+    known = 1.0 if certain else noise_at_first or policy.screening.first_noise * total
+    filled = data.copy()
+    linear = estimator.orders[1]
+    cells = estimator.operator.surface.shape
+    first: Floats = np.zeros((len(estimator.columns), math.prod(cells)))
+    explained = np.zeros_like(data)
+    left, free, gain = total, float(observed.sum() - used), -math.inf
+    for turn in range(policy.screening.rounds):
+        found = estimator.evidence(linear, readings.planes(filled), known)
+        noise = readings.std * known
+        first, explained = solved(
+            estimator, found.traction, data / noise, noise, observed, found.parameter / found.scale**2, near
+        )
+        near = first
+        misfit = readings.white(((data - explained) / readings.std)[observed], observed)
+        share = min(float(np.count_nonzero(first[-1])) / estimator.taxels, 1.0)
+        free = max(float(observed.sum()) - used - share * estimator.effective_freedom(found.parameter), 1.0)
+        left = math.sqrt(float((misfit**2).sum()) / free)
+        # what is left out is filled with what the contact explains
+        filled = np.where(observed, data, explained)
+        if left > known / policy.noise.again and (left < known * policy.noise.again or not certain):
+            break
+        if (certain and left <= known) or left <= floor:
+            break
+        before, gain = gain, gain_of(free, total, left, floor)
+        if (certain and turn >= 2) or gain < min(before, beat):
+            break
+        known = max(left, floor, 1.0 if certain else 0.0)
+    gain = gain_of(free, total, left, floor) if total > 0 else 0.0
+    return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]))
+
+
+def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> float:
+    """The chance that noise is what an explanation leaves; 1 where it leaves little. Else contact of one sign is not what this is."""
+    policy = estimator.policy
+    white = estimator.readings.white((data / estimator.readings.std)[observed], observed)
+    total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
+    columns = np.stack([term.rows for term in estimator.terms], axis=1) if estimator.terms else None
+    clean = data if columns is None else data - columns @ h.sizes
+    residual = np.where(observed, h.sign * clean - h.rough.explained, 0.0) / estimator.readings.std
+    size = math.sqrt(float(np.mean(residual[observed] ** 2)))
+    if not size > policy.explanations.structured * total or (
+        estimator.noise_known and size < policy.detection.unexplained
+    ):
+        return 1.0
+    taken = float(observed.sum()) - h.rough.free
+    return misfit_probability(residual / size, observed, estimator.pairs, taken=taken, known=False)
+
+
+def exceeded(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> bool:
+    """Whether what contact leaves is far more than the noise that was given: it is then taken for noise, and the fit says so."""
+    policy = estimator.policy
+    white = estimator.readings.white((data / estimator.readings.std)[observed], observed)
+    size = math.sqrt(float(np.mean(white**2)))
+    misfit = h.rough.left * math.sqrt(h.rough.free / max(float(observed.sum()), 1.0))
+    return misfit > max(policy.detection.unexplained, policy.explanations.exceeded * size)

@@ -1,0 +1,58 @@
+"""One frame: is it noise, what else may it be, and which explanation of it is the best; proposals are solved roughly, the best of them fully.
+
+1. screen the readings (`observed`);
+2. where noise explains them, alone or about offsets, look for contact in a few cells (`no_contact`, `few_cells`);
+3. otherwise take the best of the proposals (`proposals`, `score`), without the readings that it does not explain (`outliers`);
+4. solve it (`solving`) and answer (`answer`);
+5. where it leaves more than noise, try pull about the contact (`rims`), and its rivals (`rivals`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.answer import framed, unexplained
+from palpate.inverse.contact.few_cells import contact_in_few_cells
+from palpate.inverse.contact.frame import Frame
+from palpate.inverse.contact.no_contact import explained_by_noise
+from palpate.inverse.contact.observed import observe
+from palpate.inverse.contact.outliers import without_outliers
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.proposals import explanation_of
+from palpate.inverse.contact.rims import with_rims
+from palpate.inverse.contact.rivals import with_rivals
+from palpate.inverse.contact.rough import rough_fit
+from palpate.inverse.contact.solving import solve
+
+__all__ = ["search"]
+
+
+def search(prepared: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None = None) -> Frame:
+    """Contact in one frame of readings, (channel, *array) per plane."""
+    policy, observed = prepared.policy, observe(prepared, readings)
+    filled, usable = observed.filled, observed.usable
+    noise_alone = explained_by_noise(prepared, filled, usable)
+    small = None if noise_alone is None else contact_in_few_cells(prepared, filled, usable)
+    noise_alone = noise_alone if small is None else None
+    h = noise_alone or explanation_of(
+        prepared, filled, usable, prepared.terms, signs=prepared.signs, noise=None if small is None else small.left
+    )
+    counted = observed
+    if policy.parts.outliers and noise_alone is None:
+        h, fewer = without_outliers(prepared, h, filled, usable)
+        if (usable & ~fewer).any():
+            told = h.sign * h.rough.explained + prepared.shifts @ h.sizes
+            counted = replace(observed, filled=np.where(fewer, filled, told), usable=fewer)
+    if prepared.ambiguous and noise_alone is None:
+        chance = rough_fit(prepared, h, counted.filled, counted.usable)
+        everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > policy.explanations.everywhere
+        if chance < policy.explanations.structured_chance or everywhere:
+            return unexplained(prepared, observed.data, ~counted.usable, chance)
+    run = solve(prepared, h, counted)
+    frame = framed(prepared, run, observed, rng)
+    frame = with_rims(prepared, run, frame, observed, rng) or frame
+    return with_rivals(prepared, run, frame, observed, rng)

@@ -1,0 +1,327 @@
+"""One explanation of a frame, solved: which readings count, the noise, the sizes of offsets and the contact, each found again from the others until none changes.
+
+Each attempt weighs the linear model, solves for contact roughly, and looks at what contact leaves, in this order: readings at the end of their range that
+contact would have read less, outliers, sizes of offsets, the noise of each channel, the noise of all. The first that changes begins the next attempt.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.constrained.model import ContactModel
+from palpate.inverse.constrained.variances import taken_by
+from palpate.inverse.contact.cells import solved
+from palpate.inverse.contact.explanation import Explanation, Solved
+from palpate.inverse.contact.few_cells import contact_in_few_cells
+from palpate.inverse.contact.no_contact import uneven_noise
+from palpate.inverse.contact.observed import Observed
+from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.rough import exceeded
+from palpate.inverse.contact.score import more_than_noise
+from palpate.inverse.contact.screening import loaded
+from palpate.inverse.contact.systematic import change_of_nuisances
+from palpate.inverse.linear.evidence import LinearEvidence
+
+__all__ = ["solve"]
+
+Flags = npt.NDArray[np.bool_]
+
+
+def solve(estimator: Prepared, h: Explanation, frame: Observed) -> Solved:
+    """The models of one explanation of a frame; without models noise explains it."""
+    return _Solving(estimator, h, frame).run()
+
+
+class _Solving:
+    """One explanation while it is solved."""
+
+    def __init__(self, estimator: Prepared, h: Explanation, frame: Observed) -> None:
+        self.estimator, self.policy, self.h, self.frame = estimator, estimator.policy, h, frame
+        self.sign = h.sign or 1
+        self.data = self.sign * (frame.filled - estimator.shifts @ h.sizes)
+        self.rows = estimator.readings.planes(self.data)
+        #: Readings at an end of their range, and of each whether it may be more (True) or less.
+        self.limited = frame.limited & frame.alive
+        self.observed = frame.usable & ~self.limited
+        self.upwards: Flags | None = None
+        self.rounding = 0.0
+        if frame.ends is not None:
+            self.upwards = frame.ends.upper if h.sign >= 0 else frame.ends.lower
+            self.rounding = float((frame.ends.step / (math.sqrt(12.0) * estimator.readings.std)).max(initial=0.0))
+        #: Whether the linear model follows noise too, and its evidence tells nothing of it.
+        self.follows = estimator.ambiguous or self._follows()
+        #: The noise of all channels in units of the whitening, where contact tells it better than the linear model, and that of each.
+        self.levels: Floats | None = None
+        self.known, self.given, self.coarse, self.finer = self._noise_at_first()
+        #: How often noise and offsets were found again.
+        self.learned, self.refined = 0, 0
+        self.first: Floats | None = None
+        self.near = h.rough.traction if h.sign else None
+        self.leading: ContactModel | None = None
+        self.models: Iterator[ContactModel] = iter(())
+
+    # -- what it begins with
+
+    def _follows(self) -> bool:
+        """Whether the linear model follows any readings: as many components as channels, felt by shallow taxels."""
+        estimator = self.estimator
+        if estimator.noise_known or not self.h.sign:
+            return False
+        alone = estimator.evidence(estimator.orders[1], self.rows, None)
+        return alone.scale < self.policy.noise.followed * self.h.rough.left
+
+    def _noise_at_first(self) -> tuple[float | None, float | None, float, float]:
+        """The noise to begin with, None where the linear model tells it; that which was given; and what coarse and finer cells leave beyond it."""
+        estimator, h = self.estimator, self.h
+        known: float | None = None
+        coarse, least = 0.0, estimator.least_noise(self.data)
+        if estimator.noise_known and self.rounding > self.policy.noise.step:
+            known = math.hypot(1.0, self.rounding)
+        given = known
+        if not h.sign:
+            pass
+        elif estimator.noise_known:
+            if exceeded(estimator, h, self.data, self.frame.usable):
+                known = coarse = max(h.rough.left, least)
+        elif h.present.any() or ((self.follows or not self.frame.usable.all()) and h.rough.left > 0):
+            # a linear model makes noise of the edges of what is filled in
+            known = max(h.rough.left, least)
+        if h.noise is not None:
+            known = max(h.noise, least)
+        return known, given, coarse, 0.0
+
+    # -- the attempts
+
+    def run(self) -> Solved:
+        """The explanation, solved."""
+        for attempt in range(self.policy.noise.attempts):
+            self._weigh()
+            if not self._touches():
+                if self._few_cells():
+                    continue
+                return self._solved([], pushed=True, limit=math.inf)
+            self._fit()
+            if self._more_at_ends(attempt) or self._outliers(attempt):
+                continue
+            if not self.pressed:
+                break
+            # noise and offsets are learned from the first model alone; the others are made when they have settled
+            self.models = self.estimator.models(self.first_traction, self.y, self.noise, self.observed, self.evidence)
+            self.leading = next(self.models)
+            if not (self._offsets_moved() or self._noise_changed()):
+                break
+        left, limit = self._left_and_limit()
+        return self._solved(self._members(), pushed=left <= limit, limit=limit)
+
+    def _weigh(self) -> None:
+        """The linear model, and the noise of each reading that goes with it."""
+        estimator = self.estimator
+        self.evidence: dict[int, LinearEvidence] = {
+            order: estimator.evidence(linear, self.rows, self.known) for order, linear in estimator.orders.items()
+        }
+        self.scale = self.evidence[1].scale
+        self.floor = max(estimator.least_noise(self.data), self.rounding)
+        each = self.scale if self.levels is None else self.levels[estimator.noise.index]
+        self.noise = estimator.readings.std * np.maximum(each, self.floor)
+
+    def _touches(self) -> bool:
+        """Whether there is more than noise, by evidence or because contact in a few cells was found."""
+        of_channels = uneven_noise(self.estimator, self.data, self.observed, self.known)
+        evident = more_than_noise(self.evidence[1].gain, of_channels, self.policy)
+        return self.scale > 0 and (evident or self.h.noise is not None)
+
+    def _few_cells(self) -> bool:
+        """Whether contact in a few cells is what the linear model takes for noise."""
+        small = None
+        if self.scale > 0 and self.h.sign:
+            small = contact_in_few_cells(self.estimator, self.data, self.observed)
+        if small is None:
+            return False
+        self.h, self.known = replace(self.h, noise=small.left), max(small.left, self.floor)
+        return True
+
+    def _fit(self) -> None:
+        """Contact by one even penalty on cells of the surface."""
+        found, y = self.evidence[1], self.data / self.noise
+        weight = found.parameter / found.scale**2
+        fitted = solved(self.estimator, found.traction, y, self.noise, self.observed, weight, self.near)
+        self.first, self.explained = fitted
+        self.near = self.first
+
+    # -- what contact leaves
+
+    @property
+    def first_traction(self) -> Floats:
+        """The rough solution (component, cell)."""
+        if self.first is None:
+            raise RuntimeError("no contact was solved for")
+        return self.first
+
+    @property
+    def pressed(self) -> bool:
+        """Whether anything presses in it."""
+        return bool(self.first_traction[-1].any())
+
+    @property
+    def y(self) -> Floats:
+        """The readings in units of the noise."""
+        return np.asarray(self.data / self.noise)
+
+    def _refill(self) -> None:
+        """Fill what is left out with what contact explains, so that the linear model can go on."""
+        self.rows = self.estimator.readings.planes(np.where(self.observed, self.data, self.explained))
+
+    def _more_at_ends(self, attempt: int) -> bool:
+        """Let readings at an end of their range count where contact would have them read less."""
+        if self.upwards is None or attempt >= self.policy.noise.outlier_rounds:
+            return False
+        less = np.where(self.upwards, self.explained < self.data, self.explained > self.data)
+        short = self.limited & ~self.observed & less
+        if not short.any():
+            return False
+        self.observed |= short
+        self._refill()
+        return True
+
+    def _outliers(self, attempt: int) -> bool:
+        """Leave out the readings that contact does not explain; those of broken channels are filled in anew."""
+        estimator, policy, alive = self.estimator, self.policy, self.frame.alive
+        level = np.maximum(self.noise, self.coarse * estimator.readings.std)
+        wrong = estimator.noise.outliers(self.data, self.explained, level) & ~self.limited
+        part = (wrong | ~self.observed)[alive].mean()
+        few = part <= policy.screening.most and not loaded(wrong, self.data, self.explained, estimator.pairs, policy)
+        leaves_out = few and policy.parts.outliers
+        again = attempt < policy.noise.outlier_rounds and leaves_out and (wrong & self.observed).any()
+        if not (again or (attempt < policy.noise.broken_rounds and not alive.all())):
+            return False
+        if leaves_out:
+            self.observed &= ~wrong
+        self._refill()
+        return True
+
+    def _offsets_moved(self) -> bool:
+        """Solve contact and the nuisances that are there together."""
+        rules = self.policy.noise
+        if not self.h.present.any() or self.refined >= rules.most_offset_rounds:
+            return False
+        change, unsure = change_of_nuisances(
+            self.estimator,
+            self.h,
+            self.first_model,
+            self.data,
+            self.noise,
+            self.observed,
+            sure=self.refined >= rules.offset_rounds,
+        )
+        self.refined += 1
+        if not change.any():
+            return False
+        self.h = replace(self.h, sizes=self.h.sizes + self.sign * change, present=self.h.present & ~unsure)
+        self.data = self.data - self.estimator.shifts @ change
+        self._refill()
+        return True
+
+    @property
+    def first_model(self) -> ContactModel:
+        """The leading model."""
+        if self.leading is None:
+            raise RuntimeError("no model was made")
+        return self.leading
+
+    # -- noise
+
+    def _noise_changed(self) -> bool:
+        """Whether what contact leaves is other noise than it was solved with, that of each channel first."""
+        estimator, parts = self.estimator, self.policy.parts
+        if parts.channel_noise and not estimator.noise_known:
+            y = self.y
+            own = estimator.noise.levels(self.first_model, y, self.noise, self.observed, unequal=self.levels is None)
+            if own is not None:
+                return self._take_levels(own)
+        if not parts.noise_again or (estimator.noise_known and not self.coarse):
+            return False
+        left = self._left_by_leading()
+        ratio = max(left, self.floor) / max(self.scale, self.floor)
+        changed = self._given_noise(left, ratio) if estimator.noise_known else self._learned_noise(left, ratio)
+        self.learned += changed
+        return changed
+
+    def _take_levels(self, own: Floats) -> bool:
+        """The noise of each channel; False where it has settled: to half of what tells it from one for all."""
+        rules = self.policy.noise
+        if self.levels is not None:
+            settled = np.abs(np.log(own / self.levels)).max() < 0.5 * rules.unequal
+            if settled or self.learned == rules.turns:
+                return False
+        self.levels, self.learned = own, self.learned + 1
+        return True
+
+    def _left_by_leading(self) -> float:
+        """Noise in units of the whitening: what pressure that only pushes cannot follow is noise, even where a linear model could."""
+        estimator, leading = self.estimator, self.first_model
+        took = taken_by(leading) if self.follows or leading.compact else None
+        freedom = estimator.effective_freedom(self.evidence[1].parameter)
+        left = estimator.noise.left(leading, self.first_traction, self.y, self.observed, freedom, took)
+        return float(left * (self.noise[0] / estimator.readings.std[0]))
+
+    def _given_noise(self, left: float, ratio: float) -> bool:
+        """Of noise that was given and exceeded: finer cells may explain all but it, or leave less than the coarse ones did."""
+        again = self.policy.noise.again
+        if self.learned == 0 and ratio * again < 1.0:
+            self.known, self.finer = self.given, max(left, self.floor)
+        elif self.learned == 1 and ratio > self.policy.detection.unexplained:
+            self.known = self.finer
+        elif self.learned == 1 and ratio > again:
+            self.known = left
+        else:
+            return False
+        return True
+
+    def _learned_noise(self, left: float, ratio: float) -> bool:
+        """Of noise that nobody gave."""
+        policy, readings = self.policy, self.estimator.readings
+        if self.follows and ratio < 1.0:
+            ratio = 1.0 / ratio  # it began with the largest noise that explains itself
+        if self.learned == policy.noise.turns_of_all or ratio < policy.noise.again:
+            return False
+        white = readings.white((self.data / readings.std)[self.observed], self.observed)
+        total = float(np.sqrt(np.mean(white**2)))
+        if left > max(policy.detection.most_left * total, policy.detection.unexplained * self.scale):
+            return False  # most of what a linear model explains is left: a pull, not noise
+        self.known = left
+        return True
+
+    # -- the end
+
+    def _left_and_limit(self) -> tuple[float, float]:
+        """Root mean square that the rough solution leaves, in units of the noise, and what a push may leave."""
+        white, rules = self.estimator.readings.white, self.policy.detection
+        signal = white(self.y[self.observed], self.observed)
+        left = signal - white((self.explained / self.noise)[self.observed], self.observed)
+        limit = max(rules.unexplained, rules.unexplained_signal * float(np.sqrt(np.mean(signal**2))))
+        return float(np.sqrt(np.mean(left**2))), limit
+
+    def _members(self) -> Sequence[ContactModel]:
+        return [self.first_model, *self.models] if self.pressed else []
+
+    def _solved(self, members: Sequence[ContactModel], *, pushed: bool, limit: float) -> Solved:
+        none = np.zeros((len(self.data), 0)), np.zeros(0)
+        return Solved(
+            self.h,
+            list(members),
+            self.data,
+            self.noise,
+            self.observed,
+            self.evidence[1].parameter,
+            self.scale,
+            self.levels,
+            pushed,
+            limit,
+            none,
+        )

@@ -1,0 +1,191 @@
+"""What maps traction on a surface to readings: `LinearMap`, and a matrix as one.
+
+A pad that is alike everywhere is mapped by convolution, which `palpate.sensing.Operator` makes of it. A pad that is not (it ends, it bends, it was
+measured) makes its maps itself: it has the members of `Body` besides those of `palpate.elastic.Pad`. Whatever inverts, tracks, plots or writes files
+sees maps alone, so that a new kind of pad is one new class.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import from_numpy, is_numpy, namespace
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput, Unsupported
+from palpate.sensing.arrays import Array
+from palpate.sensing.grids import Grid
+
+__all__ = ["Among", "Body", "LinearMap", "MatrixMap", "body_of", "kernel_of"]
+
+#: Places of the components that a traction holds; None: all of them.
+Among = Sequence[int] | None
+
+
+@runtime_checkable
+class LinearMap(Protocol):
+    """From traction (..., component, *surface) to the readings (..., channel, *array) of one array, and back.
+
+    A map may offer more: ``kernel`` (channel, component, *lag), the influence of one cell, where the map is a convolution; large problems without a
+    matrix need it.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.sensing import LinearMap
+    >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    >>> skin = pp.Skin(pad, pp.LineArray(count=5, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+    >>> all(isinstance(part, LinearMap) for part in skin.operator.planes)
+    True
+
+    >>> import numpy as np
+    >>> (part,) = skin.operator.planes
+    >>> part.forward(np.ones((2, 9))).shape, part.adjoint(np.ones((1, 5))).shape
+    ((1, 5), (2, 9))
+
+    >>> part.dense().shape, part.columns(1, np.array([3, 4])).shape
+    ((1, 5, 2, 9), (1, 5, 2))
+    """
+
+    def forward(self, traction: Any, among: Among = None) -> Any:
+        """Readings of a traction; ``among`` are the components that it holds, by default all."""
+        ...
+
+    def adjoint(self, readings: Any, among: Among = None) -> Any:
+        """The transpose of `forward`."""
+        ...
+
+    def dense(self) -> Floats:
+        """The matrix (channel, *array, component, *surface)."""
+        ...
+
+    def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats:
+        """Some of its columns (channel, taxel, cell): readings of unit traction in cells (flat indices)."""
+        ...
+
+
+@runtime_checkable
+class Body(Protocol):
+    """A pad that makes its maps itself, because a place on it is not like another.
+
+    It has the members of `palpate.elastic.Pad` too: those of the endless pad that is most like it. They tell which components can be told
+    apart, what no reading can exceed, and how much the surface strains; no reading is worked out from them.
+    """
+
+    def response(self, array: Array, surface: Grid) -> LinearMap:
+        """The map of an array, from traction on the cells of a surface."""
+        ...
+
+    def patch(self, planes: Sequence[Array]) -> Grid:
+        """The surface that can be touched, in cells that suit these arrays."""
+        ...
+
+
+def body_of(pad: object) -> Body | None:
+    """The pad, where it makes its maps itself."""
+    return pad if isinstance(pad, Body) else None
+
+
+def kernel_of(part: LinearMap, use: str) -> npt.NDArray[np.float64]:
+    """The influence of one cell (channel, component, *lag) on an array.
+
+    Raises
+    ------
+    Unsupported
+        The map is no convolution.
+    """
+    found = getattr(part, "kernel", None)
+    if found is None:
+        raise Unsupported(
+            f"{use} needs a pad that is alike everywhere, and the map of this one is a {type(part).__name__}. Use fewer readings or a coarser surface, "
+            'or method="tikhonov".'
+        )
+    return np.asarray(found)
+
+
+class Cached:
+    """Prepared NumPy arrays, handed over once per array kind, precision and device."""
+
+    def __init__(self, value: npt.NDArray[Any]) -> None:
+        self.value = value
+        self._copies: dict[tuple[Any, ...], Any] = {}
+
+    def like(self, x: Any) -> Any:
+        """The array in the kind, precision and device of ``x``."""
+        key: tuple[Any, ...] = (x.dtype,)
+        if not is_numpy(x):
+            key = (namespace(x).__name__, str(x.dtype), str(getattr(x, "device", "")))
+        if key not in self._copies:
+            self._copies[key] = from_numpy(self.value, x)
+        return self._copies[key]
+
+
+class MatrixMap:
+    """A map as a matrix (channel, taxel, component, *surface), for an array of a shape.
+
+    Raises
+    ------
+    InvalidInput
+        A matrix of another shape, or with entries that are not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.sensing import MatrixMap
+    >>> part = MatrixMap(np.arange(24.0).reshape(1, 2, 3, 2, 2), (2,))  # one channel, two taxels, 2 x 2 cells
+    >>> part.forward(np.ones((3, 2, 2))).tolist()
+    [[66.0, 210.0]]
+
+    >>> part.adjoint(np.ones((1, 2))).shape, part.dense().shape, part.columns(2, np.array([0])).ravel().tolist()
+    ((3, 2, 2), (1, 2, 3, 2, 2), [8.0, 20.0])
+    """
+
+    def __init__(self, matrix: Floats, taxels: tuple[int, ...]) -> None:
+        if matrix.ndim < 4 or matrix.shape[1] != math.prod(taxels):
+            raise InvalidInput(
+                f"a matrix (channel, taxel, component, *surface) of {math.prod(taxels)} taxels is needed; got one of shape {matrix.shape}."
+            )
+        if not np.isfinite(matrix).all():
+            raise InvalidInput("the matrix of a map holds numbers that are not finite; work them out again.")
+        self.taxels, self.cells = tuple(taxels), matrix.shape[3:]
+        self.rows, self.count = matrix.shape[0], matrix.shape[2]
+        self._matrix = matrix
+        self.matrix = Cached(matrix.reshape(self.rows * matrix.shape[1], -1))
+
+    def forward(self, traction: Any, among: Among = None) -> Any:
+        """Readings (..., channel, *array) of a traction."""
+        xp, d = namespace(traction), len(self.cells)
+        batch = traction.shape[: -1 - d]
+        if among is not None:
+            tail = (slice(None),) * d
+            zero = xp.zeros_like(traction[(..., 0, *tail)])
+            places = {column: place for place, column in enumerate(among)}
+            parts = [traction[(..., places[i], *tail)] if i in places else zero for i in range(self.count)]
+            traction = xp.stack(parts, axis=-1 - d)
+        flat = xp.reshape(traction, (*batch, -1))
+        out = xp.matmul(flat, xp.permute_dims(self.matrix.like(traction), (1, 0)))
+        return xp.reshape(out, (*batch, self.rows, *self.taxels))
+
+    def adjoint(self, readings: Any, among: Among = None) -> Any:
+        """The transpose of `forward`."""
+        xp = namespace(readings)
+        batch = readings.shape[: -1 - len(self.taxels)]
+        flat = xp.reshape(readings, (*batch, -1))
+        out = xp.reshape(xp.matmul(flat, self.matrix.like(readings)), (*batch, self.count, *self.cells))
+        if among is None:
+            return out
+        tail = (slice(None),) * len(self.cells)
+        return xp.stack([out[(..., i, *tail)] for i in among], axis=-1 - len(self.cells))
+
+    def dense(self) -> Floats:
+        """The matrix (channel, *array, component, *surface)."""
+        return self._matrix.reshape(self.rows, *self.taxels, self.count, *self.cells)
+
+    def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats:
+        """(channel, taxel, cell): readings of unit traction in some ``cells`` (flat indices)."""
+        rows = self._matrix.reshape(self.rows, -1, self.count, math.prod(self.cells))
+        return np.asarray(rows[:, :, component, cells])
