@@ -138,6 +138,7 @@ ROOMS = (
         "palpate.network",
     ),
     *("palpate.camera", "palpate.microscopy", "palpate.live", "palpate.ros", "palpate.pads", "palpate.sensors"),
+    "palpate.design",
     *("palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),
 )
 
@@ -318,6 +319,7 @@ def write_pages() -> None:
 _FUNCTIONS = (
     *("palpate.inverse.observability", "palpate.recordings.recorder"),
     *("palpate.sensors.preset", "palpate.uncertainty.constants"),
+    "palpate.design.sweep",
 )
 
 

@@ -50,16 +50,16 @@ def test_a_tracker_of_such_a_pad() -> None:
 
 
 def test_a_pad_that_ends_is_not_repeated() -> None:
+    skin = pp.Skin(Measured(), ARRAY, boundary="periodic", surface=ARRAY.grid)
     with pytest.raises(pp.Unsupported, match='boundary="free"'):
-        pp.Skin(Measured(), ARRAY, boundary="periodic", surface=ARRAY.grid).sense(np.zeros((3, 5, 6)))
+        skin.sense(np.zeros((3, 5, 6)))
 
 
-def test_the_division_of_the_founding_paper_needs_a_regular_pad() -> None:
-    skin = pp.Skin(
-        Measured(), pp.ScatteredArray(positions=[[0.0, 0.0], [1e-3, 0.0]], depth=1e-3, channels=["stress_zz"])
-    )
-    with pytest.raises(pp.Unsupported):
-        skin.reconstruct(np.zeros((1, 2)), method="dft")
+@pytest.mark.parametrize("method", ["dft", "linear"])
+def test_methods_of_one_influence_refuse_it(method: str) -> None:
+    skin = pp.Skin(Measured(), ARRAY)
+    with pytest.raises(pp.Unsupported, match='method="tikhonov"'):
+        skin.reconstruct(np.zeros((3, 5, 6)), method=method)
 
 
 def test_a_matrix_of_another_shape_is_refused() -> None:

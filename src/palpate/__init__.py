@@ -51,6 +51,7 @@ _PUBLIC = {
     "Uncertainty": "sensing",
     "GraspMonitor": "grasp",
     "Skin": "skin",
+    "SolidPad": "solid",
     "Status": "status",
     "Touch": "touch",
     "Tracker": "tracking",
@@ -98,6 +99,7 @@ if TYPE_CHECKING:
     from palpate.recordings import Recording
     from palpate.sensing import AreaArray, AreaGrid, LineArray, LineGrid, ScatteredArray
     from palpate.skin import Skin
+    from palpate.solid import SolidPad
     from palpate.status import Status
     from palpate.touch import Touch
     from palpate.tracking import Tracker
@@ -133,6 +135,7 @@ __all__ = [
     "Rectified",
     "ScatteredArray",
     "Skin",
+    "SolidPad",
     "Status",
     "Tikhonov",
     "TotalVariation",

@@ -30,6 +30,8 @@ EXTRAS = {
     "cv2": "camera",
     "tifffile": "camera",
     "dask": "dask",
+    "skfem": "solid",
+    "meshio": "solid",
     "distributed": "dask",
     "rclpy": "ros2",
     "geometry_msgs": "ros2",

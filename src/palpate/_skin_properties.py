@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy.typing as npt
 
 from palpate._threads import cached_property
+from palpate.design import Design, Press, evaluate
 from palpate.elastic.pad import Pad
 from palpate.errors import InvalidInput
 from palpate.inverse.observability import Observability, observability, observable_components
@@ -141,6 +142,53 @@ class SkinProperties:
         [159.9, 3.3]
         """
         return observability(self._elastic, self._planes, wavelength, self._names(components))
+
+    def design(
+        self,
+        *,
+        force: float = 1.0,
+        contact_radius: float = 2e-3,
+        shear: float = 0.0,
+        friction: float = 0.5,
+        center: tuple[float, float] | None = None,
+        components: Sequence[str] | None = None,
+    ) -> Design:
+        """What this skin resolves at best: Cramer-Rao bounds of a press, resolution, smallest noticed force, range.
+
+        Parameters
+        ----------
+        force : float
+            Normal force of the press [N]; [N/m] in line contact.
+        contact_radius : float
+            Radius of its contact, half-width in line contact [m].
+        shear, friction : float
+            Tangential over normal force, and the coefficient of friction of the slip margin.
+        center : (float, float), optional
+            Place (x, y) of the press [m]; the middle of the array where nothing is given.
+        components : sequence of str, optional
+            What is sought; `components` of the skin where nothing is given.
+
+        Raises
+        ------
+        InvalidInput
+            A number of the press that is not finite or out of range.
+        Unsupported
+            An array without noise.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
+        >>> array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=100.0)
+        >>> found = pp.Skin(pad, array).design(force=1.0, contact_radius=2e-3)
+        >>> print(f"force +-{found.bound.force[0]:.2f} N, a pair is told apart from {1e3 * found.pair:.1f} mm")
+        force +-0.03 N, a pair is told apart from 1.6 mm
+        """
+        press = Press(force=force, contact_radius=contact_radius, shear=shear, friction=friction, center=center)
+        nuisance, names = self._problem.nuisance, self._names(components)
+        return evaluate(
+            self._elastic, self._planes, press, names, nuisance=nuisance, uncertainty=self._problem.uncertainty
+        )
 
     def case(self, components: Sequence[str] | None = None) -> Case:
         """What the constants of its error bars must be for.

@@ -17,6 +17,7 @@ from palpate.cli.bench import bench_app
 from palpate.cli.command import Command
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
+from palpate.cli.design import design
 from palpate.cli.examples import SHORT, example
 from palpate.cli.files import sole_writers
 from palpate.cli.live import live
@@ -68,7 +69,7 @@ def _root(
 
 #: Those that take the options of methods.
 _TAKING = {track: TrackerCommand, live: TrackerCommand, ros: RosCommand, reconstruct: MethodCommand}
-_COMMANDS = (demo, reconstruct, track, live, tfm, ros, convert, simulate, pad, sensors, weigh, paper)
+_COMMANDS = (demo, reconstruct, track, live, tfm, ros, convert, simulate, pad, design, sensors, weigh, paper)
 for _command in _COMMANDS:
     app.command(
         cls=_TAKING.get(_command, Command), short_help=SHORT[_command.__name__], epilog=example(_command.__name__)

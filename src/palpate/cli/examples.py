@@ -15,6 +15,7 @@ SHORT = {
     "convert": "Turn recordings and tables of others into recordings.",
     "simulate": "Make the recording of a known contact.",
     "pad": "Show what a pad does to a touch.",
+    "design": "Say what a sensor will resolve before it is built.",
     "sensors": "List sensors that are known, with their skin.toml.",
     "weigh": "Find the modulus of a gel from known weights.",
     "paper": "Reproduce the paper that founded the field.",
@@ -34,6 +35,10 @@ EXAMPLES = {
     ],
     "convert": ["palpate convert finger.csv finger.nc", "palpate convert torn.mcap whole.nc --salvage"],
     "demo": ["palpate demo", "palpate demo camera --out gel", "palpate demo taxels --out first-hour"],
+    "design": [
+        "palpate design design.toml",
+        "palpate design design.toml --by pair --plot tradeoffs.pdf --out designs.csv",
+    ],
     "live": [
         "palpate live --demo",
         "palpate live finger.csv --skin skin.toml --baseline 30 --friction 0.6",

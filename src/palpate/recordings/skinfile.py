@@ -57,12 +57,14 @@ from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
 from palpate.recordings.columns import per_count
 from palpate.recordings.described import check_described, metres_said
+from palpate.recordings.padsection import Depth, Length, Lengths, Pressure, SolidBox, SolidMesh, Strict, Time
 from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Boundary
 from palpate.sensing.uncertainty import SCALE
-from palpate.units import KIND_OF_SI, UNKNOWN, parse_quantity
+from palpate.solid import SolidPad
+from palpate.units import KIND_OF_SI, parse_quantity
 
 try:
     from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
@@ -85,63 +87,31 @@ __all__ = [
 #: keys of [pad] as they stand there (`palpate.units.parse_quantity` reads quantities), without ``kind``, and ``prony``, which serves all pads.
 PADS = "palpate.pads"
 #: Kinds of pad that palpate itself makes.
-BUILT_IN = ("half_space", "bonded_layers")
-
-
-def _length(value: Any) -> float:
-    return parse_quantity(value, "length", "length")
-
-
-def _lengths(value: Any) -> Any:
-    if isinstance(value, list):
-        return tuple(_length(v) for v in value)
-    return _length(value)
-
-
-Length = Annotated[float, BeforeValidator(_length)]
-Lengths = Annotated[float | tuple[float, float], BeforeValidator(_lengths)]
-Depth = Annotated[Any, BeforeValidator(lambda v: v if v == "base" else _length(v))]
-Time = Annotated[float, BeforeValidator(lambda v: parse_quantity(v, "time", "time"))]
-
-
-def _modulus(value: Any) -> float:
-    if isinstance(value, str) and value.strip().lower() == UNKNOWN:
-        raise InvalidInput(
-            "pressure is unknown, and forces are proportional to it. One known weight tells it: film the gel at rest and then under the weight, "
-            'run palpate weigh PICTURES --skin FILE --force "1.96 N", and write here what it says'
-        )
-    return parse_quantity(value, "pressure", "pressure")
-
-
-Pressure = Annotated[float, BeforeValidator(_modulus)]
+BUILT_IN = ("half_space", "bonded_layers", "solid_box", "solid_mesh")
 
 
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
-
-
-class _HalfSpace(_Strict):
+class _HalfSpace(Strict):
     kind: Literal["half_space"]
     prony: list[tuple[float, Time]] | None = None
     youngs_modulus: Pressure
     poissons_ratio: float
 
 
-class _Layer(_Strict):
+class _Layer(Strict):
     thickness: Length
     youngs_modulus: Pressure
     poissons_ratio: float
 
 
-class _Base(_Strict):
+class _Base(Strict):
     youngs_modulus: Pressure
     poissons_ratio: float
 
 
-class _BondedLayers(_Strict):
+class _BondedLayers(Strict):
     kind: Literal["bonded_layers"]
     prony: list[tuple[float, Time]] | None = None
     layer: list[_Layer] = Field(min_length=1)
@@ -165,7 +135,7 @@ def _pad_kind(table: Any) -> Any:
     return "other" if isinstance(kind, str) and kind not in BUILT_IN and kind in _other_pads() else kind
 
 
-class _Plane(_Strict):
+class _Plane(Strict):
     kind: Literal["line", "area", "scattered"]
     channels: list[str]
     depth: Depth
@@ -182,18 +152,18 @@ class _Plane(_Strict):
     positions: list[Any] | None = None
 
 
-class _Surface(_Strict):
+class _Surface(Strict):
     spacing: Lengths
     count: Count | None = None
     shape: tuple[Count, Count] | None = None
     center: Any = None
 
 
-class StreamSection(_Strict):
+class StreamSection(Strict):
     topic: str
     unit: str | list[str]
     path: str = ""
-    fields: list[str] = []
+    fields: list[str] = Field(default_factory=list)
     channels: list[str] | None = None
     shape: tuple[Count, Count] | None = None
     markers: bool = False
@@ -203,7 +173,7 @@ class StreamSection(_Strict):
     definitions: str = ""
 
 
-class _Camera(_Strict):
+class _Camera(Strict):
     scale: Lengths | None = None
     size: tuple[Count, Count] | None = None
     pitch: Lengths | None = None
@@ -229,7 +199,7 @@ def _percent(value: Any) -> float:
 Part = Annotated[float, BeforeValidator(_percent)]
 
 
-class _Uncertainty(_Strict):
+class _Uncertainty(Strict):
     youngs_modulus: Part | None = None
     thickness: Part | None = None
     depth: Part | None = None
@@ -237,10 +207,12 @@ class _Uncertainty(_Strict):
     scale: Part = SCALE
 
 
-class SkinFile(_Strict):
+class SkinFile(Strict):
     pad: Annotated[
         Annotated[_HalfSpace, Tag("half_space")]
         | Annotated[_BondedLayers, Tag("bonded_layers")]
+        | Annotated[SolidBox, Tag("solid_box")]
+        | Annotated[SolidMesh, Tag("solid_mesh")]
         | Annotated[_Other, Tag("other")],
         Discriminator(_pad_kind),
     ]
@@ -376,6 +348,11 @@ def skin_from_text(
             pad: Pad = BondedLayers(layers, base)
         elif isinstance(skin.pad, _HalfSpace):
             pad = HalfSpace(youngs_modulus=skin.pad.youngs_modulus, poissons_ratio=skin.pad.poissons_ratio)
+        elif isinstance(skin.pad, SolidBox):
+            pad = SolidPad.box(**skin.pad.model_dump(exclude={"kind", "prony"}))
+        elif isinstance(skin.pad, SolidMesh):
+            given = skin.pad.model_dump(exclude={"kind", "prony", "file"})
+            pad = SolidPad.from_mesh(folder / skin.pad.file, **given)
         else:
             pad = _made(_other_pads()[skin.pad.kind].load(), skin.pad)
         where = ("pad",)

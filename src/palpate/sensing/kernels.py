@@ -12,6 +12,7 @@ import numpy as np
 from palpate.elastic.pad import Floats, Pad, offered
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.layered import Correction, Surface
+from palpate.sensing.maps import body_of
 from palpate.sensing.quadrature import as_stack
 
 __all__ = ["aperture_rule", "influence"]
@@ -72,6 +73,11 @@ def influence(
     -------
     array (channel, component, ..., n) or (channel, component, ..., ny, nx)
     """
+    if body_of(pad) is not None:
+        raise Unsupported(
+            f"a {type(pad).__name__} is not alike everywhere, so that no influence of one cell serves them all, which this method needs. Use "
+            'method="tikhonov", or leave method out.'
+        )
     if concentrated and depth == 0.0:
         raise Unsupported(
             "a concentrated load has no finite response at depth 0, so methods that sample the kernel at points "

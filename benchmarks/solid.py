@@ -1,0 +1,191 @@
+"""Solid pads by finite elements, measured: closed forms, the endless layer far from the sides, and a ball near a side.
+
+    pip install "palpate[solid]" && python benchmarks/solid.py [--write]
+
+`--write` writes docs/_generated/solid.md. Where pypardiso is installed, its solver is used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import time
+from pathlib import Path
+
+import numpy as np
+from skfem import MeshHex
+
+import palpate as pp
+from palpate.solid.elasticity import Solid
+
+PAGE = Path(__file__).parents[1] / "docs" / "_generated" / "solid.md"
+MODULUS = 2e5
+
+
+def shell(count: int, through: int, inner: float, outer: float) -> MeshHex:
+    """A hollow sphere of six blocks."""
+    angle = np.tan(np.linspace(-np.pi / 4, np.pi / 4, count + 1))
+    out = None
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            block = MeshHex.init_tensor(angle, angle, np.linspace(inner, outer, through + 1))
+            u, v, r = block.p
+            way = np.roll(np.stack([u, v, np.ones_like(u)]) / np.sqrt(1.0 + u**2 + v**2), axis, axis=0)
+            block = MeshHex(sign * way * r, block.t)
+            out = block if out is None else out + block
+    return out
+
+
+def squeezed_shell(count: int, through: int, ratio: float) -> tuple[float, float]:
+    """Radial displacement of the outside and radial stress in the middle of a shell on a rigid core under pressure, over Lame's."""
+    a, b = 0.5, 1.0
+    mesh = shell(count, through, a, b)
+    facets = mesh.boundary_facets()
+    away = np.linalg.norm(mesh.p[:, mesh.facets[:, facets]].mean(axis=1), axis=0)
+    solid = Solid(mesh, 1.0, ratio, facets[away < 0.7])
+    u = solid.solve(solid.surface_load(facets[away > 0.7], 1.0)[:, None])[:, 0].reshape(-1, 3)
+    bulk, shear = 1.0 / 3.0 / (1.0 - 2.0 * ratio), 0.5 / (1.0 + ratio)
+    # u_r = A r + B / r^2, with u_r(a) = 0 and sigma_rr(b) = -1
+    slope, core = np.linalg.solve([[a, a**-2], [3.0 * bulk, -4.0 * shear / b**3]], [0.0, -1.0])
+    places = np.asarray(solid.basis.doflocs)
+    r = np.linalg.norm(places, axis=0)
+    on = np.abs(r - b) < 1e-6
+    moved = float(((u.T * places).sum(axis=0)[on] / r[on]).mean()) / (slope * b + core / b**2)
+    way = np.array([0.75, 0.02, 0.03])
+    way *= 0.75 / np.linalg.norm(way)
+    nodes, fields = solid.at(way[:, None])
+    stress = float((fields.stress("xx")[0] * u[nodes[:, 0]]).sum())
+    return moved, stress / -(3.0 * bulk * slope - 4.0 * shear * core / 0.75**3)
+
+
+def beside_layer(element: float, ratio: float) -> list[float]:
+    """Largest difference to the endless layer in the middle of a wide box, over the largest reading: base stress, displacement on the surface, stress inside."""
+    h = 2e-3
+    pad = pp.SolidPad.box(6 * h, 6 * h, h, youngs_modulus=MODULUS, poissons_ratio=ratio, element=element)
+    ball = pp.solutions.hertz_point(contact_radius=1.5e-3, force=1.0).sliding(0.3)
+    grid = 1e-3 * np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(-1, 2)
+    arrays = [
+        pp.ScatteredArray(positions=grid, depth="base", channels=["stress_xz", "stress_yz", "stress_zz"]),
+        pp.ScatteredArray(positions=grid, depth=0.0, channels=["displacement_x", "displacement_y", "displacement_z"]),
+        pp.ScatteredArray(positions=grid, depth=0.5 * h, channels=["stress_xz", "stress_yz", "stress_zz"]),
+    ]
+    out = []
+    for array in arrays:
+        found, usual = pp.Skin(pad, array).sense(ball), pp.Skin(pad.endless, array).sense(ball)
+        out.append(float(np.abs(found - usual).max() / np.abs(usual).max()))
+    return out
+
+
+def near_a_side() -> list[str]:
+    """A ball that presses and drags at distances from the side x = 6 mm of a gel 12 x 12 x 3 mm; readings are those of a finer mesh."""
+    size, h, ratio = 12e-3, 3e-3, 0.48
+    make = {"youngs_modulus": MODULUS, "poissons_ratio": ratio}
+    truth, model = (pp.SolidPad.box(size, size, h, element=e, **make) for e in (0.75e-3, 1e-3))
+    array = pp.AreaArray(
+        shape=(5, 5), pitch=2e-3, depth="base", channels=["stress_xz", "stress_yz", "stress_zz"], noise=60.0
+    )
+    sure = pp.Uncertainty(depth=0.0)
+    skins = {
+        "solid": pp.Skin(model, array, uncertainty=sure),
+        "endless": pp.Skin(model.endless, array, uncertainty=pp.Uncertainty(depth=0.0, thickness=0.0)),
+    }
+    true = pp.Skin(truth, array)
+    lines = [
+        "| middle of the ball from the side, thicknesses | model | normal force (1 N) | 95 % interval | shear force (0.2 N) | centre x off [mm] |",
+        "|---|---|---|---|---|---|",
+    ]
+    rng = np.random.default_rng(3)
+    for away in (2.0, 1.0, 0.67, 0.5):
+        x = 0.5 * size - away * h
+        ball = pp.solutions.hertz_point(contact_radius=1.2e-3, force=1.0).sliding(0.2).shifted(x, 0.0)
+        readings = true.sense(ball, rng=rng)
+        for name, skin in skins.items():
+            touch = skin.reconstruct(readings)
+            low, high = touch.interval(0.95, "force")
+            off = 1e3 * (float(touch.center_of_pressure[0]) - x)
+            lines.append(
+                f"| {away:g} | {name} | {float(touch.force[2]):.3f} | {low[2]:.3f} to {high[2]:.3f} | {float(touch.force[0]):.3f} | {off:+.2f} |"
+            )
+    return lines
+
+
+def times() -> list[str]:
+    """Preparation and frames of markers on a gel, one thread."""
+    lines = [
+        "| gel, elements | unknowns | markers x channels | preparation [s] | a frame, tikhonov [ms] | a frame, automatic [ms] |",
+        "|---|---|---|---|---|---|",
+    ]
+    for element, side in ((2e-3, 7), (1.5e-3, 10)):
+        pad = pp.SolidPad.box(25.25e-3, 20.75e-3, 4e-3, youngs_modulus=MODULUS, poissons_ratio=0.48, element=element)
+        xy = np.stack(np.meshgrid(np.linspace(-9e-3, 9e-3, side), np.linspace(-7e-3, 7e-3, side)), axis=-1).reshape(
+            -1, 2
+        )
+        array = pp.ScatteredArray(
+            positions=xy, depth=0.0, channels=["displacement_x", "displacement_y", "displacement_z"], noise=2e-6
+        )
+        skin = pp.Skin(pad, array)
+        start = time.perf_counter()
+        readings = skin.sense(skin.sample(pp.solutions.hertz_point(contact_radius=3e-3, force=2.0)))
+        made = time.perf_counter() - start
+        frames = []
+        for method in ("tikhonov", None):
+            skin.reconstruct(readings, method=method)
+            start = time.perf_counter()
+            skin.reconstruct(readings, method=method)
+            frames.append(1e3 * (time.perf_counter() - start))
+        lines.append(
+            f"| 25.25 x 20.75 x 4 mm, {len(pad.elements)} | {3 * pad.solid.basis.N} | {len(xy)} x 3 | {made:.0f} | {frames[0]:.0f} | {frames[1]:.0f} |"
+        )
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--write", action="store_true")
+    parser.add_argument("--part", choices=["shell", "layer", "side", "times"], nargs="*")
+    chosen = parser.parse_args()
+    parts = chosen.part or ["shell", "layer", "side", "times"]
+    solver = "MKL PARDISO" if importlib.util.find_spec("pypardiso") else "SuperLU"
+    out = [f"Made by `python benchmarks/solid.py --write` (solver: {solver}).", ""]
+    if "shell" in parts:
+        out += [
+            "A hollow sphere on a rigid core under pressure, over Lame's solution (1 is right). Its surface is made of facets, which are what is left of the error.",
+            "",
+            "| Poisson's ratio | elements | displacement of the outside | radial stress in the middle |",
+            "|---|---|---|---|",
+        ]
+        for ratio in (0.3, 0.49, 0.499):
+            for count, through in ((3, 2), (6, 4)):
+                moved, stress = squeezed_shell(count, through, ratio)
+                out.append(f"| {ratio} | {6 * count**2 * through} | {moved:.4f} | {stress:.4f} |")
+        out.append("")
+    if "layer" in parts:
+        out += [
+            "The middle of a box six thicknesses wide, beside the endless layer: largest difference over the largest reading, a ball of 1.5 thicknesses across.",
+            "",
+            "| Poisson's ratio | elements through | base stress | displacement on the surface | stress in the middle |",
+            "|---|---|---|---|---|",
+        ]
+        for ratio, finest in ((0.3, 3), (0.49, 4), (0.499, 3)):
+            for through in range(2, finest + 1):
+                found = beside_layer(2e-3 / through, ratio)
+                out.append(f"| {ratio} | {through} | " + " | ".join(f"{100 * e:.1f} %" for e in found) + " |")
+        out.append("")
+    if "side" in parts:
+        out += [
+            "A ball of radius 1.2 mm that presses with 1 N and drags with 0.2 N along x, near a free side of a gel 12 x 12 x 3 mm (Poisson's ratio 0.48) with "
+            "5 x 5 x 3 taxels under it. The readings are those of a mesh of 0.75 mm, the solid model has one of 1 mm.",
+            "",
+            *near_a_side(),
+            "",
+        ]
+    if "times" in parts:
+        out += ["Displacement of markers on a gel, one thread of a busy machine:", "", *times(), ""]
+    text = "\n".join(out)
+    if chosen.write:
+        PAGE.write_text(text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

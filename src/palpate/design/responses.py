@@ -1,0 +1,160 @@
+"""What readings do when a press changes: the operator near the press, and derivatives of the readings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate.elastic.pad import Floats, Pad
+from palpate.errors import Unsupported
+from palpate.sensing.arrays import Array, ScatteredArray
+from palpate.sensing.contacts import sampled
+from palpate.sensing.grids import AreaGrid, Grid, LineGrid
+from palpate.sensing.operator import Operator
+from palpate.solutions import AreaContact, LineContact, hertz_line, hertz_point
+
+__all__ = ["Responses", "array_middle", "pitch_of", "weights_of"]
+
+#: Cells to a depth and to a contact radius: at two, readings and their derivatives are within 1 % of exact ones.
+CELLS = 2.0
+#: The same where only the effect of a wrong depth or thickness is asked, which is a difference of two such operators.
+COARSE_CELLS = 1.0
+#: Cells of the grid near the press along an axis; beyond, cells become coarser.
+MOST_CELLS = {1: 2000, 2: 121}
+#: Step of the differences by which readings are derived, as a part of depth plus contact radius: readings change over that length.
+STEP = 0.02
+#: The same of second differences.
+DRAWN = 0.1
+#: More readings than this take minutes for each design.
+MOST_READINGS = 20_000
+
+
+def array_middle(planes: Sequence[Array]) -> Floats:
+    """Middle of the working taxels (axis), in the order of the array axes [m]."""
+    points = np.concatenate([p.points[p.valid.ravel()] for p in planes])
+    return np.asarray(0.5 * (points.min(axis=0) + points.max(axis=0)))
+
+
+def pitch_of(array: Array) -> float:
+    """Distance of neighbouring taxels [m]: the larger of the two of a regular grid; of scattered ones that of a square grid as dense."""
+    if not isinstance(array, ScatteredArray):
+        return float(max(array.grid.spacings))
+    extent = np.ptp(array.points, axis=0)
+    n = len(array.points)
+    if array.dimensions == 1:
+        return float(extent[0]) / (n - 1)
+    half = 0.5 * float(extent.sum()) / (n - 1)
+    return half + math.sqrt(half**2 + float(np.prod(extent)) / (n - 1))
+
+
+def weights_of(planes: Sequence[Array]) -> Floats:
+    """1/noise of each reading, in the order of the operator's rows."""
+    parts = []
+    for array in planes:
+        if array.noise_std is None:
+            names = ", ".join(array.channels)
+            raise Unsupported(
+                f"a design needs the noise of {names}: what a sensor resolves is set by it. Give the array noise=..., in the unit of the channel "
+                '(in a file noise = "50 Pa"), from a datasheet or from frames at rest.'
+            )
+        parts.append(np.repeat(1.0 / np.asarray(array.noise_std), int(array.valid.sum())))
+    return np.concatenate(parts)
+
+
+class Responses:
+    """Readings of unit forces of a round contact near one place, and their derivatives.
+
+    Cells are half of the depth or of the contact radius and lie around ``middle`` (x, y) alone, as far as ``reach`` [m].
+    """
+
+    def __init__(self, pad: Pad, planes: Sequence[Array], middle: Floats, reach: float, radius: float) -> None:
+        self.pad, self.planes, self.middle = pad, tuple(planes), middle
+        self.dimensions = planes[0].dimensions
+        readings = sum(len(p.channels) * int(p.valid.sum()) for p in planes)
+        if readings > MOST_READINGS:
+            raise Unsupported(
+                f"{readings:,} readings are too many for a design (at most {MOST_READINGS:,}). Describe a part of the array, a few depths wider than the press."
+            )
+        # nothing finer than a taxel's aperture shows, however near the surface it lies
+        depth = min(max(p.depth, 0.5 * max(p.apertures)) for p in planes)
+        self.length = depth + radius
+        self.step = STEP * self.length
+        self.grid = _around(planes[0], middle, reach + DRAWN * self.length, min(d for d in (depth, radius) if d > 0.0))
+        self.operator = Operator(pad, planes, self.grid)
+        self._rows = [p.valid.ravel() for p in planes]
+
+    def coarse(self, radius: float) -> Responses:
+        """The same on few and coarse cells under one contact."""
+        depth = min(max(p.depth, 0.5 * max(p.apertures)) for p in self.planes)
+        fine = min(d for d in (depth, radius) if d > 0.0) * CELLS / COARSE_CELLS
+        out = object.__new__(Responses)
+        vars(out).update(vars(self))
+        out.grid = _around(self.planes[0], self.middle, radius, fine)
+        out.operator = Operator(self.pad, self.planes, out.grid)
+        return out
+
+    def contact(self, center: Floats, radius: float) -> Floats:
+        """Traction of unit force (*cell) [Pa] at ``center``, in the order of the array axes."""
+        found: LineContact | AreaContact
+        if self.dimensions == 1:
+            found = hertz_line(half_width=radius, force=1.0).shifted(float(center[0]))
+        else:
+            found = hertz_point(contact_radius=radius, force=1.0).shifted(float(center[1]), float(center[0]))
+        cells = np.asarray(sampled(found, self.grid)[-1])
+        # what lies u from a cell's middle is spread over the cell: a variance of h^2/12 + u^2, h^2/6 in the mean, is taken out again
+        for axis in range(self.dimensions):
+            cells = cells - (np.roll(cells, 1, axis) - 2.0 * cells + np.roll(cells, -1, axis)) / 12.0
+        return cells
+
+    def derivatives(self, center: Floats, radius: float) -> list[Floats]:
+        """Traction of unit force, then its derivatives by the place along each array axis and by the radius (*cell)."""
+        out = [self.contact(center, radius)]
+        for axis in range(self.dimensions):
+            move = np.zeros(self.dimensions)
+            move[axis] = self.step
+            out.append((self.contact(center + move, radius) - self.contact(center - move, radius)) / (2.0 * self.step))
+        change = min(self.step, 0.2 * radius)
+        out.append((self.contact(center, radius + change) - self.contact(center, radius - change)) / (2.0 * change))
+        return out
+
+    def elongated(self, center: Floats, radius: float, axis: int) -> Floats:
+        """How traction of unit force changes where the contact is drawn out along an axis: its second derivative (*cell)."""
+        move = np.zeros(self.dimensions)
+        move[axis] = step = DRAWN * self.length
+        sides = self.contact(center + move, radius) + self.contact(center - move, radius)
+        return np.asarray((sides - 2.0 * self.contact(center, radius)) / step**2)
+
+    def read(self, shapes: Floats, forces: Floats, operator: Operator | None = None) -> Floats:
+        """Readings (n, reading) of shapes (n, *cell) times forces (n, component)."""
+        traction = np.einsum("n...,nc->nc...", shapes, forces)
+        found = (operator or self.operator).forward(traction)
+        n = len(shapes)
+        return np.concatenate(
+            [
+                np.asarray(part).reshape(n, len(p.channels), -1)[:, :, rows].reshape(n, -1)
+                for part, p, rows in zip(found, self.planes, self._rows)
+            ],
+            axis=1,
+        )
+
+
+def _around(array: Array, middle: Floats, reach: float, fine: float) -> Grid:
+    """Cells around a place, a whole number of them to a pitch, where the array is regular with its taxels above centres of cells."""
+    counts, spacings, centers = [], [], []
+    for axis, place in enumerate(middle):
+        width = max(fine / CELLS, 2.0 * reach / MOST_CELLS[array.dimensions])
+        start = float(place)
+        if not isinstance(array, ScatteredArray):
+            pitch = array.grid.spacings[axis]
+            width = pitch / math.ceil(pitch / width * (1 - 1e-9))
+            if array.shape[axis] > 1 or array.dimensions == 1:
+                start = float(array.grid.axes[axis][0])
+        low, high = math.floor((place - reach - start) / width), math.ceil((place + reach - start) / width)
+        counts.append(max(high - low + 1, 3))
+        spacings.append(width)
+        centers.append(start + 0.5 * (low + low + counts[-1] - 1) * width)
+    if len(counts) == 1:
+        return LineGrid(count=counts[0], spacing=spacings[0], center=centers[0])
+    return AreaGrid(shape=(counts[0], counts[1]), spacing=(spacings[0], spacings[1]), center=(centers[1], centers[0]))

@@ -1,0 +1,78 @@
+"""What sections of a skin.toml share, and the pads with edges among them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from palpate._extras import missing
+from palpate.errors import InvalidInput
+from palpate.units import UNKNOWN, parse_quantity
+
+try:
+    from pydantic import BaseModel, BeforeValidator, ConfigDict
+except ImportError as error:
+    raise missing("skin files", error) from error
+
+__all__ = ["Depth", "Length", "Lengths", "Pressure", "SolidBox", "SolidMesh", "Strict", "Time"]
+
+
+def _length(value: Any) -> float:
+    return parse_quantity(value, "length", "length")
+
+
+def _lengths(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_length(v) for v in value)
+    return _length(value)
+
+
+Length = Annotated[float, BeforeValidator(_length)]
+Lengths = Annotated[float | tuple[float, float], BeforeValidator(_lengths)]
+Depth = Annotated[Any, BeforeValidator(lambda v: v if v == "base" else _length(v))]
+Time = Annotated[float, BeforeValidator(lambda v: parse_quantity(v, "time", "time"))]
+
+
+def _modulus(value: Any) -> float:
+    if isinstance(value, str) and value.strip().lower() == UNKNOWN:
+        raise InvalidInput(
+            "pressure is unknown, and forces are proportional to it. One known weight tells it: film the gel at rest and then under the weight, "
+            'run palpate weigh PICTURES --skin FILE --force "1.96 N", and write here what it says'
+        )
+    return parse_quantity(value, "pressure", "pressure")
+
+
+Pressure = Annotated[float, BeforeValidator(_modulus)]
+
+
+class Strict(BaseModel):
+    """A section whose keys are all known."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
+
+
+class SolidBox(Strict):
+    """`palpate.SolidPad.box`."""
+
+    kind: Literal["solid_box"]
+    prony: list[tuple[float, Time]] | None = None
+    length: Length
+    width: Length
+    thickness: Length
+    youngs_modulus: Pressure
+    poissons_ratio: float
+    sides: Literal["free", "bonded"] = "free"
+    element: Length | None = None
+
+
+class SolidMesh(Strict):
+    """`palpate.SolidPad.from_mesh`; ``file`` is beside the skin.toml."""
+
+    kind: Literal["solid_mesh"]
+    prony: list[tuple[float, Time]] | None = None
+    file: str
+    base: str
+    contact: str
+    youngs_modulus: Pressure
+    poissons_ratio: float
+    scale: float = 1.0
+    turned: bool = False

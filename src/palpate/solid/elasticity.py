@@ -1,0 +1,207 @@
+"""Linear elasticity of a solid by quadratic finite elements, without locking at Poisson's ratios near a half.
+
+Displacement is quadratic (27 nodes in a hexahedron, 10 in a tetrahedron). The change of volume is projected on each element: on functions that are
+linear in (x, y, z) in a hexahedron, on a constant in a tetrahedron. That is the mixed element Q2/P1 (P2/P0) with its pressure taken out element by element
+(T. J. R. Hughes, The Finite Element Method, 1987, sections 4.4 and 4.5; D. Boffi, F. Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, 2013,
+section 8.6): both are stable, the matrix is positive definite, and no unknowns are added.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._extras import missing
+from palpate._threads import cached_property
+from palpate.elastic.pad import Floats
+
+try:
+    import scipy.sparse
+    from skfem import Basis, ElementHex2, ElementTetP2, FacetBasis
+except ImportError as error:
+    raise missing("solid pads", error) from error
+
+__all__ = ["Factor", "LocalFields", "Solid"]
+
+Index = npt.NDArray[np.intp]
+
+#: Entries of the matrices of elements that are worked out at a time (200 MB).
+AT_A_TIME = 25_000_000
+#: Right-hand sides that are solved at a time.
+TOGETHER = 128
+
+
+class Solid:
+    """Stiffness of a mesh (scikit-fem's hexahedra or tetrahedra) of one isotropic material, held at the nodes of some facets.
+
+    Unknown ``3 * node + i`` is u_i of a node.
+    """
+
+    def __init__(self, mesh: Any, youngs_modulus: float, poissons_ratio: float, held: Index) -> None:
+        self.mesh, self.modulus, self.ratio = mesh, youngs_modulus, poissons_ratio
+        self.hexahedra = type(mesh).__name__.startswith("MeshHex")
+        self.element = ElementHex2() if self.hexahedra else ElementTetP2()
+        self.basis = Basis(mesh, self.element, intorder=4)
+        self.shear = youngs_modulus / (2.0 * (1.0 + poissons_ratio))
+        self.bulk = youngs_modulus / (3.0 * (1.0 - 2.0 * poissons_ratio))
+        self.held = np.unique(self.basis.get_dofs(held).flatten())
+        every = 3 * self.held[:, None] + np.arange(3)
+        self.free = np.setdiff1d(np.arange(3 * self.basis.N), every.ravel())
+
+    @property
+    def dofs(self) -> Index:
+        """(local, element): nodes of each element."""
+        return np.asarray(self.basis.element_dofs)
+
+    @cached_property
+    def _gradients(self) -> tuple[Floats, Floats]:
+        """Gradients of the nodes' functions (local, axis, element, point), and weights (element, point)."""
+        found = np.stack([np.broadcast_to(f[0].grad, (3, *self.basis.dx.shape)) for f in self.basis.basis])
+        return found, np.asarray(self.basis.dx)
+
+    @cached_property
+    def _projection(self) -> tuple[Floats, Floats, Floats]:
+        """Middle (axis, element) and size (element) of each element, and what projects the change of volume: (element, function, local, axis)."""
+        gradients, weights = self._gradients
+        places = np.asarray(self.basis.global_coordinates())  # (axis, element, point)
+        volume = weights.sum(axis=1)
+        middle = (places * weights).sum(axis=2) / volume
+        size = np.cbrt(volume)
+        functions = self._pressures((places - middle[..., None]) / size[:, None])
+        mass = np.einsum("meq,neq,eq->emn", functions, functions, weights)
+        loads = np.einsum("meq,iaeq,eq->emia", functions, gradients, weights)
+        n = loads.shape
+        return middle, size, np.linalg.solve(mass, loads.reshape(*n[:2], -1)).reshape(n)
+
+    def _pressures(self, local: Floats) -> Floats:
+        """(function, *points) of places (axis, *points) about an element's middle, in parts of its size."""
+        one = np.ones((1, *local.shape[1:]))
+        return np.concatenate([one, local]) if self.hexahedra else one
+
+    @cached_property
+    def stiffness(self) -> Any:
+        """The whole matrix, sparse: energy is half u'Ku."""
+        gradients, weights = self._gradients
+        places = np.asarray(self.basis.global_coordinates())
+        middle, size, project = self._projection
+        nodes, elements = self.dofs.shape
+        index = (3 * self.dofs.T[:, :, None] + np.arange(3)).reshape(elements, -1)
+        eye, n = np.eye(3), 3 * nodes
+        total: Any = scipy.sparse.csr_array((3 * self.basis.N,) * 2)
+        step = max(1, AT_A_TIME // n**2)
+        for start in range(0, elements, step):
+            here = slice(start, start + step)
+            g, w = gradients[:, :, here], weights[here]
+            each = np.einsum("iaeq,jbeq,eq->eiajb", g, g, w, optimize=True)
+            trace = np.einsum("eiaja->eij", each)
+            k = self.shear * (
+                trace[:, :, None, :, None] * eye[:, None, :] + each.transpose(0, 1, 4, 3, 2) - (2.0 / 3.0) * each
+            )
+            p = project[here]
+            functions = self._pressures((places[:, here] - middle[:, here, None]) / size[here, None])
+            mass = np.einsum("meq,neq,eq->emn", functions, functions, w)
+            k = k + self.bulk * np.einsum("emia,emn,enjb->eiajb", p, mass, p, optimize=True)
+            rows = np.repeat(index[here], n, axis=1)
+            columns = np.tile(index[here], (1, n))
+            total = total + scipy.sparse.coo_array((k.ravel(), (rows.ravel(), columns.ravel())), total.shape).tocsr()
+        return total
+
+    @cached_property
+    def factor(self) -> Factor:
+        """The factorised matrix of what is free to move."""
+        return Factor(self.stiffness[self.free][:, self.free])
+
+    def solve(self, loads: Floats) -> Floats:
+        """Displacement (unknown, k) for loads (unknown, k) [N]."""
+        out = np.zeros(loads.shape)
+        out[self.free] = self.factor.solve(loads[self.free])
+        return out
+
+    def at(self, points: Floats) -> tuple[Index, LocalFields]:
+        """Nodes (local, point) of the elements that hold points (axis, point), and what their unknowns do to the fields there."""
+        finder = self.mesh.element_finder()
+        cells = np.asarray(finder(*points))
+        local = self.basis.mapping.invF(points[:, :, None], tind=cells)
+        functions = [self.element.gbasis(self.basis.mapping, local, i, tind=cells)[0] for i in range(len(self.dofs))]
+        count = points.shape[1]
+        values = np.stack([np.broadcast_to(np.asarray(f), (count, 1))[:, 0] for f in functions])
+        gradients = np.stack([np.broadcast_to(f.grad, (3, count, 1))[:, :, 0] for f in functions])
+        middle, size, project = self._projection
+        pressures = self._pressures((points - middle[:, cells]) / size[cells])
+        volume = np.einsum("mp,pmia->pia", pressures, project[cells])
+        return self.dofs[:, cells], LocalFields(values, gradients, volume, self.shear, self.bulk)
+
+    def surface_load(self, facets: Index, pressure: float) -> Floats:
+        """Loads (unknown,) of a uniform pressure on facets, along their normals into the solid."""
+        basis = FacetBasis(self.mesh, self.element, facets=facets, intorder=6)
+        out = np.zeros(3 * self.basis.N)
+        for nodes, (function, *_) in zip(np.asarray(basis.element_dofs), basis.basis):
+            part = np.einsum(
+                "eq,aeq,eq->ea",
+                np.broadcast_to(np.asarray(function), basis.dx.shape),
+                np.asarray(basis.normals),
+                basis.dx,
+            )
+            np.add.at(out, 3 * nodes[:, None] + np.arange(3), -pressure * part)
+        return out
+
+
+class LocalFields:
+    """Fields at points per unit of the unknowns of the element there, arrays (point, local, axis): `palpate.elastic.channels.Fields`."""
+
+    def __init__(self, values: Floats, gradients: Floats, volume: Floats, shear: float, bulk: float) -> None:
+        self._values, self._gradients, self._volume = values.T, gradients, volume
+        self._shear, self._bulk = shear, bulk
+
+    def displacement(self, i: str) -> Floats:
+        """u_i."""
+        out = np.zeros((*self._values.shape, 3))
+        out[..., "xyz".index(i)] = self._values
+        return out
+
+    def gradient(self, i: str, j: str) -> Floats:
+        """du_i/dx_j."""
+        out = np.zeros((*self._values.shape, 3))
+        out[..., "xyz".index(i)] = self._gradients[:, "xyz".index(j)].T
+        return out
+
+    def strain(self, ij: str) -> Floats:
+        """Strain, compression positive."""
+        return -0.5 * (self.gradient(ij[0], ij[1]) + self.gradient(ij[1], ij[0]))
+
+    def stress(self, ij: str) -> Floats:
+        """Stress, compression positive."""
+        shape = 2.0 * self._shear * self.strain(ij)
+        if ij[0] != ij[1]:
+            return shape
+        trace = self.strain("xx") + self.strain("yy") + self.strain("zz")
+        return shape - (2.0 / 3.0) * self._shear * trace - self._bulk * self._volume
+
+
+class Factor:
+    """A factorised positive definite matrix: by MKL's PARDISO where pypardiso is installed, else by SuperLU."""
+
+    def __init__(self, matrix: Any) -> None:
+        try:
+            from pypardiso import PyPardisoSolver
+        except ImportError:
+            from scipy.sparse.linalg import splu
+
+            order = {"SymmetricMode": True}
+            self._lu: Any = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=order)
+            self._solver: Any = None
+            return
+        self._upper = scipy.sparse.csr_array(scipy.sparse.triu(matrix))
+        self._solver = PyPardisoSolver(mtype=2)
+        self._solver.factorize(self._upper)
+
+    def solve(self, loads: Floats) -> Floats:
+        """Of (unknown, k)."""
+        out = np.empty(loads.shape)
+        for start in range(0, loads.shape[1], TOGETHER):
+            part = np.ascontiguousarray(loads[:, start : start + TOGETHER])
+            found = self._lu.solve(part) if self._solver is None else self._solver.solve(self._upper, part)
+            out[:, start : start + TOGETHER] = found.reshape(part.shape)
+        return out
