@@ -138,8 +138,9 @@ ROOMS = (
         "palpate.network",
     ),
     *("palpate.camera", "palpate.microscopy", "palpate.live", "palpate.ros", "palpate.pads", "palpate.sensors"),
+    *("palpate.pressing", "palpate.mujoco", "palpate.jax", "palpate.lerobot"),
     "palpate.design",
-    *("palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),
+    *("palpate.calibrate", "palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),
 )
 
 

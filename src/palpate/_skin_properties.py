@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy.typing as npt
 
@@ -18,6 +19,9 @@ from palpate.sensing.operator import Boundary, Operator
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.uncertainty import Case
 
+if TYPE_CHECKING:
+    from palpate.calibrate import SkinCalibration
+
 __all__ = ["SkinProperties"]
 
 
@@ -31,6 +35,7 @@ class SkinProperties:
     _boundary: Boundary
     _problem: Problem
     _whole: tuple[Array, ...]
+    _calibration: SkinCalibration | None
 
     @property
     def pad(self) -> Pad:
@@ -113,6 +118,19 @@ class SkinProperties:
         (11, 30)
         """
         return self._problem.operator
+
+    @property
+    def calibration(self) -> SkinCalibration | None:
+        """What presses with known forces told (`calibrate`); None of a skin that was not calibrated.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"])).calibration is None
+        True
+        """
+        return self._calibration
 
     @cached_property
     def components(self) -> tuple[str, ...]:

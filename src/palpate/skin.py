@@ -38,11 +38,13 @@ from palpate.sensing.uncertainty import Uncertainty
 from palpate.sensing.zero import Rest, rest_frames
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
+from palpate.tracking.calibrated import CalibratedTracker
 from palpate.tracking.settings import check_settings, check_sought, creep_filters
 from palpate.tracking.single import SingleSolve
 from palpate.tracking.tracker import Tracker
 
 if TYPE_CHECKING:
+    from palpate.calibrate import SkinCalibration
     from palpate.recordings.recording import Recording
 
 __all__ = ["Skin"]
@@ -139,6 +141,8 @@ class Skin(SkinProperties):
         self._methods = Kept(entries=PREPARED)
         self._rests = Kept(entries=RESTS)
         self._whole = planes
+        self._calibration: SkinCalibration | None = None
+        self._plain: Skin | None = None
 
     # -- what it is ----------------------------------------------------------------------------------------------------
 
@@ -174,10 +178,13 @@ class Skin(SkinProperties):
         >>> skin.pad.youngs_modulus, skin.planes[0].shape
         (200000.0, (21,))
         """
+        from palpate.calibrate import read_calibration
         from palpate.recordings import read_skin, read_uncertainty
 
         pad, planes, surface, boundary = read_skin(path, recording)
-        return cls(pad, planes, surface=surface, boundary=boundary, uncertainty=read_uncertainty(path))
+        out = cls(pad, planes, surface=surface, boundary=boundary, uncertainty=read_uncertainty(path))
+        out._calibration = read_calibration(path)
+        return out
 
     def masked(self, working: npt.ArrayLike | Sequence[npt.ArrayLike]) -> Skin:
         """The same skin without the taxels where ``working`` is False; of several planes, one mask for each.
@@ -258,6 +265,7 @@ class Skin(SkinProperties):
         out._given = out._problem.fixed = self._given
         out._problem.zeroed = self._problem.zeroed
         out._whole = whole or out._planes
+        out._calibration = self._calibration
         return out
 
     # -- forward -------------------------------------------------------------------------------------------------------
@@ -415,6 +423,9 @@ class Skin(SkinProperties):
                 time=time,
                 **options,
             )
+        if self._calibration is not None:
+            named = {"method": method, "components": components, "rng": rng, **options}
+            return self._answer_by(self._calibration, readings, time, named)
         chosen = method_asked(method, options)
         if rng is not None and "draws" not in chosen.options():
             raise Unsupported(f'method="{chosen.name}" does not take rng: it draws no samples.')
@@ -462,6 +473,64 @@ class Skin(SkinProperties):
             strain=surface_strain(self._problem, estimate.traction),
             reading_names={row: self._layout.reading_name(row) for row in estimate.left_out()},
         )
+
+    # -- calibrated ----------------------------------------------------------------------------------------------------
+
+    def calibrate(self, presses: Any, *, again: bool = False, **options: Any) -> Skin:
+        """The same skin, whose net force comes from presses with known forces: newtons from a few weights.
+
+        Where labels are few, physics carries them: maps that this pad makes likely. Where they are many, the map is a regression. Pad and array may be guesses. `calibration` then says how good the map is on presses that were left out,
+        beside plain regressions, and whether the elastic model holds; if it does not, `reconstruct` and `track` give net force (and centre, where places were known) with
+        intervals, and no pressure map.
+
+        Parameters
+        ----------
+        presses : Recording, array (frame, channel, *array), or a list of them
+            Readings in the sensor's own unit.
+        again : bool
+            Start from the calibration that this skin has: its labels are kept, and whether the sensor has aged is said.
+        **options
+            Of `palpate.calibrate.calibrate`: ``reference`` and ``reference_time`` (a force sensor, on a clock of its own), ``weights``
+            (such as ["200 g, 12 s to 20 s"]), ``time``, ``baseline``, ``labels``.
+
+        Raises
+        ------
+        InvalidInput
+            Nothing is known of any frame, labels of another length, clocks that do not fit, labels without any force.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> pad = pp.BondedLayers([pp.Layer(thickness=8e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
+        >>> skin = pp.Skin(pad, pp.AreaArray(shape=(2, 2), pitch=12e-3, depth="base", channels=["stress_zz"]))
+        >>> marble = skin.sense(pp.solutions.hertz_point(contact_radius=3e-3, force=1.0)) / 37.0  # of an unknown unit
+        >>> weights = [0.0, 1.0, 2.0, 4.0]  # [N]
+        >>> skin = skin.calibrate(np.stack([w * marble for w in weights]), reference=weights)
+        >>> round(float(skin.reconstruct(3.0 * marble).force[2]), 1)  # [N]
+        3.0
+        """
+        from palpate.calibrate import calibrate
+
+        out, before = self._uncalibrated(), self._calibration if again else None
+        out._calibration = calibrate(self._uncalibrated(), presses, before=before, **options)
+        return out
+
+    def _uncalibrated(self) -> Skin:
+        """The same skin, whose readings are in SI units."""
+        out = self._with(self._pad, self._planes, whole=self._whole)
+        out._calibration = None
+        return out
+
+    def _answer_by(self, found: SkinCalibration, readings: Any, time: Any, options: dict[str, Any]) -> Touch:
+        """`reconstruct` of a calibrated skin."""
+        from palpate.calibrate import calibrated_touch
+
+        if self._plain is None and found.elastic:
+            plain = self._uncalibrated()
+            rested = self._problem.zeroed or found.rest is None
+            self._plain = plain if rested else plain.at_rest(found.unit * np.asarray(found.rest))
+        return calibrated_touch(found, self, self._plain, readings, time, options)
 
     def _zeroed(self, rest: Rest) -> Skin:
         """`at_rest`, kept for the next frames of the same zero."""
@@ -582,7 +651,10 @@ class Skin(SkinProperties):
         filters: Callable[[], list[CreepFilter | None]] | None = None
         if isinstance(self._pad, Viscoelastic):
             filters = partial(creep_filters, self._pad.prony, [bool(creeping(a).any()) for a in self._planes])
-        return Tracker(
+        made: Callable[..., Tracker] = Tracker
+        if self._calibration is not None:
+            made = partial(CalibratedTracker, calibration=self._calibration)
+        return made(
             solver,
             names,
             self._layout,

@@ -270,6 +270,7 @@ def reconstruct_recording(
             "options": fingerprint([chosen, components]),
             "skin": fingerprint(
                 [skin.pad, skin.planes, skin.surface, skin.boundary, skin.problem().nuisance, skin.uncertainty]
+                + ([] if skin.calibration is None else [skin.calibration])
             ),
         }
         stream = stack.enter_context(

@@ -14,12 +14,14 @@ import typer
 
 import palpate
 from palpate.cli.bench import bench_app
+from palpate.cli.calibrate import calibrate
 from palpate.cli.command import Command
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
 from palpate.cli.design import design
 from palpate.cli.examples import SHORT, example
 from palpate.cli.files import sole_writers
+from palpate.cli.film import film
 from palpate.cli.live import live
 from palpate.cli.methods import MethodCommand, TrackerCommand
 from palpate.cli.pad import pad
@@ -69,7 +71,23 @@ def _root(
 
 #: Those that take the options of methods.
 _TAKING = {track: TrackerCommand, live: TrackerCommand, ros: RosCommand, reconstruct: MethodCommand}
-_COMMANDS = (demo, reconstruct, track, live, tfm, ros, convert, simulate, pad, design, sensors, weigh, paper)
+_COMMANDS = (
+    demo,
+    reconstruct,
+    track,
+    live,
+    tfm,
+    film,
+    ros,
+    convert,
+    simulate,
+    pad,
+    design,
+    sensors,
+    weigh,
+    calibrate,
+    paper,
+)
 for _command in _COMMANDS:
     app.command(
         cls=_TAKING.get(_command, Command), short_help=SHORT[_command.__name__], epilog=example(_command.__name__)
@@ -118,6 +136,7 @@ _LESS = {
     **dict.fromkeys(("recordings", "network"), _SHORTER),
     "archives": "Take fewer frames at a time: --chunk 16 --workers 1.",
     "camera": "Give fewer or smaller pictures.",
+    "calibrate": "Give fewer labels: --labels 100.",
     "microscopy": "Give a smaller part of the picture.",
     "_plot": "Leave the picture out.",
 }

@@ -11,6 +11,7 @@ SHORT = {
     "track": "Follow a recording or a video: contact, slip, forces over time.",
     "live": "Show in a browser what touches the pad, while it happens.",
     "tfm": "Traction force microscopy: what a cell does to its gel.",
+    "film": "Traction force microscopy of a film, or of many cells.",
     "ros": "Run as a node of ROS 2.",
     "convert": "Turn recordings and tables of others into recordings.",
     "simulate": "Make the recording of a known contact.",
@@ -18,6 +19,7 @@ SHORT = {
     "design": "Say what a sensor will resolve before it is built.",
     "sensors": "List sensors that are known, with their skin.toml.",
     "weigh": "Find the modulus of a gel from known weights.",
+    "calibrate": "Newtons from a few weights, or a force sensor.",
     "paper": "Reproduce the paper that founded the field.",
     "bench": "Measure the inversion on simulated contacts.",
 }
@@ -33,11 +35,18 @@ EXAMPLES = {
         "palpate bench trust --quick",
         'palpate bench trust --rows "offset,stuck" --frames 50 --out trust.md',
     ],
+    "calibrate": [
+        'palpate calibrate bench.csv --skin skin.toml --weight "0 g, 0 s to 3 s" --weight "200 g, 5 s to 9 s"',
+        'palpate calibrate run-1.csv run-2.csv --skin skin.toml --reference "fz=Fz,fx=Fx" --report calibration.png',
+    ],
     "convert": ["palpate convert finger.csv finger.nc", "palpate convert torn.mcap whole.nc --salvage"],
     "demo": ["palpate demo", "palpate demo camera --out gel", "palpate demo taxels --out first-hour"],
     "design": [
         "palpate design design.toml",
         "palpate design design.toml --by pair --plot tradeoffs.pdf --out designs.csv",
+    ],
+    "film": [
+        'palpate film pulled.tif --rest rest.tif --pixel "0.1 um" --youngs-modulus "8 kPa" --poissons-ratio 0.48 --cells cells.tif',
     ],
     "live": [
         "palpate live --demo",

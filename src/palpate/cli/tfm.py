@@ -87,9 +87,27 @@ def tfm(
             help="Standard deviation of the displacements, e.g. 5 nm; default: learned, or as the pictures tell."
         ),
     ] = None,
-    order: Annotated[int, typer.Option(help="Derivative of the traction that is kept small: 0, 1 or 2.")] = 1,
-    rule: Annotated[str, typer.Option(help="How the regularisation is chosen: evidence, gcv or lcurve.")] = "evidence",
-    draws: Annotated[int, typer.Option(min=8, help="Samples of the posterior that tell the errors.")] = 64,
+    method: Annotated[
+        str,
+        typer.Option(
+            help="adhesions: traction in patches, whose number, places and sizes are sampled; tikhonov: one even penalty, for traction that is everywhere."
+        ),
+    ] = "adhesions",
+    labels: Annotated[
+        Path | None,
+        typer.Option(
+            help="Outlines of adhesions: a label picture (.tif, .png, .npy, _seg.npy), or ImageJ's .roi and RoiSet.zip: the force of each goes to NAME-labels.csv."
+        ),
+    ] = None,
+    order: Annotated[
+        int | None,
+        typer.Option(help="Of tikhonov: derivative of the traction that is kept small: 0, 1 (default) or 2."),
+    ] = None,
+    rule: Annotated[
+        str | None,
+        typer.Option(help="Of tikhonov: how the regularisation is chosen: evidence (default), gcv or lcurve."),
+    ] = None,
+    draws: Annotated[int, typer.Option(min=8, help="Samples of the posterior that tell the errors.")] = 120,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -102,19 +120,26 @@ def tfm(
     from palpate.microscopy import (
         bead_displacements,
         cell_forces,
+        forces_of_labels,
         is_field,
         read_field,
         read_mask,
         read_pair,
         read_picture,
     )
+    from palpate.microscopy.labels import rows_of, write_labels_table
     from palpate.microscopy.readers import TURNED
     from palpate.recordings import write_touch
     from palpate.units import parse_quantity
 
     stem = out if out is not None else source[0].with_name(source[0].stem + "-tfm")
     targets = {e: stem.with_name(stem.name + e) for e in (".html", ".png", ".csv", ".nc")}
-    inputs = [*source, mask, image, *skin_files(skin_file)]
+    if labels is not None:
+        targets["-labels.csv"] = stem.with_name(stem.name + "-labels.csv")
+    theirs = [o for o, v in (("--order", order), ("--rule", rule)) if v is not None]
+    if theirs and method != "tikhonov":
+        raise InvalidInput(f"{' and '.join(theirs)} belong to --method tikhonov; --method is {method}.")
+    inputs = [*source, mask, image, labels, *skin_files(skin_file)]
     for target in targets.values():
         check_output(target, inputs=inputs, force=force)
     fields = is_field(source) if all(file.exists() for file in source) else False
@@ -177,8 +202,9 @@ def tfm(
     pad, below, uncertainty = _gel(field, skin_file, youngs_modulus, poissons_ratio, thickness, depth)
     with busy("solving"):
         forces = cell_forces(
-            field, pad, mask=corners, size=size, picture=picture, depth=below, noise=None if noise is None else parse_quantity(noise, 'length', '--noise'), order=order, rule=rule, drift=not still, uncertainty=uncertainty, draws=draws,
+            field, pad, mask=corners, size=size, picture=picture, depth=below, noise=None if noise is None else parse_quantity(noise, 'length', '--noise'), method=method, order=1 if order is None else order, rule=rule or "evidence", drift=not still, uncertainty=uncertainty, draws=draws,
         )  # fmt: skip
+    labelled = None if labels is None else forces_of_labels(forces, labels, size=size)
     told = ", ".join(p.name for p in source)
     forces.write_report(targets[".html"], title=source[0].stem, source=told, command=command_line())
     save_figure(forces.plot(), targets[".png"])
@@ -188,6 +214,8 @@ def tfm(
         targets[".nc"],
         provenance=provenance(skin_text(skin_file), told),
     )
+    if labelled is not None:
+        write_labels_table(rows_of(labelled, file=told, frame=0), targets["-labels.csv"])
     rows, columns = field.shape
     typer.echo(f"{columns} x {rows} vectors, one every {field.step:.3g} px = {1e6 * field.pitch:.3g} um")
     if field.drift is not None:

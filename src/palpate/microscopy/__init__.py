@@ -3,6 +3,8 @@
 from palpate.microscopy.beads import bead_displacements
 from palpate.microscopy.cell import CellForces, Quantity, cell_forces
 from palpate.microscopy.fields import Field
+from palpate.microscopy.film import Film
+from palpate.microscopy.labels import LabelForce, forces_of_labels, read_labels
 from palpate.microscopy.masks import on_grid, read_mask
 from palpate.microscopy.pictures import read_pair, read_picture
 from palpate.microscopy.pixelsize import PixelSize, pixel_size
@@ -11,14 +13,18 @@ from palpate.microscopy.readers import is_field, read_field
 __all__ = [
     "CellForces",
     "Field",
+    "Film",
+    "LabelForce",
     "PixelSize",
     "Quantity",
     "bead_displacements",
     "cell_forces",
+    "forces_of_labels",
     "is_field",
     "on_grid",
     "pixel_size",
     "read_field",
+    "read_labels",
     "read_mask",
     "read_pair",
     "read_picture",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +13,13 @@ import numpy.typing as npt
 from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
+from palpate.microscopy.adhesions import Sample
+from palpate.microscopy.blobs import Response
 from palpate.microscopy.fields import Field
-from palpate.microscopy.inversion import Inverted, inverted
+from palpate.microscopy.inversion import Inverted, inverted, of_adhesions
 from palpate.microscopy.masks import on_grid, read_mask
 from palpate.microscopy.orientation import suspected
+from palpate.microscopy.spread import read
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.touch import Touch
 
@@ -25,6 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["CellForces", "Quantity", "cell_forces"]
 
+#: Ways from displacements to traction.
+METHODS = ("adhesions", "tikhonov")
 #: Half-width of a 95 % interval in standard deviations.
 SIDE = 1.96
 #: Net force or torque is questioned from so many standard deviations on; the two principal moments of a cell that pulls have one sign.
@@ -62,6 +67,8 @@ class Quantity:
         What it should be, where physics says so.
     why : str
         What it is, in a sentence.
+    ends : (float, float) or None
+        Ends of the 95 % interval where they are not 1.96 standard deviations away.
 
     Examples
     --------
@@ -77,6 +84,7 @@ class Quantity:
     std: float
     expected: float | None = None
     why: str = ""
+    ends: tuple[float, float] | None = None
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -88,7 +96,7 @@ class Quantity:
         >>> Quantity("net force", "N", 0.0, 1.0).interval
         (-1.96, 1.96)
         """
-        return self.value - SIDE * self.std, self.value + SIDE * self.std
+        return self.ends or (self.value - SIDE * self.std, self.value + SIDE * self.std)
 
     def scaled(self) -> tuple[str, str, str]:
         """Value, standard deviation and unit as they are written.
@@ -142,6 +150,8 @@ class CellForces:
         Traction on the gel [Pa] along x (right) and y (down), on the field's grid, and its standard deviation.
     draws : array (draw, 2, row, column)
         Samples of its posterior.
+    samples : tuple of Sample or None
+        The adhesions of each, where they were sampled.
     inside : array (row, column) of bool
         Where the cell is.
     quantities : dict of str to Quantity
@@ -157,7 +167,6 @@ class CellForces:
     traction: Floats
     std: Floats
     draws: Floats
-    moved: Floats
     inside: npt.NDArray[np.bool_]
     masked: bool
     quantities: dict[str, Quantity]
@@ -166,6 +175,25 @@ class CellForces:
     notes: tuple[str, ...]
     mask: Any = None
     picture: Any = None
+    samples: tuple[Sample, ...] | None = None
+    response: Response | None = None
+    done: Any = None
+    known: Any = None
+
+    def within(self, mask: Any, *, size: tuple[int, int] | None = None) -> CellForces:
+        """The same traction with the numbers of another cell of the field.
+
+        Examples
+        --------
+        >>> forces.within("second-cell.png")  # doctest: +SKIP
+        """
+        corners = read_mask(mask, pixel=self.field.pixel)
+        inside = on_grid(corners, self.field, size=size)
+        numbers, principal = _numbers(self.done, self.field, inside, True, self.known)
+        said = _doubts(numbers, principal, self.field, inside, True, self.done)
+        return replace(
+            self, inside=inside, masked=True, mask=corners, quantities=numbers, principal=principal, notes=tuple(said)
+        )
 
     def __getitem__(self, name: str) -> Quantity:
         if name not in self.quantities:
@@ -231,11 +259,12 @@ def cell_forces(
     picture: Any = None,
     depth: float = 0.0,
     noise: float | None = None,
+    method: str = "adhesions",
     order: int = 1,
     rule: str = "evidence",
     drift: bool = True,
     uncertainty: Uncertainty | None = None,
-    draws: int = 64,
+    draws: int = 120,
     seed: int = 0,
 ) -> CellForces:
     """Traction of a cell on its gel, and strain energy, contractility and forces with their errors.
@@ -256,8 +285,11 @@ def cell_forces(
         Of the beads below the surface [m].
     noise : float, optional
         Standard deviation of the displacements [m]; by default that of the field (`Field.noise`), or it is learned where the field has none.
+    method : str
+        "adhesions" (default): traction is in patches of any number, place and size, which are sampled; vectors that neither they nor noise explain are left out, and
+        said. "tikhonov": one even penalty, for traction that is everywhere.
     order, rule
-        As for `Tikhonov`.
+        As for `Tikhonov`, and for it alone.
     drift : bool
         Besides traction a shift of the whole picture is sought (default); False where it cannot move.
     uncertainty : Uncertainty, optional
@@ -310,6 +342,8 @@ def cell_forces(
     """
     if draws < 8:
         raise InvalidInput(f"draws must be at least 8; got {draws!r}.")
+    if method not in METHODS:
+        raise InvalidInput(f"method must be {' or '.join(map(repr, METHODS))}; got {method!r}.")
     corners = None if mask is None else read_mask(mask, pixel=field.pixel)
     if size is None and picture is not None:
         size = (int(np.shape(picture)[1]), int(np.shape(picture)[0]))
@@ -317,15 +351,30 @@ def cell_forces(
     inside = np.ones(field.shape, dtype=bool) if corners is None else on_grid(corners, field, size=size, name=name)
     if noise is None:
         noise = field.noise
-    done = inverted(
-        field, pad, depth=depth, noise=noise, order=order, rule=rule, nuisance="auto" if drift else (), uncertainty=uncertainty, draws=draws, seed=seed,
-    )  # fmt: skip
+    if method == "adhesions":
+        likely = None if corners is None else inside
+        done = of_adhesions(
+            field,
+            pad,
+            depth=depth,
+            noise=noise,
+            likely=likely,
+            drift=drift,
+            uncertainty=uncertainty,
+            draws=draws,
+            seed=seed,
+        )
+    else:
+        done = inverted(
+            field, pad, depth=depth, noise=noise, order=order, rule=rule, nuisance="auto" if drift else (), uncertainty=uncertainty, draws=draws, seed=seed,
+        )  # fmt: skip
     known = uncertainty or Uncertainty()
     beside = [n for n in ("thickness", "depth", "gain") if getattr(known, n)]
     numbers, principal = _numbers(done, field, inside, corners is not None, known)
     said = [
         *field.notes,
         *map(_in_these_words, done.touch.notes),
+        *done.notes,
         *(
             [f"how well {', '.join(beside)} is known does not enter these errors, only how well modulus and scale are"]
             if beside
@@ -334,8 +383,8 @@ def cell_forces(
         *_doubts(numbers, principal, field, inside, corners is not None, done),
     ]
     return CellForces(
-        field, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch.common_std * done.traction), done.draws, done.moved, inside, corners is not None, numbers, principal,
-        done.touch, tuple(dict.fromkeys(said)), corners, picture,
+        field, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch.common_std * done.traction), done.draws, inside, corners is not None, numbers, principal,
+        done.touch, tuple(dict.fromkeys(said)), corners, picture, done.samples, done.response, done, known,
     )  # fmt: skip
 
 
@@ -344,8 +393,7 @@ def _numbers(
 ) -> tuple[dict[str, Quantity], tuple[float, float, float]]:
     """Every number from the estimate and from each sample."""
     t = np.concatenate([done.traction[None], done.draws])
-    u = np.concatenate([done.moved[None], done.moved_by_draws])
-    u = u - u.mean(axis=(2, 3), keepdims=True)
+    sampled = done.samples is not None
     cell, rows, columns = field.pitch**2, *field.shape
     x, y = np.meshgrid(
         field.pitch * (np.arange(columns) - 0.5 * (columns - 1)), field.pitch * (np.arange(rows) - 0.5 * (rows - 1))
@@ -368,7 +416,12 @@ def _numbers(
     ) -> None:
         found[key] = (label, unit, np.asarray(values), expected, sized, why)
 
-    work = 0.5 * (t * u).sum(axis=1) * cell
+    # what adhesions do that are finer than the vectors is in the work of the blobs alone
+    if done.work is not None:
+        work = np.concatenate([done.work[:1], done.work])
+    else:
+        u = np.concatenate([done.moved[None], done.moved_by_draws])
+        work = 0.5 * (t * (u - u.mean(axis=(2, 3), keepdims=True))).sum(axis=1) * cell
     put(
         "strain_energy",
         "strain energy" + (" in the cell" if masked else ""),
@@ -387,12 +440,14 @@ def _numbers(
         -(moments[0, 0] + moments[1, 1]),
         why="trace of the first moments, positive where the cell pulls inwards (Butler et al. 2002)",
     )
-    center = _force_center(t[0], x, y, inside)
-    distance = np.hypot(x - center[0], y - center[1])
+    # each draw has a centre of its own
+    centers = [_force_center(each, x, y, inside) for each in t] if sampled else [_force_center(t[0], x, y, inside)]
+    ox, oy = (np.array([c[i] for c in centers])[:, None, None] for i in (0, 1))
+    distance = np.hypot(x - ox, y - oy)
     inward = (
         np.where(
             distance > 0,
-            -(t[:, 0] * (x - center[0]) + t[:, 1] * (y - center[1])) / np.where(distance > 0, distance, 1.0),
+            -(t[:, 0] * (x - ox) + t[:, 1] * (y - oy)) / np.where(distance > 0, distance, 1.0),
             0.0,
         )
         * cell
@@ -457,8 +512,8 @@ def _numbers(
         "traction_peak",
         "largest traction",
         "Pa",
-        _at_peak(t, inside),
-        why="at the vector where the estimate is largest",
+        np.hypot(t[:, 0], t[:, 1])[:, inside].max(axis=1) if sampled else _at_peak(t, inside),
+        why="of the mean over a vector's square" if sampled else "at the vector where the estimate is largest",
     )
     for i, axis in enumerate("xy"):
         put(
@@ -491,6 +546,10 @@ def _numbers(
         value, samples = float(values[0]), values[1:]
         # traction follows modulus and displacement, the energy the square of this
         common = math.hypot(known.modulus, (2.0 if key == "strain_energy" else 1.0) * known.scale)
+        if sampled:
+            value, std, ends = read(key, samples, common)
+            quantities[key] = Quantity(label, unit, value, std, expected, why, ends)
+            continue
         variance = float(np.var(samples, ddof=1)) + (common * value) ** 2
         if sized:
             variance += (float(samples.mean()) - value) ** 2
@@ -609,7 +668,7 @@ def _doubts(
             "(--window)"
         )
     unlike = int(field.unlike.sum())
-    if unlike:
+    if unlike and done.samples is None:
         said.append(
             f"{unlike} of {field.valid.size} vectors differ from all about them, and make traction of their own: if they are bad ones, leave them out with without_outliers() "
             "(--drop-outliers)"

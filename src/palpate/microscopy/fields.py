@@ -19,6 +19,8 @@ __all__ = ["Field", "mended"]
 
 #: Displacements larger than this part of the field of view, or gradients larger than the next number, are those of a wrong unit.
 LARGEST, STEEPEST = 0.25, 1.0
+#: Of this part of the vectors: some may be outliers.
+COMMON = 0.95
 #: Steps between vectors may differ by this part of a step: coordinates are often rounded.
 EVEN = 0.02
 #: Neighbours' median test: how far off in units of the neighbours' own spread, and the spread that is always there [px].
@@ -106,7 +108,8 @@ class Field:
     def _sensible(self) -> None:
         """Refuse what the wrong unit makes."""
         u = self.displacement - np.nanmedian(self.displacement, axis=(1, 2), keepdims=True)
-        largest = float(np.nanmax(np.hypot(*u)))
+        # single outliers are no wrong unit
+        largest = float(np.nanquantile(np.hypot(*u), COMMON))
         width = self.pitch * max(self.shape)
         said = (
             f"(the largest is {plain_number(largest / self.pixel, 3)} px or {plain_number(largest * 1e6, 3)} µm, with pixels of {self.pixel * 1e6:.3g} µm and "
@@ -118,7 +121,9 @@ class Field:
                 'whether displacements are in pixels (unit="px") or in metres ("m", "um").'
             )
         slopes = [
-            np.nanmax(np.abs(np.diff(u, axis=a))) / self.pitch for a in (1, 2) if not np.isnan(np.diff(u, axis=a)).all()
+            np.nanquantile(np.abs(np.diff(u, axis=a)), COMMON) / self.pitch
+            for a in (1, 2)
+            if not np.isnan(np.diff(u, axis=a)).all()
         ]
         if slopes and np.median(slopes) > STEEPEST:
             raise InvalidInput(

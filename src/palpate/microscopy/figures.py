@@ -74,7 +74,8 @@ def _arrows(
     shown = size[np.isfinite(size)]
     if not shown.size or shown.max() <= 0:
         return
-    largest = float(np.percentile(shown, 99.8))
+    # few squares hold all traction of a sparse map
+    largest = max(float(np.percentile(shown, 99.8)), 0.7 * float(shown.max()))
     stride = max(1, round(max(rows, columns) / ARROWS))
     # the strongest first, so that no adhesion falls between arrows
     i, j = arrow_cells(np.where(show, np.nan_to_num(size), 0.0), (stride, stride), SMALLEST * largest)
@@ -150,7 +151,7 @@ def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:
     require("figures", "matplotlib")
     field = forces.field
     size = np.hypot(*forces.traction)
-    top = float(max(np.percentile(size, 99.9), 1e-12))
+    top = max(float(np.percentile(size, 99.9)), 0.8 * float(size.max()), 1e-12)
     factor, unit = scaled(top, "Pa")
     figure, axes, ends = _canvas(field, forces.picture)
     over = forces.picture is not None

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.elastic.pad import Floats, Pad
 from palpate.inverse.linear.matrix_free.memory import check_system, servable
@@ -16,15 +17,19 @@ from palpate.inverse.linear.methods import Tikhonov
 from palpate.inverse.linear.posterior import LinearErrors
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.problem import Problem
+from palpate.microscopy.adhesions import Adhesions, Sample, sampled
+from palpate.microscopy.blobs import Response
 from palpate.microscopy.fields import Field
 from palpate.sensing.arrays import AreaArray
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.skin import Skin
 from palpate.touch import Touch
 
-__all__ = ["Inverted", "inverted"]
+__all__ = ["Inverted", "inverted", "of_adhesions"]
 
 COMPONENTS = ("x", "y")
+#: The mean displacement of the field of view is that of so many rows and columns.
+FEW = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +71,52 @@ class Inverted:
     moved: Floats
     draws: Floats
     moved_by_draws: Floats
+    #: What the adhesions were sampled as, and their work (draw, row, column) [J]; None from a linear method.
+    samples: tuple[Sample, ...] | None = None
+    work: Floats | None = None
+    notes: tuple[str, ...] = ()
+    response: Response | None = None
+
+
+def of_adhesions(
+    field: Field,
+    pad: Pad,
+    *,
+    depth: float,
+    noise: float | None,
+    likely: npt.NDArray[np.bool_] | None,
+    drift: bool,
+    uncertainty: Uncertainty | None,
+    draws: int,
+    seed: int,
+) -> Inverted:
+    """Traction of a field as adhesions make it, sampled; ``likely`` (row, column) is where they are expected."""
+    found = sampled(field, pad, depth=depth, noise=noise, likely=likely, drift=drift, draws=draws, seed=seed)
+    skin = Skin(pad, field.array(depth=depth, noise=noise), uncertainty=uncertainty)
+    touch = skin.reconstruct(
+        np.nan_to_num(field.displacement), method=Adhesions(found=found, field=field), components=COMPONENTS
+    )
+    rows, columns = field.shape
+    pitch = field.pitch
+    x, y = pitch * np.arange(columns), pitch * np.arange(rows)
+    each = np.stack([s.on(x, y, pitch) for s in found.samples])
+    steps = [max(1, n // FEW) for n in (columns, rows)]
+    some = np.stack([a.ravel() for a in np.meshgrid(x[:: steps[0]], y[:: steps[1]])], axis=1)
+    shift = np.stack([s.moved(some, pitch**2 / 12, found.response).mean(axis=1) for s in found.samples])
+    work = np.stack([s.work(x, y, pitch, found.response, m) for s, m in zip(found.samples, shift)])
+    nothing = np.zeros((0, 2, rows, columns))
+    return Inverted(
+        skin,
+        touch,
+        each.mean(axis=0),
+        nothing[:0].sum(axis=0),
+        each,
+        nothing,
+        tuple(found.samples),
+        work,
+        found.notes,
+        found.response,
+    )
 
 
 def inverted(

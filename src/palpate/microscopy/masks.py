@@ -22,7 +22,7 @@ from palpate.microscopy.pivtext import is_number, split
 from palpate.recordings.textlines import text_of
 from palpate.units import UNITS
 
-__all__ = ["on_grid", "read_mask"]
+__all__ = ["inside_outline", "on_grid", "read_mask"]
 
 Bools = npt.NDArray[np.bool_]
 
@@ -310,7 +310,7 @@ def on_grid(
                 )
             inside = _shares(mask, x, y, field.step) >= 0.5
     else:
-        inside = _within(mask, x, y)
+        inside = inside_outline(mask, x, y)
     inside = np.asarray(inside)
     if not (inside & field.valid).any():
         raise InvalidInput(
@@ -339,7 +339,7 @@ def _shares(mask: Bools, x: Floats, y: Floats, step: float) -> Floats:
     return np.asarray(total / np.outer(bottom - top, right - left))
 
 
-def _within(corners: Floats, x: Floats, y: Floats) -> Bools:
+def inside_outline(corners: Floats, x: Floats, y: Floats) -> Bools:
     """Points of a grid inside an outline, by the even-odd rule."""
     xx, yy = np.meshgrid(x, y)
     inside = np.zeros(xx.shape, dtype=bool)

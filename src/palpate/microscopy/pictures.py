@@ -18,10 +18,11 @@ from palpate.errors import InvalidInput, PalpateError
 from palpate.microscopy.packed import unpacks
 from palpate.sensing.view import opencv
 
-__all__ = ["read_pair", "read_picture"]
+__all__ = ["read_all", "read_pair", "read_picture"]
 
 
-def _all(path: Path, most: int = 10_000) -> list[npt.NDArray[Any]]:
+def read_all(path: Path, most: int = 10_000) -> list[npt.NDArray[Any]]:
+    """All pictures of a file or folder as grey levels (row, column)."""
     if not path.is_dir() and ordinary(path).stat().st_size == 0:
         raise InvalidInput(f"{path} is empty.")
     if not is_pictures(path):
@@ -98,7 +99,7 @@ def read_picture(path: str | Path) -> npt.NDArray[Any]:
     >>> read_picture("cell.tif")  # doctest: +SKIP
     """
     found = Path(path)
-    pages = [found] if found.is_dir() else _all(found, 1)
+    pages = [found] if found.is_dir() else read_all(found, 1)
     if found.is_dir() or len(pages) > 1:
         raise InvalidInput(f"{path}: holds several pictures: give one.")
     return np.asarray(pages[0])
@@ -132,7 +133,7 @@ def read_pair(
             raise InvalidInput("frames= picks two pictures of one stack; two files are a pair.")
         pair = [read_picture(p) for p in found]
     elif len(found) == 1:
-        pages = _all(found[0])
+        pages = read_all(found[0])
         if len(pages) < 2:
             raise InvalidInput(
                 f"{found[0]}: holds one picture. Displacements need two: the beads at rest (without the cell) and pulled; give both files."

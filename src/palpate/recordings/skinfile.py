@@ -30,6 +30,9 @@ unit = "25 Pa"                   # what 1 in a message means; or one per channel
 [camera]                         # optional: how pictures become displacements (`palpate.recordings.camerasection`)
 scale = "0.06 mm"                # per pixel; or pitch = "2 mm" of the dots; or points = [[12, 9], ...] and places = [["-8 mm", "6 mm"], ...]
 
+[calibration]                    # optional: written by palpate calibrate
+file = "finger.calibration.npz"
+
 [columns]                        # optional: what the columns of a table of another program are (`palpate.recordings.columns`)
 frame = "frame"                  # or time = "t"; marker = "id"; x and y; one key per channel, with the title of its column
 pixel = "0.06 mm"                # what a 1 means; or unit (of readings) and position_unit, or units in the titles
@@ -207,6 +210,10 @@ class _Uncertainty(Strict):
     scale: Part = SCALE
 
 
+class _Calibration(Strict):
+    file: str
+
+
 class SkinFile(Strict):
     pad: Annotated[
         Annotated[_HalfSpace, Tag("half_space")]
@@ -223,6 +230,7 @@ class SkinFile(Strict):
     camera: _Camera | None = None
     columns: dict[str, Any] | None = None
     uncertainty: _Uncertainty = _Uncertainty()
+    calibration: _Calibration | None = None
 
 
 def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad, list[Array], Grid | None, Boundary]:
@@ -569,6 +577,7 @@ KEYS = (
     ),
     *(
         "uncertainty",
+        "calibration",
         "camera",
         "roi",
         "texture",

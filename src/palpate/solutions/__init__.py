@@ -12,6 +12,7 @@ from palpate.solutions.area import (
     patch,
     point_load,
 )
+from palpate.solutions.elliptic import hertz_ellipse
 from palpate.solutions.line import (
     LineContact,
     flat_punch_line,
@@ -28,6 +29,7 @@ __all__ = [
     "flat_punch_line",
     "hertz_contact_half_width",
     "hertz_contact_radius",
+    "hertz_ellipse",
     "hertz_line",
     "hertz_point",
     "line_load",

@@ -179,14 +179,35 @@ def interval(touch: Touch, level: float, of: str, friction: float | None) -> tup
             low, high = np.where(turned, -high, low), np.where(turned, -low, high)
         return low, high
 
-    low, high = _each_method(touch, bounds)
+    try:
+        low, high = _each_method(touch, bounds)
+    except Unsupported:
+        if touch.calibrated is None:
+            raise
+        low, high = (np.full(np.shape(touch.calibrated), math.nan) for _ in range(2))
     if touch.force_bounds is not None and of in ("force", "peak_pressure"):
         ends = np.asarray(touch.force_bounds, dtype=np.float64)
         if of == "force":
             low, high = np.fmin(low, ends[..., 0]), np.fmax(high, ends[..., 1])
         else:
             low, high = low, np.where(np.isinf(ends[..., -1, 1]), math.inf, high)
-    return low, high
+    return by_calibration(touch, level, of, low, high)
+
+
+def by_calibration(touch: Touch, level: float, of: str, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """The ends of an interval, those of the skin's calibration where it tells the quantity: value -+ Student's quantile times standard deviation."""
+    of_it = {
+        "force": (touch.calibrated, touch.calibrated_std),
+        "center_of_pressure": (touch.calibrated_center, touch.calibrated_center_std),
+    }
+    value, deviation = of_it.get(of, (None, None))
+    if value is None or deviation is None or touch.calibrated_freedom is None:
+        return low, high
+    import scipy.special
+
+    half = scipy.special.stdtrit(np.asarray(touch.calibrated_freedom), 0.5 * (1.0 + level))[..., None] * deviation
+    known = np.isfinite(value)
+    return np.where(known, value - half, low), np.where(known, value + half, high)
 
 
 def exceeds(touch: Touch, limit: float, of: str) -> Floats:
@@ -194,6 +215,16 @@ def exceeds(touch: Touch, limit: float, of: str) -> Floats:
     if of not in ("peak_pressure", "force"):
         raise InvalidInput(f'of must be "peak_pressure" or "force" (the normal force); got {of!r}.')
     errors(touch)
+    if (
+        of == "force"
+        and touch.calibrated is not None
+        and touch.calibrated_std is not None
+        and np.isfinite(touch.calibrated[..., -1]).all()
+    ):
+        import scipy.special
+
+        gap = (np.asarray(touch.calibrated)[..., -1] - limit) / np.asarray(touch.calibrated_std)[..., -1]
+        return np.asarray(scipy.special.stdtr(np.asarray(touch.calibrated_freedom), gap), dtype=np.float64)
 
     def chance(known: Constants) -> tuple[Floats, ...]:
         value, deviation, outside, _ = uncalibrated(touch, known, of)

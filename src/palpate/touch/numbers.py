@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate._arrays import from_numpy, namespace
+from palpate._arrays import from_numpy, namespace, to_numpy
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, NotObservable
 from palpate.sensing.grids import Grid
 from palpate.units import is_number
@@ -22,6 +23,8 @@ class Numbers:
     surface: Grid
     components: tuple[str, ...]
     unobservable_force: tuple[str, ...]
+    calibrated: Floats | None
+    calibrated_center: Floats | None
 
     def _require(self, *names: str) -> None:
         missing = [n for n in names if n not in self.components]
@@ -65,6 +68,8 @@ class Numbers:
         if self.unobservable_force:
             lost = np.array([math.nan if c in self.unobservable_force else 0.0 for c in self.surface.components])
             total = total + from_numpy(lost, self.values)
+        if self.calibrated is not None:
+            total = from_numpy(np.where(np.isfinite(self.calibrated), self.calibrated, to_numpy(total)), self.values)
         return xp.asarray(total)
 
     @property
@@ -118,7 +123,11 @@ class Numbers:
         total = self._integral(p)
         safe = xp.where(total > 0, total, xp.ones_like(total) * math.nan)
         names = ("x",) if self.surface.dimensions == 1 else ("x", "y")
-        return xp.stack([self._integral(self._coordinate(n) * p) / safe for n in names], axis=-1)
+        center = xp.stack([self._integral(self._coordinate(n) * p) / safe for n in names], axis=-1)
+        if self.calibrated_center is not None:
+            known = np.isfinite(self.calibrated_center)
+            center = from_numpy(np.where(known, self.calibrated_center, to_numpy(center)), self.values)
+        return center
 
     @property
     def peak_pressure(self) -> Any:

@@ -109,6 +109,9 @@ class Touch(Numbers):
         Readings at an end of their range: the true one is at least that.
     reading_names : mapping of int to str
         Channel and taxel of the readings that are left out in some frame.
+    calibrated, calibrated_std : array (*batch, component) or None
+        Net force by the calibration of the skin [N] and its standard deviation (`Skin.calibrate`): `force` is this where it is known;
+        ``calibrated_freedom`` are the degrees of freedom of its intervals, ``calibrated_center`` (x, y) [m] the centre, where labelled places tell it.
     case : Case or None
         What the error bars' constants must be for: contact, kind of channels, body (`palpate.uncertainty`).
     friction : float or None
@@ -172,6 +175,11 @@ class Touch(Numbers):
     discrepancy: Floats | None = field(default=None, metadata=per_frame(missing=0.0))
     force_bounds: Floats | None = field(default=None, metadata=per_frame("component", "bound"))
     strain: Floats | None = field(default=None, metadata=per_frame())
+    calibrated: Floats | None = field(default=None, metadata=per_frame("component"))
+    calibrated_std: Floats | None = field(default=None, metadata=per_frame("component"))
+    calibrated_freedom: Floats | None = field(default=None, metadata=per_frame())
+    calibrated_center: Floats | None = field(default=None, metadata=per_frame("along"))
+    calibrated_center_std: Floats | None = field(default=None, metadata=per_frame("along"))
 
     def __post_init__(self) -> None:
         expected = (len(self.surface.components), *self.surface.shape)

@@ -39,7 +39,8 @@ def summary(one: Touch, friction: float | None) -> str:
     if not np.isfinite(force).any():
         return "\n".join(["net force       not known", *(f"note: {n}" for n in one.notes)])
     # some frames have no intervals: found by a method without error bars, or before a stream has made them
-    known = one.errors is not None and bool(np.isfinite(one.errors.force).any())
+    calibrated = one.calibrated is not None and bool(np.isfinite(one.calibrated).any())
+    known = one.errors is not None and (calibrated or bool(np.isfinite(one.errors.force).any()))
 
     def bounds(of: str, **given: float) -> tuple[Floats, Floats]:
         if not known:
@@ -81,9 +82,10 @@ def summary(one: Touch, friction: float | None) -> str:
                 f"{'outside array':<16}{said(outside, factor=force_factor, unit=force_name)} of the normal force, where nothing is measured"
             )
         size = float(one.contact_area()) * (factor if line else factor**2)
-        lines.append(
-            f"{'contact width' if line else 'contact area':<16}{plain_number(size, 4)} {unit}{'' if line else '^2'}"
-        )
+        if np.isfinite(size):
+            lines.append(
+                f"{'contact width' if line else 'contact area':<16}{plain_number(size, 4)} {unit}{'' if line else '^2'}"
+            )
     if friction is not None and set(one.components) == set(components):
         margin = float(one.slip_margin(friction))
         low, high = bounds("slip_margin", friction=friction)

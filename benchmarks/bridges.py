@@ -1,0 +1,213 @@
+"""Bridges to learners and simulators: worlds a second of taxels in MuJoCo and how far their force lies from the contacts', throughput of the
+differentiable inverse in PyTorch (and JAX) by batch size. Writes docs/_generated/bridges.md.
+
+    python benchmarks/bridges.py [--quick]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import palpate as pp
+
+OUT = Path(__file__).parents[1] / "docs" / "_generated" / "bridges.md"
+PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+CHANNELS = ["stress_xz", "stress_yz", "stress_zz"]
+#: Weight of the penalty, near to that of evidence.
+PARAMETER = 1e-4
+
+
+def seconds(run: Callable[[], Any], runs: int = 3) -> float:
+    """The shortest of some runs, after one that prepares; of one run, that one."""
+    if runs > 1:
+        run()
+    found = []
+    for _ in range(runs):
+        start = time.perf_counter()
+        run()
+        found.append(time.perf_counter() - start)
+    return min(found)
+
+
+def mujoco_rows() -> list[str]:
+    from palpate.mujoco import Taxels
+
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+    import test_mujoco as scenes
+
+    skin = pp.Skin(PAD, pp.AreaArray(shape=(16, 16), pitch=1.5e-3, depth=2e-3, channels=CHANNELS, noise=50.0))
+    rows = [
+        "| tool | frames | largest error of the force | of the moment (over force times 10 mm) |",
+        "|---|---|---|---|",
+    ]
+    for tool in scenes.TOOLS:
+        model, data = scenes.scene(tool, condim=6)
+        taxels = Taxels(model, skin, geom="pad", site="skin")
+        force = moment = 0.0
+        frames = 0
+        rng = np.random.default_rng(0)
+        for _ in range(20):  # presses, drags and rolls
+            push = (*rng.uniform(-0.3, 0.3, 2), -rng.uniform(0.3, 1.5))
+            scenes.pushed(model, data, push, 10, (*rng.uniform(-1e-3, 1e-3, 2), rng.uniform(-5e-4, 5e-4)))
+            own, felt = scenes.simulators_own(model, data), taxels.press(data).felt[0]
+            if own[2] > 0.05:
+                frames += 1
+                size = float(np.linalg.norm(own[:3]))
+                force = max(force, float(np.abs(felt[:3] - own[:3]).max()) / size)
+                moment = max(moment, float(np.abs(felt[3:] - own[3:]).max()) / (size * 0.01))
+        rows.append(f"| {tool} | {frames} | {force:.1e} | {moment:.1e} |")
+    rows += ["", "| taxels | worlds | contacts to readings | worlds a second |", "|---|---|---|---|"]
+    for count in (8, 16):
+        pad = pp.Skin(PAD, pp.AreaArray(shape=(count, count), pitch=1.5e-3, depth=2e-3, channels=CHANNELS))
+        model, data = scenes.scene("ball")
+        scenes.pushed(model, data, (0.2, 0.0, -1.0), 60)
+        taxels = Taxels(model, pad, geom="pad", site="skin")
+        for worlds in (1, 64, 1024):
+            many = [data] * worlds
+            taken = seconds(lambda many=many, taxels=taxels: taxels.read(many))
+            rows.append(f"| {count} x {count} x 3 | {worlds} | {1e3 * taken:.1f} ms | {worlds / taken:.0f} |")
+    return rows
+
+
+def skins() -> dict[str, pp.Skin]:
+    """Taxels 2 mm apart; the surface reaches two cells past them."""
+    return {
+        f"{n} x {n} x 3": pp.Skin(
+            PAD,
+            pp.AreaArray(shape=(n, n), pitch=2e-3, depth=2e-3, channels=CHANNELS, noise=60.0),
+            surface=pp.AreaGrid(shape=(n + 4, n + 4), spacing=(2e-3, 2e-3)),
+            nuisance=(),
+        )
+        for n in (4, 8)
+    }
+
+
+def frames(skin: pp.Skin, count: int) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    kinds = []
+    for _ in range(min(count, 16)):
+        ball = pp.solutions.hertz_point(
+            contact_radius=float(rng.uniform(1e-3, 3e-3)), force=float(rng.uniform(0.3, 1.5))
+        )
+        kinds.append(skin.sense(ball.partial_slip(0.6, 0.4 * ball.force[2], direction=float(rng.uniform(0, 6)))))
+    noise = rng.standard_normal((count, *kinds[0].shape)) * 60.0
+    return np.stack([kinds[i % len(kinds)] for i in range(count)]) + noise
+
+
+def learner_rows(batches: tuple[int, ...]) -> list[str]:
+    rows = [
+        "| skin | library | what | " + " | ".join(f"batch {b}" for b in batches) + " |",
+        "|---|---|---|" + "---|" * len(batches),
+    ]
+    for name, skin in skins().items():
+        tasks: dict[tuple[str, str], Callable[[np.ndarray], Callable[[], Any]]] = {}
+        try:
+            tasks |= torch_tasks(skin)
+        except pp.Unsupported as error:
+            print(f"left out: {error}")
+        tasks |= jax_tasks(skin)
+        for (library, what), task in tasks.items():
+            cells = []
+            for batch in batches:
+                if batch > 64 and "friction" in what:  # frame by frame: the rate is that of 64
+                    cells.append("as 64")
+                    continue
+                taken = seconds(task(frames(skin, batch)), 1 if batch > 64 else 3)
+                cells.append(f"{batch / taken:.0f} frames/s")
+            rows.append(f"| {name} | {library} | {what} | {' | '.join(cells)} |")
+            print(rows[-1], flush=True)
+    return rows
+
+
+def torch_tasks(skin: pp.Skin) -> dict[tuple[str, str], Any]:
+    import torch
+
+    from palpate.torch import Reconstruct, Sense
+
+    linear = Reconstruct(skin, parameter=PARAMETER, constrained=False)
+    cone = Reconstruct(skin, parameter=PARAMETER, friction=0.6)
+    sense = Sense(skin)
+    shape = (3, *skin.surface.shape)
+
+    def with_gradient(layer: Any) -> Any:
+        def task(readings: np.ndarray) -> Callable[[], Any]:
+            given = torch.tensor(readings, requires_grad=True)
+            return lambda: layer(given).square().sum().backward()
+
+        return task
+
+    def plainly(layer: Any, dtype: Any, *, traction: bool = False) -> Any:
+        def task(readings: np.ndarray) -> Callable[[], Any]:
+            given = torch.ones((len(readings), *shape)) if traction else torch.tensor(readings, dtype=dtype)
+            return lambda: layer(given)
+
+        return task
+
+    return {
+        ("PyTorch", "sense, float32"): plainly(sense, torch.float32, traction=True),
+        ("PyTorch", "linear, float32"): plainly(linear, torch.float32),
+        ("PyTorch", "linear and gradient, float64"): with_gradient(linear),
+        ("PyTorch", "within friction, float64"): plainly(cone, torch.float64),
+        ("PyTorch", "within friction and gradient, float64"): with_gradient(cone),
+    }
+
+
+def jax_tasks(skin: pp.Skin) -> dict[tuple[str, str], Any]:
+    import jax
+    import jax.numpy as jnp
+
+    from palpate.jax import prepare, reconstruct
+
+    jax.config.update("jax_enable_x64", True)
+
+    def task_of(function: Any, model: Any, *, first: bool) -> Any:
+        def task(readings: np.ndarray) -> Callable[[], Any]:
+            y = jnp.asarray(readings)
+            arguments = (model, y) if first else (y, model)
+            return lambda: function(*arguments).block_until_ready()
+
+        return task
+
+    plain = jax.jit(reconstruct)
+    slope = jax.jit(jax.grad(lambda y, m: (reconstruct(m, y) ** 2).sum()))
+    out = {}
+    for what, model in (
+        ("linear", prepare(skin, parameter=PARAMETER, constrained=False)),
+        ("within friction", prepare(skin, parameter=PARAMETER, friction=0.6)),
+    ):
+        out["JAX", f"{what}, float64"] = task_of(plain, model, first=True)
+        out["JAX", f"{what} and gradient, float64"] = task_of(slope, model, first=False)
+    return out
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="no batches of 4096")
+    quick = parser.parse_args().quick
+    text = [
+        f"Written by `benchmarks/bridges.py`: one thread of {platform.machine()}, {os.cpu_count()} cores, beside other work.",
+        "",
+        "The traction's force and moment against the simulator's, in presses, drags and rolls:",
+        "",
+        *mujoco_rows(),
+        "",
+        f"The differentiable layers, penalty {PARAMETER:g}, surfaces of 8 x 8 and 12 x 12 cells (192 and 432 unknowns):",
+        "",
+        *learner_rows((1, 64) if quick else (1, 64, 4096)),
+        "",
+    ]
+    OUT.write_text("\n".join(text), encoding="utf-8")
+    print("\n".join(text))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,24 @@
+"""Newtons from a few known weights: maps from readings to net force that begin as physics and end as a regression."""
+
+from palpate.calibrate.answer import calibrated_touch
+from palpate.calibrate.calibrating import calibrate, flat_readings
+from palpate.calibrate.calibration import ALONE, SkinCalibration
+from palpate.calibrate.files import calibrated_text, read_calibration, write_calibrated
+from palpate.calibrate.forcemap import ForceMap
+from palpate.calibrate.labels import Weight, find_delay
+from palpate.calibrate.prior import likely_maps
+
+__all__ = [
+    "ALONE",
+    "ForceMap",
+    "SkinCalibration",
+    "Weight",
+    "calibrate",
+    "calibrated_text",
+    "calibrated_touch",
+    "find_delay",
+    "flat_readings",
+    "likely_maps",
+    "read_calibration",
+    "write_calibrated",
+]

@@ -1,0 +1,410 @@
+"""From presses of which something is known to a calibration."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import to_numpy
+from palpate._numbers import plain_number
+from palpate.calibrate.calibration import FORCES, PLACES, SkinCalibration
+from palpate.calibrate.findings import (
+    ageing,
+    best_press,
+    elastic_check,
+    hysteresis,
+    silent_readings,
+    small_unit,
+    table_of,
+)
+from palpate.calibrate.forcemap import MOST_LABELS, ForceMap, usual_scale
+from palpate.calibrate.labels import SCALE_STD, Weight, find_delay, press_numbers, spread_over, weights_of
+from palpate.calibrate.prior import likely_maps
+from palpate.calibrate.process import Process
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+from palpate.recordings import Recording
+from palpate.sensing.readings import checked_planes
+from palpate.sensing.times import as_seconds
+
+__all__ = ["calibrate", "flat_readings"]
+
+#: Part of the time that a weight stood which is left out at each end: it is laid down and taken off there.
+ENDS = 0.15
+#: Rest: forces below this part of the largest.
+REST = 0.005
+#: Frames of so little force are at rest from this count on, where their readings scatter by less than this part of all readings' root mean square.
+FEWEST_AT_REST, ALIKE_AT_REST = 3, 0.1
+#: Labels of one calibration by default: more cost time and tell little (docs/_generated/calibrate.md).
+USUAL_LABELS = 300
+SEED = 41
+#: Frames at rest that are kept, and the noise where none is labelled, as a part of the root mean square of the readings (a convention).
+REST_KEPT, ASSUMED_NOISE = 20, 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One recording: readings (frame, channel, *array), their flat form (frame, reading), time (frame,) [s] or None, and frames at rest that are no labels."""
+
+    readings: Floats
+    flat: Floats
+    time: Floats | None
+    rest: Floats | None = None
+
+
+def flat_readings(planes: Sequence[Any], readings: Any) -> Floats:
+    """Readings (*batch, reading) in the order of the operator's rows; missing ones NaN."""
+    parts = [np.asarray(to_numpy(p), dtype=np.float64) for p in checked_planes(readings, planes)]
+    lead = parts[0].ndim - 1 - len(planes[0].shape)
+    rows = [part[..., plane.valid].reshape(*part.shape[:lead], -1) for part, plane in zip(parts, planes)]
+    return np.concatenate(rows, axis=-1)
+
+
+def calibrate(
+    skin: Any,
+    presses: Any,
+    *,
+    reference: Any = None,
+    reference_time: Any = None,
+    weights: Sequence[Weight | str] = (),
+    time: Any = None,
+    baseline: int | None = None,
+    labels: int = USUAL_LABELS,
+    before: SkinCalibration | None = None,
+) -> SkinCalibration:
+    """The calibration of a skin by presses of which something is known; `Skin.calibrate` is the same and returns the skin.
+
+    Parameters
+    ----------
+    skin : Skin
+        With whatever is known of pad and array. Its numbers may be guesses: they only say which maps are likely.
+    presses : Recording, array (frame, channel, *array), or a list of them
+        Readings in the sensor's own unit, of which each recording is a run.
+    reference : array (frame,) or (frame, 3), or mapping of str to array
+        Normal force Fz, or Fx, Fy, Fz [N]; or some of "fx", "fy", "fz" [N], and "x", "y" [m] where the place of the press is known. NaN where nothing is known. For a list of presses a
+        list. With ``reference_time`` on a clock of its own.
+    reference_time : array (sample,), optional
+        Times of the reference [s]; the delay between the clocks is found (`find_delay`).
+    weights : sequence of str or Weight
+        What stood on the pad and when, such as "200 g, 12 s to 20 s"; "0 g, ..." says that nothing did.
+    time : array (frame,), optional
+        Times of an array of presses [s]; without them each frame is a press by itself.
+    baseline : int, optional
+        Frames at the start of each run at which nothing touches, whose mean is the zero. Default: the frames that are labelled with no force, else none.
+    labels : int
+        At most so many frames are used.
+    before : SkinCalibration, optional
+        One of the same skin, from which this one starts: its labels are kept, and whether the sensor has aged since is said.
+
+    Raises
+    ------
+    InvalidInput
+        Nothing is known of any frame, labels of another length, clocks that do not fit, or labels without any force.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.calibrate import calibrate
+    >>> pad = pp.BondedLayers([pp.Layer(thickness=8e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
+    >>> skin = pp.Skin(pad, pp.AreaArray(shape=(2, 2), pitch=12e-3, depth="base", channels=["stress_zz"]))
+    >>> balls = [pp.solutions.hertz_point(contact_radius=3e-3, force=f) for f in (1.0, 2.0, 4.0)]
+    >>> counts = np.stack([np.asarray(skin.sense(ball)) for ball in balls]) / 37.0  # the unit is not known
+    >>> found = calibrate(skin, counts, reference=[1.0, 2.0, 4.0])
+    >>> force, std = found.force(2.5 / 4.0 * counts[2].reshape(1, -1))
+    >>> round(float(force[0, 2]), 1)
+    2.5
+    """
+    given = list(presses) if isinstance(presses, list | tuple) else [presses]
+    runs = [_run(one, skin, time if len(given) == 1 else None) for one in given]
+    if not isinstance(labels, int) or isinstance(labels, bool) or not 1 <= labels <= MOST_LABELS:
+        raise InvalidInput(f"labels must be a whole number from 1 to {MOST_LABELS}; got {labels!r}.")
+    references = list(reference) if len(runs) > 1 and isinstance(reference, list | tuple) else [reference]
+    if len(references) != len(runs) and reference is not None:
+        raise InvalidInput(
+            f"reference must be a list with one entry for each of {len(runs)} runs; got {len(references)}."
+        )
+    said: list[str] = []
+    known = []
+    for number, run in enumerate(runs):
+        own = None if reference is None else references[number]
+        if weights and number == 0:
+            runs[number], one = _weighed(run, own, weights_of(weights))
+        else:
+            one = _known(run, own, reference_time, said)
+        known.append(one)
+    flats: list[Floats] = []
+    for run, one in zip(runs, known):
+        zero = _zero(run, one, baseline, said)
+        flats.append(run.flat - zero)
+    data = _gathered(runs, flats, known, labels)
+    if before is not None:
+        said += ageing(before, data)
+    maps = _maps(skin, data, before)
+    found = SkinCalibration(maps, runs[0].flat.shape[1])
+    main = maps.get("fz") or next(iter(maps.values()))
+    table = table_of(main)
+    unit, unit_std, error, words = elastic_check(skin, data, main)
+    said += words
+    said += silent_readings(skin, data)
+    said += hysteresis(main)
+    said += best_press(skin, main)
+    return replace(
+        found,
+        rest=data.rest,
+        scale=small_unit(skin, data),
+        unit=unit,
+        unit_std=unit_std,
+        elastic_error=error,
+        said=tuple(said),
+        table=table,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Labelled:
+    """Labelled frames: readings without zero (label, reading), the same as planes (label, channel, *array), and what is known of each."""
+
+    flat: Floats
+    planes: Floats
+    known: Mapping[str, Floats]
+    std: Floats
+    time: Floats | None
+    run: npt.NDArray[np.int64]
+    press: npt.NDArray[np.int64]
+    rest: Floats
+
+
+def _run(one: Any, skin: Any, time: Any) -> Run:
+    seconds: Floats | None
+    if isinstance(one, Recording):
+        values, seconds = one.readings, np.asarray(one.time, dtype=np.float64)
+    else:
+        values = np.asarray(to_numpy(one), dtype=np.float64)
+        seconds = None if time is None else np.asarray(as_seconds(time), dtype=np.float64)
+    if len({p.shape for p in skin.planes}) != 1:
+        raise InvalidInput("calibrate takes skins whose planes have one shape.")
+    if values.ndim != 2 + len(skin.planes[0].shape):
+        raise InvalidInput(
+            f"presses must have the axes (frame, channel, *array), {2 + len(skin.planes[0].shape)} of them; got shape {values.shape}."
+        )
+    flat = flat_readings(skin.planes, values)
+    if seconds is not None and seconds.shape != (len(flat),):
+        raise InvalidInput(f"time must hold one second for each of {len(flat)} frames; got shape {seconds.shape}.")
+    return Run(np.asarray(values, dtype=np.float64), flat, seconds)
+
+
+def _columns(reference: Any) -> dict[str, Floats]:
+    """What is known, by name."""
+    if isinstance(reference, Mapping):
+        out: dict[str, Floats] = {str(k).lower(): np.asarray(v, dtype=np.float64) for k, v in reference.items()}
+        unknown = set(out) - {*FORCES, *PLACES}
+        if unknown or not out:
+            raise InvalidInput(
+                f"reference names {', '.join(sorted(unknown)) or 'nothing'}; accepted: {', '.join((*FORCES, *PLACES))}."
+            )
+        if any(v.ndim != 1 for v in out.values()) or len({len(v) for v in out.values()}) != 1:
+            raise InvalidInput("each entry of reference must be one number for each frame.")
+        return out
+    values = np.asarray(to_numpy(reference), dtype=np.float64)
+    if values.ndim == 1:
+        return {"fz": values}
+    if values.ndim == 2 and values.shape[1] == 3:
+        return dict(zip(FORCES, values.T))
+    raise InvalidInput(f"reference must have shape (frame,) or (frame, 3), or be a mapping; got {values.shape}.")
+
+
+def _known(run: Run, reference: Any, reference_time: Any, said: list[str]) -> dict[str, Floats]:
+    """What is known of each frame of a run: NaN where nothing is; "std" where a label has an error of its own."""
+    count = len(run.flat)
+    out: dict[str, Floats] = {}
+    if reference is not None:
+        out = _columns(reference)
+        length = len(next(iter(out.values())))
+        if reference_time is not None:
+            clock = np.asarray(as_seconds(reference_time), dtype=np.float64)
+            if run.time is None:
+                raise InvalidInput("reference_time needs times of the frames: give a Recording, or time=.")
+            if clock.shape != (length,) or (np.diff(clock) <= 0).any():
+                raise InvalidInput(f"reference_time must rise and hold one time for each of {length} samples.")
+            main = out.get("fz", next(iter(out.values())))
+            good = np.isfinite(main)
+            delay = find_delay(run.time, np.nan_to_num(run.flat), clock[good], main[good])
+            said.append(
+                f"the clock of the forces is {plain_number(abs(delay), 3)} s {'behind' if delay >= 0 else 'ahead of'} that of the frames: taken out"
+            )
+            out = {k: np.interp(run.time, clock + delay, v, left=np.nan, right=np.nan) for k, v in out.items()}
+        elif length != count:
+            raise InvalidInput(
+                f"reference holds {length} values for {count} frames: give one for each frame, NaN where nothing is known, or its own clock with reference_time=."
+            )
+    if not out or not any(np.isfinite(v).any() for k, v in out.items() if k in FORCES):
+        raise InvalidInput(
+            'no force is known of any frame: give reference= (a force sensor), or weights=["200 g, 12 s to 20 s"]. Shapes and places alone tell no newtons.'
+        )
+    return out
+
+
+def _weighed(run: Run, reference: Any, weights: list[Weight]) -> tuple[Run, dict[str, Floats]]:
+    """One frame for each weight, the mean of those in which it stood: frames of one weight share all that is wrong with them."""
+    if run.time is None:
+        raise InvalidInput("weights say when they stood: give a Recording, or time= with the frames.")
+    if reference is not None:
+        raise InvalidInput(
+            "give weights= or reference= for a run, not both; others go into a second calibration, with again=True."
+        )
+    frames, rest = [], []
+    for weight in weights:
+        at = np.flatnonzero((run.time >= weight.start) & (run.time <= weight.end))
+        if not len(at):
+            raise InvalidInput(
+                f"no frame lies from {weight.start:g} to {weight.end:g} s: the recording goes from {run.time[0]:g} to {run.time[-1]:g} s."
+            )
+        still = at[int(ENDS * len(at)) : max(len(at) - int(ENDS * len(at)), int(ENDS * len(at)) + 1)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # a taxel that is missing throughout
+            frames.append(np.nanmean(run.readings[still], axis=0))
+        if weight.force == 0.0:
+            rest.append(run.readings[still] - frames[-1])
+    chosen = [int(np.argmin(np.abs(run.time - 0.5 * (w.start + w.end)))) for w in weights]
+    readings, force = np.stack(frames), np.array([w.force for w in weights])
+    flat = np.stack([_flat_like(run, f, i) for f, i in zip(readings, chosen)])
+    return Run(readings, flat, None, np.concatenate(rest) if rest else None), {"fz": force, "std": SCALE_STD * force}
+
+
+def _flat_like(run: Run, frame: Floats, index: int) -> Floats:
+    """The flat form of a frame that was made of others of the run."""
+    if frame.size == run.flat.shape[1]:
+        return frame.ravel()
+    # some taxels are masked: their places are those that the flat form leaves out
+    kept = np.isin(run.readings[index].ravel(), run.flat[index])
+    return frame.ravel()[kept][: run.flat.shape[1]]
+
+
+def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: list[str]) -> Floats:
+    """The readings at rest."""
+    if baseline is not None:
+        if not 0 <= baseline < len(run.flat):
+            raise InvalidInput(f"baseline must be a number of frames from 0 to {len(run.flat) - 1}; got {baseline!r}.")
+        return np.nanmean(run.flat[:baseline], axis=0) if baseline else np.zeros(run.flat.shape[1])
+    forces = [known[f] for f in FORCES if f in known]
+    at_rest = at_rest_of(forces, run.flat)
+    if at_rest.any():
+        return np.asarray(np.median(run.flat[at_rest], axis=0))
+    words = "no frame is labelled as at rest: readings are taken as zero where nothing touches. If they are not, give baseline=, or a frame with the force 0"
+    if words not in said:
+        said.append(words)
+    return np.zeros(run.flat.shape[1])
+
+
+def at_rest_of(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
+    """Frames at which nothing touches: the force is 0, or three or more with hardly any force whose readings are alike.
+
+    One small force beside others of either sign is no rest: its readings may be any.
+    """
+    seen = np.isfinite(flat).all(axis=1)
+    exact = np.all([f == 0.0 for f in forces], axis=0) & seen
+    largest = max(float(np.nanmax(np.abs(f), initial=0.0)) for f in forces)
+    small = np.all([np.abs(f) <= REST * largest for f in forces], axis=0) & seen
+    if small.sum() >= FEWEST_AT_REST:
+        middle = np.median(flat[small], axis=0)
+        near = np.sqrt(((flat[small] - middle) ** 2).mean())
+        if near <= ALIKE_AT_REST * np.sqrt(np.nanmean((flat[seen] - middle) ** 2)):
+            return np.asarray(small)
+    return np.asarray(exact)
+
+
+def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], labels: int) -> Labelled:
+    names = [n for n in (*FORCES, *PLACES) if any(n in k for k in known)]
+    timed = all(r.time is not None for r in runs)
+    rows: dict[str, list[Any]] = {n: [] for n in ("flat", "planes", "std", "time", "run", *names)}
+    per_run = max(1, labels // len(runs))
+    for number, (run, flat, one) in enumerate(zip(runs, flats, known)):
+        forces = np.stack([one[f] for f in FORCES if f in one], axis=1)
+        at = np.flatnonzero(np.isfinite(forces).any(axis=1) & np.isfinite(flat).all(axis=1))
+        if not len(at):
+            raise InvalidInput(f"run {number} has no frame with a known force and complete readings.")
+        at = at[spread_over(np.nan_to_num(forces[at]), per_run)]
+        rows["flat"].append(flat[at])
+        rows["planes"].append(run.readings[at] - _as_planes(run, flat, at))
+        rows["std"].append(one["std"][at] if "std" in one else np.zeros(len(at)))
+        rows["time"].append(np.zeros(len(at)) if run.time is None else run.time[at] + 1e6 * number)
+        rows["run"].append(np.full(len(at), number))
+        for n in names:
+            rows[n].append(one[n][at] if n in one else np.full(len(at), math.nan))
+    made = {k: np.concatenate(v) for k, v in rows.items()}
+    everything = np.stack([np.nan_to_num(made[f]) for f in FORCES if f in names], axis=1)
+    if not np.abs(everything).max() > 0.0:
+        raise InvalidInput("all known forces are zero: label a press too, such as weights=['200 g, 12 s to 20 s'].")
+    if not np.abs(made["flat"]).max() > 0.0:
+        raise InvalidInput("all labelled readings are zero: check which columns hold them.")
+    time = made["time"] if timed else None
+    press = press_numbers(time, everything, made["run"])
+    return Labelled(
+        made["flat"], made["planes"], {n: made[n] for n in names}, made["std"], time, made["run"],
+        np.asarray(press, dtype=np.int64), _rest(runs, flats, known, made["planes"]),
+    )  # fmt: skip
+
+
+def _rest(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], pressed: Floats) -> Floats:
+    """Frames at rest without their zero (frame, channel, *array), whose scatter is the noise; noise of an assumed size where fewer than five are labelled."""
+    found = []
+    for run, flat, one in zip(runs, flats, known):
+        forces = np.stack([one[f] for f in FORCES if f in one])
+        if run.rest is not None:
+            found.append(run.rest[np.isfinite(run.rest).reshape(len(run.rest), -1).all(axis=1)][:REST_KEPT])
+        at = np.flatnonzero(at_rest_of(list(forces), flat))
+        found.append((run.readings[at] - _as_planes(run, flat, at))[:REST_KEPT])
+    rest = np.concatenate(found)[:REST_KEPT]
+    if len(rest) >= 5 and rest.std(axis=0).max() > 0.0:
+        return np.asarray(rest)
+    noise = ASSUMED_NOISE * float(np.sqrt(np.nanmean(pressed**2)))
+    return noise * np.random.default_rng(SEED).standard_normal((REST_KEPT, *pressed.shape[1:]))
+
+
+def _as_planes(run: Run, flat: Floats, at: npt.NDArray[np.intp]) -> Any:
+    """The zero in the shape of the readings, for arrays without missing taxels; else nothing is taken off what is missing."""
+    zero = (run.flat - flat)[0]
+    shape = run.readings.shape[1:]
+    return zero.reshape(shape) if zero.size == math.prod(shape) else 0.0
+
+
+def _maps(skin: Any, data: Labelled, before: SkinCalibration | None) -> dict[str, ForceMap]:
+    likely = likely_maps(skin.pad, skin.planes, skin.surface, np.random.default_rng(SEED))
+    out = {}
+    for i, name in enumerate((*FORCES, *PLACES)):
+        if name not in data.known:
+            continue
+        value = data.known[name]
+        if name in PLACES:
+            if "fz" not in data.known:
+                raise InvalidInput("places are known but no normal force: the centre needs both. Give fz too.")
+            value = value * data.known["fz"]
+            value = np.where(data.known["fz"] == 0.0, 0.0, value)
+        at = np.isfinite(value)
+        if not at.any() or not np.abs(value[at]).max() > 0.0:
+            continue
+        flat, std, time = data.flat[at], data.std[at] if name == "fz" else np.zeros(int(at.sum())), data.time
+        press, seconds, runs = data.press[at], None if time is None else time[at], len(np.unique(data.run[at]))
+        values = value[at]
+        old = None if before is None else before.maps.get(name)
+        if old is not None and old.process.readings.shape[1] == flat.shape[1]:
+            p = old.process
+            keep = slice(None, max(1, MOST_LABELS - len(values)))
+            if seconds is not None and p.time is not None:
+                seconds = np.concatenate([p.time[keep] - 1e9, seconds])
+            else:
+                seconds = None
+            flat, values, std = (
+                np.concatenate([a[keep], b]) for a, b in ((p.readings, flat), (p.values, values), (p.std, std))
+            )
+            press, runs = np.concatenate([p.press[keep], press + p.press.max() + 1]), runs + old.runs
+        physics = None if likely is None else likely[i]
+        out[name] = ForceMap.fit(Process(flat, values, std, usual_scale(flat), physics, press, seconds), runs=runs)
+    return out

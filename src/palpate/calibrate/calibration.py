@@ -1,0 +1,183 @@
+"""A calibration of a skin: maps from readings to net force and centre, what they rest on, and how they answer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from palpate._arrays import from_numpy
+from palpate._numbers import plain_number
+from palpate.calibrate.forcemap import ForceMap
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput, NotObservable
+from palpate.inverse.estimate import Errors
+from palpate.sensing.grids import Grid
+from palpate.status import Status
+from palpate.touch import Touch
+
+__all__ = ["ALONE", "SkinCalibration"]
+
+#: What a touch says whose pad's model was rejected, or never asked.
+ALONE = "net force by calibration; no pressure map follows, because the elastic model does not explain the presses that calibrated this skin"
+#: Components of the force, and coordinates of the centre, by the names that references use.
+FORCES, PLACES = ("fx", "fy", "fz"), ("x", "y")
+#: Readings this many times as large as those of any label: the map is a guess there.
+BEYOND = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class SkinCalibration:
+    """What labelled presses tell of a skin.
+
+    Attributes
+    ----------
+    maps : mapping of str to ForceMap
+        "fx", "fy", "fz" [N]; "x", "y" are maps of the moments Fz x and Fz y [N m], from which the centre follows.
+    readings : int
+        How many readings a frame has.
+    unit : float
+        What readings are multiplied by before the elastic model sees them; NaN where it was rejected.
+    unit_std : float
+        Relative standard deviation of ``unit``.
+    elastic_error : float
+        Root mean square error of the elastic model's normal force with one fitted factor, as a part of that of the labels; NaN where it gave no answer.
+    said : tuple of str
+        What the data tell and do not tell, in sentences.
+    table : tuple of rows
+        Name, error, R^2 and coverage (NaN where there is none) of normal force on presses that were left out, this map first.
+    rest : array (frame, channel, *array) or None
+        Readings at rest without their zero: their scatter is the noise that the elastic model is given.
+    scale : float
+        What makes the labelled readings small for the pad, where the elastic model was rejected: a tracker watches the zero in this unit.
+    """
+
+    maps: Mapping[str, ForceMap]
+    readings: int
+    unit: float = math.nan
+    unit_std: float = math.nan
+    elastic_error: float = math.nan
+    said: tuple[str, ...] = ()
+    table: tuple[tuple[str, float, float, float], ...] = field(default=())
+    rest: Floats | None = None
+    scale: float = 1.0
+
+    @property
+    def elastic(self) -> bool:
+        """Whether the elastic model holds, so that a pressure map follows."""
+        return math.isfinite(self.unit)
+
+    def force(self, readings: Any) -> tuple[Floats, Floats]:
+        """Net force (frame, 3) [N] and its standard deviation for readings (frame, reading) without their zero; NaN for components without labels."""
+        flat = np.atleast_2d(np.asarray(readings, dtype=np.float64))
+        if flat.shape[-1] != self.readings:
+            raise InvalidInput(
+                f"this calibration is for {self.readings} readings a frame; got {flat.shape[-1]}. Calibrate the skin with the taxels that it has now."
+            )
+        value, std = np.full((len(flat), 3), math.nan), np.full((len(flat), 3), math.nan)
+        good = np.isfinite(flat).all(axis=1)
+        for i, name in enumerate(FORCES):
+            if name in self.maps and good.any():
+                value[good, i], std[good, i] = self.maps[name].predict(flat[good])
+        return value, std
+
+    def center(self, readings: Any, force: Floats, force_std: Floats) -> tuple[Floats, Floats] | None:
+        """Centre (frame, 2) [m] and its standard deviation by the delta method; None without labelled positions."""
+        if not set(PLACES) & set(self.maps):
+            return None
+        flat = np.atleast_2d(np.asarray(readings, dtype=np.float64))
+        value, std = np.full((len(flat), 2), math.nan), np.full((len(flat), 2), math.nan)
+        good = np.isfinite(flat).all(axis=1) & (np.abs(force[:, 2]) > 2.0 * force_std[:, 2])
+        for i, name in enumerate(PLACES):
+            if name in self.maps and good.any():
+                moment, moment_std = self.maps[name].predict(flat[good])
+                value[good, i] = moment / force[good, 2]
+                std[good, i] = np.hypot(moment_std, value[good, i] * force_std[good, 2]) / np.abs(force[good, 2])
+        return value, std
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the intervals: those of the component with the fewest labels."""
+        return min(m.freedom for m in self.maps.values())
+
+    def attach(self, touch: Touch, flat: Floats) -> Touch:
+        """The touch with the force (and centre) of the calibration; ``flat`` are its readings (*batch, reading) without their zero."""
+        batch = touch.batch
+        if np.shape(flat)[-1] != self.readings:
+            raise InvalidInput(
+                f"this calibration is for {self.readings} readings a frame; got {np.shape(flat)[-1]}. Calibrate the skin with the taxels that it has now."
+            )
+        rows = np.asarray(flat, dtype=np.float64).reshape(-1, self.readings)
+        value, std = self.force(rows)
+        place = self.center(rows, value, std)
+        notes: tuple[str, ...] = () if self.elastic else (ALONE,)
+        largest = max(
+            float(np.sqrt(((m.process.readings / m.process.scale) ** 2).sum(axis=1)).max()) for m in self.maps.values()
+        )
+        any_map = next(iter(self.maps.values()))
+        size = np.sqrt(((rows / any_map.process.scale) ** 2).sum(axis=1))
+        if np.nanmax(size, initial=0.0) > BEYOND * largest:
+            notes += (
+                "readings are far larger than those of any labelled press: the force there is a guess, see its interval; calibrate with larger forces",
+            )
+        changes: dict[str, Any] = {
+            "calibrated": value.reshape(*batch, 3),
+            "calibrated_std": std.reshape(*batch, 3),
+            "calibrated_freedom": np.full(batch, self.freedom),
+            "assumptions": (*touch.assumptions, *notes),
+        }
+        if place is not None:
+            changes["calibrated_center"], changes["calibrated_center_std"] = (v.reshape(*batch, 2) for v in place)
+        return replace(touch, **changes)
+
+    def alone(self, flat: Floats, surface: Grid, like: Any, *, time: Any = None) -> Touch:
+        """A touch of force and centre, whose traction is NaN; ``flat`` (*batch, reading)."""
+        batch = flat.shape[:-1]
+        shape = (*batch, len(surface.components), *surface.shape)
+        nan = np.full(shape, math.nan)
+        sizes = (shape, (*batch, 3), (*batch, 3), (*batch, 2), batch)
+        traction, force, moment, center, number = (np.full(s, math.nan) for s in sizes)
+        none = Errors(traction, force, moment, center, number, traction, traction, force, moment, center, number, force)
+        missing = ~np.isfinite(flat).all(axis=-1)
+        status = np.where(missing, int(Status.MISSING), int(Status.SOLVED)).astype(np.int8)
+        names = {"fx": "x", "fy": "y", "fz": "z"}
+        sought = tuple(c for c in surface.components if c in {names[n] for n in self.maps if n in names})
+        touch = self.attach(
+            Touch(from_numpy(nan, like), surface, sought, "calibrated", errors=none, status=status, time=time), flat
+        )
+        value, std = np.asarray(touch.calibrated), np.asarray(touch.calibrated_std)
+        with np.errstate(invalid="ignore"):
+            quiet = ~missing & ~(np.abs(value) > 2.0 * std).any(axis=-1)
+        return replace(
+            touch, status=np.where(quiet, int(Status.NO_CONTACT), status).astype(np.int8), touching=~quiet & ~missing
+        )
+
+    def check_options(self, given: Mapping[str, Any]) -> None:
+        """Refuse options of the elastic model where there is none."""
+        # a run over a recording names its method and what is sought, also where nobody chose them
+        named = [k for k, v in given.items() if v is not None and k not in ("method", "components", "rng")]
+        if getattr(given.get("method"), "friction_given", None) is not None:
+            named.append("friction")
+        if named and not self.elastic:
+            raise NotObservable(
+                f"{', '.join(named)} belongs to the elastic model, which the presses that calibrated this skin reject: no pressure map follows. Leave it out."
+            )
+
+    def __str__(self) -> str:
+        lines = []
+        for name, one in self.maps.items():
+            what = {"x": "centre x", "y": "centre y"}.get(name, name.upper())
+            lines.append(
+                f"{what:<16}from {len(one.process.values)} labelled frames of {len(np.unique(one.process.press))} presses"
+            )
+        if self.table:
+            lines.append(
+                "normal force   on presses that were left out: mean error, R^2, share of 95 % intervals that hold it"
+            )
+            for name, error, r2, coverage in self.table:
+                share = "" if math.isnan(coverage) else f", {coverage:.2f}"
+                lines.append(f"  {name:<18}{plain_number(error, 3)} N, {r2:.3f}{share}")
+        return "\n".join([*lines, *(f"- {s}" for s in self.said)])

@@ -1,0 +1,167 @@
+"""What is known of some frames: weights that stood there, or a force-torque sensor on a clock of its own."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+from palpate.units import UNITS, parse_quantity
+
+__all__ = ["GRAVITY", "Weight", "find_delay", "press_numbers"]
+
+#: Standard gravity [m/s^2] (CGPM 1901).
+GRAVITY = 9.80665
+#: What a kitchen scale and the laying on of a weight are known to (a convention: 1 g of 100 g, and a weight that leans).
+SCALE_STD = 0.01
+#: Masses, to kilograms.
+MASSES = {"g": 1e-3, "kg": 1.0, "mg": 1e-6, "oz": 0.028349523125, "lb": 0.45359237}
+#: Clocks that were set by hand or started together differ by less [s].
+USUAL_DELAY = 2.0
+#: Contact begins and ends at this part of the largest force; a press is cut into pieces where there are fewer than this many.
+PRESSED, FEWEST = 0.05, 5
+
+
+@dataclass(frozen=True)
+class Weight:
+    """A known normal force [N] that stood on the pad from ``start`` to ``end`` [s].
+
+    Examples
+    --------
+    >>> from palpate.calibrate import Weight
+    >>> weight = Weight.parse("200 g, 12 s to 20 s")
+    >>> round(weight.force, 4), weight.start, weight.end
+    (1.9613, 12.0, 20.0)
+    """
+
+    force: float
+    start: float
+    end: float
+
+    @classmethod
+    def parse(cls, text: str) -> Weight:
+        """Read such as "200 g, 12 s to 20 s" or "2 N, 500 ms to 3 s".
+
+        Raises
+        ------
+        InvalidInput
+            Another form, an unknown unit, or an end before the start.
+
+        Examples
+        --------
+        >>> from palpate.calibrate import Weight
+        >>> Weight.parse("0 g, 0 s to 3 s").force
+        0.0
+        """
+        example = '"200 g, 12 s to 20 s"'
+        match = re.fullmatch(r"\s*([^,]+?)\s*,\s*(.+?)\s+to\s+(.+?)\s*", text) if isinstance(text, str) else None
+        if match is None:
+            raise InvalidInput(f"a weight must say how much stood there and when, such as {example}; got {text!r}.")
+        mass = re.fullmatch(r"([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*(\S+)", match[1])
+        if mass is not None and mass[2] in MASSES:
+            try:
+                force = float(mass[1]) * MASSES[mass[2]] * GRAVITY
+            except ValueError as error:
+                raise InvalidInput(f"{mass[1]!r} is no number; write {example}.") from error
+        elif mass is not None and mass[2] in UNITS["force"]:
+            force = parse_quantity(match[1], "force", "weight")
+        else:
+            raise InvalidInput(
+                f"the weight {match[1]!r} needs a number and one of {', '.join(MASSES)}, {', '.join(UNITS['force'])}; write {example}."
+            )
+        start, end = (parse_quantity(match[i], "time", "weight") for i in (2, 3))
+        if not end > start:
+            raise InvalidInput(f"the weight {text!r} ends at {end:g} s, not after {start:g} s; write {example}.")
+        if not np.isfinite(force) or force < 0.0:
+            raise InvalidInput(f"the weight {text!r} must not be negative.")
+        return cls(force, start, end)
+
+
+def find_delay(
+    time: Floats, readings: Floats, reference_time: Floats, reference: Floats, *, most: float | None = None
+) -> float:
+    """Seconds to add to the reference's clock so that it fits the readings best.
+
+    The delay is where a linear map from readings (frame, reading) explains most of the reference (sample,): first on 81 delays up to ``most`` (default: 2 s, and a
+    quarter of the recording at most: presses that repeat look alike a period later), then twice more about the best.
+
+    Raises
+    ------
+    InvalidInput
+        Clocks that do not overlap, or forces that do not follow the readings at any delay.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.calibrate import find_delay
+    >>> time = np.arange(0.0, 10.0, 0.01)
+    >>> press = np.maximum(np.sin(time**1.5), 0.0)
+    >>> round(find_delay(time, press[:, None], time - 0.35, press), 2)
+    0.35
+    """
+    span = float(time[-1] - time[0])
+    step = (min(0.25 * span, USUAL_DELAY) if most is None else most) / 40.0
+    best, explained = 0.0, -np.inf
+    if not span > 0.0:
+        raise InvalidInput("one frame has no delay: give two frames or more with their times.")
+    for _ in range(3):
+        for delay in best + step * np.arange(-40, 41):
+            force = np.interp(time, reference_time + delay, reference, left=np.nan, right=np.nan)
+            seen = np.isfinite(force)
+            if seen.sum() < max(10, 0.4 * len(time), readings.shape[1] + 3):
+                continue
+            x = np.column_stack([readings[seen], np.ones(seen.sum())])
+            left = force[seen] - x @ np.linalg.lstsq(x, force[seen], rcond=1e-8)[0]
+            total = float(((force[seen] - force[seen].mean()) ** 2).sum())
+            share = 1.0 - float((left**2).sum()) / total if total > 0.0 else -np.inf
+            if share > explained + 1e-12:
+                best, explained = float(delay), share
+        step /= 20.0
+    if not np.isfinite(explained):
+        raise InvalidInput(
+            f"the clock of the forces ({reference_time[0]:g} to {reference_time[-1]:g} s) and that of the frames ({time[0]:g} to {time[-1]:g} s) overlap too little: "
+            "give both on one clock, or forces for at least 40 % of the frames."
+        )
+    return best
+
+
+def press_numbers(
+    time: Floats | None, force: Floats, run: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+) -> npt.NDArray[np.int64]:
+    """Which press each labelled frame belongs to, from the force over time; without times each frame is its own."""
+    if time is None:
+        return np.arange(len(force), dtype=np.int64)
+    out = np.zeros(len(force), dtype=np.int64)
+    size = np.abs(force).reshape(len(force), -1).max(axis=1)
+    count = 0
+    for number in np.unique(run):
+        at = np.flatnonzero(run == number)
+        at = at[np.argsort(time[at], kind="stable")]
+        on = size[at] > PRESSED * size.max()
+        piece = np.cumsum(np.r_[True, on[1:] & ~on[:-1]]) - 1
+        if piece[-1] + 1 < FEWEST:  # pressed all the time: pieces of equal numbers of frames
+            piece = np.arange(len(at)) * min(12, len(at)) // max(len(at), 1)
+        out[at] = count + piece
+        count += int(piece[-1]) + 1
+    return out
+
+
+def spread_over(force: Floats, count: int) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:
+    """About ``count`` of the frames: half evenly in time, half evenly in force."""
+    if len(force) <= count:
+        return np.arange(len(force))
+    size = np.abs(force).reshape(len(force), -1).max(axis=1)
+    half = count // 2
+    in_time = np.linspace(0, len(force) - 1, half).round().astype(int)
+    by_force = np.argsort(size, kind="stable")[np.linspace(0, len(force) - 1, count - half).round().astype(int)]
+    return np.unique(np.concatenate([in_time, by_force]))
+
+
+def weights_of(given: Sequence[Weight | str]) -> list[Weight]:
+    """Weights, those in words read."""
+    return [w if isinstance(w, Weight) else Weight.parse(w) for w in given]

@@ -1,0 +1,99 @@
+"""Presses drawn from a pad whose constants are uncertain: which maps from readings to force physics makes likely."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.elastic.pad import Floats, Pad
+from palpate.errors import PalpateError
+from palpate.sensing.arrays import Array
+from palpate.sensing.grids import AreaGrid, Grid
+from palpate.sensing.operator import Operator
+from palpate.sensing.uncertainty import stretched
+
+__all__ = ["Presses", "draw_presses", "likely_maps"]
+
+#: Skins that are drawn, and presses of each. With 24 skins the moment of a 15-channel sensor has stopped to change by more than a tenth.
+SKINS, PRESSES = 24, 80
+#: Standard deviation of the logarithm of depth and thickness, of each gain, and of crosstalk, for sensors that nobody measured (conventions).
+GEOMETRY, GAIN, CROSSTALK = 0.3, 0.3, 0.05
+#: Noise of drawn readings, as a part of their root mean square: the best map does not follow finer things.
+NOISE = 0.03
+#: Largest ratio of shear to normal force, and the part of presses that have shear at all.
+SHEAR, SHEARED = 0.5, 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class Presses:
+    """Drawn presses: readings (press, reading), force (press, 3) [N], centre (press, 2) [m], contact radius (press,) [m]."""
+
+    readings: Floats
+    force: Floats
+    center: Floats
+    radius: Floats
+
+
+def draw_presses(
+    pad: Pad, planes: Sequence[Array], surface: AreaGrid, rng: np.random.Generator, count: int, *, extent: Floats
+) -> Presses:
+    """Presses of spheres and flat punches on one skin, with their readings row by row of `Operator.dense`."""
+    x, y = np.meshgrid(surface.x, surface.y)
+    low, high = extent
+    wide, deep = float(np.linalg.norm(high - low)), max(p.depth for p in planes) or float(min(surface.spacings))
+    traction = np.zeros((count, 3, *surface.shape))
+    force, center, radius = np.zeros((count, 3)), np.zeros((count, 2)), np.zeros(count)
+    for k in range(count):
+        center[k] = rng.uniform(low, high)
+        radius[k] = np.exp(rng.uniform(np.log(0.3 * deep), np.log(0.4 * max(wide, deep))))
+        size = max(radius[k], 0.75 * max(surface.spacings))
+        ring = ((x - center[k, 0]) ** 2 + (y - center[k, 1]) ** 2) / size**2
+        round_end = rng.random() < 0.7
+        pressure = np.where(ring < 1.0, np.sqrt(np.maximum(1.0 - ring, 0.0)) if round_end else 1.0, 0.0)
+        if not pressure.any():
+            pressure = (ring == ring.min()).astype(np.float64)
+        normal, turn = np.exp(rng.normal(0.0, 0.8)), rng.uniform(0.0, 2.0 * np.pi)
+        ratio = rng.uniform(0.0, SHEAR) * (rng.random() < SHEARED)
+        force[k] = normal * np.array([ratio * np.cos(turn), ratio * np.sin(turn), 1.0])
+        traction[k] = force[k][:, None, None] * pressure / (pressure.sum() * surface.cell)
+    parts = Operator(pad, planes, surface).forward(traction)
+    rows = [np.asarray(part)[..., plane.valid].reshape(count, -1) for part, plane in zip(parts, planes)]
+    return Presses(np.concatenate(rows, axis=1), force, center, radius)
+
+
+def reached(planes: Sequence[Array]) -> Floats:
+    """Lower and upper corner of where presses are drawn: the taxels, and half their depth beyond."""
+    points = np.concatenate([p.points for p in planes])
+    beyond = 0.5 * max(p.depth for p in planes)
+    return np.stack([points.min(axis=0) - beyond, points.max(axis=0) + beyond])
+
+
+def likely_maps(pad: Pad, planes: Sequence[Array], surface: Grid, rng: np.random.Generator) -> Floats | None:
+    """Second moment (quantity, reading, reading) of the best linear map from readings to Fx, Fy, Fz and the moments Fz x, Fz y.
+
+    For each drawn skin the best map is that of least squares over its presses; depth, thickness, gains and crosstalk differ from skin to skin. The scale
+    means nothing: it is left to the labels. None where this pad cannot be drawn from (lines; pads of others that cannot be stretched).
+    """
+    if not isinstance(surface, AreaGrid):
+        return None
+    total: Floats = np.zeros(())
+    for _ in range(SKINS):
+        depth, thickness = np.exp(GEOMETRY * rng.normal(size=2))
+        try:
+            body, moved = stretched(pad, tuple(planes), depth=float(depth), thickness=float(thickness))
+            if body.thickness is not None:
+                most = body.thickness
+                moved = tuple(replace(p, depth=min(p.depth, most)) for p in moved)
+            drawn = draw_presses(body, moved, surface, rng, PRESSES, extent=reached(planes))
+        except PalpateError:
+            return None
+        values = drawn.readings * (1.0 + GAIN * rng.normal(size=drawn.readings.shape[1]))
+        count = values.shape[1]
+        values = values + CROSSTALK * values @ rng.normal(size=(count, count)) / np.sqrt(count)
+        wanted = np.concatenate([drawn.force, drawn.force[:, 2:] * drawn.center], axis=1)
+        covariance = values.T @ values / len(values) + NOISE**2 * np.mean(values**2) * np.eye(count)
+        maps = np.linalg.solve(covariance, values.T @ wanted / len(values)).T
+        total = total + maps[:, :, None] * maps[:, None, :] / SKINS
+    return np.asarray(total)

@@ -1,0 +1,303 @@
+"""Gaussian process from readings to one quantity: physics where labels are few, a regression where they are many.
+
+With z the readings over their scale, r = |z| and u = z/r, the covariance of the quantity at two frames is
+
+    a1 z' P z           maps that the pad's physics makes likely (`palpate.calibrate.prior`)
+    a2 z . z'           any linear map
+    a3 (r r')^q exp(-|u - u'|^2 / 2 m^2)
+                        any map that grows as a power q of the readings: q = 1 where pad and contact are linear,
+                        and where the contact grows with the load force and readings have different powers
+    a4 exp(-|z - z'|^2 / 2 l^2)
+                        what no term above describes
+    a5 (z . z')^2       quadratic maps
+    a6                  a zero that is not exact
+
+and that of its errors is b1 (noise) + b2 r r' (model error that is new in every frame) + b3 r r' exp(-|t - t'|/c) (lag and drift, alike
+in frames of one press). At rest r = 0 and the force is zero. The hyperparameters have log-normal priors and are found at the largest
+posterior; members with fewer terms stand beside the whole (`MEMBERS`), weighted by how well they predict presses that are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+
+__all__ = ["MEMBERS", "Fitted", "Process"]
+
+#: Hyperparameters: logarithm of the prior median, and standard deviation of the logarithm. Amplitudes are parts of the mean square of the quantity.
+#: Values are conventions; only the lengths, the time and the share were moved, towards what 300 labels of two sensors show (four barometers, one Hall-effect skin).
+PRIORS = {
+    "physics": (np.log(0.5), 1.5),
+    "linear": (np.log(0.2), 1.5),
+    "growing": (np.log(0.15), 1.5),
+    "power": (0.0, 0.25),
+    "angle": (np.log(0.6), 0.7),
+    "free": (np.log(0.05), 1.5),
+    "length": (np.log(0.6), 0.7),
+    "quadratic": (np.log(0.05), 1.5),
+    "zero": (np.log(1e-4), 2.0),
+    "noise": (2 * np.log(0.02), 2.0),
+    "share": (2 * np.log(0.04), 1.5),
+    "lag": (2 * np.log(0.05), 1.5),
+    "time": (np.log(5.0), 1.5),
+}
+NAMES = tuple(PRIORS)
+MEDIAN = np.array([p[0] for p in PRIORS.values()])
+SPREAD = np.array([p[1] for p in PRIORS.values()])
+AT = {name: i for i, name in enumerate(NAMES)}
+#: Amplitudes of terms that a member may lack.
+TERMS = ("physics", "linear", "growing", "free", "quadratic", "zero")
+#: Members of the average: the terms that each lacks.
+MEMBERS: tuple[tuple[str, ...], ...] = (
+    ("growing", "free", "quadratic"),
+    ("growing", "quadratic"),
+    ("free", "quadratic"),
+    ("quadratic",),
+    ("growing", "free"),
+    (),
+)
+#: Bounds of the hyperparameters in standard deviations of their prior; added to the diagonal, as a part of the mean square; least reading, as a part of the usual.
+REACH, JITTER, LEAST = 5.0, 1e-9, 1e-3
+#: Each reading is divided by its own size, but by no less than this part of the usual (squared): channels that hold noise alone stay small.
+FLOOR = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """Readings over their scale (frame, reading), their size and direction."""
+
+    z: Floats
+    size: Floats
+    direction: Floats
+
+    @classmethod
+    def of(cls, readings: Floats, scale: Floats) -> Scaled:
+        z = readings / scale
+        size = np.sqrt((z * z).sum(axis=1) + LEAST**2)
+        return cls(z, size, z / size[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """Covariances of two sets of frames term by term, and what their derivatives need."""
+
+    parts: dict[str, Floats]
+    log_size: Floats
+    angle: Floats
+    distance: Floats
+
+    @property
+    def total(self) -> Floats:
+        return np.asarray(sum(self.parts.values()))
+
+
+def terms(a: Scaled, b: Scaled, log: Floats, physics: Floats | None, without: tuple[str, ...]) -> Terms:
+    """The covariance between frames ``a`` and ``b`` for hyperparameters ``log`` (their logarithms)."""
+    value = np.exp(log)
+    dot = a.z @ b.z.T
+    log_size = np.log(a.size)[:, None] + np.log(b.size)[None]
+    angle = np.maximum(2.0 - 2.0 * a.direction @ b.direction.T, 0.0) / value[AT["angle"]] ** 2
+    squares = (a.z**2).sum(axis=1)[:, None] + (b.z**2).sum(axis=1)[None]
+    distance = np.maximum(squares - 2.0 * dot, 0.0) / value[AT["length"]] ** 2
+    parts = {
+        "linear": value[AT["linear"]] * dot,
+        "growing": value[AT["growing"]] * np.exp(value[AT["power"]] * log_size - 0.5 * angle),
+        "free": value[AT["free"]] * np.exp(-0.5 * distance),
+        "quadratic": value[AT["quadratic"]] * dot**2,
+        "zero": np.full(dot.shape, value[AT["zero"]]),
+    }
+    if physics is not None:
+        parts["physics"] = value[AT["physics"]] * (a.z @ physics) @ b.z.T
+    return Terms({k: v for k, v in parts.items() if k not in without}, log_size, angle, distance)
+
+
+def variance(a: Scaled, log: Floats, physics: Floats | None, without: tuple[str, ...]) -> Floats:
+    """The prior variance of each frame."""
+    value, square = np.exp(log), (a.z**2).sum(axis=1)
+    parts = {
+        "linear": value[AT["linear"]] * square,
+        "growing": value[AT["growing"]] * a.size ** (2.0 * value[AT["power"]]),
+        "free": np.full(len(square), value[AT["free"]]),
+        "quadratic": value[AT["quadratic"]] * square**2,
+        "zero": np.full(len(square), value[AT["zero"]]),
+    }
+    if physics is not None:
+        parts["physics"] = value[AT["physics"]] * np.einsum("ij,jk,ik->i", a.z, physics, a.z)
+    return np.asarray(sum(v for k, v in parts.items() if k not in without))
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """One member, fitted.
+
+    Attributes
+    ----------
+    log : array
+        Logarithms of the hyperparameters.
+    without : tuple of str
+        Terms that it lacks.
+    factor : array (label, label)
+        Cholesky factor of the covariance of the labels.
+    weights : array (label,)
+        What each label adds to a prediction.
+    score : float
+        Logarithm of the probability of presses that were left out.
+    """
+
+    log: Floats
+    without: tuple[str, ...]
+    factor: Floats
+    weights: Floats
+    score: float
+    left_out: Floats
+    left_out_std: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Process:
+    """Labelled frames of one quantity, and what makes their covariance.
+
+    Parameters
+    ----------
+    readings : array (label, reading)
+        Without their zero.
+    values : array (label,)
+        The quantity; 0 at rest.
+    std : array (label,)
+        Standard deviation of each value by itself (of the scale or the sensor); 0 where it is exact.
+    scale : array (reading,)
+        What readings are divided by.
+    physics : array (reading, reading) or None
+        Second moment of the maps that physics makes likely, in units of the readings.
+    press : array (label,) of int
+        Labels of one press have one number.
+    time : array (label,) or None
+        Of each label [s].
+    """
+
+    readings: Floats
+    values: Floats
+    std: Floats
+    scale: Floats
+    physics: Floats | None
+    press: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+    time: Floats | None = None
+
+    @property
+    def unit(self) -> float:
+        """Root mean square of the values: what amplitudes are parts of."""
+        return float(np.sqrt(np.mean(self.values**2))) or 1.0
+
+    @property
+    def scaled_physics(self) -> Floats | None:
+        """The physical second moment for scaled readings, 1 for the usual label."""
+        if self.physics is None:
+            return None
+        moved = self.physics * np.outer(self.scale, self.scale)
+        z = self.readings / self.scale
+        usual = float(np.einsum("ij,jk,ik->", z, moved, z)) / max(len(z), 1)
+        return moved / usual if usual > 0.0 else None
+
+    def error_parts(self, a: Scaled, log: Floats) -> tuple[Floats, Floats]:
+        """Variance of the labels' errors that are new in each frame, and the covariance of those that are alike within a press."""
+        value = np.exp(log)
+        new = value[AT["noise"]] + value[AT["share"]] * a.size**2 + (self.std / self.unit) ** 2 + JITTER
+        if self.time is None:
+            return new, np.zeros((len(a.size), len(a.size)))
+        apart = np.abs(self.time[:, None] - self.time[None])
+        return new, value[AT["lag"]] * np.outer(a.size, a.size) * np.exp(-apart / value[AT["time"]])
+
+    def fit(self, without: tuple[str, ...]) -> Fitted:
+        """The member that lacks some terms, at its most probable hyperparameters."""
+        from scipy.optimize import minimize
+
+        physics, a = self.scaled_physics, Scaled.of(self.readings, self.scale)
+        if physics is None:
+            without = (*without, "physics")
+        z = self.values / self.unit
+        apart = None if self.time is None else np.abs(self.time[:, None] - self.time[None])
+
+        def objective(log: Floats) -> tuple[float, Floats]:
+            value, made = np.exp(log), terms(a, a, log, physics, without)
+            new, lag = self.error_parts(a, log)
+            try:
+                inverse, logdet = inverted(made.total + lag + np.diag(new))
+            except np.linalg.LinAlgError:
+                return 1e10, np.zeros(len(log))
+            alpha = inverse @ z
+            w = inverse - np.outer(alpha, alpha)
+            gradient = np.zeros(len(log))
+            for name in TERMS:
+                if name in made.parts:
+                    gradient[AT[name]] = 0.5 * np.vdot(w, made.parts[name])
+            if "growing" in made.parts:
+                part = w * made.parts["growing"]
+                gradient[AT["power"]] = 0.5 * value[AT["power"]] * np.vdot(part, made.log_size)
+                gradient[AT["angle"]] = 0.5 * np.vdot(part, made.angle)
+            if "free" in made.parts:
+                gradient[AT["length"]] = 0.5 * np.vdot(w * made.parts["free"], made.distance)
+            diagonal = np.diag(w)
+            gradient[AT["noise"]] = 0.5 * value[AT["noise"]] * diagonal.sum()
+            gradient[AT["share"]] = 0.5 * value[AT["share"]] * float(diagonal @ a.size**2)
+            if apart is not None:
+                gradient[AT["lag"]] = 0.5 * np.vdot(w, lag)
+                gradient[AT["time"]] = 0.5 * np.vdot(w * lag, apart) / value[AT["time"]]
+            off = (log - MEDIAN) / SPREAD
+            return float(0.5 * z @ alpha + 0.5 * logdet + 0.5 * off @ off), gradient + off / SPREAD
+
+        bounds = list(zip(MEDIAN - REACH * SPREAD, MEDIAN + REACH * SPREAD))
+        found = minimize(objective, MEDIAN, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 100})
+        if not np.isfinite(found.fun) or found.fun >= 1e10:
+            raise InvalidInput("labels and readings hold numbers that no map can be fitted to: check their units.")
+        return self.made(np.asarray(found.x), without)
+
+    def made(self, log: Floats, without: tuple[str, ...]) -> Fitted:
+        """The member for given hyperparameters, and how it predicts presses that are left out.
+
+        With K the covariance of the labels, leaving out those of a press B makes errors (K^-1)_BB^-1 (K^-1 z)_B with covariance
+        (K^-1)_BB^-1 (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, section 5.4.2, for blocks).
+        """
+        a, z = Scaled.of(self.readings, self.scale), self.values / self.unit
+        made = terms(a, a, log, self.scaled_physics, without)
+        new, lag = self.error_parts(a, log)
+        covariance = made.total + lag + np.diag(new)
+        factor = np.linalg.cholesky(covariance)
+        inverse, _ = inverted(covariance)
+        alpha = inverse @ z
+        error, std = np.empty(len(z)), np.empty(len(z))
+        for press in np.unique(self.press):
+            at = np.flatnonzero(self.press == press)
+            block = np.linalg.inv(inverse[np.ix_(at, at)])
+            error[at], std[at] = block @ alpha[at], np.sqrt(np.maximum(np.diag(block), JITTER))
+        score = float((-0.5 * (error / std) ** 2 - np.log(std)).sum())
+        return Fitted(log, without, factor, alpha, score, error * self.unit, std * self.unit)
+
+    def predict(self, member: Fitted, readings: Floats) -> tuple[Floats, Floats]:
+        """Mean and standard deviation of the quantity in frames (frame, reading), of a press of their own."""
+        from scipy.linalg import solve_triangular
+
+        a, b = Scaled.of(readings, self.scale), Scaled.of(self.readings, self.scale)
+        value, physics = np.exp(member.log), self.scaled_physics
+        across = terms(a, b, member.log, physics, member.without).total
+        mean = across @ member.weights
+        reduced = solve_triangular(member.factor, across.T, lower=True)
+        left = variance(a, member.log, physics, member.without) - (reduced**2).sum(axis=0)
+        share = value[AT["share"]] + (0.0 if self.time is None else value[AT["lag"]])
+        left = np.maximum(left, 0.0) + value[AT["noise"]] + share * a.size**2
+        return self.unit * mean, self.unit * np.sqrt(left)
+
+
+def inverted(matrix: Floats) -> tuple[Floats, float]:
+    """Inverse of a positive matrix and the logarithm of its determinant."""
+    from scipy.linalg import lapack
+
+    factor, wrong = lapack.dpotrf(matrix, lower=1)
+    if wrong:
+        raise np.linalg.LinAlgError("not positive definite")
+    logdet = 2.0 * float(np.log(np.diag(factor)).sum())
+    inverse, _ = lapack.dpotri(factor, lower=1)
+    return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T), logdet

@@ -1,0 +1,73 @@
+"""What plain regressions make of the same labels, for comparison: linear and quadratic ridge, Gaussian process without physics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.calibrate.process import Process
+from palpate.elastic.pad import Floats
+
+__all__ = ["REGRESSIONS", "errors_left_out", "ridge"]
+
+#: Weights of the ridge that are tried, for readings of variance 1.
+RIDGES = np.logspace(-6.0, 4.0, 41)
+#: Groups of presses that are left out in turn.
+FOLDS = 5
+
+
+def ridge(readings: Floats, values: Floats, wanted: Floats, *, quadratic: bool = False) -> Floats:
+    """Ridge regression with a constant, its weight by leave-one-out (Golub, Heath and Wahba, Technometrics 21, 1979): values of the frames ``wanted``."""
+    mean, spread = readings.mean(axis=0), readings.std(axis=0)
+    spread = np.where(spread > 0.0, spread, 1.0)
+    x, at = (readings - mean) / spread, (wanted - mean) / spread
+    if quadratic:
+        i, j = np.triu_indices(x.shape[1])
+        x, at = np.hstack([x, x[:, i] * x[:, j]]), np.hstack([at, at[:, i] * at[:, j]])
+        mean, spread = x.mean(axis=0), x.std(axis=0)
+        spread = np.where(spread > 1e-12, spread, 1.0)
+        x, at = (x - mean) / spread, (at - mean) / spread
+    level, count = values.mean(), len(values)
+    left, size, right = np.linalg.svd(x, full_matrices=False)
+    along = left.T @ (values - level)
+    best: tuple[float, Floats] = (np.inf, along)
+    for weight in RIDGES:
+        kept = size**2 / (size**2 + weight)
+        leverage = (left**2 * kept).sum(axis=1) + 1.0 / count
+        error = (values - level - left @ (kept * along)) / np.maximum(1.0 - leverage, 1e-6)
+        if float((error**2).mean()) < best[0]:
+            best = (float((error**2).mean()), right.T @ (size / (size**2 + weight) * along))
+    return np.asarray(level + at @ best[1])
+
+
+def gaussian_process(readings: Floats, values: Floats, wanted: Floats) -> Floats:
+    """Linear plus squared-exponential Gaussian process about the mean, by marginal likelihood."""
+    mean, spread = readings.mean(axis=0), readings.std(axis=0)
+    spread = np.where(spread > 0.0, spread, 1.0)
+    x, at, level = (readings - mean) / spread, (wanted - mean) / spread, float(values.mean())
+    process = Process(
+        x, values - level, np.zeros(len(values)), np.full(x.shape[1], np.sqrt(x.shape[1])), None, np.arange(len(values))
+    )
+    member = process.fit(("growing", "quadratic"))
+    return level + process.predict(member, at)[0]
+
+
+Regression = Callable[[Floats, Floats, Floats], Floats]
+REGRESSIONS: dict[str, Regression] = {
+    "linear": ridge,
+    "quadratic": lambda x, y, at: ridge(x, y, at, quadratic=True),
+    "Gaussian process": gaussian_process,
+}
+
+
+def errors_left_out(regression: Regression, readings: Floats, values: Floats, press: npt.NDArray[np.int64]) -> Floats:
+    """Error of each label when its press is left out, in `FOLDS` groups of presses; NaN where too few remain to learn from."""
+    numbers = np.unique(press)
+    out = np.full(len(values), np.nan)
+    for group in np.array_split(np.random.default_rng(0).permutation(numbers), min(FOLDS, len(numbers))):
+        test = np.isin(press, group)
+        if (~test).sum() >= 2:
+            out[test] = values[test] - regression(readings[~test], values[~test], readings[test])
+    return out

@@ -1,0 +1,72 @@
+"""One picture of a calibration: force found beside force known, and the errors beside those of plain regressions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from palpate.calibrate.calibration import SkinCalibration
+    from palpate.calibrate.forcemap import ForceMap
+
+__all__ = ["draw_report"]
+
+#: Letters in a line of the sentences.
+WIDE = 110
+
+
+def draw_report(found: SkinCalibration) -> Figure:
+    """Force of each labelled frame when its press was left out, with its 95 % interval, against the force known; errors beside regressions; what was said.
+
+    Raises
+    ------
+    InvalidInput
+        A calibration without a force.
+
+    Examples
+    --------
+    >>> from palpate.calibrate.report import draw_report
+    >>> # draw_report(skin.calibration).savefig("calibration.png")
+    """
+    one = found.maps.get("fz") or next((m for n, m in found.maps.items() if n.startswith("f")), None)
+    if one is None:
+        raise InvalidInput("this calibration has no map of a force to draw.")
+    from palpate._plot.style import INK, PAGE, journal
+
+    with journal():
+        return _drawn(found, one, INK, PAGE)
+
+
+def _drawn(found: SkinCalibration, one: ForceMap, ink: dict[str, str], wide: float) -> Figure:
+    import textwrap
+
+    from palpate._extras import missing
+
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise missing("pictures", error) from error
+    figure = Figure(figsize=(wide, 4.4))
+    left, right = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
+    known = one.process.values
+    square = sum(w * (m.left_out_std**2 + (m.left_out - one.left_out) ** 2) for w, m in zip(one.weights, one.members))
+    half = 2.0 * one.inflation * np.sqrt(square)
+    left.errorbar(
+        known, known - one.left_out, yerr=half, fmt="o", markersize=2.5, linewidth=0.6, color=ink["z"], ecolor="0.75"
+    )
+    ends = [min(known.min(), 0.0), known.max()]
+    left.plot(ends, ends, color="0.4", linewidth=0.8)
+    left.set_xlabel("force known [N]")
+    left.set_ylabel("force found, its press left out [N]")
+    rows = [r for r in found.table if np.isfinite(r[1])]
+    right.barh([r[0] for r in rows][::-1], [r[1] for r in rows][::-1], color=["0.75"] * (len(rows) - 1) + [ink["z"]])
+    right.set_xlabel("mean error of left-out presses [N]")
+    words = "\n".join(line for s in found.said for line in textwrap.wrap(f"- {s}", WIDE, subsequent_indent="  "))
+    figure.subplots_adjust(left=0.1, right=0.98, top=0.97, bottom=0.42, wspace=0.6)
+    figure.text(0.03, 0.28, words, fontsize=6.5, va="top")
+    return figure

@@ -1,0 +1,164 @@
+"""palpate calibrate: newtons from presses of which something is known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palpate.cli.files import Force, check_outputs, skin_files
+from palpate.cli.options import Columns, check_matching, check_picture, mapping_for
+from palpate.cli.progress import busy
+from palpate.errors import InvalidInput
+
+
+def calibrate(
+    presses: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PRESSES...",
+            help="Recordings (.nc, .npz, .csv, .mcap and so on), or tables of others (--map); each is a run.",
+        ),
+    ],
+    skin_file: Annotated[
+        Path, typer.Option("--skin", help="skin.toml; its numbers may be guesses. A calibrated one with --again.")
+    ],
+    out: Annotated[
+        Path, typer.Option(help="Calibrated skin.toml to write; NAME.calibration.npz goes beside it.")
+    ] = Path("calibrated.toml"),
+    reference: Annotated[
+        str | None,
+        typer.Option(
+            help='Columns of the force sensor [N] and of the place [m], e.g. "fz=Fz,fx=Fx" or "fz=-0.00981*grams,x=0.001*X": a factor turns them into newtons and metres.'
+        ),
+    ] = None,
+    reference_file: Annotated[
+        Path | None,
+        typer.Option(
+            help='Table with those columns on a clock of its own, "time=..." among them; the delay is found. Default: the columns are in PRESSES.'
+        ),
+    ] = None,
+    weight: Annotated[
+        list[str] | None,
+        typer.Option(
+            help='What stood on the pad and when, e.g. "200 g, 12 s to 20 s"; "0 g, ..." where nothing did. May be given again.'
+        ),
+    ] = None,
+    columns: Columns = None,
+    baseline: Annotated[
+        int | None,
+        typer.Option(min=0, help="Frames at the start at which nothing touches. Default: those with no force."),
+    ] = None,
+    labels: Annotated[int, typer.Option(min=1, max=500, help="At most so many frames are used.")] = 300,
+    again: Annotated[
+        bool, typer.Option("--again", help="Start from the calibration in --skin, and say whether the sensor has aged.")
+    ] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            help="Picture to write (.png, .pdf or .svg): force found beside the force known, and what it rests on."
+        ),
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Learn the net force of a sensor from a few weights or a force sensor: physics where labels are few, a regression where they are many."""
+    from palpate.calibrate import write_calibrated
+    from palpate.recordings import read_recording
+    from palpate.skin import Skin
+
+    if reference is None and not weight:
+        raise InvalidInput(
+            'say what is known: --reference "fz=Fz" (a force sensor), or --weight "200 g, 12 s to 20 s".'
+        )
+    if reference_file is not None and reference is None:
+        raise InvalidInput('--reference-file needs --reference, such as "time=t,fz=Fz".')
+    if weight and len(presses) > 1:
+        raise InvalidInput(
+            "--weight says when on the clock of one recording: give one, and add others later with --again."
+        )
+    numbers = out.with_name(f"{out.stem}.calibration.npz")
+    inputs = [*presses, *skin_files(skin_file), reference_file]
+    check_outputs({"--out": out, "--report": report, "the file beside --out": numbers}, inputs=inputs, force=force)
+    if report is not None:
+        check_picture(report)
+    for press in presses:
+        if not press.exists():
+            raise InvalidInput(f"{press}: no such file.")
+    recordings = [read_recording(press, mapping=mapping_for(press, skin_file, columns)) for press in presses]
+    skin = Skin.from_file(skin_file, recording=recordings[0])
+    if again and skin.calibration is None:
+        raise InvalidInput(f"--again starts from a calibration, and {skin_file} has none: leave it out.")
+    for recording in recordings:
+        check_matching(recording, skin)
+    options: dict[str, Any] = {"baseline": baseline, "labels": labels, "weights": weight or (), "again": again}
+    if reference is not None:
+        wanted = _wanted(reference)
+        tables = [_read(p, wanted) for p in ([reference_file] if reference_file is not None else presses)]
+        if reference_file is not None:
+            if len(recordings) > 1:
+                raise InvalidInput(
+                    "--reference-file is on the clock of one recording: give one, and add others with --again."
+                )
+            if "time" not in wanted:
+                raise InvalidInput(f'--reference must name the times of {reference_file}, such as "time=t,fz=Fz".')
+            options["reference_time"] = tables[0].pop("time")
+        options["reference"] = tables[0] if len(tables) == 1 else tables
+    with busy("calibrating"):
+        found = skin.calibrate(recordings if len(recordings) > 1 else recordings[0], **options)
+    calibration = found.calibration
+    if calibration is None:  # Skin.calibrate always sets it
+        raise InvalidInput("nothing was calibrated.")
+    typer.echo(str(calibration))
+    paths: tuple[Path, ...] = write_calibrated(out, skin_file, calibration)
+    if report is not None:
+        from palpate.calibrate.report import draw_report
+        from palpate.cli.files import save_figure
+
+        save_figure(draw_report(calibration), report)
+        paths = (*paths, report)
+    typer.echo(f"wrote           {', '.join(map(str, paths))}")
+
+
+def _wanted(text: str) -> dict[str, tuple[str, float]]:
+    """ "fz=-0.00981*grams" -> {"fz": ("grams", -0.00981)}."""
+    out = {}
+    for part in text.split(","):
+        key, sign, column = part.partition("=")
+        name, factor = column.strip(), 1.0
+        if "*" in name:
+            number, _, name = name.partition("*")
+            try:
+                factor = float(number)
+            except ValueError as error:
+                raise InvalidInput(
+                    f'--reference: {number.strip()!r} is no number; write such as "fz=-0.00981*grams".'
+                ) from error
+        elif name.startswith("-"):
+            factor, name = -1.0, name[1:]
+        if not sign or key.strip().lower() not in ("fx", "fy", "fz", "x", "y", "time") or not name.strip():
+            raise InvalidInput(
+                f'--reference must name columns such as "fz=Fz,fx=Fx" (fx, fy, fz, x, y, time); got {part.strip()!r}.'
+            )
+        out[key.strip().lower()] = (name.strip(), factor)
+    return out
+
+
+def _read(path: Path, wanted: dict[str, tuple[str, float]]) -> dict[str, Any]:
+    """The columns of a table, times their factors."""
+    from palpate.recordings.formats import endings
+    from palpate.recordings.tabletext import Titles, read_table_text
+
+    if not path.is_file() or path.suffix.lower() not in endings("read_mapped"):
+        raise InvalidInput(f"{path}: --reference takes the columns of a table; give one with --reference-file.")
+
+    def places(titles: Titles) -> list[int]:
+        found = []
+        for name, _ in wanted.values():
+            if name not in titles.names:
+                raise InvalidInput(f"{path}: no column {name!r}. There are {titles.listed()}.")
+            found.append(titles.names.index(name))
+        return found
+
+    values = read_table_text(path, places).values
+    return {key: factor * values[:, i] for i, (key, (_, factor)) in enumerate(wanted.items())}

@@ -1,0 +1,95 @@
+"""palpate film: cells from frame to frame, one row for each frame and cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.files import Force, check_output
+from palpate.cli.progress import Frames
+from palpate.errors import InvalidInput
+
+
+def film(
+    frames: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FRAME...",
+            help="Pictures of beads while the cells pull (stacks, folders, single pictures), or displacement fields, one a file.",
+        ),
+    ],
+    pixel: Annotated[str, typer.Option(help='Size of a pixel, e.g. "0.1 um".')],
+    youngs_modulus: Annotated[str, typer.Option(help='Of the gel, e.g. "8 kPa", or "8 kPa +- 10 %".')],
+    poissons_ratio: Annotated[float, typer.Option(help="Of the gel, e.g. 0.48.")],
+    rest: Annotated[Path | None, typer.Option(help="Picture of the beads at rest; pictures need it.")] = None,
+    thickness: Annotated[str | None, typer.Option(help='Of a gel on glass, e.g. "40 um".')] = None,
+    depth: Annotated[str, typer.Option(help="Of the beads below the surface.")] = "0 um",
+    cells: Annotated[
+        Path | None, typer.Option(help="Label picture of the cells, or ImageJ's RoiSet.zip: a row for each.")
+    ] = None,
+    labels: Annotated[
+        Path | None, typer.Option(help="Label picture of adhesions, or ImageJ's RoiSet.zip: the force of each.")
+    ] = None,
+    window: Annotated[int | None, typer.Option(help="As for palpate tfm.")] = None,
+    step: Annotated[float | None, typer.Option(help="As for palpate tfm.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Of displacement fields: px, um, m.")] = None,
+    noise: Annotated[str | None, typer.Option(help="Standard deviation of the displacements, e.g. 5 nm.")] = None,
+    method: Annotated[str, typer.Option(help="adhesions or tikhonov, as for palpate tfm.")] = "adhesions",
+    still: Annotated[bool, typer.Option("--still", help="The pictures cannot have moved as a whole.")] = False,
+    processes: Annotated[int | None, typer.Option(min=1, help="Default: one for each core.")] = None,
+    out: Annotated[
+        Path, typer.Option(help="Table of frames and cells; forces of labels go beside it as NAME-labels.csv.")
+    ] = Path("film.csv"),
+    force: Force = False,
+) -> None:
+    """Films and many cells: one row for each frame and cell, by all cores; a film that was stopped goes on where it was."""
+    from palpate.cli.tfm import _known
+    from palpate.elastic import BondedLayers, HalfSpace, Layer
+    from palpate.microscopy import Film
+    from palpate.microscopy.labels import write_labels_table
+    from palpate.units import parse_quantity
+
+    beside = out.with_name(f"{out.stem}-labels{out.suffix}")
+    partial = out.with_name(f"{out.stem}.partial.jsonl")
+    inputs = [*frames, rest, cells, labels]
+    check_output(out, inputs=inputs, force=force)
+    if labels is not None:
+        check_output(beside, inputs=inputs, force=force)
+    for file in inputs:
+        if file is not None and not file.exists():
+            raise InvalidInput(f"{file}: no such file.")
+    value, uncertainty = _known("--youngs-modulus", youngs_modulus)
+    if thickness is None:
+        pad: HalfSpace | BondedLayers = HalfSpace(youngs_modulus=value, poissons_ratio=poissons_ratio)
+    else:
+        layer = Layer(
+            thickness=parse_quantity(thickness, "length", "--thickness"),
+            youngs_modulus=value,
+            poissons_ratio=poissons_ratio,
+        )
+        pad = BondedLayers([layer])
+    made = Film(
+        frames=[*frames], rest=rest, pad=pad, pixel=parse_quantity(pixel, "length", "--pixel"), window=window, step=step, unit=unit,
+        depth=parse_quantity(depth, "length", "--depth"), noise=None if noise is None else parse_quantity(noise, "length", "--noise"),
+        method=method, uncertainty=uncertainty, drift=not still, cells=cells, labels=labels,
+    )  # fmt: skip
+    count = len(made.jobs())
+    with Frames("frames", count, hint="; --processes sets how many run at once") as shown:
+        rows, labelled = made.run(partial, processes=processes, shown=shown)
+    failed = [r for r in rows if len(r) < 6]
+    if len(failed) == len(rows):
+        partial.unlink(missing_ok=True)
+        raise InvalidInput(f"no frame was solved. Frame {rows[0]['frame']} ({rows[0]['file']}): {rows[0]['notes']}")
+    names = max(rows, key=len)
+    write_labels_table([{k: r.get(k, "") for k in names} for r in rows], out)
+    written = [out]
+    if labelled:
+        write_labels_table(labelled, beside)
+        written.append(beside)
+    partial.unlink(missing_ok=True)
+    typer.echo(f"{count} frames, {len(rows) - len(failed)} rows")
+    for row in failed:
+        typer.echo(f"frame {row['frame']} ({row['file']}): {row['notes']}", err=True)
+    typer.echo(f"wrote {', '.join(map(str, written))}")

@@ -1,0 +1,331 @@
+"""Traction as what adhesions make: sampled (`palpate.microscopy.sampler`), and read on the field's own grid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+import scipy.ndimage
+
+from palpate.elastic.pad import Floats, Pad
+from palpate.errors import Unsupported
+from palpate.inverse.estimate import Errors, Estimate
+from palpate.inverse.linear.posterior import center_rows, moment_rows
+from palpate.inverse.method import Method, Needs
+from palpate.inverse.problem import Problem
+from palpate.microscopy.blobs import Response, painted, work_of
+from palpate.microscopy.fields import Field
+from palpate.microscopy.sampler import MOST, Chain, Places
+from palpate.microscopy.vectors import Vectors, first_guess, noise_of, outliers, vectors_of
+from palpate.sensing.grids import Grid
+
+__all__ = ["Adhesions", "Sample", "sampled"]
+
+Flags = npt.NDArray[np.bool_]
+
+#: Chains, the steps of each until it has come to what it samples, and between two samples. Twice as many move the energy by 2 % (benchmarks/cells.py).
+CHAINS, BURN, BETWEEN = 3, 800, 30
+#: A chain begins with the maxima of the first guess, then with those of what is left, so many times; and so many steps after each.
+ROUNDS, SETTLE, MAXIMA = 3, 150, 30
+#: Maxima of less than this part of the largest (of the square of the traction) begin no blob; above the next number, traction is strong.
+FAINT, STRONG = 0.02, 0.04
+#: Blobs are between these sizes [m], about that of an adhesion of 1.4 um, unless vectors lie so far apart [pitches] that smaller ones are beyond them; at most a part of the field.
+LEAST, MIDDLE, LEAST_PITCHES, MIDDLE_PITCHES, LARGEST = 0.08e-6, 0.35e-6, 0.04, 0.25, 0.12
+#: Outside the mask, and beyond the field of view, a blob is so many times less likely.
+OUTSIDE = 0.05
+#: Noise is no smaller than this part of the largest displacements: no gel is known better.
+MODEL = 1e-3
+#: A vector that is left by so many times the noise is an outlier, one that the median test left out and that is left by less than the other is none.
+LEFT, BACK = 5.0, 3.0
+#: Blobs follow the displacement to this part of it.
+DETAIL = 0.2
+#: Fields of more vectors along a side are averaged over tiles.
+WIDEST = 160
+#: Neighbours share noise where their residuals correlate by more than this.
+SHARED = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One draw: blobs at ``places`` (blob, 2) [m] from the first vector, their ``variance`` (blob,) and ``forces`` (blob, 2) [N]."""
+
+    places: Floats
+    variance: Floats
+    forces: Floats
+
+    def on(self, x: Floats, y: Floats, side: float) -> Floats:
+        """Mean traction (2, y, x) [Pa] over squares of a side about columns and rows."""
+        columns, rows = painted(self.places, self.variance, x, y, side)
+        return np.stack([(rows * f[:, None]).T @ columns for f in self.forces.T]) / side**2
+
+    def work(self, x: Floats, y: Floats, side: float, response: Response, shift: Floats) -> Floats:
+        """Work (y, x) [J] in each square, on the displacement less a ``shift`` (2,) [m]."""
+        each = work_of(self.places, self.variance, self.forces, response) - 0.5 * self.forces @ shift
+        columns, rows = painted(self.places, self.variance, x, y, side)
+        return np.asarray((rows * each[:, None]).T @ columns)
+
+    def moved(self, places: Floats, variance: float, response: Response) -> Floats:
+        """Displacement (2, n) [m] at places (n, 2), as means over squares of a variance."""
+        apart = places[:, None, :] - self.places[None, :, :]
+        xx, xy, yy = response.tensor(apart[..., 0], apart[..., 1], self.variance[None, :] + variance)
+        fx, fy = self.forces.T
+        return np.stack([xx @ fx + xy @ fy, xy @ fx + yy @ fy])
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """What the chains say of a field: ``samples``, standard deviation of the noise [m], vectors that were left out, and words."""
+
+    samples: list[Sample]
+    response: Response
+    noise: float
+    excess: float
+    left_out: Flags
+    notes: tuple[str, ...]
+
+
+def sampled(
+    field: Field,
+    pad: Pad,
+    *,
+    depth: float = 0.0,
+    noise: float | None = None,
+    likely: Flags | None = None,
+    drift: bool = True,
+    draws: int = 120,
+    seed: int = 0,
+) -> Sampled:
+    """Samples of the adhesions of a field; ``likely`` (row, column) is where they are expected. Without ``drift`` the picture cannot have moved as a whole."""
+    ratio = math.ceil(max(field.shape) / WIDEST)
+    if ratio > 1:
+        few, where = _thinned(field, ratio, likely)
+        coarse = sampled(
+            few,
+            pad,
+            depth=depth,
+            noise=None if noise is None else noise / ratio,
+            likely=where,
+            drift=drift,
+            draws=draws,
+            seed=seed,
+        )
+        first = 0.5 * (ratio - 1) * field.pitch
+        out = np.zeros(field.shape, dtype=bool)
+        rows, columns = (n * ratio for n in few.shape)
+        out[:rows, :columns] = np.repeat(np.repeat(coarse.left_out, ratio, axis=0), ratio, axis=1)
+        said = f"{field.shape[1]} x {field.shape[0]} vectors are more than the traction needs: means of {ratio} x {ratio} of them are solved"
+        moved = [replace(s, places=s.places + first) for s in coarse.samples]
+        return replace(
+            coarse, samples=moved, noise=coarse.noise * ratio, left_out=out & field.valid, notes=(said, *coarse.notes)
+        )
+    pitch, window, shape = field.pitch, field.aperture, field.shape
+    least = max(LEAST, LEAST_PITCHES * pitch)
+    reach = 2.0 * pitch * math.hypot(*shape)
+    response = Response.of(pad, depth, least, reach)
+    # the surface itself moves, wherever the beads are
+    surface = response if depth == 0 else Response.of(pad, 0.0, least, reach)
+    there = field.valid
+    u = field.displacement - (np.nanmedian(field.displacement, axis=(1, 2), keepdims=True) if drift else 0.0)
+    level = noise or noise_of(u)
+    level = max(level, MODEL * float(np.nanquantile(np.abs(u), 0.99)), 1e-300)
+    bad = outliers(u, level) & there
+    u = np.where(there, u, 0.0)
+    notes: list[str] = []
+    guess, margin = first_guess(u, there & ~bad, response, pitch, window, level)
+    power = scipy.ndimage.gaussian_filter((guess**2).sum(axis=0), 0.7)
+    inner = tuple(slice(m, m + n) for m, n in zip(margin, shape))
+    weight = np.full(power.shape, OUTSIDE)
+    weight[inner] = 1.0 if likely is None else np.where(likely, 1.0, OUTSIDE)
+    proposal = power * weight / max(float((power * weight).sum()), 1e-300) + weight / weight.sum()
+    places = Places(weight / weight.sum() / pitch**2, proposal / proposal.sum() / pitch**2, margin, pitch)
+    largest = LARGEST * pitch * min(shape)
+    sizes = least, min(max(MIDDLE, MIDDLE_PITCHES * pitch), 0.9 * largest), max(largest, 2.0 * least)
+    strong = (power > STRONG * power.max())[inner] if power.max() > 0 else np.zeros(shape, dtype=bool)
+    every = _every(field)
+    known = noise is not None
+    rough = level
+    samples: list[Sample] = []
+    noises = []
+    for number in range(CHAINS):
+        vectors = vectors_of(u, there & ~bad, pitch, window, strong)
+        rng = np.random.default_rng([seed, number])
+
+        def chain(vectors: Vectors, rng: np.random.Generator = rng) -> Chain:
+            return Chain(vectors, response, places, sizes, level, known=known, drift=drift, rng=rng)  # noqa: B023
+
+        walk = _begun(chain(vectors), u, there & ~bad, guess, margin, every, window)
+        walk.walk(BURN)
+        if number == 0:
+            left = u - walk.modelled(every, walk.forces()[0]).reshape(2, *shape)
+            found = _left_out(left, u - left, walk.noise, bad, there)
+            shared = 1.0 if noise is not None else _shared(left, there & ~found)
+            if shared > 1.0:
+                # noise that neighbours share is as much more at the wavelengths of traction
+                level, known = walk.noise * math.sqrt(shared), True
+                notes.append(
+                    f"neighbouring vectors share noise, as windows that overlap do: it counts {math.sqrt(shared):.2g} times in traction"
+                )
+            if shared > 1.0 or (found != bad).any():
+                bad = found
+                vectors = vectors_of(u, there & ~bad, pitch, window, strong)
+                walk = _begun(chain(vectors), u, there & ~bad, guess, margin, every, window)
+                walk.walk(BURN)
+        for _ in range(math.ceil(draws / CHAINS)):
+            walk.walk(BETWEEN)
+            samples.append(Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1]))
+            noises.append(walk.noise)
+    level = float(np.mean(noises))
+    if bad.any():
+        notes.append(
+            f"{int(bad.sum())} of {int(there.sum())} vectors are left out as outliers: neither noise nor traction explains them"
+        )
+    if max(len(s.forces) for s in samples) >= MOST:
+        notes.append(
+            f'the traction is in more than {MOST} places, or the gel is not as described: method="tikhonov" (--method tikhonov) suits traction that is everywhere'
+        )
+    return Sampled(samples, surface, level, level / rough, bad, tuple(notes))
+
+
+def _thinned(field: Field, ratio: int, likely: Flags | None) -> tuple[Field, Flags | None]:
+    """Means over tiles of ``ratio`` x ``ratio`` vectors, those that are there, and where most of a tile is likely."""
+    rows, columns = (n // ratio for n in field.shape)
+
+    def tiles(values: Any) -> Any:
+        return values[..., : rows * ratio, : columns * ratio].reshape(*values.shape[:-2], rows, ratio, columns, ratio)
+
+    there = tiles(field.valid).mean(axis=(1, 3))
+    u = tiles(np.nan_to_num(field.displacement)).mean(axis=(2, 4)) / np.where(there > 0.5, there, np.nan)
+    side = math.sqrt(field.aperture**2 + (ratio**2 - 1) * field.pitch**2)
+    few = Field(
+        displacement=u,
+        start=(field.start[0] + 0.5 * (ratio - 1) * field.step, field.start[1] + 0.5 * (ratio - 1) * field.step),
+        step=ratio * field.step,
+        pixel=field.pixel,
+        aperture=side,
+    )
+    return few, None if likely is None else np.asarray(tiles(likely).mean(axis=(1, 3)) >= 0.5)
+
+
+def _every(field: Field) -> Vectors:
+    """All vectors of a field, one by one."""
+    rows, columns = field.shape
+    x, y = np.meshgrid(field.pitch * np.arange(columns), field.pitch * np.arange(rows))
+    places = np.stack([x.ravel(), y.ravel()], axis=1)
+    count = len(places)
+    return Vectors(places, np.zeros((2, count)), np.full(count, field.aperture**2 / 12), np.ones(count), field.aperture)
+
+
+def _begun(
+    walk: Chain, u: Floats, there: Flags, guess: Floats, margin: tuple[int, int], every: Vectors, window: float
+) -> Chain:
+    """Blobs where the first guess is largest, then where that of what they leave is."""
+    pitch, rng = walk.places.pitch, walk.rng
+    for number in range(ROUNDS):
+        if number:
+            left = u - walk.modelled(every, walk.forces()[0]).reshape(u.shape)
+            guess, margin = first_guess(left, there, walk.response, pitch, window, walk.noise)
+        power = scipy.ndimage.gaussian_filter((guess**2).sum(axis=0), 0.7)
+        if not power.max() > 0:
+            break
+        if not number:
+            walk.level = 0.5 * math.log(float(power.max()))
+        peaks = np.argwhere((power == scipy.ndimage.maximum_filter(power, 3)) & (power > FAINT * power.max()))
+        for row, column in sorted(peaks.tolist(), key=lambda p: -float(power[p[0], p[1]]))[:MAXIMA]:
+            near = guess[:, max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
+            force = math.hypot(*near.sum(axis=(1, 2))) * pitch**2
+            size = math.log(0.4 * pitch) + 0.3 * rng.standard_normal()
+            x, y = (pitch * (n - m + 0.2 * rng.standard_normal()) for n, m in ((column, margin[1]), (row, margin[0])))
+            size = min(max(size, walk.least + 0.01), walk.largest - 0.01)
+            walk.put(np.array([x, y, size, math.log(max(force, 1e-300))]))
+        walk.walk(SETTLE, count=False)
+    walk.prune()
+    return walk
+
+
+def _left_out(left: Floats, modelled: Floats, noise: float, bad: Flags, there: Flags) -> Flags:
+    """Outliers by what is left of all vectors, once traction is known; adhesions are no blobs, which is a part of what they move."""
+    size = np.abs(left).max(axis=0) / (noise + DETAIL / LEFT * np.hypot(*modelled))
+    return np.asarray(there & ((size > LEFT) | (bad & (size > BACK))))
+
+
+def _shared(left: Floats, there: Flags) -> float:
+    """Sum of the correlations of residuals over neighbours; 1 where they are independent."""
+    r = np.where(there, left, 0.0)
+    power = float((r**2).sum()) / max(float(there.sum()), 1.0)
+
+    def of(rows: int, columns: int) -> float:
+        first: Any = (slice(0, r.shape[1] - rows), slice(0, r.shape[2] - columns))
+        second: Any = (slice(rows, None), slice(columns, None))
+        pairs = float((there[first] & there[second]).sum())
+        return (
+            float((r[(slice(None), *first)] * r[(slice(None), *second)]).sum()) / max(pairs, 1.0) / max(power, 1e-300)
+        )
+
+    beside = 0.5 * (of(0, 1) + of(1, 0))
+    if beside < SHARED:
+        return 1.0
+    return 1.0 + 4.0 * beside + 4.0 * max(of(1, 1), 0.0) + 2.0 * max(of(0, 2) + of(2, 0), 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adhesions(Method):
+    """The samples of a field as a method, so that its result is a `palpate.touch.Touch` like any other."""
+
+    name: ClassVar[str] = "adhesions"
+    summary: ClassVar[str] = "adhesions, sampled"
+    needs: ClassVar[Needs] = Needs(free_boundary=True)
+    error_bars: ClassVar[bool] = True
+
+    found: Sampled
+    field: Field
+
+    def prepare(self, problem: Problem) -> _Prepared:
+        """Nothing is left to be prepared."""
+        self.check(problem)
+        return _Prepared(problem, self.found, self.field)
+
+
+class _Prepared:
+    """The samples on the surface of a problem."""
+
+    def __init__(self, problem: Problem, found: Sampled, field: Field) -> None:
+        self.problem, self.found, self.field = problem, found, field
+        self.grid: Grid = problem.surface
+        self.notes: tuple[str, ...] = ()
+
+    def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
+        """The one frame that was sampled."""
+        grid: Any = self.grid
+        if np.ndim(readings[0]) != 3:
+            raise Unsupported("one frame was sampled, and this is a batch.")
+        rows, columns = self.field.shape
+        first = [c - 0.5 * self.field.pitch * (n - 1) for c, n in zip(self.field.center, (columns, rows))]
+        y, x = (axis - at for axis, at in zip(grid.axes, first[::-1]))
+        each = np.stack([s.on(x, y, float(grid.spacings[0])) for s in self.found.samples])
+        mean, std = each.mean(axis=0), each.std(axis=0, ddof=1)
+        whole, error = np.zeros((2, 3, *grid.shape))
+        whole[:2], error[:2] = mean, std
+        moments = np.stack([np.concatenate([t, np.zeros((1, *grid.shape))]) for t in each])
+        turning = np.tensordot(moments, moment_rows(grid), ([1, 2, 3], [1, 2, 3]))
+        force = np.zeros(3)
+        force[:2] = (each.sum(axis=(2, 3)) * grid.cell).std(axis=0, ddof=1)
+        nothing = np.zeros(3)
+        center = np.full(len(center_rows(grid, whole[2] + 1.0)), math.nan)
+        errors = Errors(
+            traction=error, force=force, moment=turning.std(axis=0, ddof=1), center=center, peak=np.asarray(math.nan), variance_reduction=np.full(whole.shape, math.nan),
+            outside_traction=np.zeros_like(whole), outside_force=nothing, outside_moment=nothing, outside_center=np.zeros(len(center)), outside_peak=np.asarray(0.0), beyond_force=nothing,
+        )  # fmt: skip
+        noise = np.asarray(self.found.noise)
+        return Estimate(
+            whole,
+            None,
+            noise,
+            np.asarray(self.found.excess),
+            errors=errors,
+            converged=np.asarray(True),
+            noise_std=np.full(2, self.found.noise),
+        )

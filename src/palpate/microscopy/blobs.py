@@ -1,0 +1,123 @@
+"""Adhesions as blobs of shear: how they move the gel, what work they do, and what they are on a grid.
+
+A blob is a force with a Gaussian density of variance s^2. An isotropic gel moves by u = [g0 + g2 (2 r r^T/|r|^2 - 1)] F at a point r from it. On the surface of a
+half-space, with q = |r|^2/4 s^2 and modified Bessel functions scaled by exp(-q),
+
+    g0 = a (1 - nu/2) I0(q),  g2 = a nu/2 I1(q),  a = (1 + nu)/(pi E s) sqrt(pi/2),
+
+which is Cerruti's solution (K. L. Johnson, Contact Mechanics, 1985, section 3.6) averaged over the Gaussian. Variances add where what is measured is a mean too,
+and where the mean over another blob is sought: the work of blobs on each other is closed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import erf, i0e, i1e, jv
+
+from palpate.elastic.pad import Floats, Pad
+from palpate.elastic.quantities import transfer
+from palpate.errors import Unsupported
+
+__all__ = ["Response", "painted", "work_of"]
+
+CHANNELS = ("displacement_x", "displacement_y")
+#: Nodes of the table of what other gels add: of variances, distances and wavenumbers.
+VARIANCES, DISTANCES, WAVES = 24, 240, 4000
+#: A gel is taken as the same in all directions of its surface where its responses differ by less than this.
+ISOTROPIC = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Of a gel to blobs; ``table`` holds what another gel than a half-space, or depth, adds: (log variance, asinh distance/unit, g0 and g2)."""
+
+    scale: float
+    ratio: float
+    table: tuple[Floats, Floats, Floats, float] | None = None
+
+    @classmethod
+    def of(cls, pad: Pad, depth: float, least: float, reach: float) -> Response:
+        """For blobs of standard deviation ``least`` and more, as far as ``reach``."""
+        first = 1.0 / reach
+        k = np.geomspace(1e-2 * first, 8.0 / least, WAVES)
+        along, across = _responses(pad, k, 0.0)
+        # the top layer alone, where waves are short
+        ratio = 1.0 - float(along[-1] / across[-1])
+        modulus = 2.0 * (1.0 + ratio) / float(across[-1] * k[-1])
+        half = cls((1.0 + ratio) / (math.pi * modulus) * math.sqrt(math.pi / 2), ratio)
+        if depth > 0:
+            along, across = _responses(pad, k, depth)
+        plain = 2.0 * (1.0 + ratio) / (modulus * k)
+        more = along - (1.0 - ratio) * plain, across - plain
+        if max(float(np.abs(m / plain).max()) for m in more) < ISOTROPIC:
+            return half
+        weight = np.gradient(k) * k / (4 * math.pi)
+        variances = np.geomspace(least**2, (4 * reach) ** 2, VARIANCES)
+        unit = max(least, 0.01 * reach)
+        places = np.linspace(0.0, math.asinh(1.5 * reach / unit), DISTANCES)
+        kr = k[:, None] * (unit * np.sinh(places))[None, :]
+        even, odd = jv(0, kr), jv(2, kr)
+        damped = np.exp(-0.5 * variances[:, None] * k**2) * weight
+        table = np.stack([(damped * (more[0] + more[1])) @ even, -(damped * (more[0] - more[1])) @ odd], axis=-1)
+        return cls(half.scale, ratio, (np.log(variances), places, table, unit))
+
+    def __call__(self, squares: Any, variance: Any) -> tuple[Any, Any]:
+        """g0 and g2 [m/N] at squared distances from blobs of some variance."""
+        q, a = squares / (4.0 * variance), self.scale / np.sqrt(variance)
+        g0, g2 = a * (1.0 - 0.5 * self.ratio) * i0e(q), a * (0.5 * self.ratio) * i1e(q)
+        if self.table is None:
+            return g0, g2
+        logs, places, table, unit = self.table
+        i = np.clip((np.log(variance) - logs[0]) / (logs[1] - logs[0]), 0.0, len(logs) - 1.001)
+        j = np.clip(np.arcsinh(np.sqrt(squares) / unit) / places[1], 0.0, len(places) - 1.001)
+        i, j = np.broadcast_arrays(i, j)
+        row, column = i.astype(int), j.astype(int)
+        fi, fj = (i - row)[..., None], (j - column)[..., None]
+        low = (1 - fj) * table[row, column] + fj * table[row, column + 1]
+        high = (1 - fj) * table[row + 1, column] + fj * table[row + 1, column + 1]
+        more = (1 - fi) * low + fi * high
+        return g0 + more[..., 0], g2 + more[..., 1]
+
+    def tensor(self, x: Any, y: Any, variance: Any) -> tuple[Any, Any, Any]:
+        """u_x per F_x, u_x per F_y (which is u_y per F_x), u_y per F_y."""
+        squares = x * x + y * y
+        g0, g2 = self(squares, variance)
+        safe = np.maximum(squares, 1e-300)
+        even, odd = g2 * (x * x - y * y) / safe, g2 * 2 * x * y / safe
+        return g0 + even, odd, g0 - even
+
+
+def _responses(pad: Pad, k: Floats, depth: float) -> tuple[Floats, Floats]:
+    """Displacement per shear along and across the wavevector."""
+    one = transfer(pad, k, 0.0 * k, depth, CHANNELS).real
+    other = transfer(pad, 0.0 * k, k, depth, CHANNELS).real
+    along, across = one[:, 0, 0], one[:, 1, 1]
+    if not np.allclose(along, other[:, 1, 1], rtol=1e-6, atol=0) or not np.allclose(
+        across, other[:, 0, 0], rtol=1e-6, atol=0
+    ):
+        raise Unsupported('this gel is not the same in all directions: use method="tikhonov" (--method tikhonov).')
+    return along, across
+
+
+def work_of(places: Floats, variance: Floats, forces: Floats, response: Response) -> Floats:
+    """Half the work of each blob's force on the mean displacement over it [J]: places (blob, 2), variance (blob,), forces (blob, 2)."""
+    apart = places[:, None, :] - places[None, :, :]
+    xx, xy, yy = response.tensor(apart[..., 0], apart[..., 1], variance[:, None] + variance[None, :])
+    fx, fy = forces.T
+    return np.asarray(0.5 * (fx * (xx @ fx + xy @ fy) + fy * (xy @ fx + yy @ fy)))
+
+
+def painted(places: Floats, variance: Floats, x: Floats, y: Floats, side: float) -> tuple[Floats, Floats]:
+    """Part of each blob in the columns and rows (blob, n) of squares of a ``side`` about ``x`` and ``y``; a square holds their product."""
+    wide = np.sqrt(2.0 * variance)[:, None]
+
+    def parts(middle: Floats, at: Floats) -> Floats:
+        ends = np.stack([at - 0.5 * side, at + 0.5 * side])
+        low, high = erf((ends[0] - middle[:, None]) / wide), erf((ends[1] - middle[:, None]) / wide)
+        return np.asarray(0.5 * (high - low))
+
+    return parts(places[:, 0], x), parts(places[:, 1], y)

@@ -1,0 +1,273 @@
+"""Films: the same cells from frame to frame, one row for each frame and cell, by all cores, and resumed where it was stopped."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.elastic.pad import Pad
+from palpate.errors import InvalidInput, PalpateError
+from palpate.microscopy.beads import bead_displacements
+from palpate.microscopy.cell import cell_forces
+from palpate.microscopy.labels import forces_of_labels, read_labels, rows_of
+from palpate.microscopy.pictures import read_all
+from palpate.microscopy.readers import is_field, read_field
+from palpate.recordings.files import atomically
+from palpate.sensing.uncertainty import Uncertainty
+
+__all__ = ["Film", "Job"]
+
+#: Numbers of a row, with their intervals.
+NUMBERS = (
+    "strain_energy",
+    "contractile_moment",
+    "contractility",
+    "traction_peak",
+    "net_force_x",
+    "net_force_y",
+    "torque",
+    "force_inside",
+)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One frame: a file, and which of its pictures."""
+
+    file: str
+    frame: int
+    number: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Film:
+    """What is the same for all frames.
+
+    Parameters
+    ----------
+    frames : sequence of paths
+        Pictures of beads while the cell pulls (stacks, folders or single pictures), or displacement fields, one a file.
+    rest : path, optional
+        Picture of the beads at rest; needed for pictures.
+    pad, pixel, window, step, depth, noise, method, uncertainty, drift
+        As for `bead_displacements`, `read_field` and `cell_forces`.
+    unit : str, optional
+        Of displacement fields.
+    cells, labels : path, optional
+        Label pictures (or ImageJ's regions): each value of ``cells`` is a cell, each of ``labels`` an adhesion.
+
+    Raises
+    ------
+    InvalidInput
+        No frame, pictures without one at rest, pictures and fields together.
+
+    Examples
+    --------
+    >>> from palpate.microscopy import Film
+    >>> film = Film(frames=["pulled.tif"], rest="rest.tif", pad=gel, pixel=0.1e-6, cells="cells.tif")  # doctest: +SKIP
+    >>> rows, adhesions = film.run("film.partial.jsonl")  # doctest: +SKIP
+    """
+
+    frames: Sequence[str | Path]
+    pad: Pad
+    pixel: float
+    rest: str | Path | None = None
+    window: int | None = None
+    step: float | None = None
+    unit: str | None = None
+    depth: float = 0.0
+    noise: float | None = None
+    method: str = "adhesions"
+    uncertainty: Uncertainty | None = None
+    drift: bool = True
+    cells: str | Path | None = None
+    labels: str | Path | None = None
+    fields: bool = field(init=False, default=False)
+
+    def __post_init__(self) -> None:
+        if not self.frames:
+            raise InvalidInput("a film has frames: give pictures, stacks, folders or displacement fields.")
+        kinds = {is_field([Path(f)]) for f in self.frames if Path(f).is_file()}
+        if len(kinds) > 1:
+            raise InvalidInput("a film is of pictures or of displacement fields, not of both.")
+        object.__setattr__(self, "fields", kinds == {True})
+        if not self.fields and self.rest is None:
+            raise InvalidInput("pictures of a film need one of the beads at rest: give it first (rest=).")
+
+    def jobs(self) -> list[Job]:
+        """The frames in order.
+
+        Examples
+        --------
+        >>> film.jobs()  # doctest: +SKIP
+        """
+        if self.fields:
+            return [Job(str(f), 0, i) for i, f in enumerate(self.frames)]
+        found: list[Job] = []
+        for file in self.frames:
+            found += [Job(str(file), page, len(found) + page) for page in range(len(read_all(Path(file))))]
+        return found
+
+    def key(self) -> str:
+        """What results depend on, so that a film is not resumed with other settings.
+
+        Examples
+        --------
+        >>> len(film.key())  # doctest: +SKIP
+        """
+        stamps = [
+            (str(f), os.path.getsize(f), os.path.getmtime(f))
+            for f in (*self.frames, self.rest, self.cells, self.labels)
+            if f is not None
+        ]
+        said = (stamps, repr(self.pad), self.pixel, self.window, self.step, self.unit, self.depth, self.noise, self.method, repr(self.uncertainty), self.drift)  # fmt: skip
+        return hashlib.sha256(repr(said).encode()).hexdigest()
+
+    def solved(self, job: Job) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+        """Rows of the cells and of the labels of a frame.
+
+        Examples
+        --------
+        >>> rows, adhesions = film.solved(film.jobs()[0])  # doctest: +SKIP
+        """
+        size = None
+        if self.fields:
+            vectors = read_field([Path(job.file)], pixel=self.pixel, unit=self.unit, step=self.step, window=self.window)
+            vectors = vectors.without_drift() if self.drift else vectors
+        else:
+            (rest,) = read_all(Path(str(self.rest)), 1)[:1]
+            pulled = read_all(Path(job.file))[job.frame]
+            if rest.shape != pulled.shape:
+                raise InvalidInput(
+                    f"{job.file}: frame {job.frame} has {pulled.shape[1]} x {pulled.shape[0]} pixels, and the picture at rest {rest.shape[1]} x {rest.shape[0]}."
+                )
+            size = (int(rest.shape[1]), int(rest.shape[0]))
+            vectors = bead_displacements(
+                rest, pulled, pixel=self.pixel, window=self.window or 32, step=None if self.step is None else int(self.step), drift=self.drift,
+            )  # fmt: skip
+        picture = size or vectors.size
+        cells = None if self.cells is None else read_labels(self.cells, size=picture)
+        mask = None if cells is None else np.logical_or.reduce(list(cells.values()))
+        forces = cell_forces(
+            vectors, self.pad, mask=mask, size=size, depth=self.depth, noise=self.noise, method=self.method, drift=self.drift, uncertainty=self.uncertainty,
+        )  # fmt: skip
+        rows = []
+        for name, one in [("", None)] if cells is None else cells.items():
+            part = forces if one is None or len(cells or {}) == 1 else forces.within(one, size=size)
+            row: dict[str, Any] = {"file": job.file, "frame": job.number, "page": job.frame, "cell": name}
+            for key in NUMBERS:
+                q = part.quantities[key]
+                low, high = q.interval
+                row |= {
+                    f"{key}_{q.unit.replace(' ', '')}": f"{q.value:.6g}",
+                    f"{key}_low": f"{low:.6g}",
+                    f"{key}_high": f"{high:.6g}",
+                }
+            rows.append(row | {"notes": "; ".join(part.notes)})
+        labelled = []
+        if self.labels is not None:
+            labelled = rows_of(
+                forces_of_labels(forces, read_labels(self.labels, size=picture), size=size),
+                file=job.file,
+                frame=job.number,
+            )
+        return rows, labelled
+
+    def run(
+        self,
+        partial: str | Path,
+        *,
+        processes: int | None = None,
+        shown: Callable[[float], None] | None = None,
+    ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+        """All frames: rows of cells and of labels, in order. Each frame is written to ``partial`` as it is done, and not done again when the film is run anew.
+
+        A frame that cannot be solved has a row that says why.
+
+        Examples
+        --------
+        >>> film.run("film.partial.jsonl")  # doctest: +SKIP
+        """
+        jobs, path = self.jobs(), Path(partial)
+        done = self._kept(path)
+        left = [j for j in jobs if j.number not in done]
+        if shown is not None:
+            shown(len(done))
+        # anew, so that a line that was cut off does not spoil the next one
+        lines = [{"key": self.key()}, *({"number": n, "found": found} for n, found in done.items())]
+        text = "".join(json.dumps(line) + "\n" for line in lines)
+        atomically(path, lambda at: _write(at, text))
+        count = min(processes or os.cpu_count() or 1, max(len(left), 1))
+        with path.open("a", encoding="utf-8") as file:
+
+            def keep(job: Job, found: Any) -> None:
+                done[job.number] = found
+                file.write(json.dumps({"number": job.number, "found": found}) + "\n")
+                file.flush()
+                if shown is not None:
+                    shown(len(done))
+
+            if count == 1:
+                for job in left:
+                    keep(job, _tried(self, job))
+            else:
+                with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_one_thread) as pool:
+                    running = {pool.submit(_tried, self, job): job for job in left}
+                    try:
+                        while running:
+                            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                                keep(running.pop(future), future.result())
+                    except BaseException:
+                        pool.shutdown(wait=False, cancel_futures=True)
+                        raise
+        ordered = [done[j.number] for j in jobs]
+        return [r for cells, _ in ordered for r in cells], [r for _, labels in ordered for r in labels]
+
+    def _kept(self, path: Path) -> dict[int, Any]:
+        """Frames that were done before, with the same settings."""
+        out: dict[int, Any] = {}
+        with contextlib.suppress(OSError):
+            lines = path.read_text(encoding="utf-8").splitlines()
+            for number, line in enumerate(lines):
+                try:
+                    held = json.loads(line)
+                except ValueError:  # cut off while it was written
+                    break
+                if number == 0:
+                    if held.get("key") != self.key():
+                        raise InvalidInput(
+                            f"{path} is of a film with other settings or files: delete it to begin anew."
+                        )
+                elif isinstance(held, dict):
+                    out[int(held["number"])] = held["found"]
+        return out
+
+
+def _write(at: str, text: str) -> None:
+    Path(at).write_text(text, encoding="utf-8")
+
+
+def _one_thread() -> None:
+    """A process is for one core."""
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)
+
+
+def _tried(film: Film, job: Job) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    try:
+        return film.solved(job)
+    except PalpateError as error:
+        return [
+            {"file": job.file, "frame": job.number, "page": job.frame, "cell": "", "notes": f"not solved: {error}"}
+        ], []

@@ -1,0 +1,303 @@
+"""Adhesions sampled from what they may be, given the vectors: how many, where, how wide; their forces follow in closed form.
+
+    vectors = sum of responses to forces of blobs + drift + noise
+
+Forces are Gaussian given the blobs' scales, so that they are integrated out, and a Markov chain walks over the rest: blobs are born and die (P. J. Green,
+Biometrika 82, 1995, 711-732), move, and change in size and scale. Traction is of one order over a cell: the scale of a blob's force goes with its area, within a factor.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+
+from palpate.elastic.pad import Floats
+from palpate.microscopy.blobs import Response
+from palpate.microscopy.vectors import Vectors
+
+__all__ = ["Chain", "Places"]
+
+#: Expected count of blobs, and the most.
+COUNT, MOST = 15.0, 60
+#: Standard deviation of log traction from blob to blob, and of log size about its middle: adhesions of 0.4 to 3 um are blobs of 0.1 to 0.8 um.
+TRACTION, SIZE = 0.8, 0.7
+#: Prior standard deviation of a drift, in root mean squares of the vectors.
+DRIFT = 10.0
+#: A blob that is put in or taken out for a start has to gain so much log evidence.
+WORTH = 3.0
+#: Of each kind of step, this part: birth, death, move, size, scale; the rest moves by a pitch.
+BIRTH, DEATH, MOVE, RESIZE, RESCALE = 0.15, 0.15, 0.32, 0.18, 0.10
+#: Standard deviations of steps: of log size, of log scale, and of log noise, which is tried once in so many steps.
+SIZE_STEP, SCALE_STEP, NOISE_STEP, EVERY = 0.4, 0.6, 0.03, 10
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where blobs may be: densities [1/m^2] on squares of a ``pitch``, ``margin`` of them before the first vector; ``prior``, and ``proposal`` for births."""
+
+    prior: Floats
+    proposal: Floats
+    margin: tuple[int, int]
+    pitch: float
+
+    def __post_init__(self) -> None:
+        sums = np.cumsum(self.proposal.ravel())
+        object.__setattr__(self, "_sums", sums / sums[-1])
+
+    def drawn(self, rng: np.random.Generator) -> tuple[float, float]:
+        """A place by the proposal."""
+        sums: Any = self._sums  # type: ignore[attr-defined]
+        row, column = divmod(int(np.searchsorted(sums, rng.random())), self.prior.shape[1])
+        x, y = (n - m + rng.random() - 0.5 for n, m in ((column, self.margin[1]), (row, self.margin[0])))
+        return self.pitch * x, self.pitch * y
+
+    def at(self, x: float, y: float) -> tuple[float, float]:
+        """Densities of prior and proposal; 0 beyond."""
+        row, column = round(y / self.pitch) + self.margin[0], round(x / self.pitch) + self.margin[1]
+        if not (0 <= row < self.prior.shape[0] and 0 <= column < self.prior.shape[1]):
+            return 0.0, 0.0
+        return float(self.prior[row, column]), float(self.proposal[row, column])
+
+
+class Chain:
+    """One chain. ``blobs`` (blob, 4): x, y [m], log of size [m], log of the force's scale [N]."""
+
+    def __init__(
+        self,
+        vectors: Vectors,
+        response: Response,
+        places: Places,
+        sizes: tuple[float, float, float],
+        noise: float,
+        *,
+        known: bool,
+        drift: bool = True,
+        rng: np.random.Generator,
+    ) -> None:
+        self.vectors, self.response, self.places, self.rng = vectors, response, places, rng
+        self.least, self.middle, self.largest = (math.log(s) for s in sizes)
+        self.noise, self.known = noise, known
+        #: Log of the typical traction [Pa].
+        self.level = 0.0
+        q = self.fixed = len(vectors.patterns)
+        room = q + 2 * MOST
+        self.rows = np.zeros((room, len(vectors.y)))
+        self.gram, self.linear = np.zeros((room, room)), np.zeros(room)
+        self.rows[:q] = vectors.patterns
+        self.gram[:q, :q], self.linear[:q] = vectors.patterns @ vectors.patterns.T, vectors.patterns @ vectors.y
+        self.count = q
+        self.power = float(vectors.y @ vectors.y)
+        self.drift = float(drift) * DRIFT * math.sqrt(self.power / max(len(vectors.y), 1))
+        self.blobs: Floats = np.zeros((0, 4))
+        self.evidence = self._evidence(self.gram, self.linear, self.blobs, self.noise)
+
+    # -- what blobs are worth
+
+    def _factor(
+        self, gram: Floats, linear: Floats, blobs: Floats, noise: float
+    ) -> tuple[Floats, Floats, Floats] | None:
+        """Cholesky factor of the posterior's precision of unknowns of variance one, what it makes of the right side, and their scales."""
+        count = self.fixed + 2 * len(blobs)
+        scale = np.concatenate([np.full(self.fixed, self.drift), np.repeat(np.exp(blobs[:, 3]), 2)])
+        precision = gram[:count, :count] * (scale[:, None] * scale / noise**2)
+        precision[np.diag_indices(count)] += 1.0
+        lower, failed = scipy.linalg.lapack.dpotrf(precision, lower=1, overwrite_a=1, clean=1)
+        if failed:
+            return None
+        return lower, scipy.linalg.blas.dtrsv(lower, scale * linear[:count], lower=1), scale
+
+    def _evidence(self, gram: Floats, linear: Floats, blobs: Floats, noise: float) -> float:
+        """Log evidence of blobs, their forces integrated out."""
+        found = self._factor(gram, linear, blobs, noise)
+        if found is None:
+            return -math.inf
+        lower, right, _ = found
+        squares = self.power / noise**2 - float(right @ right) / noise**4
+        spread = 2.0 * float(np.log(np.diag(lower)).sum()) + 2.0 * len(self.vectors.y) * math.log(noise)
+        return -0.5 * (squares + spread)
+
+    def _prior(self, blob: Floats) -> float:
+        """Log prior of a blob."""
+        x, y, size, scale = blob
+        density = self.places.at(x, y)[0]
+        if not self.least <= size <= self.largest or not density > 0:
+            return -math.inf
+        return math.log(density) - 0.5 * (
+            ((size - self.middle) / SIZE) ** 2 + (self._traction(scale, size) / TRACTION) ** 2
+        )
+
+    def _traction(self, scale: Any, size: Any) -> Any:
+        """Log of the traction that a blob's scale means, over the typical one: a blob of size s is as wide as a disc of radius 2 s."""
+        return scale - self.level - math.log(4 * math.pi) - 2 * size
+
+    # -- steps
+
+    def _response_of(self, blob: Floats) -> Floats:
+        return self.vectors.rows(self.response, float(blob[0]), float(blob[1]), math.exp(blob[2]))
+
+    def _with(self, k: int, rows: Floats) -> tuple[Floats, Floats]:
+        """Normal matrix and right side with the rows of blob ``k``, which may be the next one."""
+        at = self.fixed + 2 * k
+        count = max(self.count, at + 2)
+        gram, linear = self.gram[:count, :count].copy(), self.linear[:count].copy()
+        across = rows @ self.rows[: self.count].T
+        gram[at : at + 2, : self.count], gram[: self.count, at : at + 2] = across, across.T
+        gram[at : at + 2, at : at + 2] = rows @ rows.T
+        linear[at : at + 2] = rows @ self.vectors.y
+        return gram, linear
+
+    def _take(self, k: int, rows: Floats, gram: Floats, linear: Floats, blobs: Floats, evidence: float) -> None:
+        at, count = self.fixed + 2 * k, len(linear)
+        self.rows[at : at + 2] = rows
+        self.gram[:count, :count], self.linear[:count] = gram, linear
+        self.count, self.blobs, self.evidence = count, blobs, evidence
+
+    def _without(self, k: int) -> tuple[npt.NDArray[np.intp], Floats, float]:
+        """What stays without blob ``k``, and its evidence."""
+        at = self.fixed + 2 * k
+        stay = np.concatenate([np.arange(at), np.arange(at + 2, self.count)])
+        blobs = np.delete(self.blobs, k, axis=0)
+        return stay, blobs, self._evidence(self.gram[np.ix_(stay, stay)], self.linear[stay], blobs, self.noise)
+
+    def _leave(self, stay: npt.NDArray[np.intp], blobs: Floats, evidence: float) -> None:
+        count = len(stay)
+        self.rows[:count], self.linear[:count] = self.rows[stay], self.linear[stay]
+        self.gram[:count, :count] = self.gram[np.ix_(stay, stay)]
+        self.count, self.blobs, self.evidence = count, blobs, evidence
+
+    def _accepts(self, gain: float) -> bool:
+        return math.log(1.0 - self.rng.random()) < gain
+
+    def _changed(self, k: int, blob: Floats) -> None:
+        """Try another blob in the place of one."""
+        prior = self._prior(blob) - self._prior(self.blobs[k])
+        if not math.isfinite(prior):
+            return
+        blobs = self.blobs.copy()
+        blobs[k] = blob
+        if np.array_equal(blob[:3], self.blobs[k, :3]):
+            evidence = self._evidence(self.gram, self.linear, blobs, self.noise)
+            if self._accepts(evidence - self.evidence + prior):
+                self.blobs, self.evidence = blobs, evidence
+            return
+        rows = self._response_of(blob)
+        gram, linear = self._with(k, rows)
+        evidence = self._evidence(gram, linear, blobs, self.noise)
+        if self._accepts(evidence - self.evidence + prior):
+            self._take(k, rows, gram, linear, blobs, evidence)
+
+    def _born(self) -> None:
+        """Try one blob more."""
+        if len(self.blobs) >= MOST:
+            return
+        rng = self.rng
+        x, y = self.places.drawn(rng)
+        size = self.middle + SIZE * rng.standard_normal()
+        density, proposed = self.places.at(x, y)
+        if not self.least <= size <= self.largest or not density > 0:
+            return
+        scale = self.level + math.log(4 * math.pi) + 2 * size + TRACTION * rng.standard_normal()
+        blob = np.array([x, y, size, scale])
+        rows = self._response_of(blob)
+        gram, linear = self._with(len(self.blobs), rows)
+        blobs = np.vstack([self.blobs, blob])
+        evidence = self._evidence(gram, linear, blobs, self.noise)
+        if self._accepts(evidence - self.evidence + math.log(COUNT * density / proposed / len(blobs))):
+            self._take(len(self.blobs), rows, gram, linear, blobs, evidence)
+
+    def _dies(self) -> None:
+        """Try one blob less."""
+        k = int(self.rng.integers(len(self.blobs)))
+        stay, blobs, evidence = self._without(k)
+        density, proposed = self.places.at(*self.blobs[k, :2])
+        if self._accepts(evidence - self.evidence - math.log(COUNT * density / proposed / len(self.blobs))):
+            self._leave(stay, blobs, evidence)
+
+    def _hyper(self) -> None:
+        """The typical traction, and the noise where it is not known."""
+        rng, count = self.rng, len(self.blobs)
+        if count:
+            each = self.level + self._traction(self.blobs[:, 3], self.blobs[:, 2])
+            self.level = float(each.mean() + TRACTION / math.sqrt(count) * rng.standard_normal())
+        if not self.known:
+            noise = self.noise * math.exp(NOISE_STEP * rng.standard_normal())
+            evidence = self._evidence(self.gram, self.linear, self.blobs, noise)
+            if self._accepts(evidence - self.evidence):
+                self.noise, self.evidence = noise, evidence
+
+    def walk(self, steps: int, *, count: bool = True) -> None:
+        """So many steps; without ``count`` no blob is born or dies."""
+        rng, pitch = self.rng, self.places.pitch
+        for step in range(steps):
+            kind = rng.random()
+            if count and (kind < BIRTH or not len(self.blobs)):
+                self._born()
+            elif count and kind < BIRTH + DEATH:
+                self._dies()
+            elif len(self.blobs):
+                k = int(rng.integers(len(self.blobs)))
+                blob = self.blobs[k].copy()
+                kind = kind - BIRTH - DEATH if count else kind * (1.0 - BIRTH - DEATH)
+                if kind < MOVE:
+                    reach = 0.3 * math.hypot(math.exp(blob[2]), 0.3 * pitch)  # of the size, which stays
+                    blob[:2] += reach * math.exp(rng.uniform(-2.0, 0.5)) * rng.standard_normal(2)
+                elif kind < MOVE + RESIZE:
+                    blob[2] += SIZE_STEP * math.exp(rng.uniform(-1.5, 0.5)) * rng.standard_normal()
+                elif kind < MOVE + RESIZE + RESCALE:
+                    blob[3] += SCALE_STEP * rng.standard_normal()
+                else:
+                    blob[:2] += pitch * rng.standard_normal(2)
+                    blob[2] += 0.3 * rng.standard_normal()
+                self._changed(k, blob)
+            if step % EVERY == 0:
+                self._hyper()
+
+    # -- a start, and what comes of it
+
+    def put(self, blob: Floats) -> None:
+        """Put a blob in where it is worth it."""
+        if len(self.blobs) >= MOST or not math.isfinite(self._prior(blob)):
+            return
+        rows = self._response_of(blob)
+        gram, linear = self._with(len(self.blobs), rows)
+        blobs = np.vstack([self.blobs, blob])
+        evidence = self._evidence(gram, linear, blobs, self.noise)
+        if evidence > self.evidence + WORTH:
+            self._take(len(self.blobs), rows, gram, linear, blobs, evidence)
+
+    def prune(self) -> None:
+        """Take out what is not worth it."""
+        for k in reversed(range(len(self.blobs))):
+            stay, blobs, evidence = self._without(k)
+            if evidence > self.evidence - WORTH:
+                self._leave(stay, blobs, evidence)
+
+    def forces(self) -> tuple[Floats, Floats]:
+        """Mean sizes of drift and forces (drift and blob * 2,), and the forces (blob, 2) of one draw."""
+        found = self._factor(self.gram, self.linear, self.blobs, self.noise)
+        if found is None:
+            raise RuntimeError("an accepted state has a factor")
+        lower, right, scale = found
+
+        def back(values: Floats) -> Floats:
+            return np.asarray(scale * scipy.linalg.solve_triangular(lower, values, lower=True, trans=1))
+
+        mean = back(right) / self.noise**2
+        drawn = mean + back(self.rng.standard_normal(len(right)))
+        return mean, drawn[self.fixed :].reshape(-1, 2)
+
+    def modelled(self, vectors: Vectors, mean: Floats) -> Floats:
+        """What the mean makes of other vectors (2, n)."""
+        drift = vectors.drift(vectors.places, vectors.weight)
+        middle = vectors.middle - self.vectors.middle
+        # a rotation about another middle
+        drift[2] += -middle[1] * drift[0] + middle[0] * drift[1]
+        out = (mean[: self.fixed] * self.vectors.units) @ drift
+        for blob, force in zip(self.blobs, mean[self.fixed :].reshape(-1, 2)):
+            out = out + force @ vectors.rows(self.response, float(blob[0]), float(blob[1]), math.exp(blob[2]))
+        return np.asarray(out.reshape(2, -1))

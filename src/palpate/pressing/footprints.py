@@ -1,0 +1,123 @@
+"""Where contacts press, as points with a part of the force each.
+
+Every footprint is a set of points (contact, point, 2) [m] with weights (contact, point) that are not negative and add up to 1. Points carry
+the force of the area about them; `palpate.pressing.spread` puts them on cells.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+
+__all__ = ["disc_points", "ellipse_points", "hull_points", "strip_points", "tilted"]
+
+#: Points along the radius of an ellipse at the least: 8 leave 1e-3 of the largest reading, 12 a third of that.
+ALONG = 12
+#: Newton steps of `tilted`; six settle an ordinary press.
+STEPS = 30
+#: Largest tilt: the pressure changes by exp(12) over a standard deviation of the footprint, all of it at one edge.
+STEEPEST = 12.0
+
+
+def ellipse_points(count: int) -> tuple[Floats, Floats]:
+    """Hertz's pressure on the unit circle: points (point, 2) and weights, exact for its moments.
+
+    With u = sqrt(1 - r^2) the part of the force within dr is 3 u^2 du: Gauss-Legendre in u, even in angle.
+    """
+    count = max(ALONG, count)
+    t, w = np.polynomial.legendre.leggauss(count)
+    u = 0.5 * (t + 1.0)
+    radius = np.sqrt(1.0 - u**2)
+    angles = 3 * count
+    angle = 2.0 * np.pi * (np.arange(angles) + 0.5) / angles
+    points = np.stack([np.outer(radius, np.cos(angle)).ravel(), np.outer(radius, np.sin(angle)).ravel()], axis=-1)
+    return points, np.repeat(1.5 * w * u**2 / angles, angles)
+
+
+def disc_points(count: int) -> tuple[Floats, Floats]:
+    """An even pressure on the unit circle: points (point, 2) and weights, by Gauss-Legendre in r^2."""
+    count = max(ALONG, count)
+    t, w = np.polynomial.legendre.leggauss(count)
+    radius, angles = np.sqrt(0.5 * (t + 1.0)), 3 * count
+    angle = 2.0 * np.pi * (np.arange(angles) + 0.5) / angles
+    points = np.stack([np.outer(radius, np.cos(angle)).ravel(), np.outer(radius, np.sin(angle)).ravel()], axis=-1)
+    return points, np.repeat(0.5 * w / angles, angles)
+
+
+def strip_points(count: int) -> tuple[Floats, Floats]:
+    """Hertz's line pressure, sqrt(1 - v^2) across, even along: points (point, 2) on |u|, |v| < 1 and weights.
+
+    Across by Gauss-Chebyshev of the second kind, along by the midpoint rule.
+    """
+    along = (np.arange(max(ALONG, count)) + 0.5) * 2.0 / max(ALONG, count) - 1.0
+    angle = np.pi * np.arange(1, ALONG + 1) / (ALONG + 1)
+    across, weight = np.cos(angle), 2.0 / (ALONG + 1) * np.sin(angle) ** 2
+    u, v = np.meshgrid(along, across, indexing="ij")
+    return np.stack([u.ravel(), v.ravel()], axis=-1), np.tile(weight, len(along)) / len(along)
+
+
+def hull_points(vertices: Floats, count: int) -> tuple[Floats, Floats]:
+    """An even pressure on polygons about their middles.
+
+    Parameters
+    ----------
+    vertices : array (contact, vertex, 2)
+        In any order; a vertex may be there more than once.
+    count : int
+        Points along a side of each triangle.
+
+    Returns
+    -------
+    points (contact, point, 2), weights (contact, point)
+    """
+    middle = vertices.mean(axis=1, keepdims=True)
+    away = vertices - middle
+    order = np.argsort(np.arctan2(away[..., 1], away[..., 0]), axis=1)
+    ring = np.take_along_axis(vertices, order[..., None], axis=1)
+    after = np.roll(ring, -1, axis=1)
+    first, second = ring - middle, after - middle
+    areas = 0.5 * np.abs(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])
+    # middles of the small triangles, which have one area: those that point as the large one does, and those turned round
+    i, j = np.meshgrid(np.arange(count), np.arange(count), indexing="ij")
+    up, down = i + j < count, i + j < count - 1
+    s = np.concatenate([(i[up] + 1 / 3) / count, (i[down] + 2 / 3) / count])
+    t = np.concatenate([(j[up] + 1 / 3) / count, (j[down] + 2 / 3) / count])
+    points = middle[:, None] + s[:, None] * first[:, :, None] + t[:, None] * second[:, :, None]
+    whole = np.maximum(areas.sum(axis=1, keepdims=True), 1e-300)
+    weights = np.repeat((areas / whole)[..., None] / len(s), len(s), axis=-1)
+    n = len(vertices)
+    return points.reshape(n, -1, 2), weights.reshape(n, -1)
+
+
+def tilted(points: Floats, weights: Floats, center: Floats) -> tuple[Floats, Floats]:
+    """The footprint with its centre of pressure moved to ``center`` (contact, 2): weights times exp(c . x), which stay positive.
+
+    Of all pressures with that centre it is the one nearest to the even one (in relative entropy). The exponent is the minimum of a convex function, by
+    Newton's method. Where ``center`` lies outside the footprint the pressure is at its edge, and the footprint moves by the rest.
+    """
+    middle = (weights[..., None] * points).sum(axis=1, keepdims=True)
+    size = np.sqrt((weights * ((points - middle) ** 2).sum(axis=-1)).sum(axis=1))
+    size = np.maximum(size, 1e-12)[:, None, None]
+    x = (points - middle) / size
+    target = (center[:, None] - middle) / size
+    tilt = np.zeros((len(points), 1, 2))
+    found = weights
+    for _ in range(STEPS):
+        exponent = (x * tilt).sum(axis=-1)
+        found = weights * np.exp(exponent - exponent.max(axis=1, keepdims=True))
+        found = found / found.sum(axis=1, keepdims=True)
+        mean = (found[..., None] * x).sum(axis=1, keepdims=True)
+        left = target - mean
+        going = np.abs(left).max(axis=-1, keepdims=True) > 1e-13
+        if not going.any():
+            break
+        away = x - mean
+        spread = np.einsum("nk,nki,nkj->nij", found, away, away)
+        spread += 1e-6 * np.eye(2) * (1e-6 + np.trace(spread, axis1=1, axis2=2))[:, None, None]
+        step = np.linalg.solve(spread, left[:, 0, :, None])[:, None, :, 0]
+        step *= np.minimum(1.0, 1.0 / np.maximum(np.linalg.norm(step, axis=-1, keepdims=True), 1e-300))
+        tilt = tilt + np.where(going, step, 0.0)
+        tilt *= np.minimum(1.0, STEEPEST / np.maximum(np.linalg.norm(tilt, axis=-1, keepdims=True), 1e-300))
+    mean = (found[..., None] * points).sum(axis=1, keepdims=True)
+    return points + (center[:, None] - mean), found

@@ -1,0 +1,357 @@
+"""Newtons from presses of which something is known. Readings come from closed forms: Boussinesq's point load and Hertz's pressure, not from the forward model."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate.calibrate import ALONE, Weight, calibrate, find_delay, read_calibration, write_calibrated
+from palpate.calibrate.regressions import ridge
+from palpate.errors import InvalidInput, NotObservable
+from palpate.status import Status
+
+PITCH, DEPTH = 4e-3, 3e-3
+PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+
+
+def taxels(depth: float = DEPTH) -> pp.AreaArray:
+    return pp.AreaArray(shape=(4, 4), pitch=PITCH, depth=depth, channels=["stress_zz"])
+
+
+def ball(force: float, x: float = 0.0, y: float = 0.0, *, radius: float = 2e-3, depth: float = DEPTH) -> np.ndarray:
+    """Vertical stress (1, 4, 4) [Pa] under a Hertzian pressure on a half-space: s_zz = 3 P z^3 / (2 pi R^5) for each of 400 point loads (Boussinesq, 1885)."""
+    n = 400
+    share, turn = (np.arange(n) + 0.5) / n, np.arange(n) * np.pi * (3.0 - np.sqrt(5.0))
+    away = radius * np.sqrt(
+        1.0 - (1.0 - share) ** (2.0 / 3.0)
+    )  # load within r of Hertz's pressure: 1 - (1 - r^2/a^2)^(3/2)
+    at = np.stack([x + away * np.cos(turn), y + away * np.sin(turn)], axis=1)
+    places = taxels().points
+    squared = ((places[:, None] - at[None]) ** 2).sum(axis=-1) + depth**2
+    return (3.0 * force / n * depth**3 / (2.0 * np.pi) * squared**-2.5).sum(axis=1).reshape(1, 4, 4)
+
+
+def bench(
+    count: int, seed: int, *, unit: float = 41.0, depth: float = 3.4e-3, gains: float = 0.1, noise: float = 0.01
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Readings (press, 1, 4, 4), forces, places of presses on a sensor whose depth and gains the skin does not know."""
+    rng = np.random.default_rng(seed)
+    gain = 1.0 + gains * np.random.default_rng(seed % 1000).normal(size=(1, 4, 4))
+    force, place = rng.uniform(0.5, 5.0, count), rng.uniform(-5e-3, 5e-3, (count, 2))
+    clean = np.stack(
+        [ball(f, *p, radius=r, depth=depth) for f, p, r in zip(force, place, rng.choice([1e-3, 2e-3, 3e-3], count))]
+    )
+    noisy = gain * clean / unit
+    return noisy * (1.0 + 0.0 * noise) + noise * np.abs(noisy).max() * rng.standard_normal(noisy.shape), force, place
+
+
+@pytest.fixture(scope="module")
+def skin() -> pp.Skin:
+    return pp.Skin(PAD, taxels())
+
+
+@pytest.fixture(scope="module")
+def calibrated(skin: pp.Skin) -> pp.Skin:
+    readings, force, _ = bench(12, 3)
+    readings, force = np.concatenate([np.zeros((1, 1, 4, 4)), readings]), np.r_[0.0, force]
+    return skin.calibrate(readings, reference=force)
+
+
+def test_three_weights_tell_newtons(skin: pp.Skin) -> None:
+    """Three labelled presses of sixteen taxels: 0.4 of the error of a linear regression, and intervals that hold the force."""
+    error, linear, inside = [], [], []
+    for seed in range(3):
+        readings, force, _ = bench(3, 100 + seed)
+        test, known, _ = bench(20, 5100 + seed)
+        found = calibrate(skin, readings, reference=force)
+        value, std = found.force(test.reshape(20, -1))
+        error += list(np.abs(value[:, 2] - known))
+        inside += list(np.abs(value[:, 2] - known) < 2.6 * std[:, 2])
+        linear += list(np.abs(ridge(readings.reshape(3, -1), force, test.reshape(20, -1)) - known))
+    assert np.mean(error) < 0.6 * np.mean(linear)
+    assert np.mean(inside) >= 0.9
+
+
+def test_unit_of_readings_does_not_matter(skin: pp.Skin) -> None:
+    readings, force, _ = bench(6, 7)
+    test = bench(5, 8)[0]
+    values = [
+        calibrate(skin, u * readings, reference=force).force(u * test.reshape(5, -1))[0][:, 2] for u in (1.0, 1e6)
+    ]
+    np.testing.assert_allclose(values[0], values[1], rtol=1e-4)
+
+
+def test_many_labels_are_a_regression(skin: pp.Skin) -> None:
+    """A sensor of no pad at all: force is an odd linear map of the readings, which physics calls unlikely."""
+    rng = np.random.default_rng(0)
+    mixed = rng.normal(size=(160, 16))
+    force = mixed @ rng.normal(size=16) + 0.01 * rng.normal(size=160)
+    found = calibrate(skin, mixed[:120].reshape(-1, 1, 4, 4), reference=force[:120])
+    value, _ = found.force(mixed[120:])
+    plain = ridge(mixed[:120], force[:120], mixed[120:])
+    assert np.abs(value[:, 2] - force[120:]).mean() < 1.1 * np.abs(plain - force[120:]).mean() + 1e-3
+    assert not found.elastic
+    assert any("no pressure map follows" in s for s in found.said)
+
+
+def test_force_is_zero_at_rest(calibrated: pp.Skin) -> None:
+    touch = calibrated.reconstruct(np.zeros((1, 4, 4)))
+    low, high = touch.interval(0.95, "force")
+    assert abs(float(touch.force[2])) < 0.05
+    assert low[2] < 0.0 < high[2]
+
+
+def test_the_elastic_model_holds_and_its_unit_is_found(calibrated: pp.Skin) -> None:
+    found = calibrated.calibration
+    assert found is not None
+    assert found.elastic
+    assert found.unit == pytest.approx(41.0, rel=0.3)  # depth is 13 % more than said
+    readings, force, _ = bench(1, 5003)
+    touch = calibrated.reconstruct(readings[0])
+    low, high = touch.interval(0.95, "force")
+    assert low[2] < force[0] < high[2]
+    assert float(touch.pressure.max()) > 0.0
+    assert "Forces and stress do not tell the modulus" in " ".join(found.said)
+
+
+def test_a_rejected_model_gives_force_alone(calibrated: pp.Skin) -> None:
+    found = calibrated.calibration
+    assert found is not None
+    alone = pp.Skin(PAD, taxels())
+    alone._calibration = dataclasses.replace(found, unit=float("nan"))
+    readings, force, _ = bench(2, 5003)
+    touch = alone.reconstruct(readings)
+    assert np.isnan(np.asarray(touch.pressure)).all()
+    assert ALONE in touch.notes
+    assert float(touch.force[0, 2]) == pytest.approx(force[0], rel=0.2)
+    assert np.isfinite(touch.table()["force_z_high (N)"]).all()
+    assert "net force z" in touch[0].summary()
+    missing = readings.copy()
+    missing[1, 0, 0, 0] = np.nan
+    touch = alone.reconstruct(missing)
+    assert Status.coded(int(touch.status[1])) is Status.MISSING
+    assert np.isnan(touch.force[1]).all()
+    with pytest.raises(NotObservable, match="friction belongs to the elastic model"):
+        alone.reconstruct(readings, friction=0.5)
+
+
+def test_track_takes_its_own_zero(calibrated: pp.Skin) -> None:
+    readings = bench(4, 5003)[0]
+    rng = np.random.default_rng(1)
+    with calibrated.track(baseline=10) as tracker:
+        for _ in range(10):
+            tracker.step(7.0 + 0.01 * rng.standard_normal((1, 4, 4)))
+        touches = [tracker.step(7.0 + r) for r in readings]
+    expected = np.asarray(calibrated.reconstruct(readings).force)[:, 2]
+    assert [float(t.force[2]) for t in touches] == pytest.approx(expected, rel=0.05, abs=0.05)
+
+
+def test_places_tell_the_centre(skin: pp.Skin) -> None:
+    readings, force, place = bench(40, 11)
+    found = calibrate(skin, readings, reference={"fz": force, "x": place[:, 0], "y": place[:, 1]})
+    test, _, known = bench(20, 5011)
+    value, std = found.force(test.reshape(20, -1))
+    center = found.center(test.reshape(20, -1), value, std)
+    assert center is not None
+    assert np.abs(center[0] - known).mean() < 1e-3
+    assert np.mean(np.abs(center[0] - known) < 2.5 * center[1]) > 0.85
+
+
+def test_weights_in_words(skin: pp.Skin) -> None:
+    readings, force, _ = bench(3, 21)
+    time = np.arange(0.0, 40.0, 0.1)
+    frames = np.zeros((len(time), 1, 4, 4))
+    said = ["0 g, 0 s to 5 s"]
+    for k in range(3):
+        frames[(time >= 10 * k + 8) & (time < 10 * k + 14)] = readings[k]
+        said.append(f"{1e3 * force[k] / 9.80665:.6f} g, {10 * k + 9} s to {10 * k + 13} s")
+    frames += 3.0 + 0.001 * np.random.default_rng(0).standard_normal(frames.shape)
+    recording = pp.Recording(readings=frames, channels=["stress_zz"], time=time)
+    found = calibrate(skin, recording, weights=said)
+    value, _ = found.force(readings.reshape(3, -1))
+    assert value[:, 2] == pytest.approx(force, rel=0.1)
+    assert len(found.maps["fz"].process.values) == 4  # one label a weight
+    with pytest.raises(InvalidInput, match="no frame lies"):
+        calibrate(skin, recording, weights=["200 g, 100 s to 120 s"])
+
+
+@pytest.mark.parametrize(
+    "text", ["200 g", "200, 1 s to 2 s", "200 g, 2 s to 1 s", "-5 g, 1 s to 2 s", "200 stone, 1 s to 2 s", ""]
+)
+def test_weights_that_cannot_be_read(text: str) -> None:
+    with pytest.raises(InvalidInput, match="weight"):
+        Weight.parse(text)
+
+
+def test_delay_between_clocks(skin: pp.Skin) -> None:
+    rng = np.random.default_rng(5)
+    time = np.arange(0.0, 30.0, 0.02)
+    load = np.maximum(np.sin(0.9 * time) + 0.4 * np.sin(2.3 * time), 0.0)
+    frames = load[:, None, None, None] * ball(1.0)[None] + 0.2 * rng.standard_normal((len(time), 1, 4, 4))
+    clock = np.arange(-1.0, 31.0, 0.011) - 0.43
+    force = np.interp(clock + 0.43, time, load)
+    assert find_delay(time, frames.reshape(len(time), -1), clock, force) == pytest.approx(0.43, abs=0.01)
+    found = calibrate(skin, frames, time=time, reference=force, reference_time=clock, labels=40)
+    assert any("0.43 s behind" in s for s in found.said)
+    with pytest.raises(InvalidInput, match="overlap too little"):
+        calibrate(skin, frames, time=time, reference=force, reference_time=clock + 1000.0)
+
+
+def test_calibration_travels_in_files(calibrated: pp.Skin, tmp_path: Path) -> None:
+    (tmp_path / "skin.toml").write_text(
+        '[pad]\nkind = "half_space"\nyoungs_modulus = "200 kPa"\npoissons_ratio = 0.48\n\n[[plane]]\nkind = "area"\nshape = [4, 4]\npitch = "4 mm"\ndepth = "3 mm"\nchannels = ["stress_zz"]\n'
+    )
+    found = calibrated.calibration
+    assert found is not None
+    path, numbers = write_calibrated(tmp_path / "calibrated.toml", tmp_path / "skin.toml", found)
+    again = pp.Skin.from_file(path)
+    readings = bench(3, 5003)[0]
+    for quantity in (
+        lambda s: np.asarray(s.reconstruct(readings).force),
+        lambda s: np.asarray(s.reconstruct(readings).interval(0.95, "force")),
+    ):
+        np.testing.assert_allclose(quantity(again), quantity(calibrated), rtol=1e-6, atol=1e-9)
+    assert again.calibration is not None
+    assert str(again.calibration) == str(found)
+    # a calibration of a calibrated file replaces its section
+    write_calibrated(tmp_path / "twice.toml", path, found)
+    assert (tmp_path / "twice.toml").read_text().count("[calibration]") == 1
+    assert read_calibration(tmp_path / "twice.toml") is not None
+    numbers.write_bytes(numbers.read_bytes()[:200])
+    with pytest.raises(InvalidInput, match="damaged"):
+        pp.Skin.from_file(path)
+    numbers.unlink()
+    with pytest.raises(InvalidInput, match="not beside it"):
+        pp.Skin.from_file(path)
+
+
+def test_touch_of_a_calibration_travels_in_files(calibrated: pp.Skin, tmp_path: Path) -> None:
+    from palpate.recordings import read_touch, write_touch
+    from palpate.recordings.labelled import touch_of
+
+    touch = calibrated.reconstruct(bench(2, 5003)[0])
+    write_touch(touch, tmp_path / "touch.nc")
+    again = touch_of(read_touch(tmp_path / "touch.nc"))
+    np.testing.assert_allclose(np.asarray(again.force), np.asarray(touch.force))
+    np.testing.assert_allclose(again.interval(0.95, "force"), touch.interval(0.95, "force"))
+
+
+@pytest.mark.parametrize(("gain", "word"), [(1.0, "no ageing is seen"), (0.6, "the sensor has aged")])
+def test_ageing(calibrated: pp.Skin, gain: float, word: str) -> None:
+    readings, force, _ = bench(8, 4003)
+    later = calibrated.calibrate(gain * readings, reference=force, again=True)
+    assert later.calibration is not None
+    assert any(word in s for s in later.calibration.said)
+    assert len(later.calibration.maps["fz"].process.values) == 13 + 8
+
+
+def test_a_silent_taxel_is_named(skin: pp.Skin) -> None:
+    readings, force, _ = bench(12, 3)
+    readings[:, 0, 1, 2] = 0.0
+    found = calibrate(skin, readings, reference=force)
+    assert any("stress_zz of taxel 6" in s for s in found.said)
+
+
+def test_what_cannot_be_calibrated(skin: pp.Skin) -> None:
+    readings, force, place = bench(3, 1)
+    cases = [
+        ({}, "no force is known"),
+        ({"reference": force[:2]}, "2 values for 3 frames"),
+        ({"reference": 0.0 * force}, "all known forces are zero"),
+        ({"reference": np.full(3, np.nan)}, "no force is known"),
+        ({"reference": {"force": force}}, "reference names force"),
+        ({"reference": {"x": place[:, 0]}}, "no force is known"),
+        ({"reference": force, "labels": 0}, "labels must be"),
+        ({"reference": force, "baseline": 3}, "baseline must be"),
+        ({"weights": ["200 g, 0 s to 1 s"]}, "weights say when"),
+        ({"reference": force, "reference_time": [0.0, 1.0, 2.0]}, "reference_time needs times"),
+    ]
+    for options, words in cases:
+        with pytest.raises(InvalidInput, match=words):
+            calibrate(skin, readings, **options)
+    with pytest.raises(InvalidInput, match="all labelled readings are zero"):
+        calibrate(skin, 0.0 * readings, reference=force)
+    with pytest.raises(InvalidInput, match="axes"):
+        calibrate(skin, readings[0], reference=force)
+
+
+def test_other_taxels_need_another_calibration(calibrated: pp.Skin) -> None:
+    mask = np.ones((4, 4), dtype=bool)
+    mask[0, 0] = False
+    with pytest.raises(InvalidInput, match="is for 16 readings"):
+        calibrated.masked(mask).reconstruct(np.zeros((1, 4, 4)))
+    with pytest.raises(InvalidInput, match="is for 16 readings"):
+        calibrated.masked(mask).track()
+
+
+def test_lines_have_no_physics_but_a_map() -> None:
+    skin = pp.Skin(PAD, pp.LineArray(count=5, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+    rng = np.random.default_rng(2)
+    readings = rng.uniform(0.0, 1.0, (30, 1, 5))
+    found = calibrate(skin, readings, reference=readings.sum(axis=(1, 2)))
+    assert found.force(readings[:2].reshape(2, 5))[0][:, 2] == pytest.approx(readings[:2].sum(axis=(1, 2)), rel=0.05)
+
+
+def test_the_command_line(tmp_path: Path) -> None:
+    """From a table of counts with a force sensor on its own clock to forces of another table."""
+    pytest.importorskip("typer")
+    from command_line import run
+
+    (tmp_path / "skin.toml").write_text(
+        '[pad]\nkind = "half_space"\nyoungs_modulus = "200 kPa"\npoissons_ratio = 0.48\n\n[[plane]]\nkind = "area"\nshape = [4, 4]\npitch = "4 mm"\ndepth = "3 mm"\nchannels = ["stress_zz"]\n\n[columns]\ntime = "t"\nstress_zz = "S{}"\nunit = "1 Pa"\n'
+    )
+    readings, force, _ = bench(10, 3)
+    time = np.arange(0.0, 22.0, 0.1)
+    load, frames = np.zeros(len(time)), np.zeros((len(time), 16))
+    for k in range(10):
+        at = (time >= 2 * k + 2) & (time < 2 * k + 3)
+        load[at], frames[at] = force[k], readings[k].ravel()
+    frames += 500.0 + 0.5 * np.random.default_rng(0).standard_normal(frames.shape)
+    titles = "t," + ",".join(f"S{i}" for i in range(16)) + ",Fz"
+    np.savetxt(tmp_path / "bench.csv", np.c_[time, frames, -load], delimiter=",", header=titles, comments="")
+    done = run(
+        "calibrate",
+        "bench.csv",
+        "--skin",
+        "skin.toml",
+        "--reference",
+        "fz=-Fz",
+        "--report",
+        "report.png",
+        "--labels",
+        "40",
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "presses that were left out" in done.stdout
+    assert (tmp_path / "report.png").stat().st_size > 10_000
+    done = run(
+        "reconstruct",
+        "bench.csv",
+        "--skin",
+        "calibrated.toml",
+        "--baseline",
+        "10",
+        "--frame",
+        "45",
+        "--out",
+        "one.nc",
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    found = float(done.stdout.split("net force z")[1].split("N")[0])
+    assert found == pytest.approx(force[1], rel=0.15)
+    for words, arguments in (
+        ("say what is known", ()),
+        ("no column 'Fy'", ("--reference", "fz=Fy")),
+        ("must name columns", ("--reference", "pressure=Fz")),
+        ("has none: leave it out", ("--reference", "fz=Fz", "--again")),
+        ("--reference-file needs --reference", ("--reference-file", "bench.csv", "--weight", "1 g, 0 s to 1 s")),
+    ):
+        done = run("calibrate", "bench.csv", "--skin", "skin.toml", "--out", "other.toml", *arguments, cwd=tmp_path)
+        assert done.returncode == 2
+        assert words in done.stderr
