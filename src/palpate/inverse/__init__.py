@@ -19,7 +19,6 @@ from palpate.inverse.paper.constant_friction import ConstantFriction, ConstantFr
 from palpate.inverse.paper.division import Division, DivisionEstimator
 from palpate.inverse.paper.linear_system import LinearSystem, LinearSystemEstimator
 from palpate.inverse.problem import Problem
-from palpate.inverse.rectified.method import Rectified
 from palpate.inverse.registry import method_named, methods, register
 
 __all__ = [
@@ -51,7 +50,6 @@ __all__ = [
     "Prepared",
     "Prior",
     "Problem",
-    "Rectified",
     "Regularised",
     "Solution",
     "SpectralPrior",

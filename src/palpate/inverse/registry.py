@@ -18,7 +18,6 @@ from palpate.inverse.method import Method, Option
 from palpate.inverse.paper.constant_friction import ConstantFriction
 from palpate.inverse.paper.division import Division
 from palpate.inverse.paper.linear_system import LinearSystem
-from palpate.inverse.rectified.method import Rectified
 
 __all__ = ["GROUP", "method_asked", "method_from_text", "method_named", "methods", "options", "register", "unnamed"]
 
@@ -32,7 +31,6 @@ _BUILT_IN: tuple[type[Method], ...] = (
     Adaptive,
     Constrained,
     Local,
-    Rectified,
     Tikhonov,
     Hilgers,
     Truncated,
