@@ -26,6 +26,7 @@ ROOMS = (
     "left",
     "copies",
     "more",
+    "solids",
     "designs",
 )
 

@@ -24,7 +24,7 @@ from palpate.calibrate.findings import (
     table_of,
 )
 from palpate.calibrate.forcemap import MOST_LABELS, ForceMap, usual_scale
-from palpate.calibrate.labels import SCALE_STD, Weight, find_delay, press_numbers, spread_over, weights_of
+from palpate.calibrate.labels import SCALE_STD, Labelled, Weight, find_delay, press_numbers, spread_over, weights_of
 from palpate.calibrate.prior import likely_maps
 from palpate.calibrate.process import Process
 from palpate.elastic.pad import Floats
@@ -165,20 +165,6 @@ def calibrate(
         said=tuple(said),
         table=table,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Labelled:
-    """Labelled frames: readings without zero (label, reading), the same as planes (label, channel, *array), and what is known of each."""
-
-    flat: Floats
-    planes: Floats
-    known: Mapping[str, Floats]
-    std: Floats
-    time: Floats | None
-    run: npt.NDArray[np.int64]
-    press: npt.NDArray[np.int64]
-    rest: Floats
 
 
 def _run(one: Any, skin: Any, time: Any) -> Run:

@@ -20,8 +20,8 @@ from palpate.sensing.readings import plausible
 from palpate.status import Status
 
 if TYPE_CHECKING:
-    from palpate.calibrate.calibrating import Labelled
     from palpate.calibrate.calibration import SkinCalibration
+    from palpate.calibrate.labels import Labelled
 
 __all__ = ["ageing", "best_press", "elastic_check", "hysteresis", "silent_readings", "small_unit", "table_of"]
 

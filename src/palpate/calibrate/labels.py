@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.units import UNITS, parse_quantity
 
-__all__ = ["GRAVITY", "Weight", "find_delay", "press_numbers"]
+__all__ = ["GRAVITY", "Labelled", "Weight", "find_delay", "press_numbers"]
 
 #: Standard gravity [m/s^2] (CGPM 1901).
 GRAVITY = 9.80665
@@ -165,3 +165,17 @@ def spread_over(force: Floats, count: int) -> np.ndarray[tuple[int, ...], np.dty
 def weights_of(given: Sequence[Weight | str]) -> list[Weight]:
     """Weights, those in words read."""
     return [w if isinstance(w, Weight) else Weight.parse(w) for w in given]
+
+
+@dataclass(frozen=True, eq=False)
+class Labelled:
+    """Labelled frames: readings without zero (label, reading), the same as planes (label, channel, *array), and what is known of each."""
+
+    flat: Floats
+    planes: Floats
+    known: Mapping[str, Floats]
+    std: Floats
+    time: Floats | None
+    run: npt.NDArray[np.int64]
+    press: npt.NDArray[np.int64]
+    rest: Floats

@@ -19,7 +19,6 @@ from palpate.sensing.arrays import AreaArray, ScatteredArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from palpate.design.protocol import Skin
 
 __all__ = ["Placement", "place"]
 
@@ -73,7 +72,7 @@ class Placement:
         return plot_places(self)
 
 
-def place(skin: Skin, *, count: int, extent: tuple[float, float], press: Press | None = None) -> Placement:
+def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | None = None) -> Placement:
     """Sites of ``count`` taxels, of the kind that the skin has, that know presses all over a rectangle best.
 
     Starting from nothing each taxel takes the site that lowers the mean variance most; then each moves where another site is better. What counts is the
@@ -146,7 +145,7 @@ def place(skin: Skin, *, count: int, extent: tuple[float, float], press: Press |
 
 
 def _informations(
-    skin: Skin, first: Any, press: Press, shape: tuple[int, ...], step: float
+    skin: Any, first: Any, press: Press, shape: tuple[int, ...], step: float
 ) -> tuple[Floats, Floats, dict[str, Any]]:
     """Information (place, site, parameter, parameter) in natural units, the places (y, x), and those units."""
     elastic = skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad

@@ -23,7 +23,6 @@ from palpate.sensing.uncertainty import Uncertainty
 if TYPE_CHECKING:
     import xarray
 
-    from palpate.design.protocol import Skin
 
 __all__ = ["NUMBERS", "Sweep", "combinations", "sweep", "swept"]
 
@@ -435,7 +434,7 @@ def swept(
 
 
 def sweep(
-    skin: Skin,
+    skin: Any,
     *,
     press: Press | None = None,
     keep: str = "taxels",
