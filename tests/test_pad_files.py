@@ -63,7 +63,10 @@ WRONG: dict[str, tuple[str, str]] = {
     "a key too few": (FIBRES.replace('shear = "60 kPa"\n', ""), "missing a required .*argument: 'shear'"),
     "a unit": (FIBRES.replace("300 kPa", "300 mm"), r"skin\.toml, line 3: along"),
     "no pad": ('[pad]\nkind = "nothing"\n', "pad must"),
-    "no such kind": ('[pad]\nkind = "foam"\n', 'kind must be "half_space" or "bonded_layers" or "fibres" or "nothing"'),
+    "no such kind": (
+        '[pad]\nkind = "foam"\n',
+        'kind must be "half_space" or "bonded_layers" or "solid_box" or "solid_mesh" or "fibres" or "nothing"',
+    ),
     "no kind": ("[pad]\n", "kind must be"),
     "a kind of many": ("[pad]\nkind = [1]\n", "kind must be"),
     "a key too many of a half-space": (

@@ -14,6 +14,7 @@ import threadpoolctl
 
 import palpate as pp
 from palpate._threads import SMALL, Lock, cached_property, few_threads, spare
+from palpate.inverse.contact import discrepancy
 from palpate.live import Session
 
 
@@ -100,13 +101,13 @@ def test_a_frame_leaves_the_threads_as_they_were(monkeypatch: pytest.MonkeyPatch
     skin = pp.Skin(pad, pp.LineArray(count=9, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
     prepared = pp.Constrained().prepare(skin.problem())
     seen: list[set[int]] = []
-    real = prepared.frame
+    real = discrepancy.search
 
-    def frame(*args: object) -> object:
+    def search(*args: object) -> object:
         seen.append(set(counts()))
         return real(*args)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(prepared, "frame", frame)
+    monkeypatch.setattr(discrepancy, "search", search)
     before = counts()
     prepared.solve([np.ones((1, 9))])
     assert seen == [{1}]

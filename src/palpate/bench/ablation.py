@@ -36,7 +36,7 @@ class Ablated(Automatic):
 
     def prepare(self, problem: Problem) -> AutomaticEstimator:
         """As `Automatic` does."""
-        return self.prepared_by(problem, self.policy)
+        return self._prepared_by(problem, self.policy)
 
 
 #: Parts that stand in for each other are left out together, too; a pull without a search for rims is what rims are weighed against.

@@ -70,8 +70,8 @@ class LabelForce:
         Examples
         --------
         >>> from palpate.microscopy import LabelForce
-        >>> LabelForce("1", 2e-12, (0.0, 0.0), (1e-9, 0.0), (1e-10, 1e-10), 1e-9, (0.8e-9, 1.2e-9)).mean_traction
-        500.0
+        >>> LabelForce("1", 2e-12, (0.0, 0.0), (1e-9, 0.0), (1e-10, 1e-10), 1e-9, (0.8e-9, 1.2e-9)).mean_traction.__round__()
+        500
         """
         return self.size / self.area
 

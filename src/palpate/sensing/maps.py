@@ -74,6 +74,18 @@ class Body(Protocol):
 
     It has the members of `palpate.elastic.Pad` too: those of the endless pad that is most like it. They tell which components can be told
     apart, what no reading can exceed, and how much the surface strains; no reading is worked out from them.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.sensing import Body
+    >>> gel = pp.SolidPad.box(8e-3, 8e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=1e-3)
+    >>> isinstance(gel, Body), isinstance(gel.endless, Body)
+    (True, False)
+    >>> array = pp.AreaArray(shape=(3, 3), pitch=2e-3, depth=2e-3, channels=["stress_zz"])
+    >>> surface = gel.patch([array])
+    >>> gel.response(array, surface).dense().shape == (1, 3, 3, 3, *surface.shape)
+    True
     """
 
     def response(self, array: Array, surface: Grid) -> LinearMap:

@@ -90,6 +90,21 @@ class SolidPad:
     >>> ball = pp.solutions.hertz_point(contact_radius=1e-3, force=0.2).shifted(3e-3, 0.0)  # a millimetre from the side
     >>> float(skin.reconstruct(skin.sense(ball)).force[2]).__round__(1)
     0.2
+
+    What it tells as every pad does is of the `endless` layer; its own are the side, the surface and the map.
+
+    >>> pad.thickness, pad.outline
+    (0.002, ((-0.004, 0.004), (-0.004, 0.004)))
+    >>> pad.mean_compliance(0.0).shape, pad.compliance(0.0).shape
+    ((3, 3), (6, 6))
+    >>> import numpy as np
+    >>> pad.states(np.array([100.0]), np.array([[1.0, 0.0]]), 2e-3).shape == pad.endless.states(np.array([100.0]), np.array([[1.0, 0.0]]), 2e-3).shape
+    True
+    >>> (plane,) = skin.planes  # depth="base" is a number there
+    >>> surface = pad.patch([plane])
+    >>> map = pad.response(plane, surface)
+    >>> map.forward(np.ones((3, *surface.shape))).shape  # (channel, *array)
+    (1, 3, 3)
     """
 
     vertices: Floats
@@ -234,6 +249,13 @@ class SolidPad:
         ------
         InvalidInput
             A file that cannot be read, or has no such surface; a contact surface that is not plane.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.SolidPad.from_mesh(  # doctest: +SKIP
+        ...     "gel.msh", base="glued", contact="skin", youngs_modulus=2e5, poissons_ratio=0.48, scale=1e-3
+        ... )
         """
         require_library("solid pads", "skfem")
         require_library("mesh files", "meshio")
@@ -361,7 +383,17 @@ class SolidPad:
         write(str(path), {"fields": (places, names, widths, fields)}, {"pad": self._digest})
 
     def load(self, path: str | Path) -> None:
-        """Take what `save` wrote for this very pad; `InvalidInput` where it is of another, or damaged."""
+        """Take what `save` wrote for this very pad; `InvalidInput` where it is of another, or damaged.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import palpate as pp
+        >>> pad = pp.SolidPad.box(8e-3, 8e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=1e-3)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     pad.save(f"{folder}/gel.npz")
+        ...     pad.load(f"{folder}/gel.npz")
+        """
 
         def check(about: Any) -> None:
             if about.get("pad") != self._digest:

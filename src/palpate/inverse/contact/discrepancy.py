@@ -125,7 +125,13 @@ def _with_shares(
             discrepancy=max(policy.fit.shares[-1], _posterior(left, found.free, len(data), policy)),
             unexplained=True,
         )
-    return replace(unexplained(estimator, data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
+    nothing = replace(unexplained(estimator, data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
+    if estimator.problem.zeroed:
+        return nothing
+    # offsets may be in readings without a zero: contact is as large as the largest reading allows
+    largest = float(np.abs(data / estimator.readings.std).max(initial=0.0))
+    hidden = 1.96 * estimator.undetected(largest, data).force
+    return replace(nothing, bounds=np.stack([-hidden, hidden], axis=-1))
 
 
 def _at_noise(estimator: Prepared, readings: Sequence[Floats], factor: float, rng: np.random.Generator | None) -> Frame:

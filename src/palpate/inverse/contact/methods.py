@@ -76,9 +76,9 @@ class Adaptive(Method):
 
     def prepare(self, problem: Problem) -> AdaptiveEstimator:
         """Both linear models that it starts from."""
-        return self.prepared_by(problem, Policy())
+        return self._prepared_by(problem, Policy())
 
-    def prepared_by(self, problem: Problem, policy: Policy) -> AdaptiveEstimator:
+    def _prepared_by(self, problem: Problem, policy: Policy) -> AdaptiveEstimator:
         """The same, going by other numbers (`palpate.bench.ablation`)."""
         self.check(problem)
         return AdaptiveEstimator(problem, cone_of(problem.components, self.friction), draws=self.draws, policy=policy)
@@ -194,11 +194,11 @@ class Automatic(Method):
     def prepare(self, problem: Problem) -> Prepared:
         """The adaptive method; the linear one when a frame first needs it."""
         other = self.resolved(problem)
-        return self.prepared_by(problem, Policy()) if other is self else other.prepare(problem)
+        return self._prepared_by(problem, Policy()) if other is self else other.prepare(problem)
 
-    def prepared_by(self, problem: Problem, policy: Policy) -> AutomaticEstimator:
+    def _prepared_by(self, problem: Problem, policy: Policy) -> AutomaticEstimator:
         """Where pressure is sought, going by these numbers."""
-        pushing = Adaptive(friction=self.friction, draws=self.draws).prepared_by(problem, policy)
+        pushing = Adaptive(friction=self.friction, draws=self.draws)._prepared_by(problem, policy)
         linear = self.friction is None and not problem.ambiguous and policy.parts.pulls
         return AutomaticEstimator(
             pushing, (lambda: with_offsets(Tikhonov().prepare(problem), problem)) if linear else None
