@@ -270,6 +270,8 @@ def report(found: dict[tuple[str, str, int], list[tuple[float, float, float, flo
     names = list(dict.fromkeys(k[0] for k in found))
     mean = {k: np.mean(v, axis=0) for k, v in found.items()}
     lines = [
+        "# Newtons from labelled frames",
+        "",
         f"Made by `python benchmarks/calibrate.py --data FOLDER --draws {draws}`: means over {draws} draws of labels.",
         "",
     ]

@@ -189,6 +189,8 @@ def main() -> int:
     now = counted(ROOT / "src")
     before = counted(given.beside.resolve()) if given.beside else None
     lines = [
+        "# Structure",
+        "",
         "Made by `python benchmarks/structure.py`" + (", beside the code before." if before else "."),
         "",
         "| | before | now |" if before else "| | now |",

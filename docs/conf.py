@@ -102,7 +102,7 @@ nitpick_ignore_regex = [
         "py:class",
         r"palpate\..*|(np|numpy)\..*|TypeAliasForwardRef|collections\.abc\..*|types\..*|(enum|abc)\..*|[a-z_]\w*|.*\[.*",
     ),
-    ("py:class", "TouchStream|Panel|OpenRecording|Bools|Table|Titles"),
+    ("py:class", r"TouchStream|Panel|OpenRecording|Bools|Table|Titles|Solid|Sample|Response|jax\.jaxlib\._jax\.Array"),
     # what the docstrings of collections.abc.Mapping return
     ("py:class", r"an? .*object providing a view on D's \w+"),
 ]
