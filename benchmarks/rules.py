@@ -64,7 +64,9 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "models that end on the surface": {"parts.ends_on_surface": False},
     "common shear": {"parts.common_shear": False},
     "faint cells left out early": {"parts.narrowed": False},
+    "finer cells of sliding contact": {"parts.finer_sliding": False},
     "skipped models": {"parts.skipped": False},
+    "no shear outside contact": {"parts.shear_in_contact": False},
     "uneven noise is no contact": {"parts.uneven_evidence": False},
 }
 

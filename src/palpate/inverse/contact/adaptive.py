@@ -33,6 +33,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.constrained.differences import Sparse
+from palpate.inverse.constrained.factors import cholesky
 from palpate.inverse.constrained.model import ContactModel, Level, Normal, dilated
 from palpate.inverse.constrained.variances import taken_by, variance_of
 from palpate.inverse.contact.compact import Discs, discs
@@ -83,6 +84,14 @@ class AdaptiveEstimator(ConstrainedEstimator):
         )
         wanted = [r for limit, r in table if r == 1 or unknowns * r**d <= most]
         return min(next(r for limit, r in table if spacing <= limit), max([*wanted, 1]))
+
+    def _freedom_along(self, data: Normal, weight: float) -> float:
+        """How many degrees of freedom of the pressure the data tell, by the even penalty of that weight."""
+        import scipy.linalg
+
+        even = self.precisions(data.level, 1, weight)[-1][data.cells][:, data.cells].toarray()
+        factor = cholesky(data.gram + even)
+        return float(np.trace(scipy.linalg.cho_solve((factor, True), data.gram, check_finite=False)))
 
     def models(
         self,
@@ -166,6 +175,16 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield m
         alone = copy.copy(self)
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
+        if slides and not coarse.at_size:
+            # pressure alone has fewer unknowns than the data tell: a finer grid pays sooner
+            freedom = alone._freedom_along(coarse.along(slides[0][0]), parameter / scale**2)
+            finer = self._ratio(count, freedom, count)
+            if (
+                policy.parts.finer_sliding
+                and finer > ratio
+                and count * c * finer**grid.dimensions <= policy.work.unknowns
+            ):
+                data, start = refined(finer)
         for ray, changes, chance in slides:
             for one in alone._members(data.along(ray), start[-1:], y, evidence):
                 member = expanded(one, data, ray, changes)
@@ -288,6 +307,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """The penalty learned from its own result, over and over, beginning with the ``energies`` of the first."""
         policy = self.policy
         level, first = member.level, member
+        c = len(self.columns)
         precisions: list[Sparse] = []
         quiet, rounds = policy.extent.quiet, policy.prior.rounds
         for i in range(rounds):
@@ -295,6 +315,9 @@ class AdaptiveEstimator(ConstrainedEstimator):
             loud = tau.max(axis=0).ravel()
             pressure = member.solution.traction[-1]
             keep = (loud[member.cells] > quiet * loud.max()) | (pressure > self.quiet(y) * pressure.max())
+            if policy.parts.shear_in_contact and not self.cone.coupled and c > 1:
+                # no shear outside contact
+                keep &= dilated(member.pressure > 0, 1).ravel()[member.cells]
             position = np.flatnonzero(keep)
             if not len(position):
                 break
