@@ -363,8 +363,8 @@ NOTES = [
     ),
     of_cell(
         "if they are bad ones, leave them out with without_outliers() (--drop-outliers)",
-        lambda: cell(outlying()),
-        lambda: cell(outlying(), clean=True),
+        lambda: cell(outlying(), method="tikhonov"),
+        lambda: cell(outlying(), clean=True, method="tikhonov"),
     ),
     of_cell(
         "spreads its traction far over the gel, as no cell does, and {}",
@@ -396,13 +396,13 @@ NOTES = [
     ),
     of_cell(
         "Where the picture cannot have moved, say drift=False (--still)",
-        lambda: cell(U(), noise=None, drift=True),
-        lambda: cell(U(), noise=None, drift=False),
+        lambda: cell(U(), noise=None, drift=True, method="tikhonov"),
+        lambda: cell(U(), noise=None, drift=False, method="tikhonov"),
     ),
     of_cell(
         "Give noise=... (--noise)",
-        lambda: cell(U(), noise=None),
-        lambda: cell(U()),
+        lambda: cell(U(), noise=None, method="tikhonov"),
+        lambda: cell(U(), method="tikhonov"),
     ),
     of_cell(
         'uncertainty=Uncertainty(youngs_modulus=0.2) in Python, --youngs-modulus "8 kPa +- 20 %")',

@@ -28,7 +28,7 @@ Alone = Callable[[list[Floats], list[list[Floats]]], Touch]
 #: Noise that frames at rest tell is rounded up to powers of this: a skin that is prepared serves again.
 NOISE_STEP = 1.1
 #: Frames between two comparisons at least, of so many readings; if the last two answers parted; and while the load grows or falls, which a contact does a few times.
-SPACING, READINGS, DOUBTED, GROWING = 64, 200, 16, 4
+SPACING, READINGS, DOUBTED, GROWING = 64, 200, 16, 8
 #: Standard deviations by which two answers that part are said to differ at most: less than the 1.96 of half an interval of 95 %.
 REACH = 1.8
 #: A comparison is due after so many frames, or where the load has changed by this factor.
