@@ -107,6 +107,7 @@ INNER = (
     ("calibrate.process", "that no map can be fitted to"),
     ("calibrate.report", "has no map of a force to draw"),
     ("cli.calibrate", "nothing was calibrated"),
+    ("design.files", "must be a section ["),
     ("microscopy.adhesions", "one frame was sampled"),
     ("camera.render", "a scene has an area for its surface"),
     ("cli.options", "watch the pressure, but these channels measure only"),

@@ -114,11 +114,6 @@ REMEDIES = [
         ["stress_zz"],
     ),
     value("limits differ between channels", lambda s: sweep(s, channels=[["stress_zz"]]), LIMITS, SKIN),
-    value("must be a section [", file, "[[press]]
-friction = 0.5
-", "[press]
-friction = 0.5
-"),
     Remedy(
         "the table of designs is a .csv",
         command("design design.toml --out designs.json"),
