@@ -65,5 +65,5 @@ def test_methods_of_one_influence_refuse_it(method: str) -> None:
 def test_a_matrix_of_another_shape_is_refused() -> None:
     with pytest.raises(pp.InvalidInput, match="3 taxels"):
         MatrixMap(np.zeros((1, 2, 3, 2, 2)), (3,))
-    with pytest.raises(pp.InvalidInput, match="not finite"):
+    with pytest.raises(pp.InvalidInput, match="must be finite"):
         MatrixMap(np.full((1, 2, 3, 2, 2), np.nan), (2,))

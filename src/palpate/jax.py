@@ -135,7 +135,7 @@ def _given(model: Model, x: Any, parameters: Mapping[str, Any] | None) -> tuple[
     given = {name: value for name, value in (parameters or {}).items() if value is not None}
     unknown = sorted(set(given) - set(differentiable.NAMES))
     if unknown:
-        raise InvalidInput(f"parameters are {', '.join(differentiable.NAMES)}; got {', '.join(unknown)}.")
+        raise InvalidInput(f"parameters must be named {', '.join(differentiable.NAMES)}; got {', '.join(unknown)}.")
     dtype = x.dtype
     if given:
         if not jax.config.jax_enable_x64:

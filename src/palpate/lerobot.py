@@ -59,7 +59,9 @@ class Episode:
     def __post_init__(self) -> None:
         found = {str(name): np.asarray(value) for name, value in self.columns.items()}
         if not found:
-            raise InvalidInput("an episode needs a column at least.")
+            raise InvalidInput(
+                "an episode needs at least one column, such as {'action': array (frame, ...)}; got none."
+            )
         for name, value in found.items():
             if value.ndim == 0 or value.dtype.name not in _KINDS:
                 raise InvalidInput(
@@ -67,7 +69,7 @@ class Episode:
                 )
             if value.ndim > 6:
                 raise InvalidInput(
-                    f"column {name!r} has {value.ndim - 1} axes beside the frame, and the format has 5 at most."
+                    f"column {name!r} has {value.ndim - 1} axes beside the frame, and the format has 5 at most. Reshape it to fewer axes."
                 )
             if name in _FRAME:
                 raise InvalidInput(f"column {name!r} is the format's own; leave it out.")
@@ -85,7 +87,7 @@ class Episode:
         if key not in self.columns:
             there = sorted({k.removeprefix(PREFIX).rsplit(".", 1)[0] for k in self.columns if k.startswith(PREFIX)})
             raise InvalidInput(
-                f"the episode has no readings of {name!r}; its sensors are {', '.join(there) or 'none'}."
+                f"the episode has no readings of {name!r}; its sensors are {', '.join(there) or 'none'}. Name one of these, or write readings with tactile_columns(touch, readings=...)."
             )
         time = self.columns.get(f"{PREFIX}{name}.time")
         return Recording(
@@ -152,7 +154,9 @@ def tactile_columns(
     if readings is not None:
         given = np.asarray(readings)
         if len(given) != frames:
-            raise InvalidInput(f"readings must hold the {frames} frames of the touch; got {len(given)}.")
+            raise InvalidInput(
+                f"readings must hold the {frames} frames of the touch; got {len(given)}. Pass the readings that the touch was reconstructed from."
+            )
         out["readings"] = given
     if touch.errors is not None:
         out["std"] = np.asarray(touch.std)
@@ -191,14 +195,14 @@ def write_dataset(path: str | Path, episodes: Sequence[Episode], *, fps: int, ro
     if isinstance(fps, bool) or not isinstance(fps, int) or fps <= 0:
         raise InvalidInput(f"fps must be a positive whole number of frames a second; got {fps!r}.")
     if not episodes:
-        raise InvalidInput("there are no episodes to write.")
+        raise InvalidInput("episodes is empty: give at least one Episode.")
     if root.exists():
         raise InvalidInput(f"{root} is there already: choose a new folder, or add_columns to a dataset.")
     first = _features(episodes[0])
     for number, episode in enumerate(episodes):
         if _features(episode) != first:
             raise InvalidInput(
-                f"episode {number} has other columns, shapes or kinds than the first: a dataset has one set of columns."
+                f"episode {number} has other columns, shapes or kinds than the first: a dataset has one set of columns. Give all episodes the same columns, or write two datasets."
             )
     tasks = list(dict.fromkeys(e.task for e in episodes))
     start, rows = 0, []
@@ -306,7 +310,9 @@ def add_columns(source: str | Path, target: str | Path, columns: Sequence[Mappin
     if len(more) != info["total_episodes"]:
         raise InvalidInput(f"columns must be given for each of {info['total_episodes']} episodes; got {len(more)}.")
     if len({json.dumps(_features(e)) for e in more}) > 1:
-        raise InvalidInput("the episodes have different columns, shapes or kinds: a dataset has one set of columns.")
+        raise InvalidInput(
+            "the episodes have different columns, shapes or kinds: a dataset has one set of columns. Give the same columns for each."
+        )
     if root.exists():
         raise InvalidInput(f"{root} is there already: choose a new folder.")
     files = sorted((Path(source) / "data").rglob("*.parquet"))
@@ -319,7 +325,9 @@ def add_columns(source: str | Path, target: str | Path, columns: Sequence[Mappin
             count[int(n)] = count.get(int(n), 0) + int(m)
     for number, episode in enumerate(more):
         if count.get(number, 0) != len(episode):
-            raise InvalidInput(f"episode {number} has {count.get(number, 0)} frames; its columns have {len(episode)}.")
+            raise InvalidInput(
+                f"episode {number} has {count.get(number, 0)} frames; its columns have {len(episode)}. Give one entry for each frame."
+            )
     shutil.copytree(source, root)
     for file in sorted((root / "data").rglob("*.parquet")):
         table = parquet.read_table(file)
@@ -362,7 +370,9 @@ def _list(value: npt.NDArray[Any]) -> Any:
         return flat
     for size in reversed(shape):
         if size == 0:
-            raise InvalidInput("a column has an axis of length 0, which the format cannot hold.")
+            raise InvalidInput(
+                f"a column has shape {value.shape}, and the format cannot hold an axis of length 0. Leave the column out."
+            )
         flat = pyarrow.ListArray.from_arrays(pyarrow.array(np.arange(0, len(flat) + 1, size, dtype=np.int32)), flat)
     return flat
 
@@ -422,7 +432,9 @@ def _write_json(path: Path, value: Any) -> None:
 def _info(path: str | Path) -> dict[str, Any]:
     file = Path(path) / "meta/info.json"
     if not file.is_file():
-        raise InvalidInput(f"{path} holds no LeRobot dataset: there is no meta/info.json.")
+        raise InvalidInput(
+            f"{path} holds no LeRobot dataset: there is no meta/info.json. Give the folder that holds meta/ and data/."
+        )
     info = dict(json.loads(file.read_text(encoding="utf-8")))
     if info.get("codebase_version") != VERSION:
         raise Unsupported(

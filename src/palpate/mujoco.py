@@ -92,7 +92,7 @@ class Taxels:
             count = getattr(self.model, f"n{word}")
             there = [self._mujoco.mj_id2name(self.model, kind, i) for i in range(count)]
             known = ", ".join(repr(n) for n in there if n) or f"none that has a name, of {count}"
-            raise InvalidInput(f"the model has no {word} {name!r}. It has {known}.")
+            raise InvalidInput(f"the model has no {word} {name!r}. It has {known}. Pass one of these.")
         return found
 
     def read(self, data: Any, *, rng: np.random.Generator | None = None) -> Any:

@@ -28,6 +28,12 @@ ROOMS = (
     "more",
     "solids",
     "designs",
+    "calibrations",
+    "robotfiles",
+    "outlines",
+    "simulators",
+    "differentiation",
+    "networks",
 )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import palpate as pp
 from palpate.design import place, read_design, sweep
-from remedies._remedy import laid, value
+from remedies._remedy import Remedy, command, laid, value
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
 GEL = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
@@ -47,6 +47,11 @@ def file(end: str) -> Any:
     return read_design("design.toml")
 
 
+def two_files() -> None:
+    """A design, one that is pressed otherwise, and one that is pressed alike."""
+    laid(design_toml=FILE, other_toml=FILE + '[press]\nforce = "2 N"\n', alike_toml=FILE.replace("[6, 6]", "[5, 5]"))
+
+
 REMEDIES = [
     value(
         "{} must be a positive number{}; got {}. Write press {}= such as {}", lambda v: SKIN.design(force=v), -1.0, 1.0
@@ -76,10 +81,11 @@ REMEDIES = [
     ),
     value("is not an axis of numbers of this sweep", lambda v: sweep(SKIN, depth=[1e-3]).plot(v), "pitch", "depth"),
     value(
-        "is not a number of a design; accepted: force",
+        "is not a number of a design; accepted: {}.",
         lambda v: sweep(SKIN, depth=[1e-3]).plot(columns=[v]),
         "x",
         "pair",
+        room="design.figures",
     ),
     value(
         "planes, and a sweep varies the array of one",
@@ -108,6 +114,18 @@ REMEDIES = [
         ["stress_zz"],
     ),
     value("limits differ between channels", lambda s: sweep(s, channels=[["stress_zz"]]), LIMITS, SKIN),
+    Remedy(
+        "the table of designs is a .csv",
+        command("design design.toml --out designs.json"),
+        command("design design.toml --out designs.csv"),
+        given=two_files,
+    ),
+    Remedy(
+        "the files press differently, or have other goals",
+        command("design design.toml other.toml --out designs.csv"),
+        command("design design.toml alike.toml --out designs.csv"),
+        given=two_files,
+    ),
     value("placement is for area contact", lambda s: place(s, count=9, extent=(9e-3, 9e-3)), LINE, SKIN),
     value("extent must be (width, height)", lambda v: place(SKIN, count=9, extent=v), (0.0, 1.0), (9e-3, 9e-3)),
     value("count must be a whole number from {} (a press", lambda v: place(SKIN, count=v, extent=(9e-3, 9e-3)), 1, 9),

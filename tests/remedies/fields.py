@@ -423,11 +423,11 @@ REMEDIES = [
     ),
     mask("its corners lie in a line", "1,1\n2,2\n3,3\n", "10,10\n60,12\n40,50\n", name="c.csv"),
     mask("give one outline without holes", json.dumps([CORNERS, CORNERS]), json.dumps([CORNERS]), name="c.json"),
-    mask("it looks like a photograph", np.arange(120.0).reshape(10, 12), INSIDE),
+    mask("it looks like a photograph", np.arange(120.0).reshape(10, 12), INSIDE, room="microscopy.masks"),
     cell("several cells perhaps: say which with cell=", CELLS, None, 1, right=lambda m: m.sum() == INSIDE.sum()),
     cell("no pixel has the value {} of cell", CELLS, 7, 2, right=lambda m: m.sum() == 12),
     mask("every pixel is {}. Outside the cell it must be zero", np.full((10, 12), 3), INSIDE),
-    mask('holds no "masks"', np.array({"flows": 1}, dtype=object), INSIDE, name="a_seg.npy"),
+    mask('holds no "masks"', np.array({"flows": 1}, dtype=object), INSIDE, name="a_seg.npy", room="microscopy.masks"),
     mask(
         "a stack: save one plane with np.save",
         np.array({"masks": np.ones((2, 9, 9))}, dtype=object),

@@ -1,19 +1,25 @@
-"""Pads with sides, and pads that make their maps themselves."""
+"""Pads with sides, meshes from files, and pads that make their maps themselves."""
 
 from __future__ import annotations
 
+import dataclasses
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import palpate as pp
+from palpate.sensing import MatrixMap
 from remedies._remedy import Remedy, value
 
 __all__ = ["REMEDIES"]
 
+MATERIAL: dict[str, Any] = {"youngs_modulus": 2e5, "poissons_ratio": 0.48}
+
 
 def box(**changed: Any) -> pp.SolidPad:
-    given: dict[str, Any] = {"youngs_modulus": 2e5, "poissons_ratio": 0.48, "element": 1e-3, **changed}
+    given: dict[str, Any] = {**MATERIAL, "element": 1e-3, **changed}
     return pp.SolidPad.box(6e-3, 6e-3, 2e-3, **given)
 
 
@@ -27,10 +33,104 @@ def wide(pitch: float) -> pp.Skin:
     return skin(pp.AreaArray(shape=(3, 3), pitch=pitch, depth="base", channels=["stress_zz"]))
 
 
+@lru_cache
+def cubes() -> pp.SolidPad:
+    return box()
+
+
+def of(**changed: Any) -> pp.SolidPad:
+    """The box by its own vertices and facets, with others of them."""
+    return dataclasses.replace(cubes(), **changed)
+
+
+def spoilt() -> Any:
+    out = cubes().vertices.copy()
+    out[3, 1] = np.nan
+    return out
+
+
+def written(name: str, *, unit: float = 1.0, turned: bool = False, named: str = "glue") -> None:
+    """A file of Gmsh with named surfaces, in tetrahedra."""
+    import meshio
+    from skfem import MeshTet
+
+    mesh = MeshTet.init_tensor(*([np.linspace(-3e-3, 3e-3, 5)] * 2), np.linspace(0.0, 2e-3, 3))
+    sign = np.array([1.0, -1.0, -1.0]) if turned else np.ones(3)
+    top = mesh.facets[:, mesh.facets_satisfying(lambda x: x[2] < 1e-9, boundaries_only=True)].T
+    low = mesh.facets[:, mesh.facets_satisfying(lambda x: x[2] > 2e-3 - 1e-9, boundaries_only=True)].T
+    tags = [np.concatenate([np.full(len(top), 1), np.full(len(low), 2)]), np.full(len(mesh.t.T), 3)]
+    out = meshio.Mesh(
+        mesh.p.T * sign / unit,
+        [("triangle", np.concatenate([top, low])), ("tetra", mesh.t.T)],
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={"skin": np.array([1, 2]), named: np.array([2, 2]), "gel": np.array([3, 3])},
+    )
+    meshio.write(name, out, file_format="gmsh22", binary=False)
+
+
+def meshes() -> None:
+    written("gel.msh")
+    written("mm.msh", unit=1e-6)
+    written("up.msh", turned=True)
+    written("bottom.msh", named="bottom")
+    Path("gel.txt").write_text("a gel of 6 x 6 x 2 mm\n", encoding="utf-8")
+
+
+def mesh(name: str, **changed: Any) -> pp.SolidPad:
+    return pp.SolidPad.from_mesh(name, **{"base": "glue", "contact": "skin", **MATERIAL, **changed})
+
+
+def kept() -> None:
+    """What was worked out for the box."""
+    pad = box()
+    pp.Skin(pad, pp.AreaArray(shape=(1, 2), pitch=1e-3, depth="base", channels=["stress_zz"])).operator.dense()
+    pad.save("gel.npz")
+
+
+def worked_out_again() -> None:
+    pad = box(youngs_modulus=3e5)
+    pad.save("gel.npz")
+    box(youngs_modulus=3e5).load("gel.npz")
+
+
+LINE = pp.LineArray(count=3, pitch=1e-3, depth="base", channels=["stress_zz"])
+AREA = pp.AreaArray(shape=(3, 3), pitch=1e-3, depth="base", channels=["stress_zz"])
+MATRIX = np.arange(24.0).reshape(1, 2, 3, 2, 2)
+
 REMEDIES = [
     value("poissons_ratio of a solid pad must be", lambda nu: box(poissons_ratio=nu), 0.5, 0.499),
-    value("elements has about {} unknowns", lambda e: box(element=e), 2e-5, 1e-3),
+    value("a larger element= (here", lambda e: box(element=e), 2e-5, 1e-3),
     value("sensing elements lie beside the pad", wide, 5e-3, 2e-3),
+    value("vertices must be a finite array (vertex, 3)", lambda v: of(vertices=v), spoilt(), cubes().vertices),
+    value(
+        "elements must be tetrahedra (n, 4) or hexahedra (n, 8)",
+        lambda v: of(elements=v),
+        cubes().elements[:, :6],
+        cubes().elements,
+    ),
+    value("has no facets; name a surface", lambda v: of(base=v), cubes().base[:0], cubes().base),
+    value("Give a coarser mesh (element=", lambda n: of(elements=np.tile(cubes().elements, (n, 1))), 300, 1),
+    value("of a mesh in millimetres give scale=", lambda s: mesh("mm.msh", scale=s), 1e-2, 1e-6, given=meshes),
+    value(
+        "the surface that is touched must be the plane z = 0",
+        lambda way: of(vertices=cubes().vertices + way),
+        [0.0, 0.0, 1e-3],
+        [1e-3, 0.0, 0.0],
+    ),
+    value("Of a mesh whose z points out of it", lambda t: mesh("up.msh", turned=t), False, True, given=meshes),
+    value('base must be "bonded" and sides', lambda v: box(sides=v), "glued", "bonded"),
+    value("there is no such file", mesh, "none.msh", "gel.msh", given=meshes, room="solid.pad"),
+    value("is no mesh that meshio reads", mesh, "gel.txt", "gel.msh", given=meshes),
+    value("has no surface named", mesh, "bottom.msh", "gel.msh", given=meshes),
+    Remedy(
+        "was worked out for another solid pad",
+        lambda: box(youngs_modulus=3e5).load("gel.npz"),
+        worked_out_again,
+        given=kept,
+    ),
+    value("a solid pad is touched on an area", skin, LINE, AREA),
+    value("a matrix (channel, taxel, component, *surface) of", lambda m: MatrixMap(m, (2,)), MATRIX[:, :1], MATRIX),
+    value("the matrix of a map must be finite", lambda m: MatrixMap(m, (2,)), np.nan * MATRIX, MATRIX),
     Remedy(
         "is not alike everywhere, so that no influence of one cell serves them all",
         lambda: skin().reconstruct(np.zeros((1, 3, 3)), method="dft"),

@@ -44,6 +44,8 @@ FEWEST_AT_REST, ALIKE_AT_REST = 3, 0.1
 #: Labels of one calibration by default: more cost time and tell little (docs/_generated/calibrate.md).
 USUAL_LABELS = 300
 SEED = 41
+#: Squares of larger numbers, and inverses of smaller ones, leave double precision (at 1e154).
+LARGEST = 1e100
 #: Frames at rest that are kept, and the noise where none is labelled, as a part of the root mean square of the readings (a convention).
 REST_KEPT, ASSUMED_NOISE = 20, 0.01
 
@@ -139,6 +141,7 @@ def calibrate(
         else:
             one = _known(run, own, reference_time, said)
         known.append(one)
+        _check_size("known forces", np.concatenate([one[f] for f in FORCES if f in one]))
     flats: list[Floats] = []
     for run, one in zip(runs, known):
         zero = _zero(run, one, baseline, said)
@@ -175,15 +178,27 @@ def _run(one: Any, skin: Any, time: Any) -> Run:
         values = np.asarray(to_numpy(one), dtype=np.float64)
         seconds = None if time is None else np.asarray(as_seconds(time), dtype=np.float64)
     if len({p.shape for p in skin.planes}) != 1:
-        raise InvalidInput("calibrate takes skins whose planes have one shape.")
+        raise InvalidInput(
+            f"calibrate takes skins whose planes have one shape; got {', '.join(str(p.shape) for p in skin.planes)}. Calibrate a skin of one plane with the readings of that plane."
+        )
     if values.ndim != 2 + len(skin.planes[0].shape):
         raise InvalidInput(
             f"presses must have the axes (frame, channel, *array), {2 + len(skin.planes[0].shape)} of them; got shape {values.shape}."
         )
     flat = flat_readings(skin.planes, values)
+    _check_size("readings", flat)
     if seconds is not None and seconds.shape != (len(flat),):
         raise InvalidInput(f"time must hold one second for each of {len(flat)} frames; got shape {seconds.shape}.")
     return Run(np.asarray(values, dtype=np.float64), flat, seconds)
+
+
+def _check_size(name: str, values: Floats) -> None:
+    """Refuse numbers whose squares cannot be held."""
+    largest = float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
+    if largest and not 1.0 / LARGEST <= largest <= LARGEST:
+        raise InvalidInput(
+            f"the largest of the {name} is {largest:g}; accepted: {1.0 / LARGEST:g} to {LARGEST:g}. Check their units."
+        )
 
 
 def _columns(reference: Any) -> dict[str, Floats]:
@@ -196,7 +211,8 @@ def _columns(reference: Any) -> dict[str, Floats]:
                 f"reference names {', '.join(sorted(unknown)) or 'nothing'}; accepted: {', '.join((*FORCES, *PLACES))}."
             )
         if any(v.ndim != 1 for v in out.values()) or len({len(v) for v in out.values()}) != 1:
-            raise InvalidInput("each entry of reference must be one number for each frame.")
+            shapes = ", ".join(f"{k} {v.shape}" for k, v in out.items())
+            raise InvalidInput(f"each entry of reference must have shape (frame,), all of one length; got {shapes}.")
         return out
     values = np.asarray(to_numpy(reference), dtype=np.float64)
     if values.ndim == 1:
@@ -218,7 +234,9 @@ def _known(run: Run, reference: Any, reference_time: Any, said: list[str]) -> di
             if run.time is None:
                 raise InvalidInput("reference_time needs times of the frames: give a Recording, or time=.")
             if clock.shape != (length,) or (np.diff(clock) <= 0).any():
-                raise InvalidInput(f"reference_time must rise and hold one time for each of {length} samples.")
+                raise InvalidInput(
+                    f"reference_time must rise and hold one time for each of {length} samples; got shape {clock.shape}. Sort the samples by time, without times that occur twice."
+                )
             main = out.get("fz", next(iter(out.values())))
             good = np.isfinite(main)
             delay = find_delay(run.time, np.nan_to_num(run.flat), clock[good], main[good])
@@ -240,7 +258,9 @@ def _known(run: Run, reference: Any, reference_time: Any, said: list[str]) -> di
 def _weighed(run: Run, reference: Any, weights: list[Weight]) -> tuple[Run, dict[str, Floats]]:
     """One frame for each weight, the mean of those in which it stood: frames of one weight share all that is wrong with them."""
     if run.time is None:
-        raise InvalidInput("weights say when they stood: give a Recording, or time= with the frames.")
+        raise InvalidInput(
+            "weights say when they stood, and the presses have no times: give a Recording, or time= with the frames."
+        )
     if reference is not None:
         raise InvalidInput(
             "give weights= or reference= for a run, not both; others go into a second calibration, with again=True."
@@ -250,7 +270,7 @@ def _weighed(run: Run, reference: Any, weights: list[Weight]) -> tuple[Run, dict
         at = np.flatnonzero((run.time >= weight.start) & (run.time <= weight.end))
         if not len(at):
             raise InvalidInput(
-                f"no frame lies from {weight.start:g} to {weight.end:g} s: the recording goes from {run.time[0]:g} to {run.time[-1]:g} s."
+                f"no frame lies from {weight.start:g} to {weight.end:g} s: the recording goes from {run.time[0]:g} to {run.time[-1]:g} s. Give times within it."
             )
         still = at[int(ENDS * len(at)) : max(len(at) - int(ENDS * len(at)), int(ENDS * len(at)) + 1)]
         with warnings.catch_warnings():
@@ -315,7 +335,9 @@ def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats
         forces = np.stack([one[f] for f in FORCES if f in one], axis=1)
         at = np.flatnonzero(np.isfinite(forces).any(axis=1) & np.isfinite(flat).all(axis=1))
         if not len(at):
-            raise InvalidInput(f"run {number} has no frame with a known force and complete readings.")
+            raise InvalidInput(
+                f"run {number} has no frame with a known force and complete readings. Give the force of a frame whose readings are all finite, or leave the run out."
+            )
         at = at[spread_over(np.nan_to_num(forces[at]), per_run)]
         rows["flat"].append(flat[at])
         rows["planes"].append(run.readings[at] - _as_planes(run, flat, at))

@@ -56,7 +56,7 @@ def write_calibrated(path: str | Path, skin_file: str | Path, found: SkinCalibra
     """
     target, source = Path(path), Path(skin_file)
     if target.suffix.lower() != ".toml":
-        raise InvalidInput(f"{target}: a calibrated skin file ends in .toml.")
+        raise InvalidInput(f"{target}: a calibrated skin file ends in .toml. Write {target.with_suffix('.toml').name}.")
     text = skin_text(source)
     if re.search(r"(?m)^\s*positions_file\s*=", text) and target.resolve().parent != source.resolve().parent:
         raise InvalidInput(

@@ -78,7 +78,7 @@ class Weight:
         if not end > start:
             raise InvalidInput(f"the weight {text!r} ends at {end:g} s, not after {start:g} s; write {example}.")
         if not np.isfinite(force) or force < 0.0:
-            raise InvalidInput(f"the weight {text!r} must not be negative.")
+            raise InvalidInput(f"the weight {text!r} must not be negative; write 0 g where nothing stood on the pad.")
         return cls(force, start, end)
 
 
@@ -108,7 +108,9 @@ def find_delay(
     step = (min(0.25 * span, USUAL_DELAY) if most is None else most) / 40.0
     best, explained = 0.0, -np.inf
     if not span > 0.0:
-        raise InvalidInput("one frame has no delay: give two frames or more with their times.")
+        raise InvalidInput(
+            f"all {len(time)} frames have the time {time[0]:g} s, so no delay can be found: give two frames or more with their times."
+        )
     for _ in range(3):
         for delay in best + step * np.arange(-40, 41):
             force = np.interp(time, reference_time + delay, reference, left=np.nan, right=np.nan)

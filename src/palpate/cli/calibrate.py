@@ -84,7 +84,7 @@ def calibrate(
         check_picture(report)
     for press in presses:
         if not press.exists():
-            raise InvalidInput(f"{press}: no such file.")
+            raise InvalidInput(f"{press}: no such file. Give the path of a recording that exists.")
     recordings = [read_recording(press, mapping=mapping_for(press, skin_file, columns)) for press in presses]
     skin = Skin.from_file(skin_file, recording=recordings[0])
     if again and skin.calibration is None:
@@ -156,7 +156,9 @@ def _read(path: Path, wanted: dict[str, tuple[str, float]]) -> dict[str, Any]:
         found = []
         for name, _ in wanted.values():
             if name not in titles.names:
-                raise InvalidInput(f"{path}: no column {name!r}. There are {titles.listed()}.")
+                raise InvalidInput(
+                    f"{path}: no column {name!r}. There are {titles.listed()}. Name one of these in --reference."
+                )
             found.append(titles.names.index(name))
         return found
 

@@ -59,7 +59,7 @@ def film(
         check_output(beside, inputs=inputs, force=force)
     for file in inputs:
         if file is not None and not file.exists():
-            raise InvalidInput(f"{file}: no such file.")
+            raise InvalidInput(f"{file}: no such file. Give the path of a file that exists.")
     value, uncertainty = _known("--youngs-modulus", youngs_modulus)
     if thickness is None:
         pad: HalfSpace | BondedLayers = HalfSpace(youngs_modulus=value, poissons_ratio=poissons_ratio)

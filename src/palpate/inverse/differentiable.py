@@ -87,7 +87,7 @@ def matrices(
     problem: Problem,
     pad: Any,
     *,
-    parameter: float | None = None,
+    parameter: float | Floats | None = None,
     friction: float | None = None,
     constrained: bool = False,
     depth_range: float = 0.0,
@@ -110,9 +110,11 @@ def matrices(
         raise InvalidInput(
             f"depth_range must be a part of the depth from 0 (depth is not varied) to {WIDEST:g}; got {depth_range!r}."
         )
+    if isinstance(parameter, np.ndarray) and parameter.ndim == 0:  # as a touch of one frame holds it
+        parameter = float(parameter)
     if parameter is not None and not (is_number(parameter) and parameter > 0):
         raise InvalidInput(
-            f"parameter must be a positive number, as skin.reconstruct(readings, method='tikhonov').parameter tells it; got {parameter!r}."
+            f"parameter must be one positive number, such as skin.reconstruct(readings, method='tikhonov').parameter of one frame; got {parameter!r}."
         )
     cells = math.prod(surface.shape)
     unknowns, readings = cells * len(problem.columns), sum(len(a.channels) * math.prod(a.shape) for a in planes)

@@ -99,7 +99,9 @@ class Film:
             raise InvalidInput("a film has frames: give pictures, stacks, folders or displacement fields.")
         kinds = {is_field([Path(f)]) for f in self.frames if Path(f).is_file()}
         if len(kinds) > 1:
-            raise InvalidInput("a film is of pictures or of displacement fields, not of both.")
+            raise InvalidInput(
+                "a film is of pictures or of displacement fields, and these files are both. Give one kind."
+            )
         object.__setattr__(self, "fields", kinds == {True})
         if not self.fields and self.rest is None:
             raise InvalidInput("pictures of a film need one of the beads at rest: give it first (rest=).")
@@ -149,7 +151,7 @@ class Film:
             pulled = read_all(Path(job.file))[job.frame]
             if rest.shape != pulled.shape:
                 raise InvalidInput(
-                    f"{job.file}: frame {job.frame} has {pulled.shape[1]} x {pulled.shape[0]} pixels, and the picture at rest {rest.shape[1]} x {rest.shape[0]}."
+                    f"{job.file}: frame {job.frame} has {pulled.shape[1]} x {pulled.shape[0]} pixels, and the picture at rest {rest.shape[1]} x {rest.shape[0]}. Give pictures of one size."
                 )
             size = (int(rest.shape[1]), int(rest.shape[0]))
             vectors = bead_displacements(

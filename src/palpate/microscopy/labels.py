@@ -124,14 +124,18 @@ def read_labels(
 def _of_picture(values: npt.NDArray[Any], name: str) -> dict[str, npt.NDArray[np.bool_]]:
     if values.ndim != 2 or values.dtype.kind not in "biuf":
         raise InvalidInput(
-            f"{name}: a label picture has one channel of whole numbers, 0 for none; got {values.dtype} of shape {values.shape}."
+            f"{name}: a label picture has one channel of whole numbers, 0 for none; got {values.dtype} of shape {values.shape}. Save one channel as whole numbers."
         )
     if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)):
-        raise InvalidInput(f"{name}: holds numbers that are not whole: it is no label picture.")
+        raise InvalidInput(
+            f"{name}: holds numbers that are not whole, such as {values[values != np.round(values)][0]:g}. Save labels as whole numbers, 0 where there is none."
+        )
     found = np.unique(values)
     found = found[found != 0]
     if not len(found):
-        raise InvalidInput(f"{name}: every pixel is zero: it holds no label.")
+        raise InvalidInput(
+            f"{name}: every pixel is zero, so it holds no label. Give each area a whole number from 1 on."
+        )
     if len(found) > MOST or (
         values.dtype.kind in "iuf"
         and len(found) > 16
@@ -244,7 +248,9 @@ def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] |
             )
         )
     if not out:
-        raise InvalidInput("no label lies where there are vectors: are the labels of this picture?")
+        raise InvalidInput(
+            "no label lies where there are vectors. Give labels of this picture, or outline areas between the outermost vectors."
+        )
     return out
 
 

@@ -93,11 +93,11 @@ class Contacts:
                 found = np.array(np.broadcast_to(found, (n, *shape))) if value is None else found.reshape(n, *shape)
             except (TypeError, ValueError) as error:
                 raise InvalidInput(
-                    f"{name} must hold numbers of shape {(n, *shape)}, one entry for each of {n} positions."
+                    f"{name} must hold numbers of shape {(n, *shape)}, one entry for each of {n} positions; got shape {np.shape(value)}."
                 ) from error
             if kind is float and not np.isfinite(found).all():
                 raise InvalidInput(
-                    f"{name} must be finite; entry {int(np.argwhere(~np.isfinite(found))[0][0])} is not."
+                    f"{name} must be finite; entry {(at := int(np.argwhere(~np.isfinite(found))[0][0]))} is {found[at]}. Leave that contact out."
                 )
             object.__setattr__(self, name, found)
         object.__setattr__(self, "_count", n)

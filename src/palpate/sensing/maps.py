@@ -162,7 +162,9 @@ class MatrixMap:
                 f"a matrix (channel, taxel, component, *surface) of {math.prod(taxels)} taxels is needed; got one of shape {matrix.shape}."
             )
         if not np.isfinite(matrix).all():
-            raise InvalidInput("the matrix of a map holds numbers that are not finite; work them out again.")
+            raise InvalidInput(
+                f"the matrix of a map must be finite; {int((~np.isfinite(matrix)).sum())} of its {matrix.size} numbers are not. Compute them again."
+            )
         self.taxels, self.cells = tuple(taxels), matrix.shape[3:]
         self.rows, self.count = matrix.shape[0], matrix.shape[2]
         self._matrix = matrix
