@@ -24,7 +24,9 @@ LISTS = frozenset({"notes", "said", "_said", "remarks", "remark", "_assumptions"
 RETURNS = frozenset(
     {
         "notes",
-        "_unfinished",
+        "unfinished",
+        "at_their_end",
+        "restarted",
         "remarks",
         "assumptions",
         "notes_of",

@@ -194,18 +194,21 @@ NOTES = [
         lambda: tracked(readings(0.0, 0.0, 1.0), budget=1e-7)[-1],
         lambda: tracked(readings(0.0, 0.0, 1.0), budget=60.0)[-1],
         both(holds(*PRESSED), status_is(Status.SOLVED)),
+        room="tracking.words",
     ),
     Note(
         "the steps of this frame ended the iteration: the next frame goes on from here",
         lambda: few_steps(1.0, 1.0)[-1],
         lambda: few_steps(1.0, 1.0, 1.0)[-1],
         both(holds(*PRESSED), status_is(Status.SOLVED)),
+        room="tracking.words",
     ),
     Note(
         "and a tolerance looser than {} (tolerance=) ends it earlier",
         lambda: few_steps(1.0, 1.0)[-1],
         lambda: few_steps(1.0, 1.0, tolerance=0.01)[-1],
         both(holds(*PRESSED), status_is(Status.SOLVED)),
+        room="tracking.words",
     ),
     Note(
         "the last traction met is given; {}",

@@ -27,12 +27,12 @@ BEGUN = "followed from frame to frame this contact read"
 Alone = Callable[[list[Floats], list[list[Floats]]], Touch]
 #: Noise that frames at rest tell is rounded up to powers of this: a skin that is prepared serves again.
 NOISE_STEP = 1.1
-#: Frames between two comparisons at least, of so many readings; if the last two answers parted; and while the load grows or falls, which a contact does a few times.
-SPACING, READINGS, DOUBTED, GROWING = 64, 200, 16, 8
+#: Frames between two comparisons at least, of so many readings; and if the last two answers parted.
+SPACING, READINGS, DOUBTED = 64, 200, 16
 #: Standard deviations by which two answers that part are said to differ at most: less than the 1.96 of half an interval of 95 %.
 REACH = 1.8
 #: A comparison is due after so many frames, or where the load has changed by this factor.
-AGAIN, ANOTHER = 512, 2.0
+AGAIN, ANOTHER = 512, 3.0
 
 
 class SingleSolve:
@@ -146,8 +146,7 @@ class Comparison:
         self._since += 1
         doubted = self.share > 0.0 or self.refuted or self.anew
         same = self._load / ANOTHER < load < self._load * ANOTHER
-        spacing = GROWING if not same else DOUBTED if doubted else SPACING
-        if self._since < spacing * self._slow:
+        if self._since < (DOUBTED if doubted else SPACING) * self._slow:
             return False
         return doubted or not same or self._since >= AGAIN * self._slow
 
