@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate import grasp
 from palpate.calibrate import ALONE, Weight, calibrate, find_delay, read_calibration, write_calibrated
 from palpate.calibrate.regressions import ridge
 from palpate.errors import InvalidInput, NotObservable
@@ -355,3 +356,18 @@ def test_the_command_line(tmp_path: Path) -> None:
         done = run("calibrate", "bench.csv", "--skin", "skin.toml", "--out", "other.toml", *arguments, cwd=tmp_path)
         assert done.returncode == 2
         assert words in done.stderr
+
+
+def test_a_monitor_takes_a_force_without_a_map_of_pressure() -> None:
+    """Where a calibration alone tells the force, no cell presses: a twist was asked of it and divided by zero."""
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
+    skin = pp.Skin(
+        pad,
+        pp.AreaArray(
+            shape=(4, 4), pitch=2e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"], noise=10.0
+        ),
+    )
+    touch = skin.reconstruct(skin.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=1.0)))
+    turning, std = grasp._twist(touch, np.zeros_like(np.asarray(touch.values)))
+    assert np.isnan(turning)
+    assert std == 0.0

@@ -483,13 +483,15 @@ def _margins(values: Floats, friction: float) -> Floats:
 
 
 def _twist(touch: Touch, values: Floats) -> tuple[float, float]:
-    """M/int p r dA about the centre of pressure and its standard deviation; NaN and 0 on a line."""
+    """M/int p r dA about the centre of pressure and its standard deviation; NaN and 0 on a line, or where nothing presses."""
     import scipy.ndimage
 
     grid = touch.surface
     if grid.dimensions == 1:
         return math.nan, 0.0
     p = np.where(values[-1] > RIM * float(values[-1].max()), values[-1], 0.0)
+    if not float(p.sum()) > 0.0:  # a force by calibration alone, without a map of pressure
+        return math.nan, 0.0
     y, x = (np.arange(n) * d for n, d in zip(grid.shape, grid.spacings))
     dx, dy = x[None, :] - float((p @ x).sum()) / float(p.sum()), y[:, None] - float((p.T @ y).sum()) / float(p.sum())
     arm = np.maximum(np.hypot(dx, dy), 1e-300)
