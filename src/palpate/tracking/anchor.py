@@ -5,8 +5,7 @@ In: the tracker's own traction of a frame, and what a single solve found in the 
     t(y) = P(t_own(y) + s w a (t_single(y0) - t_own(y0))),    a = min(L / L0, 1),    w = <p_own(y), p_own(y0)> / (|p_own(y)| |p_own(y0)|)
 
 with loads L and P the projection on the friction cone. A single solve knows its net force no better than the share of the readings that the pad's model leaves
-unexplained: s = max(0, 1 - K e^2 / d^2) is the part of the difference d between two net forces (K components, e that share of the load) that is
-beyond it, the positive-part estimator of James and Stein. One even penalty, which is what a frame can afford, is wrong in a way that depends on the contact:
+unexplained. Of a difference d between two net forces, with e that share of the load, the part s = d^2 / (d^2 + e^2) is more than that. One even penalty, which is what a frame can afford, is wrong in a way that depends on the contact:
 it grows with the load, and stays while the contact stays. A single solve of y0 has discs, local weights and shares of discrepancy to choose from, and is
 not. So the tracker tells what has changed since, and where pressure lies elsewhere (w falls from 1 to 0) it is by itself again. The interval still reaches
 the tracker's own answer (`single.Comparison.reaching`): of readings that have drifted the single solve is the worse one.
@@ -31,17 +30,17 @@ FARTHEST = 1.0
 
 
 def beyond(difference: Floats, std: float) -> float:
-    """The part of a difference (component,) that is beyond its standard deviation.
+    """The part d^2 / (d^2 + e^2) of a difference d (component,) that is more than its standard deviation e explains.
 
     Examples
     --------
     >>> import numpy as np
     >>> from palpate.tracking.anchor import beyond
-    >>> beyond(np.array([0.5, 1.0]), 1.0), beyond(np.array([0.0, 2.0]), 1.0), beyond(np.array([6.0, 8.0]), 1.0)
-    (0.0, 0.5, 0.98)
+    >>> [round(beyond(np.array(d), 1.0), 3) for d in ([0.5, 1.0], [0.0, 2.0], [6.0, 8.0])]
+    [0.556, 0.8, 0.99]
     """
     square = float(difference @ difference)
-    return max(1.0 - len(difference) * std**2 / square, 0.0) if square > 0 else 0.0
+    return square / (square + std**2) if square > 0 else 0.0
 
 
 class Anchor:
