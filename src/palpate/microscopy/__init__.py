@@ -9,6 +9,7 @@ from palpate.microscopy.masks import on_grid, read_mask
 from palpate.microscopy.pictures import read_pair, read_picture
 from palpate.microscopy.pixelsize import PixelSize, pixel_size
 from palpate.microscopy.readers import is_field, read_field
+from palpate.microscopy.series import frames_of_field
 
 __all__ = [
     "CellForces",
@@ -20,6 +21,7 @@ __all__ = [
     "bead_displacements",
     "cell_forces",
     "forces_of_labels",
+    "frames_of_field",
     "is_field",
     "on_grid",
     "pixel_size",
