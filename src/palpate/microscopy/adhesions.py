@@ -17,7 +17,7 @@ from palpate.inverse.estimate import Errors, Estimate
 from palpate.inverse.linear.posterior import center_rows, moment_rows
 from palpate.inverse.method import Method, Needs
 from palpate.inverse.problem import Problem
-from palpate.microscopy.blobs import Response, painted, work_of
+from palpate.microscopy.blobs import PROFILES, Response, painted, profiled, work_of
 from palpate.microscopy.fields import Field
 from palpate.microscopy.noise import OWN, Noise, shared_part
 from palpate.microscopy.sampler import MOST, Chain, Places
@@ -52,16 +52,21 @@ SHARED = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One draw: blobs at ``places`` (blob, 2) [m] from the first vector, their ``variance`` (blob,) and ``forces`` (blob, 2) [N]."""
+    """One draw: blobs at ``places`` (blob, 2) [m] from the first vector, their ``variance`` (blob,), ``forces`` (blob, 2) [N], and what profile each has (numbers of `PROFILES`)."""
 
     places: Floats
     variance: Floats
     forces: Floats
+    profiles: npt.NDArray[np.intp] | None = None
 
     def on(self, x: Floats, y: Floats, side: float) -> Floats:
         """Mean traction (2, y, x) [Pa] over squares of a side about columns and rows."""
-        columns, rows = painted(self.places, self.variance, x, y, side)
-        return np.stack([(rows * f[:, None]).T @ columns for f in self.forces.T]) / side**2
+        places, variance, forces = self.places, self.variance, self.forces
+        if self.profiles is not None:
+            places, variance, part, number = profiled(places, variance, self.profiles, side)
+            forces = forces[number] * part[:, None]
+        columns, rows = painted(places, variance, x, y, side)
+        return np.stack([(rows * f[:, None]).T @ columns for f in forces.T]) / side**2
 
     def work(self, x: Floats, y: Floats, side: float, response: Response, shift: Floats) -> Floats:
         """Work (y, x) [J] in each square, on the displacement less a ``shift`` (2,) [m]."""
@@ -188,7 +193,11 @@ def sampled(
                 walk.walk(BURN)
         for _ in range(math.ceil(draws / CHAINS)):
             walk.walk(BETWEEN)
-            samples.append(Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1]))
+            # no window tells the profile of an adhesion that it does not resolve
+            profiles = rng.integers(len(PROFILES), size=len(walk.blobs))
+            samples.append(
+                Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1], profiles)
+            )
             noises.append(walk.noise)
     level = float(np.mean(noises))
     if bad.any():
