@@ -349,8 +349,6 @@ def cell_forces(
         size = (int(np.shape(picture)[1]), int(np.shape(picture)[0]))
     name = str(mask) if isinstance(mask, str | Path) else "the mask"
     inside = np.ones(field.shape, dtype=bool) if corners is None else on_grid(corners, field, size=size, name=name)
-    if noise is None:
-        noise = field.noise
     if method == "adhesions":
         likely = None if corners is None else inside
         done = of_adhesions(
@@ -365,6 +363,7 @@ def cell_forces(
             seed=seed,
         )
     else:
+        noise = field.noise if noise is None else noise
         done = inverted(
             field, pad, depth=depth, noise=noise, order=order, rule=rule, nuisance="auto" if drift else (), uncertainty=uncertainty, draws=draws, seed=seed,
         )  # fmt: skip

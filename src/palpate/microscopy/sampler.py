@@ -76,12 +76,13 @@ class Chain:
         noise: float,
         *,
         known: bool,
+        least_noise: float = 0.0,
         drift: bool = True,
         rng: np.random.Generator,
     ) -> None:
         self.vectors, self.response, self.places, self.rng = vectors, response, places, rng
         self.least, self.middle, self.largest = (math.log(s) for s in sizes)
-        self.noise, self.known = noise, known
+        self.noise, self.known, self.least_noise = noise, known, least_noise
         #: Log of the typical traction [Pa].
         self.level = 0.0
         q = self.fixed = len(vectors.patterns)
@@ -226,6 +227,8 @@ class Chain:
             self.level = float(each.mean() + TRACTION / math.sqrt(count) * rng.standard_normal())
         if not self.known:
             noise = self.noise * math.exp(NOISE_STEP * rng.standard_normal())
+            if noise < self.least_noise:
+                return
             evidence = self._evidence(self.gram, self.linear, self.blobs, noise)
             if self._accepts(evidence - self.evidence):
                 self.noise, self.evidence = noise, evidence
@@ -293,7 +296,7 @@ class Chain:
 
     def modelled(self, vectors: Vectors, mean: Floats) -> Floats:
         """What the mean makes of other vectors (2, n)."""
-        drift = vectors.drift(vectors.places, vectors.weight)
+        drift = vectors.drift(vectors.places)
         middle = vectors.middle - self.vectors.middle
         # a rotation about another middle
         drift[2] += -middle[1] * drift[0] + middle[0] * drift[1]

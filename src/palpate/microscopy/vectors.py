@@ -14,6 +14,7 @@ import scipy.ndimage
 
 from palpate.elastic.pad import Floats
 from palpate.microscopy.blobs import Response
+from palpate.microscopy.noise import Noise, Whitener, whitener
 
 __all__ = ["Vectors", "first_guess", "noise_of", "outliers", "vectors_of"]
 
@@ -61,7 +62,7 @@ def outliers(u: Floats, noise: float) -> Flags:
 @dataclass(eq=False)
 class Vectors:
     """Vectors or means of tiles: ``places`` (n, 2) [m], ``values`` (2, n), variance [m^2] of the square that each is a mean over, ``weight`` by which
-    it is multiplied so that all have one noise; ``window`` is the side of the square of a single vector.
+    it is multiplied so that all have one noise, or ``white`` that does this where noise differs or is shared; ``window`` is the side of the square of a single vector.
     """
 
     places: Floats
@@ -69,20 +70,25 @@ class Vectors:
     variance: Floats
     weight: Floats
     window: float
+    white: Whitener | None = None
 
     def __post_init__(self) -> None:
-        self.y = (self.weight * self.values).ravel()
+        self.y = self._whitened(self.values).ravel()
         self.middle = self.places.mean(axis=0)
         steps = (np.arange(POINTS) - 0.5 * (POINTS - 1)) * self.window / POINTS
         self._points = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-        patterns = self.drift(self.places, self.weight)
+        patterns = self._whitened(self.drift(self.places).reshape(3, 2, -1)).reshape(3, -1)
         self.units = 1.0 / np.sqrt((patterns**2).mean(axis=1))
         #: Shift along x and y, and rotation, of mean square one: (3, 2 n).
         self.patterns = patterns * self.units[:, None]
 
-    def drift(self, places: Floats, weight: Floats) -> Floats:
+    def _whitened(self, values: Floats) -> Floats:
+        """Values (..., n) so that all have one noise of their own."""
+        return self.weight * values if self.white is None else self.white(values)
+
+    def drift(self, places: Floats) -> Floats:
         """Shifts and a rotation of a picture at some places: (3, 2 n)."""
-        nothing = np.zeros(len(places))
+        nothing, weight = np.zeros(len(places)), np.ones(len(places))
         x, y = (places - self.middle).T
         return np.stack(
             [
@@ -108,16 +114,17 @@ class Vectors:
                     whole[near] = part.mean(axis=1)
         out = np.empty((2, 2, len(dx)))
         out[0, 0], out[0, 1], out[1, 0], out[1, 1] = xx, xy, xy, yy
-        out *= self.weight
-        return out.reshape(2, -1)
+        return self._whitened(out).reshape(2, -1)
 
 
-def vectors_of(u: Floats, there: Flags, pitch: float, window: float, strong: Flags) -> Vectors:
+def vectors_of(
+    u: Floats, there: Flags, pitch: float, window: float, strong: Flags, noise: Noise | None = None
+) -> Vectors:
     """Vectors one by one near ``strong`` traction, and as means of tiles afar."""
     rows, columns = there.shape
     far = scipy.ndimage.distance_transform_edt(~strong) if strong.any() else np.zeros(there.shape)
     taken = np.zeros_like(there)
-    places, values, variance, weight = [], [], [], []
+    places, values, variance, weight, members = [], [], [], [], []
 
     def put(first: npt.NDArray[np.intp], side: int) -> None:
         middle = first + 0.5 * (side - 1)
@@ -128,6 +135,8 @@ def vectors_of(u: Floats, there: Flags, pitch: float, window: float, strong: Fla
             taken[first[:, 0] + a, first[:, 1] + b] = True
         variance.append(np.full(len(first), (window**2 + (side**2 - 1) * pitch**2) / 12))
         weight.append(np.full(len(first), float(side)))
+        numbers = [(first[:, 0] + a) * columns + first[:, 1] + b for a, b in steps]
+        members.extend(np.stack(numbers, axis=1))
 
     if rows * columns > FEW:
         for side, least in TILES:
@@ -139,8 +148,10 @@ def vectors_of(u: Floats, there: Flags, pitch: float, window: float, strong: Fla
             free = (tiles(far) > least).all(axis=(1, 3)) & tiles(there & ~taken).all(axis=(1, 3))
             put(np.argwhere(free) * side, side)
     put(np.argwhere(there & ~taken), 1)
+    every = np.concatenate(places)
+    white = None if noise is None or noise.plain else whitener(noise, pitch, members, every)
     return Vectors(
-        np.concatenate(places), np.concatenate(values, axis=1), np.concatenate(variance), np.concatenate(weight), window
+        every, np.concatenate(values, axis=1), np.concatenate(variance), np.concatenate(weight), window, white
     )
 
 
