@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from palpate.microscopy.blobs import PROFILES, Response, painted, profiled, work
 from palpate.microscopy.fields import Field
 from palpate.microscopy.noise import OWN, Noise, shared_part
 from palpate.microscopy.sampler import MOST, Chain, Places
-from palpate.microscopy.vectors import Vectors, first_guess, noise_of, outliers, vectors_of
+from palpate.microscopy.vectors import Vectors, doubtful_of, first_guess, noise_of, outliers, vectors_of
 from palpate.sensing.grids import Grid
 
 __all__ = ["Adhesions", "Sample", "sampled"]
@@ -29,7 +30,7 @@ __all__ = ["Adhesions", "Sample", "sampled"]
 Flags = npt.NDArray[np.bool_]
 
 #: Chains, the steps of each until it has come to what it samples, and between two samples. Twice as many move the energy by 2 % (benchmarks/cells.py).
-CHAINS, BURN, BETWEEN = 3, 800, 30
+CHAINS, BURN, BETWEEN = 3, 1200, 40
 #: A chain begins with the maxima of the first guess, then with those of what is left, so many times; and so many steps after each.
 ROUNDS, SETTLE, MAXIMA = 3, 150, 30
 #: Maxima of less than this part of the largest (of the square of the traction) begin no blob; above the next number, traction is strong.
@@ -147,9 +148,13 @@ def sampled(
         level = noise_of(u)
     level = max(level, MODEL * float(np.nanquantile(np.abs(u), 0.99)), 1e-300)
     bad = outliers(u, level * shape_of_noise.relative) & there
+    # an adhesion finer than the vectors looks like an outlier: which it is belongs to what is sampled
+    doubtful = doubtful_of(u, bad, there, level)
+    wrong = np.zeros(shape)
+    bad &= ~doubtful
     u = np.where(there, u, 0.0)
     notes: list[str] = []
-    guess, margin = first_guess(u, there & ~bad, response, pitch, window, level)
+    guess, margin = first_guess(u, there & ~bad & ~doubtful, response, pitch, window, level)
     power = scipy.ndimage.gaussian_filter((guess**2).sum(axis=0), 0.7)
     inner = tuple(slice(m, m + n) for m, n in zip(margin, shape))
     weight = np.full(power.shape, OUTSIDE)
@@ -164,21 +169,19 @@ def sampled(
     rough = level
     samples: list[Sample] = []
     noises = []
+    # a field's own standard deviations are the least
+    chain = partial(
+        Chain, response=response, places=places, sizes=sizes, least_noise=level if stated else 0.0, drift=drift
+    )
     for number in range(CHAINS):
-        vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise)
+        vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
         rng = np.random.default_rng([seed, number])
 
-        def chain(vectors: Vectors, rng: np.random.Generator = rng) -> Chain:
-            # a field's own standard deviations are the least
-            return Chain(
-                vectors, response, places, sizes, level, known=known, least_noise=level if stated else 0.0, drift=drift, rng=rng
-            )  # noqa: B023
-
-        walk = _begun(chain(vectors), u, there & ~bad, guess, margin, every, window)
+        walk = _begun(chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window)
         walk.walk(BURN)
         if number == 0:
             left = u - walk.modelled(every, walk.forces()[0]).reshape(2, *shape)
-            found = _left_out(left, u - left, walk.noise * shape_of_noise.relative, bad, there)
+            found = _left_out(left, u - left, walk.noise * shape_of_noise.relative, bad, there) & ~doubtful
             shared = 1.0 if noise is not None or stated else _shared(left, there & ~found)
             if shared > 1.0:
                 # noise that neighbours share is as much more at the wavelengths of traction
@@ -188,17 +191,19 @@ def sampled(
                 )
             if shared > 1.0 or (found != bad).any():
                 bad = found
-                vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise)
-                walk = _begun(chain(vectors), u, there & ~bad, guess, margin, every, window)
+                vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
+                walk = _begun(
+                    chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window
+                )
                 walk.walk(BURN)
         for _ in range(math.ceil(draws / CHAINS)):
             walk.walk(BETWEEN)
             # no window tells the profile of an adhesion that it does not resolve
             profiles = rng.integers(len(PROFILES), size=len(walk.blobs))
-            samples.append(
-                Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1], profiles)
-            )
+            samples.append(Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1], profiles))
             noises.append(walk.noise)
+            wrong[doubtful] += walk.wrong / (CHAINS * math.ceil(draws / CHAINS))
+    bad |= wrong > 0.5
     level = float(np.mean(noises))
     if bad.any():
         notes.append(

@@ -49,6 +49,8 @@ class Field:
         Side [m] of the square that each vector is a mean over, such as a window; 0: a point.
     notes : tuple of str
         What was assumed.
+    left_out : int
+        How many of the vectors that are NaN were there and were left out, which ``notes`` say.
 
     Raises
     ------
@@ -74,6 +76,7 @@ class Field:
     drift: tuple[float, float] | None = None
     aperture: float = 0.0
     notes: tuple[str, ...] = field(default=())
+    left_out: int = 0
 
     def __post_init__(self) -> None:
         u = as_double(self.displacement)
@@ -235,7 +238,12 @@ class Field:
         if not bad.any():
             return self
         said = f"{int(bad.sum())} of {bad.size} vectors are left out: they differ from all about them"
-        return replace(self, displacement=np.where(bad, np.nan, self.displacement), notes=(*self.notes, said))
+        return replace(
+            self,
+            displacement=np.where(bad, np.nan, self.displacement),
+            notes=(*self.notes, said),
+            left_out=self.left_out + int((bad & self.valid).sum()),
+        )
 
     def without_drift(self) -> Field:
         """The field without the shift of the whole: the median of the vectors along its border, where a cell moves least; ``drift`` says how much.

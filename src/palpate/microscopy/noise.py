@@ -10,6 +10,7 @@ of their beads, and that is the correlation of their errors; a small part of the
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -105,9 +106,7 @@ def whitener(noise: Noise, pitch: float, members: list[npt.NDArray[np.intp]], pl
     rank[order] = np.arange(len(order))
     starts, indices, data = of_means.indptr, of_means.indices, of_means.data
     diagonal = of_means.diagonal()
-    tables = [
-        dict(zip(indices[a:b].tolist(), data[a:b].tolist())) for a, b in zip(starts[:-1], starts[1:])
-    ]
+    tables = [dict(zip(indices[a:b].tolist(), data[a:b].tolist())) for a, b in itertools.pairwise(starts)]
     out_i, out_j, out_v = [], [], []
     for k in range(len(members)):
         table = tables[k]

@@ -384,7 +384,9 @@ def _field(
     u, v = (np.array(p, dtype=np.float64) for p in (found.u, found.v))
     if np.isinf(u).any() or np.isinf(v).any():
         raise InvalidInput(f"{path}: holds infinite displacements; mark vectors that are missing as NaN.")
+    left_out = 0
     if found.bad is not None:
+        left_out = int((found.bad & np.isfinite(u) & np.isfinite(v)).sum())
         u[found.bad] = v[found.bad] = np.nan
     std: Any = None if found.std is None else np.stack([np.asarray(s, dtype=np.float64) for s in found.std])
     if follow and found.x is None:
@@ -417,7 +419,7 @@ def _field(
             )
     return Field(
         displacement=values * factor, start=(float(start[0]), float(start[1])), step=float(step), pixel=float(pixel),
-        std=None if std is None else std * factor, aperture=(window or 0.0) * pixel, notes=tuple(notes),
+        std=None if std is None else std * factor, aperture=(window or 0.0) * pixel, notes=tuple(notes), left_out=left_out,
     )  # fmt: skip
 
 
