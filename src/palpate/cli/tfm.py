@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.files import Force, check_output, command_line, provenance, save_figure, skin_files, skin_text
+from palpate.cli.files import Force, check_outputs, command_line, provenance, save_figure, skin_files, skin_text
 from palpate.cli.options import numbers
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
@@ -63,6 +63,13 @@ def tfm(
         ),
     ] = None,
     step: Annotated[float | None, typer.Option(help="Pixels between vectors; of pictures: half a window.")] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(help="Pixel (column,row) of the first vector of a matrix, e.g. 16,16; default: half a step."),
+    ] = None,
+    channel: Annotated[
+        int | None, typer.Option(min=1, help="Which channel of pictures of several shows the beads, from 1.")
+    ] = None,
     unit: Annotated[str | None, typer.Option(help="Of the displacements of a field: px, um, m and so on.")] = None,
     position_unit: Annotated[
         str | None, typer.Option(help="Of the positions of a table, where it is not that of the displacements.")
@@ -114,6 +121,13 @@ def tfm(
             help="Name of the results without ending: .html, .png, .csv and .nc are written; default: SOURCE-tfm."
         ),
     ] = None,
+    plot: Annotated[Path | None, typer.Option(help="The figure of the traction once more: .png, .svg or .pdf.")] = None,
+    vectors: Annotated[
+        Path | None, typer.Option(help="Table (.csv) of every vector: position, displacement, traction and its error.")
+    ] = None,
+    tiff: Annotated[
+        Path | None, typer.Option(help="Traction and its error as a TIFF stack of floats, for ImageJ and others.")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Traction force microscopy: strain energy, contractility and forces of a cell, with their errors, in one report."""
@@ -129,7 +143,6 @@ def tfm(
     )
     from palpate.microscopy.labels import rows_of, write_labels_table
     from palpate.microscopy.readers import TURNED
-    from palpate.recordings import write_touch
     from palpate.units import parse_quantity
 
     stem = out if out is not None else source[0].with_name(source[0].stem + "-tfm")
@@ -140,8 +153,11 @@ def tfm(
     if theirs and method != "tikhonov":
         raise InvalidInput(f"{' and '.join(theirs)} belong to --method tikhonov; --method is {method}.")
     inputs = [*source, mask, image, labels, *skin_files(skin_file)]
-    for target in targets.values():
-        check_output(target, inputs=inputs, force=force)
+    beside = {"--plot": plot, "--vectors": vectors, "--tiff": tiff}
+    check_outputs({"--out": None, **{str(t): t for t in targets.values()}, **beside}, inputs=inputs, force=force)
+    for option, path, accepted in (("--plot", plot, (".png", ".svg", ".pdf")), ("--vectors", vectors, (".csv",)), ("--tiff", tiff, (".tif", ".tiff"))):  # fmt: skip
+        if path is not None and path.suffix.lower() not in accepted:
+            raise InvalidInput(f"{option} {path}: such a file ends in {' or '.join(accepted)}. Give such a name.")
     fields = is_field(source) if all(file.exists() for file in source) else False
     pictures = [*([] if fields else source), *([] if image is None else [image])]
     stated = _complete(source, image, pixel, unit, step, skin_file, youngs_modulus, poissons_ratio, pictures)
@@ -154,13 +170,16 @@ def tfm(
     if up and size is None and corners is not None and corners.dtype == bool:
         size = (int(corners.shape[1]), int(corners.shape[0]))
     if fields:
-        wrong = ["--frames"] if frames is not None else []
+        wrong = [o for o, v in (("--frames", frames), ("--channel", channel)) if v is not None]
         if wrong:
             raise InvalidInput(
                 f"{' and '.join(wrong)} belongs to pictures of beads; {source[0]} holds displacements: leave it out."
             )
+        first = None if start is None else numbers(start, "--start")
+        if first is not None and len(first) != 2:
+            raise InvalidInput(f"--start takes column,row of the first vector in pixels, such as 16,16; got {start!r}.")
         field = read_field(
-            source, pixel=size_of_pixel, unit=unit, step=step, size=size, up=up, v_up=v_up, name=name, follow=follow, window=window, position_unit=position_unit,
+            source, pixel=size_of_pixel, unit=unit, step=step, start=None if first is None else (first[0], first[1]), size=size, up=up, v_up=v_up, name=name, follow=follow, window=window, position_unit=position_unit,
         )  # fmt: skip
         if TURNED in field.notes and corners is not None:
             raise InvalidInput(
@@ -169,7 +188,7 @@ def tfm(
         if not still:
             field = field.without_drift()
     else:
-        given = (("--unit", unit), ("--up", up), ("--v-up", v_up), ("--name", name), ("--follow", follow), ("--position-unit", position_unit))  # fmt: skip
+        given = (("--unit", unit), ("--up", up), ("--v-up", v_up), ("--name", name), ("--follow", follow), ("--position-unit", position_unit), ("--start", start))  # fmt: skip
         if any(v for _, v in given):
             raise InvalidInput(
                 f"{', '.join(o for o, v in given if v)} belong to displacement fields; {source[0]} is taken as pictures of beads: leave them out."
@@ -179,7 +198,7 @@ def tfm(
             raise InvalidInput(
                 f"--frames takes two numbers, at rest and pulled, such as --frames=-1,0; got {frames!r}."
             )
-        rest, pulled = read_pair(source, frames=None if picks is None else (picks[0], picks[1]))
+        rest, pulled = read_pair(source, frames=None if picks is None else (picks[0], picks[1]), channel=channel)
         if step is not None and step != int(step):
             raise InvalidInput(f"--step of pictures is a whole number of pixels; got {step:g}.")
         size = size or (int(rest.shape[1]), int(rest.shape[0]))
@@ -209,11 +228,13 @@ def tfm(
     forces.write_report(targets[".html"], title=source[0].stem, source=told, command=command_line())
     save_figure(forces.plot(), targets[".png"])
     forces.write_table(targets[".csv"])
-    write_touch(
-        forces.touch,
-        targets[".nc"],
-        provenance=provenance(skin_text(skin_file), told),
-    )
+    forces.write_netcdf(targets[".nc"], provenance=provenance(skin_text(skin_file), told))
+    if plot is not None:
+        save_figure(forces.plot(), plot)
+    if vectors is not None:
+        forces.write_vectors(vectors)
+    if tiff is not None:
+        forces.write_tiff(tiff)
     if labelled is not None:
         write_labels_table(rows_of(labelled, file=told, frame=0), targets["-labels.csv"])
     rows, columns = field.shape
@@ -225,7 +246,7 @@ def tfm(
     typer.echo(forces.summary())
     for note in forces.notes:
         typer.echo(f"note: {note}", err=True)
-    typer.echo(f"wrote {', '.join(map(str, targets.values()))}")
+    typer.echo(f"wrote {', '.join(str(p) for p in (*targets.values(), *beside.values()) if p is not None)}")
 
 
 def _complete(

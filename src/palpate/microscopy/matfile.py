@@ -24,7 +24,7 @@ DEEPEST = 12
 
 def read_mat(path: Path, name: str | None) -> Found:
     """The field of a .mat file, or of an HDF5 file that MATLAB did not write, whose matrices are as they stand."""
-    return chosen(path, fields_of(path), name)  # type: ignore[no-any-return]
+    return chosen(path, fields_of(path), name)
 
 
 def fields_of(path: Path) -> dict[str, Found]:
