@@ -9,14 +9,18 @@ from palpate.microscopy.masks import on_grid, read_mask
 from palpate.microscopy.pictures import read_pair, read_picture
 from palpate.microscopy.pixelsize import PixelSize, pixel_size
 from palpate.microscopy.readers import is_field, read_field
+from palpate.microscopy.tension import BorderTension, RegionTension, SheetTension, sheet_tension
 
 __all__ = [
+    "BorderTension",
     "CellForces",
     "Field",
     "Film",
     "LabelForce",
     "PixelSize",
     "Quantity",
+    "RegionTension",
+    "SheetTension",
     "bead_displacements",
     "cell_forces",
     "forces_of_labels",
@@ -28,4 +32,5 @@ __all__ = [
     "read_mask",
     "read_pair",
     "read_picture",
+    "sheet_tension",
 ]

@@ -166,7 +166,7 @@ def sampled(
     noises = []
     for number in range(CHAINS):
         vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise)
-        rng = np.random.default_rng([seed, number])
+        rng, shapes = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
 
         def chain(vectors: Vectors, rng: np.random.Generator = rng) -> Chain:
             # a field's own standard deviations are the least
@@ -194,7 +194,7 @@ def sampled(
         for _ in range(math.ceil(draws / CHAINS)):
             walk.walk(BETWEEN)
             # no window tells the profile of an adhesion that it does not resolve
-            profiles = rng.integers(len(PROFILES), size=len(walk.blobs))
+            profiles = shapes.integers(len(PROFILES), size=len(walk.blobs))
             samples.append(
                 Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1], profiles)
             )
