@@ -49,12 +49,14 @@ def sheet_of(seed: int, *, cut: bool = False) -> dict[str, Any]:
     mask = rho < 1
     bell = np.clip(1 - rho**4, 0, None) ** 2
     length = rng.uniform(12, 25)
-    isotropic = 1.0 + 0.35 * smooth(rng, SIDE, length)
-    along, across = 0.3 * smooth(rng, SIDE, length), 0.3 * smooth(rng, SIDE, length)
+    # as uneven as nobody knows: parts of the mean tension
+    uneven, directed, unseen = rng.uniform(0.05, 0.35), rng.uniform(0.05, 0.3), rng.uniform(0.0, 0.3)
+    isotropic = 1.0 + uneven * smooth(rng, SIDE, length)
+    along, across = directed * smooth(rng, SIDE, length), directed * smooth(rng, SIDE, length)
     chi = bell**2 * smooth(rng, SIDE, length)
     gy, gx = np.gradient(chi)
     airy = np.stack([np.gradient(gy)[0], np.gradient(gx)[1], -np.gradient(gy)[1]])
-    airy *= 0.3 / airy[:, mask].std()
+    airy *= unseen / airy[:, mask].std()
     tension = TENSION * (bell * np.stack([isotropic + along, isotropic - along, across]) + airy)
     traction = np.stack([
         np.gradient(tension[0], axis=1) + np.gradient(tension[2], axis=0),
@@ -73,7 +75,7 @@ def sheet_of(seed: int, *, cut: bool = False) -> dict[str, Any]:
     return {"tension": tension[:, :, left:], "traction": traction[:, :, left:], "mask": mask[:, left:], "cells": cells[:, left:], "field": field}
 
 
-def judged(seed: int, *, cut: bool = False) -> dict[str, Any]:
+def judged(seed: int, *, cut: bool = False, **options: Any) -> dict[str, Any]:
     """Errors, and whether intervals hold the truth, of one sheet."""
     scene = sheet_of(seed, cut=cut)
     field, mask = scene["field"], scene["mask"]
@@ -83,7 +85,7 @@ def judged(seed: int, *, cut: bool = False) -> dict[str, Any]:
     forces = cell_forces(field, gel, mask=mask, size=size, method="tikhonov", uncertainty=EXACT)
     # cells that are almost all out of view tell nothing
     labels = {str(k): scene["cells"] == k for k in np.unique(scene["cells"]) if k and (scene["cells"] == k).sum() > 60}
-    sheet = sheet_tension(forces, labels=labels, size=size)
+    sheet = sheet_tension(forces, labels=labels, size=size, **options)
     seconds = time.process_time() - start
     rows, columns = field.shape
     n = scene["tension"]

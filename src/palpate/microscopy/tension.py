@@ -32,15 +32,17 @@ __all__ = ["BorderTension", "RegionTension", "SheetTension", "sheet_tension"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Poisson's ratio of a sheet is taken as even between these; and the places of Gauss's three points in it, whose weights are 5, 8 and 5.
-RATIOS, GAUSS = (0.0, 0.5), (0.5 - 0.5 * math.sqrt(0.6), 0.5, 0.5 + 0.5 * math.sqrt(0.6))
+#: Poisson's ratio of a plane sheet may be anything between these (1: its area does not change); and the places of Gauss's three points in it, whose weights are 5, 8 and 5.
+RATIOS, GAUSS = (0.0, 1.0), (0.5 - 0.5 * math.sqrt(0.6), 0.5, 0.5 + 0.5 * math.sqrt(0.6))
 CYCLE = (0, 1, 2, 1, 0, 1, 2, 1, 2)
 #: Tensions of the cells' own are this part of the sheet's (root mean square). Set from sheets 0 to 9 of benchmarks/cells_sheet.py.
-OWN = 0.5
+OWN = 1.0
 #: Triangles are as wide as the distance of vectors, unless the sheet would be of more than so many or fewer than so many squares of them.
 MOST, FEWEST = 12000, 150
 #: Traction this many windows (or vectors) outside the mask is the sheet's, blurred by the window; squares of which less than this part lies in the sheet pass theirs on.
 OUTSIDE, PART = 1.0, 0.3
+#: The outline of a sheet is known to this part of the distance of vectors.
+OUTLINE = 0.1
 #: Parts of the sheet of less than this of the largest are left out.
 SMALL = 0.02
 #: Net force or torque that are this part of what they are made of are said, as is a mask of fewer vectors.
@@ -125,6 +127,7 @@ class SheetTension:
     cells: tuple[RegionTension, ...]
     borders: tuple[BorderTension, ...]
     notes: tuple[str, ...]
+    labels: dict[str, Flags] | None = None
 
     def __getitem__(self, name: str) -> Quantity:
         if name not in self.quantities:
@@ -158,7 +161,9 @@ class SheetTension:
         --------
         >>> print(sheet.summary())  # doctest: +SKIP
         """
-        return "\n".join(str(q) for q in self.quantities.values())
+        return "\n".join(
+            str(q) if q.std > 0 else f"{q.label}: {q.scaled()[0]} {q.scaled()[2]}" for q in self.quantities.values()
+        )
 
     def plot(self, *, title: str | None = None) -> Figure:
         """Average tension with the directions of the larger one, and its standard deviation.
@@ -228,7 +233,7 @@ def sheet_tension(
     size : (int, int), optional
         Columns and rows of the picture of labels; default: what the field covers.
     poissons_ratio : float, optional
-        Of the sheet; default: anything from 0 to 0.5.
+        Of the sheet; default: anything from 0 to 1, which is a sheet that keeps its area.
     own : float
         Tensions that cells have by themselves and that leave no traction, as a part of the sheet's: what a uniform elastic sheet leaves out. 0: the sheet is one.
     draws : int
@@ -279,11 +284,13 @@ def sheet_tension(
     )
     maps = np.stack([(mean @ t.T).T for t in tension]).reshape(len(tension), 3, rows, columns)
     maps[:, :, ~inside] = np.nan
-    common = float(forces.touch.common_std)
+    # where the sheet ends is part of every mean: forces at the edge have the longest lever
+    border = sum(float(p.sheet.elements.border(_everywhere)[2].sum()) for p in parts)
+    common = math.hypot(float(forces.touch.common_std), OUTLINE * field.pitch * border / float(weight.sum()))
     average = 0.5 * (tension[:, 0] + tension[:, 1]) @ weight / weight.sum()
     numbers = {
         "average_tension": _quantity("average tension of the sheet", average, common, "mean of both principal tensions over the sheet"),
-        "largest_tension": _quantity("largest tension", np.nanmax(_principal(maps)[0], axis=(1, 2)), common, "largest principal tension, of means over the vectors' squares"),
+        "largest_tension": _quantity("largest tension", np.nanmax(_principal(maps)[0], axis=(1, 2)), common, "largest principal tension, of means over the vectors' squares", extreme=True),
     }  # fmt: skip
     missing = np.sum([p.missing for p in parts], axis=0)
     for name, unit, values in (("net_force_x", "N", missing[:, 0]), ("net_force_y", "N", missing[:, 1]), ("net_torque", "N m", missing[:, 2])):  # fmt: skip
@@ -293,7 +300,11 @@ def sheet_tension(
     std = np.hypot(maps[1:].std(axis=0, ddof=1), common * maps[0])
     cells, borders = _cells(masks, field, where, weight, tension, common)
     notes = _said(parts, forces, own, poissons_ratio)
-    return SheetTension(forces, maps[0], std, maps[1:], inside, numbers, cells, borders, notes)
+    return SheetTension(forces, maps[0], std, maps[1:], inside, numbers, cells, borders, notes, masks or None)
+
+
+def _everywhere(x: Floats) -> Flags:
+    return np.ones(x.shape[1], dtype=bool)
 
 
 @dataclass(eq=False)
@@ -313,7 +324,7 @@ def _part(
     e = sheet.elements
     open_ = len(sheet.edge[0]) > 0
     ratios = [RATIOS[0] + (RATIOS[1] - RATIOS[0]) * g for g in GAUSS] if ratio is None else [ratio]
-    low = min(ratios[len(ratios) // 2], 0.99)
+    middle = ratios[len(ratios) // 2]
 
     def at_points(nodes: Floats) -> Floats:
         return np.stack([e.straight @ n for n in nodes])
@@ -322,7 +333,7 @@ def _part(
     found, missing = [], []
     loads = Loads(sheet, 1.0, rng)
     first = np.stack([spread @ c for c in flat[0]])
-    closed = at_points(sheet.tension(sheet.body(sheet.balance(first)[0]), low))
+    closed = at_points(sheet.tension(sheet.body(sheet.balance(first)[0]), middle))
     scale = math.sqrt(float(((0.5 * (closed[0] + closed[1])) ** 2) @ e.area / e.area.sum()))
     gross = float(np.hypot(*first) @ e.area)
     if open_:
@@ -439,10 +450,11 @@ def _principal(tension: Floats) -> tuple[Floats, Floats]:
     return 0.5 * (xx + yy) + half, np.degrees(0.5 * np.arctan2(2 * xy, xx - yy)) % 180.0
 
 
-def _quantity(label: str, values: Floats, common: float, why: str = "") -> Quantity:
-    """Of the estimate and the draws after it."""
-    std = math.hypot(float(values[1:].std(ddof=1)), common * float(values[0]))
-    return Quantity(label, "N/m", float(values[0]), std, None, why)
+def _quantity(label: str, values: Floats, common: float, why: str = "", *, extreme: bool = False) -> Quantity:
+    """Of the estimate and the draws after it; the ``extreme`` of a map is that of the draws, as the estimate is smoother than the truth."""
+    value = float(values[1:].mean()) if extreme else float(values[0])
+    std = math.hypot(float(values[1:].std(ddof=1)), common * value)
+    return Quantity(label, "N/m", value, std, None, why)
 
 
 def _labels(forces: CellForces, labels: Any, size: tuple[int, int] | None) -> dict[str, Flags]:
@@ -481,7 +493,7 @@ def _cells(
         top, angle = _principal(mean[..., None])
         cells.append(
             RegionTension(
-                name, area, _quantity("average tension", 0.5 * (mean[:, 0] + mean[:, 1]), common), _quantity("largest tension", top[:, 0], common), float(angle[0, 0])
+                name, area, _quantity("average tension", 0.5 * (mean[:, 0] + mean[:, 1]), common), _quantity("largest tension", top[:, 0], common, extreme=True), float(angle[0, 0])
             )
         )  # fmt: skip
     return tuple(cells), _borders(names, number, field.pixel, where, tension, common)
@@ -536,11 +548,6 @@ def _said(parts: list[_Part], forces: CellForces, own: float, ratio: float | Non
         )
     if len(parts) > 1:
         notes.append(f"the mask has {len(parts)} parts, each a sheet by itself")
-    notes.append(
-        "the sheet is elastic and even in plane stress, with "
-        + (f"a Poisson's ratio of {ratio:g}" if ratio is not None else "a Poisson's ratio from 0 to 0.5")
-        + (f"; tensions of the cells' own, {100 * own:.0f} % of the sheet's, are in the errors" if own > 0 else "; cells have no tensions of their own")
-    )
     if forces.samples is not None:
         notes.append(
             'the traction is that of single adhesions: below a sheet it is everywhere, which method="tikhonov" (--method tikhonov) suits'
@@ -548,6 +555,11 @@ def _said(parts: list[_Part], forces: CellForces, own: float, ratio: float | Non
     covered = int(forces.inside.sum())
     if covered < 10 * FEW:
         notes.append(f"the sheet covers {covered} vectors: its tension is known no finer than {plain_number(1e6 * forces.field.pitch, 3)} µm")
+    notes.append(
+        "the sheet is elastic and even in plane stress, with "
+        + (f"a Poisson's ratio of {ratio:g}" if ratio is not None else "a Poisson's ratio from 0 to 1")
+        + (f"; tensions of the cells' own, {100 * own:.0f} % of the sheet's, are in the errors" if own > 0 else "; cells have no tensions of their own")
+    )
     return tuple(notes)
 
 
