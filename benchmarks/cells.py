@@ -147,13 +147,12 @@ def plain_samples() -> Iterator[None]:
 
 
 def constants(cells: range, held: Path | None) -> list[str]:
-    """What the samples leave out: for each number the shift, the factor and the part that make errors over their standard deviation most likely.
-
-    Errors are Student's of five degrees of freedom, so that single cells do not set the widths; then how many cells 95 % intervals would hold.
+    """What the samples leave out: shift, factor and part of `palpate.microscopy.spread`, of the likeliest errors (Student's of five degrees of freedom, so that single cells do
+    not set the widths), then widened until 95 % intervals hold 95 %; and how often intervals of the samples alone hold.
     """
     with plain_samples():
         found = judged_pieces(cells, "adhesions", held)
-    lines = ["| number | cells | shift | factor | part | holds | as sampled |", "|---|---|---|---|---|---|---|"]
+    lines = ["| number | count | shift | factor | part | held as sampled |", "|---|---|---|---|---|---|"]
     for key in ("strain_energy", "traction_peak", "contractile_moment", "contractility", "net_force_x", "net_force_y"):
         rows = np.array([f[key] for f in found if not f["edge"]])
         lines.append(f"| {key} | {len(rows)} | {fitted(rows, key in spread.LOGARITHMIC)} |")
@@ -175,9 +174,13 @@ def fitted(rows: Any, logarithmic: bool) -> str:
         mean, std, off, size = mean / scale, std / scale, off / scale, size / scale
     error = off - mean
 
+    def parts(p: Any) -> tuple[Any, Any]:
+        shift = np.minimum(p[0] * std, spread.MOST) if logarithmic else 0.0
+        return error - shift, np.sqrt((np.exp(p[1]) * std) ** 2 + (np.exp(p[2]) * size) ** 2)
+
     def worth(p: Any) -> float:
-        wide = np.sqrt((np.exp(p[1]) * std) ** 2 + (np.exp(p[2]) * size) ** 2)
-        return -float(np.sum(scipy.stats.t.logpdf((error - (p[0] if logarithmic else 0.0)) / wide, 5) - np.log(wide)))
+        rest, wide = parts(p)
+        return -float(np.sum(scipy.stats.t.logpdf(rest / wide, 5) - np.log(wide)))
 
     best = min(
         (
@@ -187,11 +190,12 @@ def fitted(rows: Any, logarithmic: bool) -> str:
         ),
         key=lambda r: float(r.fun),
     ).x
-    shift, factor, part = (best[0] if logarithmic else 0.0), math.exp(best[1]), math.exp(best[2])
-    wide = np.sqrt((factor * std) ** 2 + (part * size) ** 2)
-    holds = [float(np.mean(np.abs(error - shift) < 1.96 * w)) for w in (wide,)]
+    rest, wide = parts(best)
+    # as much wider as makes 95 % intervals hold 95 %
+    more = max(1.0, float(np.quantile(np.abs(rest / wide), 0.95)) / 1.96)
     plain = float(np.mean(np.abs(error) < 1.96 * std))
-    return f"{shift:.3f} | {factor:.2f} | {part:.3f} | {holds[0]:.2f} | {plain:.2f}"
+    shift, factor, part = (best[0] if logarithmic else 0.0), more * math.exp(best[1]), more * math.exp(best[2])
+    return f"{shift:.2f} | {factor:.2f} | {part:.3f} | {plain:.2f}"
 
 
 def windows(first: int, count: int) -> list[str]:

@@ -26,6 +26,7 @@ from palpate.cli.live import live
 from palpate.cli.methods import MethodCommand, TrackerCommand
 from palpate.cli.pad import pad
 from palpate.cli.paper import paper
+from palpate.cli.pillars import pillars
 from palpate.cli.reconstruct import reconstruct
 from palpate.cli.ros import RosCommand, ros
 from palpate.cli.sensors import sensors
@@ -78,6 +79,7 @@ _COMMANDS = (
     live,
     tfm,
     film,
+    pillars,
     ros,
     convert,
     simulate,

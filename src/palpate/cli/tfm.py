@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.cli.files import Force, check_outputs, command_line, provenance, save_figure, skin_files, skin_text
-from palpate.cli.options import numbers
+from palpate.cli.options import known_to, numbers
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
@@ -95,15 +96,28 @@ def tfm(
         ),
     ] = None,
     method: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="adhesions: traction in patches, whose number, places and sizes are sampled; tikhonov: one even penalty, for traction that is everywhere."
+            help="adhesions (default): traction in patches, whose number, places and sizes are sampled; tikhonov: one even penalty, for traction that is everywhere."
         ),
-    ] = "adhesions",
+    ] = None,
     labels: Annotated[
         Path | None,
         typer.Option(
             help="Outlines of adhesions: a label picture (.tif, .png, .npy, _seg.npy), or ImageJ's .roi and RoiSet.zip: the force of each goes to NAME-labels.csv."
+        ),
+    ] = None,
+    monolayer: Annotated[
+        bool,
+        typer.Option(
+            "--monolayer",
+            help="The mask is a sheet of cells: its tension goes to NAME-sheet.png and NAME-sheet.csv, with a row for each cell and border of --labels. Traction is that of tikhonov unless --method says otherwise.",
+        ),
+    ] = False,
+    sheet_ratio: Annotated[
+        float | None,
+        typer.Option(
+            "--sheet-poissons-ratio", help="Of the sheet of --monolayer, e.g. 0.5; default: anything from 0 to 1."
         ),
     ] = None,
     order: Annotated[
@@ -140,6 +154,7 @@ def tfm(
         read_mask,
         read_pair,
         read_picture,
+        sheet_tension,
     )
     from palpate.microscopy.labels import rows_of, write_labels_table
     from palpate.microscopy.readers import TURNED
@@ -149,6 +164,11 @@ def tfm(
     targets = {e: stem.with_name(stem.name + e) for e in (".html", ".png", ".csv", ".nc")}
     if labels is not None:
         targets["-labels.csv"] = stem.with_name(stem.name + "-labels.csv")
+    method = method or ("tikhonov" if monolayer else "adhesions")
+    if sheet_ratio is not None and not monolayer:
+        raise InvalidInput("--sheet-poissons-ratio belongs to --monolayer: add it, or leave the ratio out.")
+    if monolayer:
+        targets |= {e: stem.with_name(stem.name + e) for e in ("-sheet.png", "-sheet.csv")}
     theirs = [o for o, v in (("--order", order), ("--rule", rule)) if v is not None]
     if theirs and method != "tikhonov":
         raise InvalidInput(f"{' and '.join(theirs)} belong to --method tikhonov; --method is {method}.")
@@ -224,6 +244,10 @@ def tfm(
             field, pad, mask=corners, size=size, picture=picture, depth=below, noise=None if noise is None else parse_quantity(noise, 'length', '--noise'), method=method, order=1 if order is None else order, rule=rule or "evidence", drift=not still, uncertainty=uncertainty, draws=draws,
         )  # fmt: skip
     labelled = None if labels is None else forces_of_labels(forces, labels, size=size)
+    sheet = None
+    if monolayer:
+        with busy("solving the sheet"):
+            sheet = sheet_tension(forces, labels=labels, size=size, poissons_ratio=sheet_ratio)
     told = ", ".join(p.name for p in source)
     forces.write_report(targets[".html"], title=source[0].stem, source=told, command=command_line())
     save_figure(forces.plot(), targets[".png"])
@@ -237,6 +261,9 @@ def tfm(
         forces.write_tiff(tiff)
     if labelled is not None:
         write_labels_table(rows_of(labelled, file=told, frame=0), targets["-labels.csv"])
+    if sheet is not None:
+        save_figure(sheet.plot(), targets["-sheet.png"])
+        sheet.write_table(targets["-sheet.csv"])
     rows, columns = field.shape
     typer.echo(f"{columns} x {rows} vectors, one every {field.step:.3g} px = {1e6 * field.pitch:.3g} um")
     if field.drift is not None:
@@ -244,7 +271,9 @@ def tfm(
             f"drift of {field.drift[0] / field.pixel:.3g} px along x and {field.drift[1] / field.pixel:.3g} px along y taken out"
         )
     typer.echo(forces.summary())
-    for note in forces.notes:
+    if sheet is not None:
+        typer.echo(sheet.summary())
+    for note in (*forces.notes, *(() if sheet is None else sheet.notes)):
         typer.echo(f"note: {note}", err=True)
     typer.echo(f"wrote {', '.join(str(p) for p in (*targets.values(), *beside.values()) if p is not None)}")
 
@@ -307,6 +336,7 @@ def _gel(
     """The gel, the depth of its beads, and how well it is known."""
     from palpate.elastic import BondedLayers, HalfSpace, Layer
     from palpate.recordings import read_skin, read_uncertainty
+    from palpate.sensing.uncertainty import Uncertainty
     from palpate.units import parse_quantity
 
     options: list[tuple[str, Any]] = [
@@ -326,29 +356,10 @@ def _gel(
         return pad, float(planes[0].depth), read_uncertainty(skin_file)
     assert modulus is not None  # of both `_complete` has seen to it
     assert ratio is not None
-    value, uncertainty = _known("--youngs-modulus", modulus)
+    value, share = known_to(modulus, "pressure", "--youngs-modulus")
+    uncertainty = Uncertainty(youngs_modulus=share) if re.search(r"\+-|\+/-|±", modulus) else None
     below = parse_quantity(depth, "length", "--depth")
     if thickness is None:
         return HalfSpace(youngs_modulus=value, poissons_ratio=ratio), below, uncertainty
     thick = parse_quantity(thickness, "length", "--thickness")
     return BondedLayers([Layer(thickness=thick, youngs_modulus=value, poissons_ratio=ratio)]), below, uncertainty
-
-
-def _known(option: str, text: str) -> tuple[float, Uncertainty | None]:
-    """ "8 kPa +- 10 %" or "8 kPa +- 0.5 kPa"."""
-    import re
-
-    from palpate.sensing.uncertainty import Uncertainty
-    from palpate.units import parse_quantity
-
-    parts = re.split(r"\+-|\+/-|±", text)
-    if len(parts) > 2:
-        raise InvalidInput(f'{option} {text!r}: write a quantity and one uncertainty, such as "8 kPa +- 10 %".')
-    value = parse_quantity(parts[0].strip(), "pressure", option)
-    if len(parts) == 1:
-        return value, None
-    if "%" in parts[1]:
-        share = numbers(parts[1].replace("%", "").strip(), option)[0] / 100.0
-    else:
-        share = parse_quantity(parts[1].strip(), "pressure", option) / value
-    return value, Uncertainty(youngs_modulus=share)

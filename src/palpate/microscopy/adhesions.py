@@ -175,7 +175,7 @@ def sampled(
     )
     for number in range(CHAINS):
         vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
-        rng = np.random.default_rng([seed, number])
+        rng, shapes = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
 
         walk = _begun(chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window)
         walk.walk(BURN)
@@ -199,7 +199,7 @@ def sampled(
         for _ in range(math.ceil(draws / CHAINS)):
             walk.walk(BETWEEN)
             # no window tells the profile of an adhesion that it does not resolve
-            profiles = rng.integers(len(PROFILES), size=len(walk.blobs))
+            profiles = shapes.integers(len(PROFILES), size=len(walk.blobs))
             samples.append(Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1], profiles))
             noises.append(walk.noise)
             wrong[doubtful] += walk.wrong / (CHAINS * math.ceil(draws / CHAINS))
