@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._numbers import plain_number
-from palpate._plot import scaled
 from palpate.elastic.pad import Floats
 from palpate.microscopy.blobs import work_of
 from palpate.microscopy.fields import Field
@@ -38,6 +37,8 @@ STRAINED, SMALLEST = 0.3, 0.02
 RESTS, SOME, NARROWEST = 0.8, 12, 0.1
 #: A mask is questioned that holds less than this part of the traction, where it would hold more than the next elsewhere.
 HELD, FOUND = 0.5, 0.8
+#: Traction of so many standard deviations counts there.
+TOLD = 1.5
 #: Remedies of the inversion, as they are said here.
 WORDS = {
     "Where the image cannot drift, say Skin(..., nuisance=[])": "Where the picture cannot have moved, say drift=False (--still)",
@@ -125,7 +126,6 @@ def doubts(
         said.append(
             f"the largest displacement is {largest:.2g} px, less than pictures tell: is the unit right, and the pixel that of the picture?"
         )
-    energy = numbers["strain_energy"].value
     if field.aperture == 0:
         usual = 2 * field.step
         more = _with_window(done, usual * field.pixel, 0.0)
@@ -140,7 +140,7 @@ def doubts(
         )
     elif (less := _with_window(done, 0.0, field.aperture)) is not None and less < RESTS:
         said.append(
-            f"energy and peaks rest on the window of {field.aperture / field.pixel:.3g} px: without it the energy would be about {_energy(energy * less)}. Check that it is that of the correlation"
+            f"energy and peaks rest on the window of {field.aperture / field.pixel:.3g} px: without it the energy would be about {less:.2g} times as large. Check that it is that of the correlation"
         )
     unlike = int(field.unlike.sum())
     if unlike and done.samples is None:
@@ -154,14 +154,9 @@ def doubts(
         said.append(
             f"{lost} of {field.valid.size} vectors are missing: traction there is what their neighbours suggest"
         )
-    if masked and told:
-        said += _misplaced(done.traction, inside, field)
+    if masked and len(done.draws):
+        said += _misplaced(done.traction, done.draws.std(axis=0), inside, field)
     return said
-
-
-def _energy(value: float) -> str:
-    factor, unit = scaled(value, "J")
-    return f"{value * factor:.2g} {unit}"
 
 
 def _with_window(done: Inverted, window: float, was: float) -> float | None:
@@ -176,9 +171,13 @@ def _with_window(done: Inverted, window: float, was: float) -> float | None:
     return after / before if before > 0 else None
 
 
-def _misplaced(traction: Floats, inside: npt.NDArray[np.bool_], field: Field) -> list[str]:
+def _misplaced(traction: Floats, std: Floats, inside: npt.NDArray[np.bool_], field: Field) -> list[str]:
     """A mask that would hold the traction if it lay elsewhere."""
     size = np.hypot(*traction)
+    # only what is told from zero
+    size = np.where(size > TOLD * np.hypot(*std), size, 0.0)
+    if not size.any():
+        return []
     whole = max(float(size.sum()), 1e-300)
     share = float(size[inside].sum()) / whole
     if share > HELD:

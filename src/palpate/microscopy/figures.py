@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate._extras import require
 from palpate._plot import arrow_cells, scaled
@@ -22,6 +23,8 @@ __all__ = ["plot_error", "plot_field", "plot_traction", "scale_bar", "square_end
 #: Arrows along the longer side of a picture; vectors smaller than this part of the largest get none.
 ARROWS, SMALLEST = 36, 0.08
 WIDTH = 6.4
+#: A cell that fills less than this part of the view is drawn closer, with so much of its length about it, and all traction above this part of the largest.
+CLOSER, ROOM, FAINT = 0.5, 0.25, 0.05
 #: An arrow is drawn where the traction is this many standard deviations from zero: at 95 %.
 SURE = 1.96
 
@@ -45,13 +48,17 @@ def square_ends(field: Field) -> tuple[float, float, float, float]:
     return left, left + columns * field.step, top + rows * field.step, top
 
 
-def _canvas(field: Field, picture: Any) -> tuple[Any, Any, tuple[float, float, float, float]]:
-    """Figure and axes in pixels of the picture, rows downwards, and what is in view."""
+def _canvas(
+    field: Field, picture: Any, near: npt.NDArray[np.bool_] | None = None
+) -> tuple[Any, Any, tuple[float, float, float, float]]:
+    """Figure and axes in pixels of the picture, rows downwards, and what is in view: all, or what is ``near`` (row, column) where that is far less."""
     from matplotlib.figure import Figure
 
     ends = square_ends(field)
     if picture is not None:
         ends = (-0.5, np.shape(picture)[1] - 0.5, np.shape(picture)[0] - 0.5, -0.5)
+    if near is not None and near.any():
+        ends = _closer(field, near, ends)
     high = (ends[2] - ends[3]) / (ends[1] - ends[0])
     figure = Figure(figsize=(WIDTH + 1.2, max(2.6, WIDTH * high + 0.5)), layout="constrained")
     axes = figure.subplots()
@@ -65,6 +72,21 @@ def _canvas(field: Field, picture: Any) -> tuple[Any, Any, tuple[float, float, f
         low, top = np.percentile(image, (1, 99.7))
         axes.imshow(image, cmap="gray", vmin=low, vmax=max(top, low + 1e-12), zorder=0)
     return figure, axes, ends
+
+
+def _closer(
+    field: Field, near: npt.NDArray[np.bool_], ends: tuple[float, float, float, float]
+) -> tuple[float, float, float, float]:
+    """What is near with room about it, where that is a small part of the view."""
+    sides = []
+    for axis, (low, high) in ((0, (ends[0], ends[1])), (1, (ends[3], ends[2]))):
+        at = field.start[axis] + field.step * np.flatnonzero(near.any(axis=axis))
+        sides.append((float(at[0]), float(at[-1]), low, high))
+    room = ROOM * max(b - a for a, b, _, _ in sides) + 2 * field.step
+    (left, right), (top, bottom) = ((max(a - room, low), min(b + room, high)) for a, b, low, high in sides)
+    if (right - left) * (bottom - top) > CLOSER * (ends[1] - ends[0]) * (ends[2] - ends[3]):
+        return ends
+    return left, right, bottom, top
 
 
 def _arrows(
@@ -155,7 +177,7 @@ def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:
     size = np.hypot(*forces.traction)
     top = max(float(np.percentile(size, 99.9)), 0.8 * float(size.max()), 1e-12)
     factor, unit = scaled(top, "Pa")
-    figure, axes, ends = _canvas(field, forces.picture)
+    figure, axes, ends = _canvas(field, forces.picture, forces.inside | (size > FAINT * top) if forces.masked else None)
     over = forces.picture is not None
     # where the picture shows the cell, the colour lets it through where little is pulled
     alpha = np.clip(size / (0.35 * top), 0.12, 0.8) if over else None
