@@ -13,7 +13,10 @@ from palpate.errors import InvalidInput
 
 def pillars(
     table: Annotated[
-        Path, typer.Argument(metavar="TABLE", help="Posts with columns x, y, dx, dy, and their units in the header: dx [um].")
+        Path,
+        typer.Argument(
+            metavar="TABLE", help="Posts with columns x, y, dx, dy, and their units in the header: dx [um]."
+        ),
     ],
     diameter: Annotated[str, typer.Option(help='Of a post, e.g. "2 um +- 3 %".')],
     height: Annotated[str, typer.Option(help='Of a post, e.g. "6 um +- 2 %".')],
@@ -30,7 +33,9 @@ def pillars(
     ] = None,
     unit: Annotated[str | None, typer.Option(help="Of deflections without one in the header: px, um, nm.")] = None,
     position_unit: Annotated[str | None, typer.Option(help="Of positions; default: that of deflections.")] = None,
-    pixel: Annotated[str | None, typer.Option(help='Size of a pixel, e.g. "0.1 um", where something is in pixels.')] = None,
+    pixel: Annotated[
+        str | None, typer.Option(help='Size of a pixel, e.g. "0.1 um", where something is in pixels.')
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Table of forces to write; default: TABLE-forces.csv.")] = None,
     force: Force = False,
 ) -> None:
@@ -56,9 +61,7 @@ def pillars(
     )  # fmt: skip
     size = None if pixel is None else parse_quantity(pixel, "length", "--pixel")
     at, moved, std = read_pillars(table, unit=unit, position_unit=position_unit, pixel=size)
-    found = pillar_forces(
-        at, moved, post, noise=std if noise is None else parse_quantity(noise, "length", "--noise")
-    )
+    found = pillar_forces(at, moved, post, noise=std if noise is None else parse_quantity(noise, "length", "--noise"))
     found.write_table(target)
     typer.echo(f"{len(at)} posts")
     typer.echo(found.summary())

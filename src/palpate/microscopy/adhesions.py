@@ -168,13 +168,12 @@ def sampled(
         vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise)
         rng, shapes = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
 
-        def chain(vectors: Vectors, rng: np.random.Generator = rng) -> Chain:
+        def chain(vectors: Vectors, level: float, known: bool, rng: np.random.Generator = rng) -> Chain:
             # a field's own standard deviations are the least
-            return Chain(
-                vectors, response, places, sizes, level, known=known, least_noise=level if stated else 0.0, drift=drift, rng=rng
-            )  # noqa: B023
+            least = level if stated else 0.0
+            return Chain(vectors, response, places, sizes, level, known=known, least_noise=least, drift=drift, rng=rng)
 
-        walk = _begun(chain(vectors), u, there & ~bad, guess, margin, every, window)
+        walk = _begun(chain(vectors, level, known), u, there & ~bad, guess, margin, every, window)
         walk.walk(BURN)
         if number == 0:
             left = u - walk.modelled(every, walk.forces()[0]).reshape(2, *shape)
@@ -189,15 +188,13 @@ def sampled(
             if shared > 1.0 or (found != bad).any():
                 bad = found
                 vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise)
-                walk = _begun(chain(vectors), u, there & ~bad, guess, margin, every, window)
+                walk = _begun(chain(vectors, level, known), u, there & ~bad, guess, margin, every, window)
                 walk.walk(BURN)
         for _ in range(math.ceil(draws / CHAINS)):
             walk.walk(BETWEEN)
             # no window tells the profile of an adhesion that it does not resolve
             profiles = shapes.integers(len(PROFILES), size=len(walk.blobs))
-            samples.append(
-                Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1], profiles)
-            )
+            samples.append(Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1], profiles))
             noises.append(walk.noise)
     level = float(np.mean(noises))
     if bad.any():

@@ -209,11 +209,9 @@ def _peak(axes: Any, forces: CellForces, size: Floats, ends: tuple[float, float,
     factor, unit = scaled(max(abs(q.interval[1]), 1e-12), "Pa")
     low, top = (max(e, 0.0) * factor for e in q.interval)
     said = f"largest {_two(q.value * factor)} {unit}\n95 %: {_two(low)} to {_two(top)}"
-    axes.plot(
-        x, y, marker="o", ms=13, mfc="none", mec="white", mew=1.2, zorder=5
-    )
+    axes.plot(x, y, marker="o", ms=13, mfc="none", mec="white", mew=1.2, zorder=5)
     # in the upper corner that is nearer, unless the ring is in it
-    left = x < 0.5 * (ends[0] + ends[1])
+    left = bool(x < 0.5 * (ends[0] + ends[1]))
     if abs(x - ends[0 if left else 1]) < 0.3 * wide and y - ends[3] < 0.15 * high:
         left = not left
     at = ends[0] + (0.03 if left else 0.97) * wide, ends[3] + 0.03 * high
@@ -269,7 +267,9 @@ def plot_error(forces: CellForces) -> Figure:
     size = np.sqrt((forces.std**2).sum(axis=0))
     factor, unit = scaled(float(max(size.max(), 1e-12)), "Pa")
     figure, axes, ends = _canvas(field, None)
-    image = axes.imshow(size * factor, extent=square_ends(field), cmap="cividis", vmin=0.0, interpolation="nearest", zorder=1)
+    image = axes.imshow(
+        size * factor, extent=square_ends(field), cmap="cividis", vmin=0.0, interpolation="nearest", zorder=1
+    )
     axes.set_xlim(ends[0], ends[1])
     axes.set_ylim(ends[2], ends[3])
     _outline(axes, forces)

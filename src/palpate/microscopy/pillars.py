@@ -193,7 +193,20 @@ class PillarForces:
         held = io.StringIO()
         writer = csv.writer(held, lineterminator="\n")
         writer.writerow(
-            "pillar x_m y_m dx_m dy_m force_x_N force_y_N std_x_N std_y_N force_N low_95_N high_95_N".split()
+            [
+                "pillar",
+                "x_m",
+                "y_m",
+                "dx_m",
+                "dy_m",
+                "force_x_N",
+                "force_y_N",
+                "std_x_N",
+                "std_y_N",
+                "force_N",
+                "low_95_N",
+                "high_95_N",
+            ]
         )
         for k, (at, moved, force, std) in enumerate(
             zip(self.positions, self.deflections, self.forces, self.std), start=1
@@ -242,7 +255,9 @@ def read_pillars(
         ("positions", found.place, position_unit or (None if found.place else unit)),
     ):
         if stated is not None and given is not None and stated != given:
-            raise InvalidInput(f"{path}: the header says the {what} are in {stated}, not in {given}: leave the unit out.")
+            raise InvalidInput(
+                f"{path}: the header says the {what} are in {stated}, not in {given}: leave the unit out."
+            )
         name = stated or given
         option = "unit" if what == "deflections" else "position_unit"
         if name is None:
@@ -251,12 +266,16 @@ def read_pillars(
             )
         if name == "px":
             if pixel is None:
-                raise InvalidInput(f'{path}: the {what} are in pixels: say the size of one with pixel=1e-7 (--pixel "0.1 um").')
+                raise InvalidInput(
+                    f'{path}: the {what} are in pixels: say the size of one with pixel=1e-7 (--pixel "0.1 um").'
+                )
             factors.append(pixel)
         elif name in UNITS["length"]:
             factors.append(UNITS["length"][name])
         else:
-            raise InvalidInput(f"{path}: {name!r} is no unit of the {what}; accepted are px, {', '.join(UNITS['length'])}.")
+            raise InvalidInput(
+                f"{path}: {name!r} is no unit of the {what}; accepted are px, {', '.join(UNITS['length'])}."
+            )
     good = np.ones(len(found.u), dtype=bool) if found.bad is None else ~np.asarray(found.bad)
     moved = np.where(good[:, None], factors[0] * np.stack([found.u, found.v], axis=1), np.nan)
     std = None if found.std is None else factors[0] * np.stack(found.std, axis=1)
@@ -292,13 +311,11 @@ def pillar_forces(
     """
     at, moved = np.asarray(positions, dtype=np.float64), np.asarray(deflections, dtype=np.float64)
     if at.ndim != 2 or at.shape[1:] != (2,) or moved.shape != at.shape:
-        raise InvalidInput(
-            f"positions and deflections have the shape (n, 2); got {at.shape} and {moved.shape}."
-        )
+        raise InvalidInput(f"positions and deflections have the shape (n, 2); got {at.shape} and {moved.shape}.")
     if np.isinf(moved).any() or not np.isfinite(at).all():
         raise InvalidInput("positions must be finite, and deflections finite or NaN where a post was not seen.")
     moved = np.where(np.isnan(moved).any(axis=1)[:, None], np.nan, moved)
-    there = np.isfinite(moved[:, 0])
+    there: Any = np.isfinite(moved[:, 0])
     if not there.any():
         raise InvalidInput("no post has a deflection: the table holds NaN alone, or marks every row as bad.")
     size = np.hypot(*moved.T)
@@ -308,7 +325,7 @@ def pillar_forces(
             f"a deflection of {plain_number(1e6 * longest * pillar.height, 3)} µm is longer than the post ({plain_number(1e6 * pillar.height, 3)} µm): check the unit of deflections, the size of a pixel and the height."
         )
     error = np.zeros_like(moved) if noise is None else np.broadcast_to(np.asarray(noise, dtype=np.float64), moved.shape)
-    if not (np.isfinite(error[there]) & (error[there] >= 0)).all():
+    if not (np.isfinite(error[there]).all() and (error[there] >= 0).all()):
         raise InvalidInput("noise must be a standard deviation [m], finite and not negative.")
     k = pillar.stiffness
     common = k.std / k.value
@@ -339,19 +356,36 @@ def pillar_forces(
     parts = pillar.compliances
     total = sum(parts.values())
     notes = [
-        "of the deflection " + ", ".join(f"{100 * v / total:.0f} % is {name}" for name, v in parts.items() if v > 0)
+        "of the deflection "
+        + ", ".join(f"{100 * v / total:.0f} % is {name}" for name, v in parts.items() if v > 0)
         + f": bending alone would give forces {100 * (pillar.bending_alone / k.value - 1):.0f} % larger"
     ]
     if noise is None:
-        notes.append("the error of a deflection is not known, and in no error here: say noise= (--noise), such as the spread of posts that no cell touches")
+        notes.append(
+            "the error of a deflection is not known, and in no error here: say noise= (--noise), such as the spread of posts that no cell touches"
+        )
     if not (pillar.diameter_error and pillar.height_error and pillar.modulus_error):
-        lacking = [n for n, v in (("diameter", pillar.diameter_error), ("height", pillar.height_error), ("modulus", pillar.modulus_error)) if not v]
-        notes.append(f'{" and ".join(lacking)} {"is" if len(lacking) == 1 else "are"} taken as exact: say how well known, such as --{lacking[0]} "... +- 5 %"')
+        lacking = [
+            n
+            for n, v in (
+                ("diameter", pillar.diameter_error),
+                ("height", pillar.height_error),
+                ("modulus", pillar.modulus_error),
+            )
+            if not v
+        ]
+        notes.append(
+            f'{" and ".join(lacking)} {"is" if len(lacking) == 1 else "are"} taken as exact: say how well known, such as --{lacking[0]} "... +- 5 %"'
+        )
     bent = int((size[there] > BENT * pillar.height).sum())
     if bent:
-        notes.append(f"{bent} of {count} posts bend by more than {BENT:g} of their height: beyond the linear beam, their forces are too small")
+        notes.append(
+            f"{bent} of {count} posts bend by more than {BENT:g} of their height: beyond the linear beam, their forces are too small"
+        )
     if slender < STOUT:
-        notes.append(f"posts of a height of {slender:.2g} diameters are no beams: the formula was checked for more than {STOUT:g}")
+        notes.append(
+            f"posts of a height of {slender:.2g} diameters are no beams: the formula was checked for more than {STOUT:g}"
+        )
     if not there.all():
         notes.append(f"{int((~there).sum())} of {len(there)} posts have no deflection")
     return PillarForces(pillar, at, moved, forces, std, np.asarray(error), quantities, tuple(notes))

@@ -97,7 +97,7 @@ class Sheet:
         if ratio not in solvers:
             weight = scipy.sparse.diags_array(e.area)
             s = e.strain
-            k = sum(stiff[i, j] * (s[i].T @ weight @ s[j]) for i in range(3) for j in range(3) if stiff[i, j])
+            k: Any = sum(stiff[i, j] * (s[i].T @ weight @ s[j]) for i in range(3) for j in range(3) if stiff[i, j])
             free = np.setdiff1d(np.arange(k.shape[0]), e.pinned)
             solvers[ratio] = scipy.sparse.linalg.splu(k.tocsc()[free][:, free]), free
         solver, free = solvers[ratio]
@@ -130,9 +130,7 @@ def sheet_of(shape: Shape, spacing: float, view: tuple[float, float, float, floa
             return np.zeros(x.shape[1], dtype=bool)
         left, right, top, bottom = view
         near = 0.6 * shape.side
-        return np.asarray(
-            (x[0] < left + near) | (x[0] > right - near) | (x[1] < top + near) | (x[1] > bottom - near)
-        )
+        return np.asarray((x[0] < left + near) | (x[0] > right - near) | (x[1] < top + near) | (x[1] > bottom - near))
 
     return Sheet(e, e.border(on))
 
@@ -174,7 +172,9 @@ class Loads:
         """Loads (dof,) at the edge of the view that carry forces and torque ``missing`` (3,); the likeliest, or drawn."""
         cross = self.covariance @ self.moves.T
         inner = self.moves @ cross
-        values = np.zeros(len(self.covariance)) if mean else self.factor @ self.rng.standard_normal(len(self.covariance))
+        values = (
+            np.zeros(len(self.covariance)) if mean else self.factor @ self.rng.standard_normal(len(self.covariance))
+        )
         values = values + cross @ np.linalg.solve(inner, missing - self.moves @ values)
         return self._load(values)
 

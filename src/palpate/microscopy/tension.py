@@ -18,7 +18,7 @@ import scipy.spatial
 from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.microscopy.cell import SIDE, CellForces, Quantity
+from palpate.microscopy.cell import CellForces, Quantity
 from palpate.microscopy.labels import read_labels
 from palpate.microscopy.masks import inside_outline
 from palpate.microscopy.sheet import Loads, Sheet, sheet_of
@@ -398,10 +398,7 @@ def _shapes(forces: CellForces) -> list[Shape]:
     rows, columns = field.shape
     finer = max(1, min(4, round(400 / max(rows, columns))))
     side = field.pitch / finer
-    at = [
-        s + field.step * ((np.arange(n * finer) + 0.5) / finer - 0.5)
-        for s, n in zip(field.start, (columns, rows))
-    ]
+    at = [s + field.step * ((np.arange(n * finer) + 0.5) / finer - 0.5) for s, n in zip(field.start, (columns, rows))]
     mask = forces.mask
     if mask is None or not forces.masked:
         whole = np.ones((rows * finer, columns * finer), dtype=bool)
@@ -554,11 +551,17 @@ def _said(parts: list[_Part], forces: CellForces, own: float, ratio: float | Non
         )
     covered = int(forces.inside.sum())
     if covered < 10 * FEW:
-        notes.append(f"the sheet covers {covered} vectors: its tension is known no finer than {plain_number(1e6 * forces.field.pitch, 3)} µm")
+        notes.append(
+            f"the sheet covers {covered} vectors: its tension is known no finer than {plain_number(1e6 * forces.field.pitch, 3)} µm"
+        )
     notes.append(
         "the sheet is elastic and even in plane stress, with "
         + (f"a Poisson's ratio of {ratio:g}" if ratio is not None else "a Poisson's ratio from 0 to 1")
-        + (f"; tensions of the cells' own, {100 * own:.0f} % of the sheet's, are in the errors" if own > 0 else "; cells have no tensions of their own")
+        + (
+            f"; tensions of the cells' own, {100 * own:.0f} % of the sheet's, are in the errors"
+            if own > 0
+            else "; cells have no tensions of their own"
+        )
     )
     return tuple(notes)
 
