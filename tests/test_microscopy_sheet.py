@@ -230,7 +230,7 @@ def test_a_sheet_that_goes_on_beyond_the_view_is_less_sure(scene):
 
 @pytest.mark.parametrize(
     ("options", "said"),
-    [({"poissons_ratio": 1.2}, "from 0 to 0.99"), ({"own": -1}, "own is a part"), ({"draws": 2}, "at least 8")],
+    [({"poissons_ratio": 1.2}, "from 0 to 0.99"), ({"own": -1}, "own is a part"), ({"draws": 2}, "at least 8 draws")],
 )
 def test_wrong_options_are_refused(scene, options, said):
     with pytest.raises(InvalidInput, match=said):

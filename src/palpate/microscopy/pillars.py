@@ -171,7 +171,7 @@ class PillarForces:
 
     def __getitem__(self, name: str) -> Quantity:
         if name not in self.quantities:
-            raise InvalidInput(f"no quantity {name!r}; there are {', '.join(self.quantities)}.")
+            raise InvalidInput(f"pillars have no {name!r}; there are {', '.join(self.quantities)}.")
         return self.quantities[name]
 
     def summary(self) -> str:
