@@ -59,9 +59,7 @@ def pair_of(seed: int) -> dict[str, Any]:
     u = displacement_of(traction, MODULUS, RATIO)
     beads = int(DENSITY * (SIDE + 40) ** 2)
     places, light = rng.uniform(-20, SIDE + 20, (beads, 2)), rng.uniform(0.3, 1.0, beads)
-    moved = np.stack(
-        [scipy.ndimage.map_coordinates(c, places[:, ::-1].T, order=3, mode="nearest") for c in u], axis=1
-    )
+    moved = np.stack([scipy.ndimage.map_coordinates(c, places[:, ::-1].T, order=3, mode="nearest") for c in u], axis=1)
     drift = rng.uniform(-3, 3, 2)
     pair = [picture(p, light, SIDE, rng) for p in (places, places + moved / SQUARE + drift)]
     return {"pair": pair, "traction": traction, "mask": mask, "moved": u}
@@ -76,7 +74,9 @@ def truth_of(scene: dict[str, Any], field: Field) -> dict[str, float]:
     table = np.pad(np.cumsum(np.cumsum(t, axis=1), axis=2), ((0, 0), (1, 0), (1, 0)))
     half = 0.5 * field.step
     rows, columns = (
-        np.rint(np.array([s + field.step * np.arange(n) - half, s + field.step * np.arange(n) + half]) + 0.5).astype(int)
+        np.rint(np.array([s + field.step * np.arange(n) - half, s + field.step * np.arange(n) + half]) + 0.5).astype(
+            int
+        )
         for s, n in zip(field.start[::-1], field.shape)
     )
     (top, low), (left, right) = rows, columns

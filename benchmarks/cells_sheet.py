@@ -72,7 +72,13 @@ def sheet_of(seed: int, *, cut: bool = False) -> dict[str, Any]:
     left = SIDE // 2 if cut else 0
     first = left // STEP
     field = Field(displacement=seen[:, :, first:], start=(float(STEP // 2), float(STEP // 2)), step=float(STEP), pixel=SQUARE, aperture=STEP * SQUARE)  # fmt: skip
-    return {"tension": tension[:, :, left:], "traction": traction[:, :, left:], "mask": mask[:, left:], "cells": cells[:, left:], "field": field}
+    return {
+        "tension": tension[:, :, left:],
+        "traction": traction[:, :, left:],
+        "mask": mask[:, left:],
+        "cells": cells[:, left:],
+        "field": field,
+    }
 
 
 def judged(seed: int, *, cut: bool = False, **options: Any) -> dict[str, Any]:
@@ -124,7 +130,9 @@ def row(label: str, found: list[dict[str, Any]]) -> str:
     for key in ("mean", "largest"):
         v = np.array([f[key] for f in found])
         low, middle, high = np.quantile(v[:, 0] / v[:, 3], (0.1, 0.5, 0.9))
-        cells.append(f"{middle:.2f} ({low:.2f} to {high:.2f}), {np.mean((v[:, 1] <= v[:, 3]) & (v[:, 3] <= v[:, 2])):.2f}")
+        cells.append(
+            f"{middle:.2f} ({low:.2f} to {high:.2f}), {np.mean((v[:, 1] <= v[:, 3]) & (v[:, 3] <= v[:, 2])):.2f}"
+        )
     for part in (0, 1):
         v = np.array([c for f in found for c in f["cells"][part::2]])
         error = float(np.sqrt(((v[:, 0] - v[:, 3]) ** 2).mean() / (v[:, 3] ** 2).mean()))

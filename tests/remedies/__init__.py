@@ -31,6 +31,7 @@ ROOMS = (
     "calibrations",
     "robotfiles",
     "outlines",
+    "sheets",
     "simulators",
     "differentiation",
     "networks",

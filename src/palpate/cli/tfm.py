@@ -336,7 +336,6 @@ def _gel(
     """The gel, the depth of its beads, and how well it is known."""
     from palpate.elastic import BondedLayers, HalfSpace, Layer
     from palpate.recordings import read_skin, read_uncertainty
-    from palpate.sensing.uncertainty import Uncertainty
     from palpate.units import parse_quantity
 
     options: list[tuple[str, Any]] = [
@@ -356,10 +355,17 @@ def _gel(
         return pad, float(planes[0].depth), read_uncertainty(skin_file)
     assert modulus is not None  # of both `_complete` has seen to it
     assert ratio is not None
-    value, share = known_to(modulus, "pressure", "--youngs-modulus")
-    uncertainty = Uncertainty(youngs_modulus=share) if re.search(r"\+-|\+/-|±", modulus) else None
+    value, uncertainty = _known("--youngs-modulus", modulus)
     below = parse_quantity(depth, "length", "--depth")
     if thickness is None:
         return HalfSpace(youngs_modulus=value, poissons_ratio=ratio), below, uncertainty
     thick = parse_quantity(thickness, "length", "--thickness")
     return BondedLayers([Layer(thickness=thick, youngs_modulus=value, poissons_ratio=ratio)]), below, uncertainty
+
+
+def _known(option: str, text: str) -> tuple[float, Uncertainty | None]:
+    """ "8 kPa +- 10 %": the modulus [Pa] and how well it is known, where that is said."""
+    from palpate.sensing.uncertainty import Uncertainty
+
+    value, share = known_to(text, "pressure", option)
+    return value, Uncertainty(youngs_modulus=share) if re.search(r"\+-|\+/-|±", text) else None

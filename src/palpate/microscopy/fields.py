@@ -278,8 +278,8 @@ class Field:
     def noise(self) -> float | None:
         """Standard deviation of a typical vector [m]: the root mean square of ``std``; None where that is not known.
 
-        Noise that neighbouring windows share counts as if each had its own. Tried on rendered beads: its correlation in the model of the noise makes traction finer
-        and noisier (error of 0.39 for 0.34), and noise twice as large, as it adds up over many vectors, takes 20 % of the energy of a weak cell.
+        It is what ``method="tikhonov"`` takes for all vectors, each with its own: with an even penalty, noise that neighbouring windows share makes traction finer and noisier (error
+        of 0.39 for 0.34). ``method="adhesions"`` takes ``std`` of each vector, and what windows share (`palpate.microscopy.noise`).
 
         Examples
         --------

@@ -233,7 +233,7 @@ def _peak(axes: Any, forces: CellForces, size: Floats, ends: tuple[float, float,
     said = f"largest {_two(q.value * factor)} {unit}\n95 %: {_two(low)} to {_two(top)}"
     axes.plot(x, y, marker="o", ms=13, mfc="none", mec="white", mew=1.2, zorder=5)
     # in the upper corner that is nearer, unless the ring is in it
-    left = x < 0.5 * (ends[0] + ends[1])
+    left = bool(x < 0.5 * (ends[0] + ends[1]))
     if abs(x - ends[0 if left else 1]) < 0.3 * wide and y - ends[3] < 0.15 * high:
         left = not left
     at = ends[0] + (0.03 if left else 0.97) * wide, ends[3] + 0.03 * high

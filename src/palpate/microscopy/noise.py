@@ -10,13 +10,11 @@ of their beads, and that is the correlation of their errors; a small part of the
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
-import scipy.spatial
 
 from palpate.elastic.pad import Floats
 
@@ -26,7 +24,9 @@ __all__ = ["Noise", "Whitener", "shared_part", "whitener"]
 #: part of 0.1 keeps the model from taking the finest differences between overlapping windows as known.
 OWN = 0.1
 #: A vector's error given the others follows from so many that come before it (A. V. Vecchia, J. R. Stat. Soc. B 50, 1988, 297-312).
-BEFORE = 16
+BEFORE = 40
+#: Covariances of more vectors than this are not held whole.
+DENSE = 3000
 #: A vector is known no better than this part of the typical one: standard deviations that residuals tell are themselves uncertain.
 BEST = 0.3
 
@@ -102,27 +102,28 @@ def whitener(noise: Noise, pitch: float, members: list[npt.NDArray[np.intp]], pl
     )
     of_means = scipy.sparse.csr_array(means @ covariance @ means.T)
     order = np.lexsort((places[:, 0], places[:, 1]))
-    rank = np.empty(len(order), dtype=np.intp)
-    rank[order] = np.arange(len(order))
-    starts, indices, data = of_means.indptr, of_means.indices, of_means.data
-    diagonal = of_means.diagonal()
-    tables = [dict(zip(indices[a:b].tolist(), data[a:b].tolist())) for a, b in itertools.pairwise(starts)]
+    ordered = of_means[order][:, order]
+    dense = ordered.toarray() if len(order) <= DENSE else None
+
+    def among(rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]) -> Floats:
+        if dense is not None:
+            return np.asarray(dense[np.ix_(rows, columns)])
+        return np.asarray(ordered[np.repeat(rows, len(columns)), np.tile(columns, len(rows))]).reshape(
+            len(rows), len(columns)
+        )
+
+    at = places[order]
     out_i, out_j, out_v = [], [], []
-    for k in range(len(members)):
-        table = tables[k]
-        near = [m for m, c in table.items() if rank[m] < rank[k] and c != 0.0]
-        near.sort(key=lambda m: -abs(table[m]) / math.sqrt(diagonal[m]))
-        near = near[:BEFORE]
-        variance = diagonal[k]
-        if near:
-            across = np.array([table[m] for m in near])
-            among = np.array([[tables[a].get(b, 0.0) for b in near] for a in near])
-            weights = np.linalg.solve(among, across)
-            variance = float(variance - weights @ across)
-            out_i += [k] * len(near)
-            out_j += near
-            out_v += (-weights / math.sqrt(variance)).tolist()
-        out_i.append(k)
-        out_j.append(k)
-        out_v.append(1.0 / math.sqrt(variance))
+    for k in range(len(order)):
+        near = np.arange(k)
+        if k > BEFORE:
+            # errors of vectors that share nothing still tell of each other, by those between
+            far = np.abs(at[:k] - at[k]).max(axis=1)
+            near = np.argpartition(far, BEFORE)[:BEFORE]
+        block = among(np.append(near, k), np.append(near, k))
+        weights = np.linalg.solve(block[:-1, :-1], block[:-1, -1])
+        scale = 1.0 / math.sqrt(float(block[-1, -1] - weights @ block[:-1, -1]))
+        out_i += [order[k]] * (len(near) + 1)
+        out_j += [*order[near], order[k]]
+        out_v += [*(-scale * weights), scale]
     return Whitener(scipy.sparse.csr_array((out_v, (out_i, out_j)), shape=(len(members), len(members))))

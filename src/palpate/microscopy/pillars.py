@@ -64,7 +64,7 @@ class Pillar:
     >>> from palpate.microscopy import Pillar
     >>> post = Pillar(diameter=2e-6, height=6e-6, youngs_modulus=2e6, height_error=0.03)
     >>> str(post.stiffness), round(post.bending_alone / post.stiffness.value, 2)
-    ('stiffness: 16.9 +- 1.3 mN/m', 1.3)
+    ('stiffness: 16.8 +- 1.4 mN/m', 1.3)
     """
 
     diameter: float
@@ -171,7 +171,7 @@ class PillarForces:
 
     def __getitem__(self, name: str) -> Quantity:
         if name not in self.quantities:
-            raise InvalidInput(f"no quantity {name!r}; there are {', '.join(self.quantities)}.")
+            raise InvalidInput(f"pillars have no {name!r}; there are {', '.join(self.quantities)}.")
         return self.quantities[name]
 
     def summary(self) -> str:
@@ -307,15 +307,15 @@ def pillar_forces(
     >>> post = Pillar(diameter=2e-6, height=6e-6, youngs_modulus=2e6, modulus_error=0.1)
     >>> found = pillar_forces(np.array([[0, 0], [4e-6, 0]]), np.array([[2e-7, 0], [-2e-7, 1e-8]]), post, noise=2e-8)
     >>> (1e9 * found.forces).round(2).tolist(), str(found["mean_force"])
-    ([[3.38, 0.0], [-3.38, 0.17]], 'mean force: 3.36 +- 0.41 nN')
+    ([[3.35, 0.0], [-3.35, 0.17]], 'mean force: 3.3 +- 0.4 nN')
     """
     at, moved = np.asarray(positions, dtype=np.float64), np.asarray(deflections, dtype=np.float64)
     if at.ndim != 2 or at.shape[1:] != (2,) or moved.shape != at.shape:
         raise InvalidInput(f"positions and deflections have the shape (n, 2); got {at.shape} and {moved.shape}.")
     if np.isinf(moved).any() or not np.isfinite(at).all():
         raise InvalidInput("positions must be finite, and deflections finite or NaN where a post was not seen.")
-    moved = np.where(np.isnan(moved).any(axis=1)[:, None], np.nan, moved)
-    there = np.isfinite(moved[:, 0])
+    moved = np.where(np.isnan(moved).any(axis=1, keepdims=True), np.nan, moved)
+    there: Any = np.isfinite(moved[:, 0])
     if not there.any():
         raise InvalidInput("no post has a deflection: the table holds NaN alone, or marks every row as bad.")
     size = np.hypot(*moved.T)
@@ -325,7 +325,7 @@ def pillar_forces(
             f"a deflection of {plain_number(1e6 * longest * pillar.height, 3)} µm is longer than the post ({plain_number(1e6 * pillar.height, 3)} µm): check the unit of deflections, the size of a pixel and the height."
         )
     error = np.zeros_like(moved) if noise is None else np.broadcast_to(np.asarray(noise, dtype=np.float64), moved.shape)
-    if not (np.isfinite(error[there]) & (error[there] >= 0)).all():
+    if not np.isfinite(error[there]).all() or float(error[there].min()) < 0:
         raise InvalidInput("noise must be a standard deviation [m], finite and not negative.")
     k = pillar.stiffness
     common = k.std / k.value

@@ -97,7 +97,7 @@ class Sheet:
         if ratio not in solvers:
             weight = scipy.sparse.diags_array(e.area)
             s = e.strain
-            k = sum(stiff[i, j] * (s[i].T @ weight @ s[j]) for i in range(3) for j in range(3) if stiff[i, j])
+            k: Any = sum(stiff[i, j] * (s[i].T @ weight @ s[j]) for i in range(3) for j in range(3) if stiff[i, j])
             free = np.setdiff1d(np.arange(k.shape[0]), e.pinned)
             solvers[ratio] = scipy.sparse.linalg.splu(k.tocsc()[free][:, free]), free
         solver, free = solvers[ratio]

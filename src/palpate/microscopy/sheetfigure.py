@@ -28,7 +28,7 @@ def plot_tension(sheet: SheetTension, *, title: str | None = None) -> Figure:
     from matplotlib.figure import Figure
 
     field = sheet.forces.field
-    ends = square_ends(field)
+    ends = _view(sheet)
     high = (ends[2] - ends[3]) / (ends[1] - ends[0])
     figure = Figure(figsize=(WIDTH, max(2.8, 0.42 * WIDTH * high + 1.0)), layout="constrained")
     average = sheet.average
@@ -42,16 +42,16 @@ def plot_tension(sheet: SheetTension, *, title: str | None = None) -> Figure:
         (panels[1], error, "its standard deviation", {"cmap": "cividis", "vmin": 0.0, "vmax": top * factor}),
     ):
         axes.set_facecolor("#d9d9d9")
-        image = axes.imshow(values * factor, extent=ends, interpolation="nearest", **style)
+        image = axes.imshow(values * factor, extent=square_ends(field), interpolation="nearest", **style)
         axes.set_xticks([])
         axes.set_yticks([])
         axes.set_aspect("equal")
         figure.colorbar(image, ax=axes, label=f"{name} [{unit}]", shrink=0.85, pad=0.02)
         _borders(axes, sheet)
         scale_bar(axes, field, ends)
+        axes.set_xlim(ends[0], ends[1])
+        axes.set_ylim(ends[2], ends[3])
     drawn = _directions(panels[0], sheet)
-    panels[0].set_xlim(ends[0], ends[1])
-    panels[0].set_ylim(ends[2], ends[3])
     q = sheet["average_tension"]
     low_end, high_end = (factor * e for e in q.interval)
     panels[0].set_title(f"mean {factor * q.value:.3g} {unit} (95 %: {low_end:.3g} to {high_end:.3g})", fontsize=9)
@@ -60,6 +60,19 @@ def plot_tension(sheet: SheetTension, *, title: str | None = None) -> Figure:
     lines = "lines: larger tension, where its direction is known; " if drawn else ""
     figure.supxlabel(lines + sheet.notes[-1], fontsize=7.5, color="#444444", ha="left", x=0.02, wrap=True)
     return figure
+
+
+def _view(sheet: SheetTension) -> tuple[float, float, float, float]:
+    """Left, right, bottom, top of the sheet and a margin [px], within the field of view."""
+    field = sheet.forces.field
+    left, right, bottom, top = square_ends(field)
+    rows, columns = np.nonzero(sheet.inside)
+    margin = max(2.0, 0.08 * max(np.ptp(rows), np.ptp(columns)))
+    x, y = (
+        (s + field.step * (n.min() - margin), s + field.step * (n.max() + margin))
+        for s, n in zip(field.start, (columns, rows))
+    )
+    return max(left, x[0]), min(right, x[1]), min(bottom, y[1]), max(top, y[0])
 
 
 def _directions(axes: Any, sheet: SheetTension) -> bool:

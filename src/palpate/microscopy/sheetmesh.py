@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,8 @@ from palpate.errors import InvalidInput
 __all__ = ["Elements", "Shape", "elements_of", "triangles"]
 
 Flags = npt.NDArray[np.bool_]
-Sparse = scipy.sparse.csr_array
+#: Sparse matrices, whose types scipy's stubs do not tell apart.
+Sparse: TypeAlias = Any
 
 #: The outline is that of the mask after a Gaussian of so many of its squares, which takes the steps out.
 EVEN = 0.8

@@ -131,7 +131,7 @@ class SheetTension:
 
     def __getitem__(self, name: str) -> Quantity:
         if name not in self.quantities:
-            raise InvalidInput(f"no quantity {name!r}; there are {', '.join(self.quantities)}.")
+            raise InvalidInput(f"a sheet has no {name!r}; there are {', '.join(self.quantities)}.")
         return self.quantities[name]
 
     @property
@@ -261,7 +261,7 @@ def sheet_tension(
     if not 0.0 <= own <= 5.0:
         raise InvalidInput(f"own is a part of the sheet's tension, from 0 to 5; got {own!r}.")
     if draws < 8:
-        raise InvalidInput(f"draws must be at least 8; got {draws!r}.")
+        raise InvalidInput(f"a sheet takes at least 8 draws; got {draws!r}.")
     field = forces.field
     rng = np.random.default_rng(seed)
     picks = np.linspace(0, len(forces.draws) - 1, draws).round().astype(int)
@@ -460,7 +460,7 @@ def _labels(forces: CellForces, labels: Any, size: tuple[int, int] | None) -> di
     one = next(iter(masks.values()))
     if any(abs(a - b) > 2 * forces.field.step + 0.05 * b for a, b in zip(one.shape[::-1], size)):
         raise InvalidInput(
-            f"the labels have {one.shape[1]} x {one.shape[0]} pixels, and the picture {size[0]} x {size[1]}: give labels of this picture."
+            f"cells are outlined in {one.shape[1]} x {one.shape[0]} pixels, and the picture has {size[0]} x {size[1]}: give labels of the sheet's own picture."
         )
     return masks
 

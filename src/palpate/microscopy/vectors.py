@@ -44,7 +44,7 @@ def noise_of(u: Floats) -> float:
     return 1.4826 * float(np.median(np.abs(found))) if len(found) else float(np.nanstd(u))
 
 
-def outliers(u: Floats, noise: float) -> Flags:
+def outliers(u: Floats, noise: Any) -> Flags:
     """Vectors (row, column) that neither noise nor the spread of their neighbours explains: the median test (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005, 1096-1100) with the
     noise of the field.
     """
@@ -155,9 +155,10 @@ def vectors_of(
     """Vectors one by one near ``strong`` traction and where they are ``doubtful``, and as means of tiles afar."""
     rows, columns = there.shape
     alone = np.zeros_like(there) if doubtful is None else doubtful & there
-    far = scipy.ndimage.distance_transform_edt(~strong) if strong.any() else np.zeros(there.shape)
+    far = scipy.ndimage.distance_transform_edt(~strong) if strong.any() else np.full(there.shape, np.inf)
     taken = np.zeros_like(there)
-    places, values, variance, weight, members = [], [], [], [], []
+    places, values, variance, weight = [], [], [], []
+    members: list[npt.NDArray[np.intp]] = []
 
     def put(first: npt.NDArray[np.intp], side: int) -> None:
         middle = first + 0.5 * (side - 1)
