@@ -20,6 +20,7 @@ ROOMS = (
     "fields",
     "stores",
     "camera",
+    "cells",
     "streams",
     "commands",
     "rest",
