@@ -311,6 +311,9 @@ def sheet_tension(
     std = np.hypot(maps[1:].std(axis=0, ddof=1), common * maps[0])
     cells, borders = _cells(masks, field, where, weight, tension, common)
     notes = _said(parts, forces, own, poissons_ratio)
+    if numbers["average_tension"].interval[1] < 0:
+        pressed = "the sheet is pressed as a whole, as hardly any is: are the pictures in order (at rest first, pulled second), or do the displacements have the opposite sign?"
+        notes = (pressed, *notes)
     return SheetTension(forces, maps[0], std, maps[1:], inside, numbers, cells, borders, notes, masks or None)
 
 
