@@ -214,6 +214,13 @@ def test_an_unbalanced_traction_is_said(scene):
     assert abs(found["net_force_x"].value) > 1e-7
 
 
+def test_a_sheet_that_is_pressed_is_questioned(scene):
+    _, forces = scene
+    found = sheet_tension(replace(forces, traction=-forces.traction, draws=-forces.draws), draws=8)
+    assert found["average_tension"].value < 0
+    assert "are the pictures in order" in found.notes[0]
+
+
 def test_a_sheet_that_goes_on_beyond_the_view_is_less_sure(scene):
     known, _ = scene
     field = known["field"]

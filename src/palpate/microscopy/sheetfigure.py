@@ -20,6 +20,8 @@ __all__ = ["plot_tension"]
 #: Lines along the longer side that show directions, where the two principal tensions differ by this many of the difference's standard deviations.
 LINES, SURE = 24, 1.96
 WIDTH = 10.5
+#: Where the sheet is pressed by more than this part of the largest tension, colours have two sides.
+PUSHED = 0.1
 
 
 def plot_tension(sheet: SheetTension, *, title: str | None = None) -> Figure:
@@ -36,9 +38,12 @@ def plot_tension(sheet: SheetTension, *, title: str | None = None) -> Figure:
     top = max(float(np.nanmax(np.abs(average))), 1e-300)
     factor, unit = scaled(top, "N/m")
     low = min(0.0, float(np.nanmin(average)))
+    colours: dict[str, Any] = {"cmap": "inferno", "vmin": low * factor, "vmax": top * factor}
+    if low < -PUSHED * top:  # white is no tension
+        colours = {"cmap": "RdBu_r", "vmin": -top * factor, "vmax": top * factor}
     panels: Any = figure.subplots(1, 2)
     for axes, values, name, style in (
-        (panels[0], average, "average tension", {"cmap": "inferno", "vmin": low * factor, "vmax": top * factor}),
+        (panels[0], average, "average tension", colours),
         (panels[1], error, "its standard deviation", {"cmap": "cividis", "vmin": 0.0, "vmax": top * factor}),
     ):
         axes.set_facecolor("#d9d9d9")
@@ -93,7 +98,13 @@ def _directions(axes: Any, sheet: SheetTension) -> bool:
                 continue
             x, y = field.start[0] + field.step * j, field.start[1] + field.step * i
             dx, dy = length * np.cos(angle[i, j]), length * np.sin(angle[i, j])
-            axes.plot([x - dx, x + dx], [y - dy, y + dy], color="#7fe3ff", lw=1.0, zorder=3)
+            axes.plot(
+                [x - dx, x + dx],
+                [y - dy, y + dy],
+                color="black" if sheet.average[i, j] < 0 else "#20c0ff",
+                lw=1.0,
+                zorder=3,
+            )
             drawn = True
     return drawn
 

@@ -38,7 +38,7 @@ CYCLE = (0, 1, 2, 1, 0, 1, 2, 1, 2)
 #: Tensions of the cells' own are this part of the sheet's (root mean square). Set from sheets 0 to 9 of benchmarks/cells_sheet.py.
 OWN = 1.0
 #: Triangles are as wide as the distance of vectors, unless the sheet would be of more than so many or fewer than so many squares of them.
-MOST, FEWEST = 12000, 150
+MOST, FEWEST = 5000, 150
 #: Traction this many windows (or vectors) outside the mask is the sheet's, blurred by the window; squares of which less than this part lies in the sheet pass theirs on.
 OUTSIDE, PART = 1.0, 0.3
 #: The outline of a sheet is known to this part of the distance of vectors.
@@ -273,15 +273,26 @@ def sheet_tension(
     parts = [_part(forces, sheet_of(s, spacing, view), tractions, poissons_ratio, own, rng) for s in shapes]
     where = np.concatenate([p.sheet.elements.points for p in parts])
     weight = np.concatenate([p.sheet.elements.area for p in parts])
-    tension = np.concatenate([p.tension for p in parts], axis=2)  # (1 + draw, 3, q)
+    # (1 + draw, 3, q): large, so one part is not copied
+    tension = parts[0].tension if len(parts) == 1 else np.concatenate([p.tension for p in parts], axis=2)
     rows, columns = field.shape
     number = _square(field, where)
     known = np.bincount(number[number >= 0], weight[number >= 0], rows * columns)
-    inside = (known > 0).reshape(rows, columns)
+    good = number >= 0
+    # triangles wider than the squares leave some without a point: they take the nearest
+    empty = np.flatnonzero((known == 0) & forces.inside.ravel())
+    places = np.stack(np.unravel_index(empty, field.shape)[::-1], axis=1) * field.pitch
+    far, nearest = scipy.spatial.cKDTree(where).query(places + field.pixel * np.array(field.start))
+    near = far < 2.0 * spacing
     mean = scipy.sparse.csr_array(
-        (weight[number >= 0] / known[number[number >= 0]], (number[number >= 0], np.flatnonzero(number >= 0))),
+        (
+            np.concatenate([weight[good] / known[number[good]], np.ones(int(near.sum()))]),
+            (np.concatenate([number[good], empty[near]]), np.concatenate([np.flatnonzero(good), nearest[near]])),
+        ),
         shape=(rows * columns, len(where)),
     )
+    known[empty[near]] = 1.0
+    inside = (known > 0).reshape(rows, columns)
     maps = np.stack([(mean @ t.T).T for t in tension]).reshape(len(tension), 3, rows, columns)
     maps[:, :, ~inside] = np.nan
     # where the sheet ends is part of every mean: forces at the edge have the longest lever
@@ -300,6 +311,9 @@ def sheet_tension(
     std = np.hypot(maps[1:].std(axis=0, ddof=1), common * maps[0])
     cells, borders = _cells(masks, field, where, weight, tension, common)
     notes = _said(parts, forces, own, poissons_ratio)
+    if numbers["average_tension"].interval[1] < 0:
+        pressed = "the sheet is pressed as a whole, as hardly any is: are the pictures in order (at rest first, pulled second), or do the displacements have the opposite sign?"
+        notes = (pressed, *notes)
     return SheetTension(forces, maps[0], std, maps[1:], inside, numbers, cells, borders, notes, masks or None)
 
 
