@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy.fft
 
 from palpate._numbers import plain_number
 from palpate.elastic.pad import Floats
@@ -14,9 +15,6 @@ from palpate.microscopy.blobs import work_of
 from palpate.microscopy.fields import Field
 from palpate.microscopy.inversion import Inverted
 from palpate.microscopy.orientation import suspected
-
-if TYPE_CHECKING:
-    from palpate.microscopy.cell import Quantity
 
 __all__ = ["doubts", "in_these_words"]
 
@@ -57,7 +55,7 @@ def in_these_words(note: str) -> str:
 
 
 def doubts(
-    numbers: dict[str, Quantity],
+    numbers: dict[str, Any],
     principal: tuple[float, float, float],
     field: Field,
     inside: npt.NDArray[np.bool_],
@@ -67,7 +65,7 @@ def doubts(
     """What looks wrong."""
     said = []
 
-    def own(q: Quantity) -> float:
+    def own(q: Any) -> float:
         """The error but that of modulus and scale, which change no sign."""
         return math.sqrt(max(q.std**2 - (done.touch.common_std * q.value) ** 2, 0.0))
 
@@ -184,7 +182,10 @@ def _misplaced(traction: Floats, std: Floats, inside: npt.NDArray[np.bool_], fie
         return []
     room = [2 * n for n in size.shape]
     # the sum of the traction in the mask, by its shift
-    sums = np.fft.irfft2(np.fft.rfft2(size, room) * np.conj(np.fft.rfft2(inside.astype(float), room)), room) / whole
+    sums = (
+        scipy.fft.irfft2(scipy.fft.rfft2(size, room) * np.conj(scipy.fft.rfft2(inside.astype(float), room)), room)
+        / whole
+    )
     row, column = np.unravel_index(int(sums.argmax()), sums.shape)
     best = float(sums[row, column])
     if best < max(FOUND, share + 0.3):

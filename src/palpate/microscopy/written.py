@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from palpate._extras import missing
 from palpate.errors import InvalidInput
 from palpate.recordings.files import atomically
-
-if TYPE_CHECKING:
-    from palpate.microscopy.cell import CellForces
 
 __all__ = ["write_netcdf", "write_tiff", "write_vectors"]
 
@@ -26,7 +23,7 @@ def _suffix(path: str | Path, accepted: tuple[str, ...], what: str) -> None:
         raise InvalidInput(f"{path}: {what} end in {' or '.join(accepted)}. Give such a name.")
 
 
-def write_vectors(forces: CellForces, path: str | Path) -> None:
+def write_vectors(forces: Any, path: str | Path) -> None:
     """See `CellForces.write_vectors`."""
     _suffix(path, (".csv",), "tables of vectors")
     field = forces.field
@@ -54,7 +51,7 @@ def _filled(at: str, text: str) -> None:
     Path(at).write_text(text, encoding="utf-8")
 
 
-def write_tiff(forces: CellForces, path: str | Path) -> None:
+def write_tiff(forces: Any, path: str | Path) -> None:
     """See `CellForces.write_tiff`."""
     _suffix(path, (".tif", ".tiff"), "TIFF files")
     try:
@@ -84,7 +81,7 @@ def write_tiff(forces: CellForces, path: str | Path) -> None:
     atomically(path, write)
 
 
-def write_netcdf(forces: CellForces, path: str | Path, *, provenance: Mapping[str, str] | None = None) -> None:
+def write_netcdf(forces: Any, path: str | Path, *, provenance: Mapping[str, str] | None = None) -> None:
     """See `CellForces.write_netcdf`."""
     import xarray
 
