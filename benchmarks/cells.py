@@ -1,50 +1,57 @@
 """Cells whose truth is known by closed forms (`cells_population`): numbers of `cell_forces` as parts of the truth, and how often its intervals hold it.
 
-Constants of `palpate.microscopy.spread` come from cells 0 to 23, figures from 1000 on. Contractility and adhesions were changed after a look at 1000 to 1017: cells from 2000 on are theirs.
+Constants of `palpate.microscopy.spread` come from cells 0 to 47 (`--rows constants`); figures come from cells that were drawn after all constants were set.
 
-    python benchmarks/cells.py --markdown docs/_generated/cells.md      # half an hour
-    python benchmarks/cells.py --cells 12 --first 0 --rows population
+    python benchmarks/cells.py --cells 0:48 --rows constants            # three minutes, as the next
+    python benchmarks/cells.py --cells 3000:3060 --methods adhesions --markdown docs/_generated/cells.md
+    python benchmarks/cells.py --cells 0:10 --rows population --keep /tmp/cells.json  # in pieces: the next run adds to these
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import resource
 import sys
 import time
 import warnings
+from collections.abc import Iterator
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.optimize
+import scipy.stats
 
 sys.path.insert(0, str(Path(__file__).parent))
 from cells_population import SQUARE, Cell, cell_of
 
 import palpate as pp
-from palpate.microscopy import Field, cell_forces, forces_of_labels
+from palpate.microscopy import Field, cell_forces, forces_of_labels, labels, spread
 from palpate.sensing.uncertainty import EXACT
 
 KEYS = ("strain_energy", "contractile_moment", "contractility", "traction_peak", "net_force_x", "net_force_y")
 NAMES = ("energy", "moment", "contractility", "peak", "net force x", "net force y", "adhesions, x and y")
 
 
-def field_of(cell: Cell) -> Field:
+def field_of(cell: Cell, window: float = 1.0) -> Field:
+    """The field as it is said to be: with so many times its window."""
     return Field(
         displacement=cell.displacement,
         start=cell.start,
         step=float(cell.step),
         pixel=SQUARE,
-        aperture=cell.window * SQUARE,
+        aperture=window * cell.window * SQUARE,
     )
 
 
-def judged(cell: Cell, method: str) -> dict[str, Any]:
+def judged(cell: Cell, method: str, window: float = 1.0) -> dict[str, Any]:
     """Value, ends and truth of each number."""
     pad = pp.HalfSpace(youngs_modulus=cell.modulus, poissons_ratio=cell.ratio)
-    field = field_of(cell)
+    field = field_of(cell, window)
     if method == "tikhonov":  # as the command was: outliers stay unless somebody leaves them out
         field = field.without_drift()
     start = time.process_time()
@@ -53,6 +60,7 @@ def judged(cell: Cell, method: str) -> dict[str, Any]:
         forces = cell_forces(field, pad, mask=cell.mask, size=cell.mask.shape[::-1], method=method, uncertainty=EXACT)
     seconds = time.process_time() - start
     out: dict[str, Any] = {"seconds": seconds, "seed": cell.seed, "edge": cell.edge, "noise": cell.noise}
+    out |= {"window": cell.window, "outliers": bool(cell.outliers.any())}
     for key in KEYS:
         q = forces[key]
         out[key] = (q.value, *q.interval, cell.truth[key])
@@ -63,6 +71,7 @@ def judged(cell: Cell, method: str) -> dict[str, Any]:
         for c in (0, 1)
     ]
     out["left_out"] = [n for n in forces.notes if "left out as outliers" in n]
+    out["window_note"] = [n for n in forces.notes if "window" in n and "energy" in n]
     return out
 
 
@@ -86,33 +95,124 @@ def summary(found: list[dict[str, Any]]) -> list[str]:
     return cells
 
 
-def population(first: int, count: int, methods: list[str], held: Path | None) -> list[str]:
+def judged_pieces(cells: range, method: str, held: Path | None) -> list[dict[str, Any]]:
+    """The numbers of some cells; those that ``held`` has are not made again, and those of other runs there are kept."""
+    path = None if held is None else held.with_name(f"{held.stem}-{method}.json")
+    found = json.loads(path.read_text()) if path is not None and path.exists() else []
+    for seed in cells:
+        if any(f["seed"] == seed for f in found):
+            continue
+        found.append(judged(cell_of(seed), method))
+        if path is not None:  # a long run may be stopped, and goes on where it was
+            path.write_text(json.dumps(found))
+        ratios = {k: f"{found[-1][k][0] / found[-1][k][3]:.2f}" for k in KEYS[:4]}
+        print(method, seed, ratios, file=sys.stderr, flush=True)
+    return [f for f in found if f["seed"] in cells]
+
+
+def population(cells: range, methods: list[str], held: Path | None) -> list[str]:
     """Rows of the main table: all, and parts of it."""
     lines = []
     for method in methods:
-        path = None if held is None else held.with_name(f"{held.stem}-{method}.json")
-        found = json.loads(path.read_text()) if path is not None and path.exists() else []
-        for seed in range(first, first + count):
-            if any(f["seed"] == seed for f in found):
-                continue
-            found.append(judged(cell_of(seed), method))
-            if path is not None:  # a long run may be stopped, and goes on where it was
-                path.write_text(json.dumps(found))
-            print(
-                method,
-                seed,
-                {k: f"{found[-1][k][0] / found[-1][k][3]:.2f}" for k in KEYS[:4]},
-                file=sys.stderr,
-                flush=True,
-            )
-        found = [f for f in found if first <= f["seed"] < first + count]
-        lines.append(f"| all | {method} | {len(found)} | {' | '.join(summary(found))} |")
+        found = judged_pieces(cells, method, held)
         for name, part in (
+            ("all", found),
             ("noise above 10 %", [f for f in found if f["noise"] > 0.1]),
+            ("3 % outliers", [f for f in found if f["outliers"]]),
+            ("window", [f for f in found if f["window"]]),
             ("at the edge", [f for f in found if f["edge"]]),
+            ("not at the edge", [f for f in found if not f["edge"]]),
         ):
             if part:
                 lines.append(f"| {name} | {method} | {len(part)} | {' | '.join(summary(part))} |")
+    return lines
+
+
+@contextlib.contextmanager
+def plain_samples() -> Iterator[None]:
+    """Numbers as the samples have them, not widened."""
+    before = dict(spread.WIDER), spread.OTHERS, dict(spread.SHIFT)
+    hidden = labels._hidden
+    spread.WIDER.clear()
+    spread.SHIFT.clear()
+    spread.OTHERS = (1.0, 0.0)
+    labels._hidden = lambda *_: 0.0
+    try:
+        yield
+    finally:
+        spread.WIDER.update(before[0])
+        spread.OTHERS = before[1]
+        spread.SHIFT.update(before[2])
+        labels._hidden = hidden
+
+
+def constants(cells: range, held: Path | None) -> list[str]:
+    """What the samples leave out: shift, factor and part of `palpate.microscopy.spread`, of the likeliest errors (Student's of five degrees of freedom, so that single cells do
+    not set the widths), then widened until 95 % intervals hold 95 %; and how often intervals of the samples alone hold.
+    """
+    with plain_samples():
+        found = judged_pieces(cells, "adhesions", held)
+    lines = ["| number | count | shift | factor | part | held as sampled |", "|---|---|---|---|---|---|"]
+    for key in ("strain_energy", "traction_peak", "contractile_moment", "contractility"):
+        rows = np.array([f[key] for f in found if not f["edge"]])
+        lines.append(f"| {key} | {len(rows)} | {fitted(rows, key in spread.LOGARITHMIC)} |")
+    rows = np.array([r for f in found for r in f["adhesions"]])
+    lines.append(f"| adhesions, without what stays unseen | {len(rows)} | {fitted(rows, False)} |")
+    return lines
+
+
+def fitted(rows: Any, logarithmic: bool) -> str:
+    """Shift, factor and part of value, ends and truth."""
+    value, low, high, truth = rows.T
+    if logarithmic:
+        mean, std, off = np.log(value), (np.log(high) - np.log(low)) / 3.92, np.log(truth)
+        size = np.ones_like(mean)
+    else:
+        mean, std, off, size = value, (high - low) / 3.92, truth, np.abs(value)
+        # all in parts of the number's own error
+        scale = np.maximum(std, 1e-3 * size)
+        mean, std, off, size = mean / scale, std / scale, off / scale, size / scale
+    error = off - mean
+
+    def parts(p: Any) -> tuple[Any, Any]:
+        shift = np.minimum(p[0] * std, spread.MOST) if logarithmic else 0.0
+        return error - shift, np.sqrt((np.exp(p[1]) * std) ** 2 + (np.exp(p[2]) * size) ** 2)
+
+    def worth(p: Any) -> float:
+        rest, wide = parts(p)
+        return -float(np.sum(scipy.stats.t.logpdf(rest / wide, 5) - np.log(wide)))
+
+    best = min(
+        (
+            scipy.optimize.minimize(worth, (0.0, math.log(f), math.log(q)), method="Nelder-Mead")
+            for f in (1.0, 2.0)
+            for q in (0.01, 0.1)
+        ),
+        key=lambda r: float(r.fun),
+    ).x
+    rest, wide = parts(best)
+    # as much wider as makes 95 % intervals hold 95 %
+    more = max(1.0, float(np.quantile(np.abs(rest / wide), 0.95)) / 1.96)
+    plain = float(np.mean(np.abs(error) < 1.96 * std))
+    shift, factor, part = (best[0] if logarithmic else 0.0), more * math.exp(best[1]), more * math.exp(best[2])
+    return f"{shift:.2f} | {factor:.2f} | {part:.3f} | {plain:.2f}"
+
+
+def windows(first: int, count: int) -> list[str]:
+    """The window said as it was, too small and too large: energy as part of the truth, how often it is held, and whether a note names the energy of another window."""
+    lines = []
+    for said in (0.0, 1.0, 2.0):
+        found = [
+            judged(cell_of(s, noise=0.05, outliers=False, edge=False, window=12, step=6), "adhesions", window=said)
+            for s in range(first, first + count)
+        ]
+        rows = np.array([f["strain_energy"] for f in found])
+        held = int(np.sum((rows[:, 1] <= rows[:, 3]) & (rows[:, 3] <= rows[:, 2])))
+        noted = sum(bool(f["window_note"]) for f in found)
+        lines.append(
+            f"| {said:g} times the true one | {count} | {np.median(rows[:, 0] / rows[:, 3]):.2f} | {held} of {count} | {noted} of {count} |"
+        )
+        print(lines[-1], file=sys.stderr, flush=True)
     return lines
 
 
@@ -157,27 +257,39 @@ def crop(first: int, count: int, methods: list[str]) -> list[str]:
     return lines
 
 
-def times(sides: list[int]) -> list[str]:
-    """Processor time and memory by size."""
+def times(sides: list[str]) -> list[str]:
+    """Processor time and memory by size (columns x rows): each in a process of its own, so that memory is that of one."""
     lines = []
     for side in sides:
-        step = max(2, 16 * 20 // side * 2)
-        cell = cell_of(1000, step=min(step, 8), count=side, noise=0.05, outliers=False, edge=False, window=0)
-        row = judged(cell, "adhesions")
-        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-        lines.append(f"| {side} x {side} | {row['seconds']:.1f} | {memory:.2f} |")
+        columns, rows = (int(n) for n in (side.split("x") if "x" in side else (side, side)))
+        count = max(rows, columns)
+        cell = cell_of(
+            1000, step=min(max(2, 320 // count * 2), 8), count=count, noise=0.05, outliers=False, edge=False, window=0
+        )
+        squares = (slice(rows * cell.step), slice(columns * cell.step))
+        cell.displacement = cell.displacement[:, :rows, :columns]
+        cell.mask, cell.labels = cell.mask[squares], cell.labels[squares]
+        with get_context("spawn").Pool(1) as pool:
+            seconds, memory = pool.apply(_timed, (cell,))
+        lines.append(f"| {columns} x {rows} | {seconds:.1f} | {memory:.2f} |")
         print(lines[-1], file=sys.stderr, flush=True)
     return lines
 
 
+def _timed(cell: Cell) -> tuple[float, float]:
+    row = judged(cell, "adhesions")
+    return row["seconds"], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cells", type=int, default=60)
-    parser.add_argument("--first", type=int, default=1000)
+    parser.add_argument(
+        "--cells", default="3000:3060", help="first and last, such as 0:10: a population may be run in pieces"
+    )
     parser.add_argument("--methods", nargs="+", default=["tikhonov", "adhesions"])
-    parser.add_argument("--rows", nargs="+", default=["population", "special", "crop", "times"])
+    parser.add_argument("--rows", nargs="+", default=["population", "special", "crop", "windows", "times"])
     parser.add_argument("--special", type=int, default=12, help="cells of the rows of one kind")
-    parser.add_argument("--sides", type=int, nargs="+", default=[64, 128, 256])
+    parser.add_argument("--sides", nargs="+", default=["64", "128", "256", "387x379", "512"])
     parser.add_argument(
         "--keep",
         type=Path,
@@ -185,19 +297,27 @@ def main() -> None:
     )
     parser.add_argument("--markdown", type=Path)
     args = parser.parse_args()
+    first, last = (int(n) for n in args.cells.split(":"))
+    cells = range(first, last)
     head = f"| cells | method | count | {' | '.join(NAMES)} | seconds |"
     rule = "|---" * (4 + len(NAMES)) + "|"
-    said = f"--first {args.first} --cells {args.cells} --methods {' '.join(args.methods)} --rows {' '.join(args.rows)}"
+    said = f"--cells {args.cells} --methods {' '.join(args.methods)} --rows {' '.join(args.rows)}"
+    said += f" --special {args.special}" if {"special", "crop", "windows"} & set(args.rows) else ""
     lines = [f"Made by `python benchmarks/cells.py {said}`.", ""]
+    if "constants" in args.rows:
+        lines += constants(cells, args.keep)
     if "population" in args.rows or "special" in args.rows:
         lines += [head, rule]
     if "population" in args.rows:
-        lines += population(args.first, args.cells, args.methods, args.keep)
+        lines += population(cells, args.methods, args.keep)
     if "special" in args.rows:
-        lines += special(args.first, args.special, args.methods)
+        lines += special(first, args.special, args.methods)
     if "crop" in args.rows:
         lines += ["", "| method | cells | energy, whole field | energy, its middle | agree |", "|---|---|---|---|---|"]
-        lines += crop(args.first, args.special, args.methods)
+        lines += crop(first, args.special, args.methods)
+    if "windows" in args.rows:
+        lines += ["", "| window said | cells | energy | held | note |", "|---|---|---|---|---|"]
+        lines += windows(first, args.special)
     if "times" in args.rows:
         lines += ["", "| vectors | processor time [s] | memory at most [GB] |", "|---|---|---|", *times(args.sides)]
     print("\n".join(lines))

@@ -47,6 +47,8 @@ NEEDS = {
     "test_mcap.py": (*COMMANDS, *BAGS),
     "test_microscopy_beads.py": ("cv2", "tifffile"),
     "test_microscopy_cell.py": (*COMMANDS, "cv2", "tifffile"),
+    "test_microscopy_noise.py": ("cv2", "tifffile"),
+    "test_microscopy_sheet.py": ("contourpy", "matplotlib", "skfem"),
     "test_methods.py": COMMANDS,
     "test_options.py": COMMANDS,
     "test_overwriting.py": COMMANDS,

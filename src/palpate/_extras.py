@@ -30,6 +30,7 @@ EXTRAS = {
     "cv2": "camera",
     "tifffile": "camera",
     "roifile": "cells",
+    "contourpy": "cells",
     "dask": "dask",
     "skfem": "solid",
     "meshio": "solid",

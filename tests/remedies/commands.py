@@ -284,10 +284,14 @@ REMEDIES = [
     # palpate tfm
     tfm("--pixel must be positive", f"{TFM} --pixel 0um --unit px --step 8 {STIFF}"),
     tfm("what no file tells must be said", TFM),
-    tfm(
+    row(
         "write a quantity and one uncertainty",
         f"{TFM} {KNOWN} --youngs-modulus '8 kPa +- 1 kPa +- 10 %' --poissons-ratio 0.48",
         f"{TFM} {KNOWN} --youngs-modulus '8 kPa +- 10 %' --poissons-ratio 0.48",
+        given=field,
+        room="cli.options",
+        right=lambda told: "force" in told,
+        slow=True,
     ),
     tfm("belongs to pictures of beads", f"{TFM} {KNOWN} {STIFF} --frames=-1,0"),
     tfm("belong to displacement fields", f"{FILM} --unit px", FILM, given=filmed),

@@ -26,6 +26,7 @@ from palpate.cli.live import live
 from palpate.cli.methods import MethodCommand, TrackerCommand
 from palpate.cli.pad import pad
 from palpate.cli.paper import paper
+from palpate.cli.pillars import pillars
 from palpate.cli.reconstruct import reconstruct
 from palpate.cli.ros import RosCommand, ros
 from palpate.cli.sensors import sensors
@@ -78,6 +79,7 @@ _COMMANDS = (
     live,
     tfm,
     film,
+    pillars,
     ros,
     convert,
     simulate,
@@ -145,10 +147,14 @@ _LESS = {
 def _out_of_memory(error: MemoryError) -> str:
     """What asked for too much, and what takes less: by the innermost part of palpate, since a long file and a fine surface need different advice."""
     advice, at = "Close other programs, or give less at a time.", error.__traceback__
+    rooms = set()
     while at is not None:
         _, _, inside = at.tb_frame.f_globals.get("__name__", "").partition("palpate.")
+        rooms.add(inside.split(".")[0])
         advice = _LESS.get(inside.split(".")[0], advice)
         at = at.tb_next
+    if "microscopy" in rooms and advice == _COARSER:  # no skin.toml describes its surface
+        advice = _LESS["microscopy"]
     what = str(error).strip().rstrip(".")
     return f"not enough memory{f' ({what})' if what else ''}. {advice}"
 

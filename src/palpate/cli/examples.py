@@ -12,6 +12,7 @@ SHORT = {
     "live": "Show in a browser what touches the pad, while it happens.",
     "tfm": "Traction force microscopy: what a cell does to its gel.",
     "film": "Traction force microscopy of a film, or of many cells.",
+    "pillars": "Forces on micropillars from their deflections.",
     "ros": "Run as a node of ROS 2.",
     "convert": "Turn recordings and tables of others into recordings.",
     "simulate": "Make the recording of a known contact.",
@@ -55,6 +56,9 @@ EXAMPLES = {
     ],
     "pad": ["palpate pad skin.toml --plot pad.png"],
     "paper": ["palpate paper --out paper"],
+    "pillars": [
+        'palpate pillars posts.csv --diameter "2 um +- 3 %" --height "6 um +- 2 %" --modulus "2 MPa +- 10 %" --noise "20 nm"'
+    ],
     "reconstruct": [
         "palpate reconstruct finger.csv --skin skin.toml --baseline 30 --out forces.csv --plot-forces forces.png",
         "palpate reconstruct finger.csv --skin skin.toml --baseline 30 --frame 120 --plot touch.png",
@@ -65,6 +69,7 @@ EXAMPLES = {
     "tfm": [
         'palpate tfm after.tif before.tif --pixel "0.1 um" --youngs-modulus "8 kPa" --poissons-ratio 0.48',
         'palpate tfm u.npy v.npy --unit px --step 8 --pixel "0.1 um" --youngs-modulus "8 kPa" --poissons-ratio 0.48',
+        'palpate tfm after.tif before.tif --pixel "0.3 um" --youngs-modulus "8 kPa" --poissons-ratio 0.48 --mask sheet.tif --labels cells.tif --monolayer',
     ],
     "track": [
         "palpate track finger.csv --skin skin.toml --baseline 30 --friction 0.6 --out forces.csv --plot-forces forces.png",

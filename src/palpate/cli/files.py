@@ -181,7 +181,8 @@ def _fill(name: str, text: str) -> None:
 def save_figure(figure: Any, path: Path) -> None:
     from palpate.recordings.files import atomically
 
-    atomically(path, lambda name: figure.savefig(name, dpi=200))
+    kind = path.suffix.lower().lstrip(".") or "png"
+    atomically(path, lambda name: figure.savefig(name, dpi=200, format=kind))
 
 
 def write_forces(forces: Any, path: Path) -> None:

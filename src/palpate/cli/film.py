@@ -17,17 +17,22 @@ def film(
         list[Path],
         typer.Argument(
             metavar="FRAME...",
-            help="Pictures of beads while the cells pull (stacks, folders, single pictures), or displacement fields, one a file.",
+            help="Pictures of beads while the cells pull (stacks, folders, single pictures), or displacement fields: files of one frame, or of several (PIVlab's .mat, a table with a column frame).",
         ),
     ],
-    pixel: Annotated[str, typer.Option(help='Size of a pixel, e.g. "0.1 um".')],
     youngs_modulus: Annotated[str, typer.Option(help='Of the gel, e.g. "8 kPa", or "8 kPa +- 10 %".')],
     poissons_ratio: Annotated[float, typer.Option(help="Of the gel, e.g. 0.48.")],
+    pixel: Annotated[
+        str | None, typer.Option(help='Size of a pixel, e.g. "0.1 um"; default: what the pictures say.')
+    ] = None,
     rest: Annotated[Path | None, typer.Option(help="Picture of the beads at rest; pictures need it.")] = None,
     thickness: Annotated[str | None, typer.Option(help='Of a gel on glass, e.g. "40 um".')] = None,
     depth: Annotated[str, typer.Option(help="Of the beads below the surface.")] = "0 um",
     cells: Annotated[
-        Path | None, typer.Option(help="Label picture of the cells, or ImageJ's RoiSet.zip: a row for each.")
+        Path | None,
+        typer.Option(
+            help="Label picture of the cells (one for all frames, or a page for each), or ImageJ's RoiSet.zip: a row for each."
+        ),
     ] = None,
     labels: Annotated[
         Path | None, typer.Option(help="Label picture of adhesions, or ImageJ's RoiSet.zip: the force of each.")
@@ -35,6 +40,13 @@ def film(
     window: Annotated[int | None, typer.Option(help="As for palpate tfm.")] = None,
     step: Annotated[float | None, typer.Option(help="As for palpate tfm.")] = None,
     unit: Annotated[str | None, typer.Option(help="Of displacement fields: px, um, m.")] = None,
+    start: Annotated[str | None, typer.Option(help="As for palpate tfm.")] = None,
+    up: Annotated[bool, typer.Option("--up", help="y and v of fields grow upwards.")] = False,
+    v_up: Annotated[bool, typer.Option("--v-up", help="v of fields grows upwards, and y downwards.")] = False,
+    name: Annotated[
+        str | None, typer.Option(help='Which film of files that hold several, e.g. "u_original, v_original".')
+    ] = None,
+    channel: Annotated[int | None, typer.Option(min=1, help="As for palpate tfm.")] = None,
     noise: Annotated[str | None, typer.Option(help="Standard deviation of the displacements, e.g. 5 nm.")] = None,
     method: Annotated[str, typer.Option(help="adhesions or tikhonov, as for palpate tfm.")] = "adhesions",
     still: Annotated[bool, typer.Option("--still", help="The pictures cannot have moved as a whole.")] = False,
@@ -45,10 +57,13 @@ def film(
     force: Force = False,
 ) -> None:
     """Films and many cells: one row for each frame and cell, by all cores; a film that was stopped goes on where it was."""
-    from palpate.cli.tfm import _known
+    from palpate.cli.options import known_to, numbers
+    from palpate.cli.tfm import _pixel
     from palpate.elastic import BondedLayers, HalfSpace, Layer
-    from palpate.microscopy import Film
+    from palpate.microscopy import Film, is_field
     from palpate.microscopy.labels import write_labels_table
+    from palpate.microscopy.pixelsize import pixel_size_of_all
+    from palpate.sensing.uncertainty import Uncertainty
     from palpate.units import parse_quantity
 
     beside = out.with_name(f"{out.stem}-labels{out.suffix}")
@@ -60,7 +75,17 @@ def film(
     for file in inputs:
         if file is not None and not file.exists():
             raise InvalidInput(f"{file}: no such file. Give the path of a file that exists.")
-    value, uncertainty = _known("--youngs-modulus", youngs_modulus)
+    whole = [f for f in frames if f.is_file()]
+    pictures = [] if whole and is_field(whole[:1]) else [*([] if rest is None else [rest]), *whole]
+    stated = pixel_size_of_all(pictures) if pixel is None else None
+    if pixel is None and stated is None:
+        raise InvalidInput('no file tells the size of a pixel: say it, such as --pixel "0.1 um".')
+    notes, size_of_pixel = _pixel(pixel, stated, pictures)
+    first = None if start is None else numbers(start, "--start")
+    if first is not None and len(first) != 2:
+        raise InvalidInput(f"--start takes column,row of the first vector in pixels, such as 16,16; got {start!r}.")
+    value, share = known_to(youngs_modulus, "pressure", "--youngs-modulus")
+    uncertainty = Uncertainty(youngs_modulus=share) if share else None
     if thickness is None:
         pad: HalfSpace | BondedLayers = HalfSpace(youngs_modulus=value, poissons_ratio=poissons_ratio)
     else:
@@ -71,9 +96,10 @@ def film(
         )
         pad = BondedLayers([layer])
     made = Film(
-        frames=[*frames], rest=rest, pad=pad, pixel=parse_quantity(pixel, "length", "--pixel"), window=window, step=step, unit=unit,
+        frames=[*frames], rest=rest, pad=pad, pixel=size_of_pixel, window=window, step=step, unit=unit,
         depth=parse_quantity(depth, "length", "--depth"), noise=None if noise is None else parse_quantity(noise, "length", "--noise"),
-        method=method, uncertainty=uncertainty, drift=not still, cells=cells, labels=labels,
+        method=method, uncertainty=uncertainty, drift=not still, cells=cells, labels=labels, up=up, v_up=v_up,
+        start=None if first is None else (first[0], first[1]), name=name, channel=channel,
     )  # fmt: skip
     count = len(made.jobs())
     with Frames("frames", count, hint="; --processes sets how many run at once") as shown:
@@ -89,6 +115,8 @@ def film(
         write_labels_table(labelled, beside)
         written.append(beside)
     partial.unlink(missing_ok=True)
+    for note in dict.fromkeys(notes):
+        typer.echo(f"note: {note}", err=True)
     typer.echo(f"{count} frames, {len(rows) - len(failed)} rows")
     for row in failed:
         typer.echo(f"frame {row['frame']} ({row['file']}): {row['notes']}", err=True)

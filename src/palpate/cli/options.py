@@ -55,6 +55,28 @@ def numbers(text: str, option: str) -> list[float]:
         raise InvalidInput(f"{option} must be one number or several with commas; got {text!r}.") from error
 
 
+def known_to(text: str, kind: str, option: str) -> tuple[float, float]:
+    """A quantity and its relative standard deviation: "8 kPa +- 10 %", "8 kPa +- 0.5 kPa", or 0 where none is said."""
+    import re
+
+    from palpate.units import parse_quantity
+
+    example = {"pressure": "8 kPa +- 10 %", "length": "2 um +- 3 %"}[kind]
+    parts = re.split(r"\+-|\+/-|±", text)
+    if len(parts) > 2:
+        raise InvalidInput(f'{option} {text!r}: write a quantity and one uncertainty, such as "{example}".')
+    value = parse_quantity(parts[0].strip(), kind, option)
+    if len(parts) == 1:
+        return value, 0.0
+    if "%" in parts[1]:
+        share = numbers(parts[1].replace("%", "").strip(), option)[0] / 100.0
+    elif value == 0:
+        raise InvalidInput(f"{option} must not be zero; got {text!r}.")
+    else:
+        share = parse_quantity(parts[1].strip(), kind, option) / value
+    return value, share
+
+
 def rows_and_columns(text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.files import Force, check_output, command_line, provenance, save_figure, skin_files, skin_text
-from palpate.cli.options import numbers
+from palpate.cli.files import Force, check_outputs, command_line, provenance, save_figure, skin_files, skin_text
+from palpate.cli.options import known_to, numbers
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
@@ -63,6 +64,13 @@ def tfm(
         ),
     ] = None,
     step: Annotated[float | None, typer.Option(help="Pixels between vectors; of pictures: half a window.")] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(help="Pixel (column,row) of the first vector of a matrix, e.g. 16,16; default: half a step."),
+    ] = None,
+    channel: Annotated[
+        int | None, typer.Option(min=1, help="Which channel of pictures of several shows the beads, from 1.")
+    ] = None,
     unit: Annotated[str | None, typer.Option(help="Of the displacements of a field: px, um, m and so on.")] = None,
     position_unit: Annotated[
         str | None, typer.Option(help="Of the positions of a table, where it is not that of the displacements.")
@@ -88,15 +96,28 @@ def tfm(
         ),
     ] = None,
     method: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="adhesions: traction in patches, whose number, places and sizes are sampled; tikhonov: one even penalty, for traction that is everywhere."
+            help="adhesions (default): traction in patches, whose number, places and sizes are sampled; tikhonov: one even penalty, for traction that is everywhere."
         ),
-    ] = "adhesions",
+    ] = None,
     labels: Annotated[
         Path | None,
         typer.Option(
             help="Outlines of adhesions: a label picture (.tif, .png, .npy, _seg.npy), or ImageJ's .roi and RoiSet.zip: the force of each goes to NAME-labels.csv."
+        ),
+    ] = None,
+    monolayer: Annotated[
+        bool,
+        typer.Option(
+            "--monolayer",
+            help="The mask is a sheet of cells: its tension goes to NAME-sheet.png and NAME-sheet.csv, with a row for each cell and border of --labels. Traction is that of tikhonov unless --method says otherwise.",
+        ),
+    ] = False,
+    sheet_ratio: Annotated[
+        float | None,
+        typer.Option(
+            "--sheet-poissons-ratio", help="Of the sheet of --monolayer, e.g. 0.5; default: anything from 0 to 1."
         ),
     ] = None,
     order: Annotated[
@@ -114,6 +135,13 @@ def tfm(
             help="Name of the results without ending: .html, .png, .csv and .nc are written; default: SOURCE-tfm."
         ),
     ] = None,
+    plot: Annotated[Path | None, typer.Option(help="The figure of the traction once more: .png, .svg or .pdf.")] = None,
+    vectors: Annotated[
+        Path | None, typer.Option(help="Table (.csv) of every vector: position, displacement, traction and its error.")
+    ] = None,
+    tiff: Annotated[
+        Path | None, typer.Option(help="Traction and its error as a TIFF stack of floats, for ImageJ and others.")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Traction force microscopy: strain energy, contractility and forces of a cell, with their errors, in one report."""
@@ -126,22 +154,30 @@ def tfm(
         read_mask,
         read_pair,
         read_picture,
+        sheet_tension,
     )
     from palpate.microscopy.labels import rows_of, write_labels_table
     from palpate.microscopy.readers import TURNED
-    from palpate.recordings import write_touch
     from palpate.units import parse_quantity
 
     stem = out if out is not None else source[0].with_name(source[0].stem + "-tfm")
     targets = {e: stem.with_name(stem.name + e) for e in (".html", ".png", ".csv", ".nc")}
     if labels is not None:
         targets["-labels.csv"] = stem.with_name(stem.name + "-labels.csv")
+    method = method or ("tikhonov" if monolayer else "adhesions")
+    if sheet_ratio is not None and not monolayer:
+        raise InvalidInput("--sheet-poissons-ratio belongs to --monolayer: add it, or leave the ratio out.")
+    if monolayer:
+        targets |= {e: stem.with_name(stem.name + e) for e in ("-sheet.png", "-sheet.csv")}
     theirs = [o for o, v in (("--order", order), ("--rule", rule)) if v is not None]
     if theirs and method != "tikhonov":
         raise InvalidInput(f"{' and '.join(theirs)} belong to --method tikhonov; --method is {method}.")
     inputs = [*source, mask, image, labels, *skin_files(skin_file)]
-    for target in targets.values():
-        check_output(target, inputs=inputs, force=force)
+    beside = {"--plot": plot, "--vectors": vectors, "--tiff": tiff}
+    check_outputs({"--out": None, **{str(t): t for t in targets.values()}, **beside}, inputs=inputs, force=force)
+    for option, path, accepted in (("--plot", plot, (".png", ".svg", ".pdf")), ("--vectors", vectors, (".csv",)), ("--tiff", tiff, (".tif", ".tiff"))):  # fmt: skip
+        if path is not None and path.suffix.lower() not in accepted:
+            raise InvalidInput(f"{option} {path}: such a file ends in {' or '.join(accepted)}. Give such a name.")
     fields = is_field(source) if all(file.exists() for file in source) else False
     pictures = [*([] if fields else source), *([] if image is None else [image])]
     stated = _complete(source, image, pixel, unit, step, skin_file, youngs_modulus, poissons_ratio, pictures)
@@ -154,13 +190,16 @@ def tfm(
     if up and size is None and corners is not None and corners.dtype == bool:
         size = (int(corners.shape[1]), int(corners.shape[0]))
     if fields:
-        wrong = ["--frames"] if frames is not None else []
+        wrong = [o for o, v in (("--frames", frames), ("--channel", channel)) if v is not None]
         if wrong:
             raise InvalidInput(
                 f"{' and '.join(wrong)} belongs to pictures of beads; {source[0]} holds displacements: leave it out."
             )
+        first = None if start is None else numbers(start, "--start")
+        if first is not None and len(first) != 2:
+            raise InvalidInput(f"--start takes column,row of the first vector in pixels, such as 16,16; got {start!r}.")
         field = read_field(
-            source, pixel=size_of_pixel, unit=unit, step=step, size=size, up=up, v_up=v_up, name=name, follow=follow, window=window, position_unit=position_unit,
+            source, pixel=size_of_pixel, unit=unit, step=step, start=None if first is None else (first[0], first[1]), size=size, up=up, v_up=v_up, name=name, follow=follow, window=window, position_unit=position_unit,
         )  # fmt: skip
         if TURNED in field.notes and corners is not None:
             raise InvalidInput(
@@ -169,7 +208,7 @@ def tfm(
         if not still:
             field = field.without_drift()
     else:
-        given = (("--unit", unit), ("--up", up), ("--v-up", v_up), ("--name", name), ("--follow", follow), ("--position-unit", position_unit))  # fmt: skip
+        given = (("--unit", unit), ("--up", up), ("--v-up", v_up), ("--name", name), ("--follow", follow), ("--position-unit", position_unit), ("--start", start))  # fmt: skip
         if any(v for _, v in given):
             raise InvalidInput(
                 f"{', '.join(o for o, v in given if v)} belong to displacement fields; {source[0]} is taken as pictures of beads: leave them out."
@@ -179,7 +218,7 @@ def tfm(
             raise InvalidInput(
                 f"--frames takes two numbers, at rest and pulled, such as --frames=-1,0; got {frames!r}."
             )
-        rest, pulled = read_pair(source, frames=None if picks is None else (picks[0], picks[1]))
+        rest, pulled = read_pair(source, frames=None if picks is None else (picks[0], picks[1]), channel=channel)
         if step is not None and step != int(step):
             raise InvalidInput(f"--step of pictures is a whole number of pixels; got {step:g}.")
         size = size or (int(rest.shape[1]), int(rest.shape[0]))
@@ -205,17 +244,26 @@ def tfm(
             field, pad, mask=corners, size=size, picture=picture, depth=below, noise=None if noise is None else parse_quantity(noise, 'length', '--noise'), method=method, order=1 if order is None else order, rule=rule or "evidence", drift=not still, uncertainty=uncertainty, draws=draws,
         )  # fmt: skip
     labelled = None if labels is None else forces_of_labels(forces, labels, size=size)
+    sheet = None
+    if monolayer:
+        with busy("solving the sheet"):
+            sheet = sheet_tension(forces, labels=labels, size=size, poissons_ratio=sheet_ratio)
     told = ", ".join(p.name for p in source)
     forces.write_report(targets[".html"], title=source[0].stem, source=told, command=command_line())
     save_figure(forces.plot(), targets[".png"])
     forces.write_table(targets[".csv"])
-    write_touch(
-        forces.touch,
-        targets[".nc"],
-        provenance=provenance(skin_text(skin_file), told),
-    )
+    forces.write_netcdf(targets[".nc"], provenance=provenance(skin_text(skin_file), told))
+    if plot is not None:
+        save_figure(forces.plot(), plot)
+    if vectors is not None:
+        forces.write_vectors(vectors)
+    if tiff is not None:
+        forces.write_tiff(tiff)
     if labelled is not None:
         write_labels_table(rows_of(labelled, file=told, frame=0), targets["-labels.csv"])
+    if sheet is not None:
+        save_figure(sheet.plot(), targets["-sheet.png"])
+        sheet.write_table(targets["-sheet.csv"])
     rows, columns = field.shape
     typer.echo(f"{columns} x {rows} vectors, one every {field.step:.3g} px = {1e6 * field.pitch:.3g} um")
     if field.drift is not None:
@@ -223,9 +271,11 @@ def tfm(
             f"drift of {field.drift[0] / field.pixel:.3g} px along x and {field.drift[1] / field.pixel:.3g} px along y taken out"
         )
     typer.echo(forces.summary())
-    for note in forces.notes:
+    if sheet is not None:
+        typer.echo(sheet.summary())
+    for note in (*forces.notes, *(() if sheet is None else sheet.notes)):
         typer.echo(f"note: {note}", err=True)
-    typer.echo(f"wrote {', '.join(map(str, targets.values()))}")
+    typer.echo(f"wrote {', '.join(str(p) for p in (*targets.values(), *beside.values()) if p is not None)}")
 
 
 def _complete(
@@ -314,20 +364,8 @@ def _gel(
 
 
 def _known(option: str, text: str) -> tuple[float, Uncertainty | None]:
-    """ "8 kPa +- 10 %" or "8 kPa +- 0.5 kPa"."""
-    import re
-
+    """ "8 kPa +- 10 %": the modulus [Pa] and how well it is known, where that is said."""
     from palpate.sensing.uncertainty import Uncertainty
-    from palpate.units import parse_quantity
 
-    parts = re.split(r"\+-|\+/-|±", text)
-    if len(parts) > 2:
-        raise InvalidInput(f'{option} {text!r}: write a quantity and one uncertainty, such as "8 kPa +- 10 %".')
-    value = parse_quantity(parts[0].strip(), "pressure", option)
-    if len(parts) == 1:
-        return value, None
-    if "%" in parts[1]:
-        share = numbers(parts[1].replace("%", "").strip(), option)[0] / 100.0
-    else:
-        share = parse_quantity(parts[1].strip(), "pressure", option) / value
-    return value, Uncertainty(youngs_modulus=share)
+    value, share = known_to(text, "pressure", option)
+    return value, Uncertainty(youngs_modulus=share) if re.search(r"\+-|\+/-|±", text) else None

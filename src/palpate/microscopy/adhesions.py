@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,10 +18,11 @@ from palpate.inverse.estimate import Errors, Estimate
 from palpate.inverse.linear.posterior import center_rows, moment_rows
 from palpate.inverse.method import Method, Needs
 from palpate.inverse.problem import Problem
-from palpate.microscopy.blobs import Response, painted, work_of
+from palpate.microscopy.blobs import PROFILES, Response, painted, profiled, work_of
 from palpate.microscopy.fields import Field
+from palpate.microscopy.noise import OWN, Noise, shared_part
 from palpate.microscopy.sampler import MOST, Chain, Places
-from palpate.microscopy.vectors import Vectors, first_guess, noise_of, outliers, vectors_of
+from palpate.microscopy.vectors import Vectors, doubtful_of, first_guess, noise_of, outliers, vectors_of
 from palpate.sensing.grids import Grid
 
 __all__ = ["Adhesions", "Sample", "sampled"]
@@ -28,7 +30,7 @@ __all__ = ["Adhesions", "Sample", "sampled"]
 Flags = npt.NDArray[np.bool_]
 
 #: Chains, the steps of each until it has come to what it samples, and between two samples. Twice as many move the energy by 2 % (benchmarks/cells.py).
-CHAINS, BURN, BETWEEN = 3, 800, 30
+CHAINS, BURN, BETWEEN = 3, 1200, 40
 #: A chain begins with the maxima of the first guess, then with those of what is left, so many times; and so many steps after each.
 ROUNDS, SETTLE, MAXIMA = 3, 150, 30
 #: Maxima of less than this part of the largest (of the square of the traction) begin no blob; above the next number, traction is strong.
@@ -51,16 +53,21 @@ SHARED = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One draw: blobs at ``places`` (blob, 2) [m] from the first vector, their ``variance`` (blob,) and ``forces`` (blob, 2) [N]."""
+    """One draw: blobs at ``places`` (blob, 2) [m] from the first vector, their ``variance`` (blob,), ``forces`` (blob, 2) [N], and what profile each has (numbers of `PROFILES`)."""
 
     places: Floats
     variance: Floats
     forces: Floats
+    profiles: npt.NDArray[np.intp] | None = None
 
     def on(self, x: Floats, y: Floats, side: float) -> Floats:
         """Mean traction (2, y, x) [Pa] over squares of a side about columns and rows."""
-        columns, rows = painted(self.places, self.variance, x, y, side)
-        return np.stack([(rows * f[:, None]).T @ columns for f in self.forces.T]) / side**2
+        places, variance, forces = self.places, self.variance, self.forces
+        if self.profiles is not None:
+            places, variance, part, number = profiled(places, variance, self.profiles, side)
+            forces = forces[number] * part[:, None]
+        columns, rows = painted(places, variance, x, y, side)
+        return np.stack([(rows * f[:, None]).T @ columns for f in forces.T]) / side**2
 
     def work(self, x: Floats, y: Floats, side: float, response: Response, shift: Floats) -> Floats:
         """Work (y, x) [J] in each square, on the displacement less a ``shift`` (2,) [m]."""
@@ -99,7 +106,10 @@ def sampled(
     draws: int = 120,
     seed: int = 0,
 ) -> Sampled:
-    """Samples of the adhesions of a field; ``likely`` (row, column) is where they are expected. Without ``drift`` the picture cannot have moved as a whole."""
+    """Samples of the adhesions of a field; ``likely`` (row, column) is where they are expected. Without ``drift`` the picture cannot have moved as a whole.
+
+    Without a ``noise`` that of the field counts (``Field.std``, which windows that overlap share), or one for all vectors is learned.
+    """
     ratio = math.ceil(max(field.shape) / WIDEST)
     if ratio > 1:
         few, where = _thinned(field, ratio, likely)
@@ -130,12 +140,21 @@ def sampled(
     surface = response if depth == 0 else Response.of(pad, 0.0, least, reach)
     there = field.valid
     u = field.displacement - (np.nanmedian(field.displacement, axis=(1, 2), keepdims=True) if drift else 0.0)
-    level = noise or noise_of(u)
+    stated = noise is None and field.std is not None and bool(np.isfinite(field.std).any())
+    shape_of_noise, level = Noise.even(shape), noise or 0.0
+    if stated:
+        shape_of_noise, level = Noise.of(field.std, window if window > pitch else 0.0)
+    elif not level:
+        level = noise_of(u)
     level = max(level, MODEL * float(np.nanquantile(np.abs(u), 0.99)), 1e-300)
-    bad = outliers(u, level) & there
+    bad = outliers(u, level * shape_of_noise.relative) & there
+    # an adhesion finer than the vectors looks like an outlier: which it is belongs to what is sampled
+    doubtful = doubtful_of(u, bad, there, level)
+    wrong = np.zeros(shape)
+    bad &= ~doubtful
     u = np.where(there, u, 0.0)
     notes: list[str] = []
-    guess, margin = first_guess(u, there & ~bad, response, pitch, window, level)
+    guess, margin = first_guess(u, there & ~bad & ~doubtful, response, pitch, window, level)
     power = scipy.ndimage.gaussian_filter((guess**2).sum(axis=0), 0.7)
     inner = tuple(slice(m, m + n) for m, n in zip(margin, shape))
     weight = np.full(power.shape, OUTSIDE)
@@ -150,19 +169,20 @@ def sampled(
     rough = level
     samples: list[Sample] = []
     noises = []
+    # a field's own standard deviations are the least
+    chain = partial(
+        Chain, response=response, places=places, sizes=sizes, least_noise=level if stated else 0.0, drift=drift
+    )
     for number in range(CHAINS):
-        vectors = vectors_of(u, there & ~bad, pitch, window, strong)
-        rng = np.random.default_rng([seed, number])
+        vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
+        rng, shapes = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
 
-        def chain(vectors: Vectors, rng: np.random.Generator = rng) -> Chain:
-            return Chain(vectors, response, places, sizes, level, known=known, drift=drift, rng=rng)  # noqa: B023
-
-        walk = _begun(chain(vectors), u, there & ~bad, guess, margin, every, window)
+        walk = _begun(chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window)
         walk.walk(BURN)
         if number == 0:
             left = u - walk.modelled(every, walk.forces()[0]).reshape(2, *shape)
-            found = _left_out(left, u - left, walk.noise, bad, there)
-            shared = 1.0 if noise is not None else _shared(left, there & ~found)
+            found = _left_out(left, u - left, walk.noise * shape_of_noise.relative, bad, there) & ~doubtful
+            shared = 1.0 if noise is not None or stated else _shared(left, there & ~found)
             if shared > 1.0:
                 # noise that neighbours share is as much more at the wavelengths of traction
                 level, known = walk.noise * math.sqrt(shared), True
@@ -171,13 +191,19 @@ def sampled(
                 )
             if shared > 1.0 or (found != bad).any():
                 bad = found
-                vectors = vectors_of(u, there & ~bad, pitch, window, strong)
-                walk = _begun(chain(vectors), u, there & ~bad, guess, margin, every, window)
+                vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
+                walk = _begun(
+                    chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window
+                )
                 walk.walk(BURN)
         for _ in range(math.ceil(draws / CHAINS)):
             walk.walk(BETWEEN)
-            samples.append(Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1]))
+            # no window tells the profile of an adhesion that it does not resolve
+            profiles = shapes.integers(len(PROFILES), size=len(walk.blobs))
+            samples.append(Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1], profiles))
             noises.append(walk.noise)
+            wrong[doubtful] += walk.wrong / (CHAINS * math.ceil(draws / CHAINS))
+    bad |= wrong > 0.5
     level = float(np.mean(noises))
     if bad.any():
         notes.append(
@@ -200,14 +226,27 @@ def _thinned(field: Field, ratio: int, likely: Flags | None) -> tuple[Field, Fla
     there = tiles(field.valid).mean(axis=(1, 3))
     u = tiles(np.nan_to_num(field.displacement)).mean(axis=(2, 4)) / np.where(there > 0.5, there, np.nan)
     side = math.sqrt(field.aperture**2 + (ratio**2 - 1) * field.pitch**2)
+    std = None
+    if field.std is not None:
+        s = np.where(field.valid, np.nan_to_num(field.std), 0.0)
+        alone = np.sqrt(tiles(s**2).sum(axis=(2, 4)) / np.maximum(tiles(field.valid * 1.0).sum(axis=(1, 3)), 1.0))
+        std = np.where(np.isfinite(u), alone * math.sqrt(_of_mean(ratio, field)), np.nan)
     few = Field(
         displacement=u,
+        std=std,
         start=(field.start[0] + 0.5 * (ratio - 1) * field.step, field.start[1] + 0.5 * (ratio - 1) * field.step),
         step=ratio * field.step,
         pixel=field.pixel,
         aperture=side,
     )
     return few, None if likely is None else np.asarray(tiles(likely).mean(axis=(1, 3)) >= 0.5)
+
+
+def _of_mean(ratio: int, field: Field) -> float:
+    """Variance of the mean of ``ratio`` x ``ratio`` vectors, in that of one."""
+    lags = field.pitch * np.subtract.outer(np.arange(ratio), np.arange(ratio)).ravel()
+    shared = shared_part(lags[:, None], lags[None, :], field.aperture if field.aperture > field.pitch else 0.0)
+    return float(((1.0 - OWN) * shared.mean()) + OWN / ratio**2)
 
 
 def _every(field: Field) -> Vectors:
@@ -246,7 +285,7 @@ def _begun(
     return walk
 
 
-def _left_out(left: Floats, modelled: Floats, noise: float, bad: Flags, there: Flags) -> Flags:
+def _left_out(left: Floats, modelled: Floats, noise: Floats, bad: Flags, there: Flags) -> Flags:
     """Outliers by what is left of all vectors, once traction is known; adhesions are no blobs, which is a part of what they move."""
     size = np.abs(left).max(axis=0) / (noise + DETAIL / LEFT * np.hypot(*modelled))
     return np.asarray(there & ((size > LEFT) | (bad & (size > BACK))))

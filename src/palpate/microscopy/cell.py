@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,10 +16,10 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.microscopy.adhesions import Sample
 from palpate.microscopy.blobs import Response
+from palpate.microscopy.doubts import doubts, in_these_words
 from palpate.microscopy.fields import Field
 from palpate.microscopy.inversion import Inverted, inverted, of_adhesions
 from palpate.microscopy.masks import on_grid, read_mask
-from palpate.microscopy.orientation import suspected
 from palpate.microscopy.spread import read
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.touch import Touch
@@ -32,27 +33,6 @@ __all__ = ["CellForces", "Quantity", "cell_forces"]
 METHODS = ("adhesions", "tikhonov")
 #: Half-width of a 95 % interval in standard deviations.
 SIDE = 1.96
-#: Net force or torque is questioned from so many standard deviations on; the two principal moments of a cell that pulls have one sign.
-QUESTIONED = 3.0
-OPPOSED = 0.3
-#: What to look at where the field concentrates traction better with other axes (`suspected`).
-AXES = {
-    "v's sign": "with v of the other sign it does not: is v's sign right? Where v alone grows upwards, say v_up=True (--v-up); where y does too, up=True (--up)",
-    "u for v": "with u and v exchanged it does not: are u and v the right way round, and are rows and columns those of the picture?",
-    "u for v and a sign": "with u and v exchanged, and one of them turned, it does not: are u and v and their signs right, and are rows and columns those of the picture?",
-}
-#: Residuals this many times the noise are questioned.
-MISFIT = 2.0
-#: Strains above this are beyond linear elasticity; displacements below this [px] beyond any picture.
-STRAINED, SMALLEST = 0.3, 0.02
-#: Remedies of the inversion, as they are said here.
-WORDS = {
-    "Where the image cannot drift, say Skin(..., nuisance=[])": "Where the picture cannot have moved, say drift=False (--still)",
-    "Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap": "Give noise=... (--noise)",
-    "where something presses, seek it as well (components x, y, z)": "where the cell presses too, that is an error",
-    "Give the array its noise=..., or a larger parameter": "Give noise=... (--noise)",
-    "uncertainty=Uncertainty(youngs_modulus=0.2) in Python)": 'uncertainty=Uncertainty(youngs_modulus=0.2) in Python, --youngs-modulus "8 kPa +- 20 %")',
-}
 
 
 @dataclass(frozen=True)
@@ -190,7 +170,7 @@ class CellForces:
         corners = read_mask(mask, pixel=self.field.pixel)
         inside = on_grid(corners, self.field, size=size)
         numbers, principal = _numbers(self.done, self.field, inside, True, self.known)
-        said = _doubts(numbers, principal, self.field, inside, True, self.done)
+        said = doubts(numbers, principal, self.field, inside, True, self.done)
         return replace(
             self, inside=inside, masked=True, mask=corners, quantities=numbers, principal=principal, notes=tuple(said)
         )
@@ -248,6 +228,41 @@ class CellForces:
         from palpate.microscopy.report import write_table
 
         write_table(self, path)
+
+    def write_vectors(self, path: str | Path) -> None:
+        """Every vector as CSV: position and displacement in pixels, which `read_field` reads again, traction with its standard deviation [Pa], and whether it is in the cell.
+
+        Examples
+        --------
+        >>> forces.write_vectors("cell-vectors.csv")  # doctest: +SKIP
+        """
+        from palpate.microscopy.written import write_vectors
+
+        write_vectors(self, path)
+
+    def write_tiff(self, path: str | Path) -> None:
+        """Traction as a TIFF stack of 32-bit floats that ImageJ opens with its unit: along x and along y, and the standard deviation of both; one pixel is one vector.
+
+        Examples
+        --------
+        >>> forces.write_tiff("cell-traction.tif")  # doctest: +SKIP
+        """
+        from palpate.microscopy.written import write_tiff
+
+        write_tiff(self, path)
+
+    def write_netcdf(self, path: str | Path, *, provenance: Mapping[str, str] | None = None) -> None:
+        """The whole result as netCDF, as `palpate.recordings.write_touch` writes it, with displacement, traction at the vectors and the mask beside it.
+
+        ``provenance``: what it takes to make it again; each becomes an attribute.
+
+        Examples
+        --------
+        >>> forces.write_netcdf("cell.nc")  # doctest: +SKIP
+        """
+        from palpate.microscopy.written import write_netcdf
+
+        write_netcdf(self, path, provenance=provenance)
 
 
 def cell_forces(
@@ -349,8 +364,6 @@ def cell_forces(
         size = (int(np.shape(picture)[1]), int(np.shape(picture)[0]))
     name = str(mask) if isinstance(mask, str | Path) else "the mask"
     inside = np.ones(field.shape, dtype=bool) if corners is None else on_grid(corners, field, size=size, name=name)
-    if noise is None:
-        noise = field.noise
     if method == "adhesions":
         likely = None if corners is None else inside
         done = of_adhesions(
@@ -365,6 +378,7 @@ def cell_forces(
             seed=seed,
         )
     else:
+        noise = field.noise if noise is None else noise
         done = inverted(
             field, pad, depth=depth, noise=noise, order=order, rule=rule, nuisance="auto" if drift else (), uncertainty=uncertainty, draws=draws, seed=seed,
         )  # fmt: skip
@@ -373,14 +387,14 @@ def cell_forces(
     numbers, principal = _numbers(done, field, inside, corners is not None, known)
     said = [
         *field.notes,
-        *map(_in_these_words, done.touch.notes),
+        *map(in_these_words, done.touch.notes),
         *done.notes,
         *(
             [f"how well {', '.join(beside)} is known does not enter these errors, only how well modulus and scale are"]
             if beside
             else []
         ),
-        *_doubts(numbers, principal, field, inside, corners is not None, done),
+        *doubts(numbers, principal, field, inside, corners is not None, done),
     ]
     return CellForces(
         field, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch.common_std * done.traction), done.draws, inside, corners is not None, numbers, principal,
@@ -583,98 +597,3 @@ def _at_peak(t: Floats, inside: npt.NDArray[np.bool_]) -> Floats:
     at = np.unravel_index(int(size.argmax()), size.shape)
     direction = t[0][:, at[0], at[1]] / max(float(size[at]), 1e-300)
     return np.asarray(t[:, :, at[0], at[1]] @ direction)
-
-
-def _in_these_words(note: str) -> str:
-    """A note with the remedy as it is said here."""
-    for theirs, ours in WORDS.items():
-        note = note.replace(theirs, ours)
-    return note
-
-
-def _doubts(
-    numbers: dict[str, Quantity],
-    principal: tuple[float, float, float],
-    field: Field,
-    inside: npt.NDArray[np.bool_],
-    masked: bool,
-    done: Inverted,
-) -> list[str]:
-    """What looks wrong."""
-    said = []
-
-    def own(q: Quantity) -> float:
-        """The error but that of modulus and scale, which change no sign."""
-        return math.sqrt(max(q.std**2 - (done.touch.common_std * q.value) ** 2, 0.0))
-
-    moment = numbers["contractile_moment"]
-    large, small = max(principal[:2], key=abs), min(principal[:2], key=abs)
-    sure = abs(large) > QUESTIONED * own(moment)
-    noise = field.noise or (None if done.touch.noise_std is None else float(np.mean(done.touch.noise_std)))
-    told = numbers["strain_energy"].value > QUESTIONED * own(numbers["strain_energy"])
-    axes = suspected(field, done.skin.pad, depth=done.skin.planes[0].depth, noise=noise) if told and noise else ""
-    if axes:
-        said.append(f"the field spreads its traction far over the gel, as no cell does, and {AXES[axes]}")
-    elif sure and large * small < 0 and abs(small) > OPPOSED * abs(large):
-        said.append(
-            "the field pulls inwards along one direction and pushes outwards across it, as no cell does: is v's sign right (v_up, --v-up), are u and v the right way round, "
-            "are rows and columns those of the picture?"
-        )
-    elif sure and moment.value < -QUESTIONED * own(moment):
-        said.append(
-            "the cell pushes outwards, as hardly any does: are the pictures in order (at rest first, pulled second), or do the displacements have the opposite sign?"
-        )
-    torque = numbers["torque"]
-    if not axes and abs(torque.value) > max(2.0 * own(torque), 2.0 * abs(moment.value)):
-        said.append(
-            "the field turns more than it contracts, as no cell does: are u and v the right way round, and are rows and columns those of the picture?"
-        )
-    for key in ("net_force_x", "net_force_y", "torque"):
-        q = numbers[key]
-        if abs(q.value) > QUESTIONED * own(q):
-            said.append(
-                f"{q.label} is {str(q).partition(': ')[2]}, and a cell that is wholly in view has none: it reaches beyond the field of view or the mask, or a neighbour pulls"
-            )
-    edge = inside.copy()
-    edge[1:-1, 1:-1] = False
-    if masked and edge.any():
-        said.append("the mask reaches the edge of the field of view: what lies beyond is missing from every number")
-    if "background" in numbers:
-        share = numbers["background"].value / max(numbers["traction_rms"].value, 1e-300)
-        if share > 0.5:
-            said.append(
-                f"traction outside the cell is {100 * share:.0f} % of that inside: noise, a neighbour, or a mask that misses part of the cell; energy and sums of sizes are partly that"
-            )
-    if not told:
-        said.append("strain energy is not told from zero: no traction shows above noise")
-    if field.std is not None and done.touch.residual is not None and float(done.touch.residual) > MISFIT:
-        said.append(
-            f"the traction leaves {plain_number(float(done.touch.residual), 2)} times the noise of the displacements unexplained: outliers, or a gel that is not as described"
-        )
-    u = field.displacement - np.nanmedian(field.displacement, axis=(1, 2), keepdims=True)
-    steep = max(float(np.nanquantile(np.abs(np.diff(u, axis=a)), 0.99)) / field.pitch for a in (1, 2))
-    if steep > STRAINED:
-        said.append(
-            f"displacements change by {100 * steep:.0f} % of the distance between vectors: beyond linear elasticity, or outliers, or another unit or pixel than was said"
-        )
-    largest = float(np.nanmax(np.abs(u))) / field.pixel
-    if largest < SMALLEST:
-        said.append(
-            f"the largest displacement is {largest:.2g} px, less than pictures tell: is the unit right, and the pixel that of the picture?"
-        )
-    if field.aperture == 0:
-        said.append(
-            "each vector is taken as the displacement of a point: where it is the mean over a window, what the window blurs is missing from energy and peaks; say window= "
-            "(--window)"
-        )
-    unlike = int(field.unlike.sum())
-    if unlike and done.samples is None:
-        said.append(
-            f"{unlike} of {field.valid.size} vectors differ from all about them, and make traction of their own: if they are bad ones, leave them out with without_outliers() "
-            "(--drop-outliers)"
-        )
-    if not field.valid.all():
-        said.append(
-            f"{int((~field.valid).sum())} of {field.valid.size} vectors are missing: traction there is what their neighbours suggest"
-        )
-    return said

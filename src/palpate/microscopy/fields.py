@@ -49,6 +49,8 @@ class Field:
         Side [m] of the square that each vector is a mean over, such as a window; 0: a point.
     notes : tuple of str
         What was assumed.
+    left_out : int
+        How many of the vectors that are NaN were there and were left out, which ``notes`` say.
 
     Raises
     ------
@@ -74,6 +76,7 @@ class Field:
     drift: tuple[float, float] | None = None
     aperture: float = 0.0
     notes: tuple[str, ...] = field(default=())
+    left_out: int = 0
 
     def __post_init__(self) -> None:
         u = as_double(self.displacement)
@@ -235,7 +238,12 @@ class Field:
         if not bad.any():
             return self
         said = f"{int(bad.sum())} of {bad.size} vectors are left out: they differ from all about them"
-        return replace(self, displacement=np.where(bad, np.nan, self.displacement), notes=(*self.notes, said))
+        return replace(
+            self,
+            displacement=np.where(bad, np.nan, self.displacement),
+            notes=(*self.notes, said),
+            left_out=self.left_out + int((bad & self.valid).sum()),
+        )
 
     def without_drift(self) -> Field:
         """The field without the shift of the whole: the median of the vectors along its border, where a cell moves least; ``drift`` says how much.
@@ -270,8 +278,8 @@ class Field:
     def noise(self) -> float | None:
         """Standard deviation of a typical vector [m]: the root mean square of ``std``; None where that is not known.
 
-        Noise that neighbouring windows share counts as if each had its own. Tried on rendered beads: its correlation in the model of the noise makes traction finer
-        and noisier (error of 0.39 for 0.34), and noise twice as large, as it adds up over many vectors, takes 20 % of the energy of a weak cell.
+        It is what ``method="tikhonov"`` takes for all vectors, each with its own: with an even penalty, noise that neighbouring windows share makes traction finer and noisier (error
+        of 0.39 for 0.34). ``method="adhesions"`` takes ``std`` of each vector, and what windows share (`palpate.microscopy.noise`).
 
         Examples
         --------

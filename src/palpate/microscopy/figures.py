@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate._extras import require
 from palpate._plot import arrow_cells, scaled
@@ -17,11 +18,15 @@ if TYPE_CHECKING:
 
     from palpate.microscopy.cell import CellForces
 
-__all__ = ["plot_error", "plot_field", "plot_traction"]
+__all__ = ["plot_error", "plot_field", "plot_traction", "scale_bar", "square_ends"]
 
 #: Arrows along the longer side of a picture; vectors smaller than this part of the largest get none.
 ARROWS, SMALLEST = 36, 0.08
 WIDTH = 6.4
+#: A cell that fills less than this part of the view is drawn closer, with so much of its length about it, and all traction above this part of the largest.
+CLOSER, ROOM, FAINT = 0.5, 0.25, 0.05
+#: An arrow is drawn where the traction is this many standard deviations from zero: at 95 %.
+SURE = 1.96
 
 
 def _round(value: float) -> float:
@@ -35,7 +40,7 @@ def _said(value: float, unit: str) -> str:
     return f"{value * factor:g} {name}"
 
 
-def _ends(field: Field) -> tuple[float, float, float, float]:
+def square_ends(field: Field) -> tuple[float, float, float, float]:
     """Left, right, bottom, top of the vectors' squares [px], rows downwards."""
     rows, columns = field.shape
     half = 0.5 * field.step
@@ -43,13 +48,17 @@ def _ends(field: Field) -> tuple[float, float, float, float]:
     return left, left + columns * field.step, top + rows * field.step, top
 
 
-def _canvas(field: Field, picture: Any) -> tuple[Any, Any, tuple[float, float, float, float]]:
-    """Figure and axes in pixels of the picture, rows downwards, and what is in view."""
+def _canvas(
+    field: Field, picture: Any, near: npt.NDArray[np.bool_] | None = None
+) -> tuple[Any, Any, tuple[float, float, float, float]]:
+    """Figure and axes in pixels of the picture, rows downwards, and what is in view: all, or what is ``near`` (row, column) where that is far less."""
     from matplotlib.figure import Figure
 
-    ends = _ends(field)
+    ends = square_ends(field)
     if picture is not None:
         ends = (-0.5, np.shape(picture)[1] - 0.5, np.shape(picture)[0] - 0.5, -0.5)
+    if near is not None and near.any():
+        ends = _closer(field, near, ends)
     high = (ends[2] - ends[3]) / (ends[1] - ends[0])
     figure = Figure(figsize=(WIDTH + 1.2, max(2.6, WIDTH * high + 0.5)), layout="constrained")
     axes = figure.subplots()
@@ -63,6 +72,21 @@ def _canvas(field: Field, picture: Any) -> tuple[Any, Any, tuple[float, float, f
         low, top = np.percentile(image, (1, 99.7))
         axes.imshow(image, cmap="gray", vmin=low, vmax=max(top, low + 1e-12), zorder=0)
     return figure, axes, ends
+
+
+def _closer(
+    field: Field, near: npt.NDArray[np.bool_], ends: tuple[float, float, float, float]
+) -> tuple[float, float, float, float]:
+    """What is near with room about it, where that is a small part of the view."""
+    sides = []
+    for axis, (low, high) in ((0, (ends[0], ends[1])), (1, (ends[3], ends[2]))):
+        at = field.start[axis] + field.step * np.flatnonzero(near.any(axis=axis))
+        sides.append((float(at[0]), float(at[-1]), low, high))
+    room = ROOM * max(b - a for a, b, _, _ in sides) + 2 * field.step
+    (left, right), (top, bottom) = ((max(a - room, low), min(b + room, high)) for a, b, low, high in sides)
+    if (right - left) * (bottom - top) > CLOSER * (ends[1] - ends[0]) * (ends[2] - ends[3]):
+        return ends
+    return left, right, bottom, top
 
 
 def _arrows(
@@ -109,7 +133,7 @@ def _arrows(
     axes.quiver(*corner, told * length, 0.0, color="white", zorder=6, **style)
 
 
-def _bar(axes: Any, field: Field, ends: tuple[float, float, float, float]) -> None:
+def scale_bar(axes: Any, field: Field, ends: tuple[float, float, float, float]) -> None:
     """The scale bar."""
     wide, high = ends[1] - ends[0], ends[2] - ends[3]
     told = _round(0.22 * wide * field.pixel)
@@ -153,27 +177,22 @@ def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:
     size = np.hypot(*forces.traction)
     top = max(float(np.percentile(size, 99.9)), 0.8 * float(size.max()), 1e-12)
     factor, unit = scaled(top, "Pa")
-    figure, axes, ends = _canvas(field, forces.picture)
+    figure, axes, ends = _canvas(field, forces.picture, forces.inside | (size > FAINT * top) if forces.masked else None)
     over = forces.picture is not None
     # where the picture shows the cell, the colour lets it through where little is pulled
     alpha = np.clip(size / (0.35 * top), 0.12, 0.8) if over else None
     image = axes.imshow(
-        size * factor, extent=_ends(field), cmap="inferno", vmin=0.0, vmax=top * factor, alpha=alpha, interpolation="nearest", zorder=1
+        size * factor, extent=square_ends(field), cmap="inferno", vmin=0.0, vmax=top * factor, alpha=alpha, interpolation="nearest", zorder=1
     )  # fmt: skip
-    image.set_extent(_ends(field))
+    image.set_extent(square_ends(field))
     axes.set_xlim(ends[0], ends[1])
     axes.set_ylim(ends[2], ends[3])
     _outline(axes, forces)
-    _arrows(
-        axes,
-        field,
-        forces.traction,
-        "Pa",
-        ends,
-        "#7fe3ff",
-        forces.inside if forces.masked else np.ones(field.shape, dtype=bool),
-    )
-    _bar(axes, field, ends)
+    where = forces.inside if forces.masked else np.ones(field.shape, dtype=bool)
+    sure = size > SURE * _along(forces)
+    _arrows(axes, field, forces.traction, "Pa", ends, "#7fe3ff", where & sure)
+    scale_bar(axes, field, ends)
+    _peak(axes, forces, np.where(where, size, -1.0), ends)
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -186,7 +205,65 @@ def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:
     )
     if title:
         axes.set_title(title, fontsize=10)
+    figure.supxlabel(_assumed(forces), fontsize=7.5, color="#444444", ha="left", x=0.02)
     return figure
+
+
+def _along(forces: CellForces) -> Floats:
+    """Standard deviation (row, column) [Pa] of the traction along its own direction."""
+    size = np.maximum(np.hypot(*forces.traction), 1e-300)
+    return np.asarray(np.sqrt(((forces.std * forces.traction / size) ** 2).sum(axis=0)))
+
+
+def _two(value: float) -> str:
+    """Two digits, and all before the point."""
+    return f"{value:#.2g}".rstrip(".") if abs(value) < 99.5 else f"{value:.0f}"
+
+
+def _peak(axes: Any, forces: CellForces, size: Floats, ends: tuple[float, float, float, float]) -> None:
+    """A ring round the largest traction, with its interval."""
+    q, field = forces.quantities.get("traction_peak"), forces.field
+    if q is None or not size.max() > 0:
+        return
+    i, j = np.unravel_index(int(size.argmax()), size.shape)
+    x, y = field.start[0] + field.step * j, field.start[1] + field.step * i
+    wide, high = ends[1] - ends[0], ends[2] - ends[3]
+    factor, unit = scaled(max(abs(q.interval[1]), 1e-12), "Pa")
+    low, top = (max(e, 0.0) * factor for e in q.interval)
+    said = f"largest {_two(q.value * factor)} {unit}\n95 %: {_two(low)} to {_two(top)}"
+    axes.plot(x, y, marker="o", ms=13, mfc="none", mec="white", mew=1.2, zorder=5)
+    # in the upper corner that is nearer, unless the ring is in it
+    left = bool(x < 0.5 * (ends[0] + ends[1]))
+    if abs(x - ends[0 if left else 1]) < 0.3 * wide and y - ends[3] < 0.15 * high:
+        left = not left
+    at = ends[0] + (0.03 if left else 0.97) * wide, ends[3] + 0.03 * high
+    axes.annotate(
+        said, (x, y), at, color="white", fontsize=8, ha="left" if left else "right", va="top", zorder=6,
+        bbox={"boxstyle": "round,pad=0.3", "facecolor": "black", "alpha": 0.65, "edgecolor": "none"},
+        arrowprops={"arrowstyle": "-", "color": "white", "lw": 0.8, "shrinkB": 7},
+    )  # fmt: skip
+
+
+def _assumed(forces: CellForces) -> str:
+    """What the picture rests on, in two lines."""
+    field, pad = forces.field, forces.pad
+    layers = getattr(pad, "layers", None)
+    top = pad if layers is None else layers[-1]
+    modulus, ratio = getattr(top, "youngs_modulus", None), getattr(top, "poissons_ratio", None)
+    known = getattr(forces.known, "modulus", None)
+    gel = "gel as described"
+    if isinstance(modulus, float | int) and isinstance(ratio, float | int):
+        factor, unit = scaled(float(modulus), "Pa")
+        share = f" ± {100 * known:.0f} %" if known else ""
+        gel = f"gel {modulus * factor:.3g} {unit}{share}, Poisson's ratio {ratio:g}"
+    if layers is not None:
+        gel += f", {1e6 * sum(one.thickness for one in layers):.3g} µm thick on a rigid base"
+    else:
+        gel += ", as thick as need be"
+    window = f"windows of {1e6 * field.aperture:.3g} µm" if field.aperture else "vectors of points"
+    method = "adhesions, sampled" if forces.samples is not None else "one even penalty (tikhonov)"
+    mask = "dashed: mask" if forces.masked else "no mask"
+    return f"{gel}; {window}, one every {1e6 * field.pitch:.3g} µm; pixel {1e6 * field.pixel:.4g} µm\ntraction: {method}, along the surface; arrows: traction that differs from zero at 95 %; {mask}"
 
 
 def plot_field(field: Field, *, picture: Any = None) -> Figure:
@@ -196,11 +273,11 @@ def plot_field(field: Field, *, picture: Any = None) -> Figure:
     top = float(max(np.nanpercentile(size, 99.9), 1e-15))
     factor, unit = scaled(top, "m")
     figure, axes, ends = _canvas(field, picture)
-    image = axes.imshow(size * factor, extent=_ends(field), cmap="viridis", vmin=0.0, vmax=top * factor, alpha=0.85 if picture is not None else None, interpolation="nearest", zorder=1)  # fmt: skip
+    image = axes.imshow(size * factor, extent=square_ends(field), cmap="viridis", vmin=0.0, vmax=top * factor, alpha=0.85 if picture is not None else None, interpolation="nearest", zorder=1)  # fmt: skip
     axes.set_xlim(ends[0], ends[1])
     axes.set_ylim(ends[2], ends[3])
     _arrows(axes, field, field.displacement, "m", ends, "white", np.ones(field.shape, dtype=bool))
-    _bar(axes, field, ends)
+    scale_bar(axes, field, ends)
     figure.colorbar(image, ax=axes, label=f"displacement [{unit}]", shrink=0.85, pad=0.02)
     return figure
 
@@ -212,10 +289,12 @@ def plot_error(forces: CellForces) -> Figure:
     size = np.sqrt((forces.std**2).sum(axis=0))
     factor, unit = scaled(float(max(size.max(), 1e-12)), "Pa")
     figure, axes, ends = _canvas(field, None)
-    image = axes.imshow(size * factor, extent=_ends(field), cmap="cividis", vmin=0.0, interpolation="nearest", zorder=1)
+    image = axes.imshow(
+        size * factor, extent=square_ends(field), cmap="cividis", vmin=0.0, interpolation="nearest", zorder=1
+    )
     axes.set_xlim(ends[0], ends[1])
     axes.set_ylim(ends[2], ends[3])
     _outline(axes, forces)
-    _bar(axes, field, ends)
+    scale_bar(axes, field, ends)
     figure.colorbar(image, ax=axes, label=f"standard deviation [{unit}]", shrink=0.85, pad=0.02)
     return figure

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import json
 import os
@@ -22,6 +23,7 @@ from palpate.microscopy.cell import cell_forces
 from palpate.microscopy.labels import forces_of_labels, read_labels, rows_of
 from palpate.microscopy.pictures import read_all
 from palpate.microscopy.readers import is_field, read_field
+from palpate.microscopy.series import frames_of_field
 from palpate.recordings.files import atomically
 from palpate.sensing.uncertainty import Uncertainty
 
@@ -42,11 +44,12 @@ NUMBERS = (
 
 @dataclass(frozen=True)
 class Job:
-    """One frame: a file, and which of its pictures."""
+    """One frame: a file, which of its pictures, its number in the film, and the name of its field in a file of several."""
 
     file: str
     frame: int
     number: int
+    name: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,15 +59,18 @@ class Film:
     Parameters
     ----------
     frames : sequence of paths
-        Pictures of beads while the cell pulls (stacks, folders or single pictures), or displacement fields, one a file.
+        Pictures of beads while the cell pulls (stacks, folders or single pictures), or displacement fields: files of one or of several frames (`frames_of_field`).
     rest : path, optional
         Picture of the beads at rest; needed for pictures.
     pad, pixel, window, step, depth, noise, method, uncertainty, drift
         As for `bead_displacements`, `read_field` and `cell_forces`.
-    unit : str, optional
-        Of displacement fields.
+    unit, up, v_up, start, name : optional
+        Of displacement fields, as for `read_field`; ``name`` says which film of a file of several.
+    channel : int, optional
+        Which channel shows the beads, from 1, of pictures of several.
     cells, labels : path, optional
-        Label pictures (or ImageJ's regions): each value of ``cells`` is a cell, each of ``labels`` an adhesion.
+        Label pictures (or ImageJ's regions): each value of ``cells`` is a cell, each of ``labels`` an adhesion. A TIFF file of as many pages as the film has frames holds the labels of
+        each frame: a cell is followed by its number.
 
     Raises
     ------
@@ -92,6 +98,11 @@ class Film:
     drift: bool = True
     cells: str | Path | None = None
     labels: str | Path | None = None
+    up: bool = False
+    v_up: bool = False
+    start: tuple[float, float] | None = None
+    name: str | None = None
+    channel: int | None = None
     fields: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
@@ -114,10 +125,12 @@ class Film:
         >>> film.jobs()  # doctest: +SKIP
         """
         if self.fields:
-            return [Job(str(f), 0, i) for i, f in enumerate(self.frames)]
+            named = [(str(f), k, n) for f in self.frames for k, n in enumerate(frames_of_field(f, self.name))]
+            return [Job(file, k, i, name) for i, (file, k, name) in enumerate(named)]
         found: list[Job] = []
         for file in self.frames:
-            found += [Job(str(file), page, len(found) + page) for page in range(len(read_all(Path(file))))]
+            count = len(_pictures(*_stamp(file), self.channel))
+            found += [Job(str(file), page, len(found) + page) for page in range(count)]
         return found
 
     def key(self) -> str:
@@ -132,7 +145,7 @@ class Film:
             for f in (*self.frames, self.rest, self.cells, self.labels)
             if f is not None
         ]
-        said = (stamps, repr(self.pad), self.pixel, self.window, self.step, self.unit, self.depth, self.noise, self.method, repr(self.uncertainty), self.drift)  # fmt: skip
+        said = (stamps, repr(self.pad), self.pixel, self.window, self.step, self.unit, self.depth, self.noise, self.method, repr(self.uncertainty), self.drift, self.up, self.v_up, self.start, self.name, self.channel)  # fmt: skip
         return hashlib.sha256(repr(said).encode()).hexdigest()
 
     def solved(self, job: Job) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
@@ -144,11 +157,13 @@ class Film:
         """
         size = None
         if self.fields:
-            vectors = read_field([Path(job.file)], pixel=self.pixel, unit=self.unit, step=self.step, window=self.window)
+            vectors = read_field(
+                [Path(job.file)], pixel=self.pixel, unit=self.unit, step=self.step, window=self.window, up=self.up, v_up=self.v_up, start=self.start, name=job.name,
+            )  # fmt: skip
             vectors = vectors.without_drift() if self.drift else vectors
         else:
-            (rest,) = read_all(Path(str(self.rest)), 1)[:1]
-            pulled = read_all(Path(job.file))[job.frame]
+            rest = _pictures(*_stamp(str(self.rest)), self.channel)[0]
+            pulled = _pictures(*_stamp(job.file), self.channel)[job.frame]
             if rest.shape != pulled.shape:
                 raise InvalidInput(
                     f"{job.file}: frame {job.frame} has {pulled.shape[1]} x {pulled.shape[0]} pixels, and the picture at rest {rest.shape[1]} x {rest.shape[0]}. Give pictures of one size."
@@ -158,7 +173,7 @@ class Film:
                 rest, pulled, pixel=self.pixel, window=self.window or 32, step=None if self.step is None else int(self.step), drift=self.drift,
             )  # fmt: skip
         picture = size or vectors.size
-        cells = None if self.cells is None else read_labels(self.cells, size=picture)
+        cells = None if self.cells is None else self._labels(self.cells, job, picture)
         mask = None if cells is None else np.logical_or.reduce(list(cells.values()))
         forces = cell_forces(
             vectors, self.pad, mask=mask, size=size, depth=self.depth, noise=self.noise, method=self.method, drift=self.drift, uncertainty=self.uncertainty,
@@ -179,11 +194,25 @@ class Film:
         labelled = []
         if self.labels is not None:
             labelled = rows_of(
-                forces_of_labels(forces, read_labels(self.labels, size=picture), size=size),
+                forces_of_labels(forces, self._labels(self.labels, job, picture), size=size),
                 file=job.file,
                 frame=job.number,
             )
         return rows, labelled
+
+    def _labels(self, path: str | Path, job: Job, size: tuple[int, int]) -> dict[str, Any]:
+        """The labels of a frame: those of its page where there are as many pages as frames, else those of all."""
+        if Path(path).suffix.lower() not in (".tif", ".tiff"):
+            return read_labels(path, size=size)
+        pages = _pictures(*_stamp(path), None)
+        if len(pages) == 1:
+            return read_labels(pages[0])
+        count = len(self.jobs())
+        if len(pages) != count:
+            raise InvalidInput(
+                f"{path}: holds labels of {len(pages)} frames, and the film has {count}: give one picture of labels, or one for each frame."
+            )
+        return read_labels(pages[job.number])
 
     def run(
         self,
@@ -253,6 +282,17 @@ class Film:
                 elif isinstance(held, dict):
                     out[int(held["number"])] = held["found"]
         return out
+
+
+def _stamp(file: str | Path) -> tuple[str, float]:
+    """A file, and when it was changed."""
+    return str(file), os.path.getmtime(file)
+
+
+@functools.lru_cache(maxsize=3)
+def _pictures(file: str, changed: float, channel: int | None) -> list[Any]:
+    """The pictures of a file, which a process reads once for all of its frames."""
+    return read_all(Path(file), channel=channel)
 
 
 def _write(at: str, text: str) -> None:

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InvalidInput
+from palpate.microscopy.names import BOTH_STDS, POSITIONS, STDS, VECTORS, which
 
-__all__ = ["Found", "chosen", "one_of_many", "stacked_pair"]
+__all__ = ["Found", "beside", "chosen", "one_of_many", "stacked_pair"]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -51,12 +52,65 @@ def stacked_pair(path: Any, values: Any) -> Found:
     return Found(u=u, v=v, notes=[f"the components lie along axis {ends[0]} of {values.shape}: x first"])
 
 
+def beside(
+    held: dict[str, Any], shape: tuple[int, ...]
+) -> tuple[tuple[Any, Any] | None, tuple[Any, Any] | None, list[str]]:
+    """Positions and standard deviations of vectors of a shape, among arrays by their names in lower case; and what is to be said of them.
+
+    Positions may be those of columns and rows alone, as MATLAB's ``xvec`` and ``yvec`` are.
+    """
+    places: tuple[Any, Any] | None = None
+    notes: list[str] = []
+    for names in which(held, POSITIONS):
+        x, y = (np.asarray(held[n]) for n in names)
+        if x.shape == y.shape == shape:
+            places = x, y
+            break
+        if len(shape) != 2 or min(shape) < 2 or max(x.shape, default=0) != x.size or max(y.shape, default=0) != y.size:
+            continue
+        if (y.size, x.size) == shape:
+            grid = np.meshgrid(x.ravel(), y.ravel())
+        elif (x.size, y.size) == shape:
+            grid = np.meshgrid(x.ravel(), y.ravel(), indexing="ij")
+            notes.append(f"x goes along the rows of the matrices, by the lengths of {names[0]} and {names[1]}")
+        else:
+            continue
+        places = grid[0], grid[1]
+        break
+    std: tuple[Any, Any] | None = None
+    for names in which(held, STDS):
+        parts = tuple(np.asarray(held[n]) for n in names)
+        if all(p.shape == shape for p in parts):
+            std = parts[0], parts[1]
+            break
+    for name in BOTH_STDS if std is None else ():
+        both = np.asarray(held.get(name))
+        axes = [a for a in (0, both.ndim - 1) if both.ndim == len(shape) + 1 and both.shape[a] == 2]
+        if both.dtype.kind == "f" and both.shape == shape:
+            std = both, both
+            notes.append(f"{name} is taken as the standard deviation of both components")
+        elif both.dtype.kind == "f" and len(axes) == 1 and np.moveaxis(both, axes[0], 0).shape[1:] == shape:
+            std = tuple(np.moveaxis(both, axes[0], 0))
+    return places, std, notes
+
+
 def chosen(path: Any, candidates: dict[str, Any], name: str | None, what: str = "fields") -> Any:
-    """The one field, or that of a name; `InvalidInput` lists those that are there."""
+    """The one field, or that of a name, or of the number of a frame; `InvalidInput` lists those that are there."""
     if name is not None:
         matching = [key for key in candidates if key == name] or [key for key in candidates if name in key.split(", ")]
         if len(matching) == 1:
             return candidates[matching[0]]
+        numbered = [key for key in candidates if key.endswith(f"({name})")]
+        if name.isdigit() and numbered:
+            # what a program filtered before what it began with: in the order of the names
+            best = min(numbered, key=lambda key: _rank(key))
+            if len([key for key in numbered if _rank(key) == _rank(best)]) == 1:
+                return _noted(candidates[best], f"frame {name} is {best}")
+        several = [key for key in candidates if key.rpartition("(")[0] == name]
+        if several:
+            raise InvalidInput(
+                f'{path}: {name!r} has {len(several)} frames: {one_of_many(several)}. Say which with name={several[0]!r} (--name "{several[0]}"), or take them all with palpate film.'
+            )
         raise InvalidInput(f"{path}: no field {name!r}; it holds {one_of_many(candidates)}.")
     if len(candidates) > 1:
         raise InvalidInput(
@@ -64,6 +118,18 @@ def chosen(path: Any, candidates: dict[str, Any], name: str | None, what: str = 
             f'(--name "{next(iter(candidates))}").'
         )
     return next(iter(candidates.values()))
+
+
+def _rank(key: str) -> int:
+    """The place of a field's names in `VECTORS`."""
+    first = key.rpartition("(")[0].split(", ")[0].rpartition(".")[2].lower()
+    return next((k for k, pair in enumerate(VECTORS) if pair[0] == first), len(VECTORS))
+
+
+def _noted(found: Any, note: str) -> Any:
+    if isinstance(found, Found):
+        found.notes.append(note)
+    return found
 
 
 def one_of_many(names: Any) -> str:

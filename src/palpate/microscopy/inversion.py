@@ -92,7 +92,7 @@ def of_adhesions(
 ) -> Inverted:
     """Traction of a field as adhesions make it, sampled; ``likely`` (row, column) is where they are expected."""
     found = sampled(field, pad, depth=depth, noise=noise, likely=likely, drift=drift, draws=draws, seed=seed)
-    skin = Skin(pad, field.array(depth=depth, noise=noise), uncertainty=uncertainty)
+    skin = Skin(pad, field.array(depth=depth, noise=field.noise if noise is None else noise), uncertainty=uncertainty)
     touch = skin.reconstruct(
         np.nan_to_num(field.displacement), method=Adhesions(found=found, field=field), components=COMPONENTS
     )

@@ -11,11 +11,11 @@ import numpy as np
 from palpate._extras import require
 from palpate.camera.stacks import check_size
 from palpate.errors import InvalidInput
-from palpate.microscopy.found import Found, chosen
-from palpate.microscopy.names import POSITIONS, STDS, UNIT_NAMES, VECTORS, unit_of, units_of, which
+from palpate.microscopy.found import Found, beside, chosen
+from palpate.microscopy.names import POSITIONS, UNIT_NAMES, VECTORS, unit_of, units_of, which
 from palpate.units import UNITS
 
-__all__ = ["read_hdf", "read_mat"]
+__all__ = ["fields_of", "read_mat"]
 
 _DAMAGED = "{path}: cannot be read as .mat or HDF5 ({error}); it is truncated, damaged or of another format. Save it again from the program that made it."
 #: Structs within structs that are looked into.
@@ -23,19 +23,22 @@ DEEPEST = 12
 
 
 def read_mat(path: Path, name: str | None) -> Found:
-    """The field of a .mat file."""
+    """The field of a .mat file, or of an HDF5 file that MATLAB did not write, whose matrices are as they stand."""
+    return chosen(path, fields_of(path), name)
+
+
+def fields_of(path: Path) -> dict[str, Found]:
+    """Every field of a .mat or HDF5 file, by its name."""
+    if path.suffix.lower() != ".mat":
+        return _all(path, _version_73(path, turned=False))
     with path.open("rb") as file:
         head = file.read(520)
-    tree = _version_73(path) if head[:10] == b"MATLAB 7.3" or b"\x89HDF\r\n\x1a\n" in head else _version_5(path)
-    return _only(path, tree, name)
+    return _all(
+        path, _version_73(path) if head[:10] == b"MATLAB 7.3" or b"\x89HDF\r\n\x1a\n" in head else _version_5(path)
+    )
 
 
-def read_hdf(path: Path, name: str | None) -> Found:
-    """The field of an HDF5 file that MATLAB did not write: matrices are as they stand."""
-    return _only(path, _version_73(path, turned=False), name)
-
-
-def _only(path: Path, tree: dict[str, Any], name: str | None) -> Found:
+def _all(path: Path, tree: dict[str, Any]) -> dict[str, Found]:
     candidates = dict(_fields(tree, ""))
     for found in candidates.values():
         # those of the file, where the struct of the field has none
@@ -52,7 +55,7 @@ def _only(path: Path, tree: dict[str, Any], name: str | None) -> Found:
             f"{path}: no displacement field: sought are two matrices of one shape called u and v, ux and uy or dx and dy, or pos and vec of "
             f"(n, 2); it holds {held}. Rename them, or save them as two .csv files."
         )
-    return chosen(path, candidates, name)
+    return candidates
 
 
 def _version_5(path: Path) -> dict[str, Any]:
@@ -209,20 +212,20 @@ def _fields(tree: Any, where: str) -> Iterator[tuple[str, Found]]:
             if not (_numbers(a) and _numbers(b) and a.shape == b.shape):
                 continue
             extra: dict[str, Any] = {}
-            for names, keys in ((POSITIONS, ("x", "y")), (STDS, ("std",))):
-                for found in which(lower, names):
-                    parts = [tree[lower[n]] for n in found]
-                    parts = [p[min(i, len(p) - 1)] if isinstance(p, list) and p else p for p in parts]
-                    if all(_numbers(p) and p.shape == a.shape for p in parts):
-                        extra |= dict(zip(keys, parts)) if len(keys) == 2 else {"std": tuple(parts)}
-                        break
+            parts = {n: tree[key] for n, key in lower.items()}
+            parts = {n: p[min(i, len(p) - 1)] if isinstance(p, list) and p else p for n, p in parts.items()}
+            places, std, said = beside({n: p for n, p in parts.items() if _numbers(p)}, a.shape)
+            if places is not None:
+                extra |= dict(zip("xy", places))
+            extra |= {"std": std, "notes": said}
             extra["place"], extra["unit"], extra["pixel"] = _stated(tree)
-            for key, beside in (("unit", lower[pair[0]]), *(("place", lower[n]) for n, _ in which(lower, POSITIONS))):
-                if _words(tree.get(f"{beside} {UNIT_NAMES[0]}")):
-                    extra[key] = unit_of(tree[f"{beside} {UNIT_NAMES[0]}"])
+            for key, by in (("unit", lower[pair[0]]), *(("place", lower[n]) for n, _ in which(lower, POSITIONS))):
+                if _words(tree.get(f"{by} {UNIT_NAMES[0]}")):
+                    extra[key] = unit_of(tree[f"{by} {UNIT_NAMES[0]}"])
             name = prefix + f"{lower[pair[0]]}, {prefix}{lower[pair[1]]}" + (f"({i + 1})" if len(together) > 1 else "")
             flat = (
-                {k: v.ravel() if k in "xy" else v for k, v in extra.items() if k != "std"}
+                {k: v.ravel() if k in "xy" and v is not None else v for k, v in extra.items()}
+                | {"std": None if std is None else (std[0].ravel(), std[1].ravel())}
                 if min(a.shape) == 1
                 else extra
             )

@@ -8,8 +8,10 @@ from collections.abc import Iterable
 from palpate.units import UNITS, plain_unit
 
 __all__ = [
+    "BOTH_STDS",
     "FLAGS",
     "FRAMES",
+    "OUT_OF_PLANE",
     "POSITIONS",
     "STDS",
     "UNIT_NAMES",
@@ -24,11 +26,21 @@ __all__ = [
 #: Names of displacements along x and y that belong together, in lower case.
 VECTORS = (
     ("u", "v"), ("ux", "uy"), ("u_x", "u_y"), ("dx", "dy"), ("displacement_x", "displacement_y"), ("disp_x", "disp_y"), ("u_filtered", "v_filtered"),
-    ("u_original", "v_original"), ("u_smoothed", "v_smoothed"), ("u_component", "v_component"), ("ux1", "uy1"), ("vx", "vy"),
+    ("u_original", "v_original"), ("u_smoothed", "v_smoothed"), ("u_component", "v_component"), ("ux1", "uy1"), ("vx", "vy"), ("umat", "vmat"),
 )  # fmt: skip
 #: And of positions, standard deviations, and columns that mark bad vectors.
-POSITIONS = (("x", "y"), ("xw", "yw"), ("pos_x", "pos_y"), ("px", "py"), ("column", "row"), ("ref_x", "ref_y"))
-STDS = (("ex", "ey"), ("su", "sv"), ("std_u", "std_v"), ("u_std", "v_std"), ("uncertainty_u", "uncertainty_v"))
+POSITIONS = (
+    ("x", "y"), ("xw", "yw"), ("pos_x", "pos_y"), ("px", "py"), ("column", "row"), ("ref_x", "ref_y"), ("xvec", "yvec"), ("x_vec", "y_vec"),
+    ("xpos", "ypos"), ("x_pos", "y_pos"), ("xgrid", "ygrid"), ("gridx", "gridy"), ("x0", "y0"),
+)  # fmt: skip
+STDS = (
+    ("ex", "ey"), ("su", "sv"), ("std_u", "std_v"), ("u_std", "v_std"), ("ustd", "vstd"), ("stdu", "stdv"), ("uxstd", "uystd"), ("ux_std", "uy_std"), ("std_ux", "std_uy"),
+    ("uncertainty_u", "uncertainty_v"), ("sigma_u", "sigma_v"), ("u_sigma", "v_sigma"), ("u_err", "v_err"), ("err_u", "err_v"),
+)  # fmt: skip
+#: And of one standard deviation for both.
+BOTH_STDS = ("std", "ustd", "u_std", "sigma")
+#: And of the displacement out of the plane.
+OUT_OF_PLANE = ("w", "uz", "u_z", "dz", "displacement_z", "disp_z")
 #: And of the number of a frame, in tables of several.
 FRAMES = ("frame", "frames", "frame_number", "frame number", "timepoint")
 #: And of words that say the units of positions and displacements.

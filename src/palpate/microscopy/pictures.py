@@ -21,12 +21,14 @@ from palpate.sensing.view import opencv
 __all__ = ["read_all", "read_pair", "read_picture"]
 
 
-def read_all(path: Path, most: int = 10_000) -> list[npt.NDArray[Any]]:
-    """All pictures of a file or folder as grey levels (row, column)."""
+def read_all(path: Path, most: int = 10_000, *, channel: int | None = None) -> list[npt.NDArray[Any]]:
+    """All pictures of a file or folder as grey levels (row, column); of several channels that of a number, from 1."""
     if not path.is_dir() and ordinary(path).stat().st_size == 0:
         raise InvalidInput(f"{path} is empty.")
     if not is_pictures(path):
         raise InvalidInput(f"{path}: is no picture: .tif, .png and so on.")
+    if channel is not None:
+        return _of_channel(path, channel)
     packed = _packed(path) if path.suffix.lower() in (".tif", ".tiff") else None
     if packed is not None:
         return packed
@@ -43,6 +45,47 @@ def read_all(path: Path, most: int = 10_000) -> list[npt.NDArray[Any]]:
     return out
 
 
+def _of_channel(path: Path, channel: int) -> list[npt.NDArray[Any]]:
+    """The pictures of one channel of a TIFF file, in the order of time, then depth."""
+    try:
+        import tifffile
+    except ImportError as error:
+        raise missing("TIFF stacks", error) from error
+    if path.suffix.lower() not in (".tif", ".tiff"):
+        raise InvalidInput(f"{path}: channel (--channel) picks a channel of a TIFF file; leave it out.")
+    try:
+        with tifffile.TiffFile(path) as file:
+            series = file.series[0]
+            axes = series.axes
+            for number, page in enumerate(series.pages):
+                if page is not None:
+                    check_size(int(page.nbytes), f"{path}: page {number}")
+            at = axes.find("C") if "C" in axes else axes.find("S")
+            if at < 0:
+                raise InvalidInput(
+                    f"{path}: says nothing of channels (its axes are {axes}): leave out channel (--channel)."
+                )
+            if not 1 <= channel <= series.shape[at]:
+                raise InvalidInput(
+                    f"{path}: holds {series.shape[at]} channels: channel (--channel) is from 1 to {series.shape[at]}; got {channel}."
+                )
+            require(2.0 * series.nbytes, f"the pictures of {path}", "Save only the channel of the beads.")
+            values = np.take(series.asarray(), channel - 1, axis=at)
+    except PalpateError:
+        raise
+    except (tifffile.TiffFileError, OSError, ValueError, AttributeError, IndexError, TypeError, KeyError) as error:
+        raise InvalidInput(
+            f"{path}: cannot be read as TIFF ({str(error)[:80]}); it is truncated or damaged."
+        ) from error
+    left = axes.replace(axes[at], "", 1)
+    long = {axis: n for axis, n in zip(left, values.shape) if axis not in "YX" and n > 1}
+    if len(long) > 1:
+        raise InvalidInput(
+            f"{path}: holds {' and '.join(f'{n} along {axis}' for axis, n in long.items())} of each channel: save one plane by itself (ImageJ: Image > Duplicate)."
+        )
+    return [_plain(np.ascontiguousarray(page)) for page in values.reshape(-1, *values.shape[-2:])]
+
+
 def _packed(path: Path) -> list[npt.NDArray[Any]] | None:
     """The pages of a TIFF file that is compressed (LZW, as ImageJ and most microscopes write it), which needs more than tifffile; None of others."""
     cv2 = opencv()
@@ -52,6 +95,12 @@ def _packed(path: Path) -> list[npt.NDArray[Any]] | None:
         raise missing("TIFF stacks", error) from error
     try:
         with tifffile.TiffFile(path) as file:
+            series = file.series[0]
+            count = dict(zip(series.axes, series.shape)).get("C", 1)
+            if count > 1:
+                raise InvalidInput(
+                    f"{path}: holds {count} channels (its axes are {series.axes}): say which shows the beads with channel=1 to channel={count} (--channel 1), or save it by itself (ImageJ: Image > Color > Split Channels)."
+                )
             check_axes(file, path)
             plain = all(page.compression == 1 for page in file.pages)
             for number, page in enumerate(file.pages):
@@ -85,8 +134,8 @@ def _plain(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return grey(image)
 
 
-def read_picture(path: str | Path) -> npt.NDArray[Any]:
-    """One picture as grey levels (row, column); of a stack there must be one page.
+def read_picture(path: str | Path, *, channel: int | None = None) -> npt.NDArray[Any]:
+    """One picture as grey levels (row, column); of a stack there must be one page. ``channel``: which of several, from 1.
 
     Raises
     ------
@@ -99,14 +148,14 @@ def read_picture(path: str | Path) -> npt.NDArray[Any]:
     >>> read_picture("cell.tif")  # doctest: +SKIP
     """
     found = Path(path)
-    pages = [found] if found.is_dir() else read_all(found, 1)
+    pages = [found] if found.is_dir() else read_all(found, 1, channel=channel)
     if found.is_dir() or len(pages) > 1:
         raise InvalidInput(f"{path}: holds several pictures: give one.")
     return np.asarray(pages[0])
 
 
 def read_pair(
-    paths: Sequence[str | Path], *, frames: tuple[int, int] | None = None
+    paths: Sequence[str | Path], *, frames: tuple[int, int] | None = None, channel: int | None = None
 ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Beads at rest and beads that are pulled: two files, or two pictures of one stack or folder.
 
@@ -116,6 +165,8 @@ def read_pair(
         Two: at rest (after the cell was taken off), pulled. One: a stack of two pictures in that order, or of more and ``frames``.
     frames : (int, int), optional
         Numbers of both in a stack, from 0; -1 is the last.
+    channel : int, optional
+        Which channel shows the beads, from 1, of TIFF files that hold several; channels are never guessed.
 
     Raises
     ------
@@ -131,9 +182,9 @@ def read_pair(
     if len(found) == 2:
         if frames is not None:
             raise InvalidInput("frames= picks two pictures of one stack; two files are a pair.")
-        pair = [read_picture(p) for p in found]
+        pair = [read_picture(p, channel=channel) for p in found]
     elif len(found) == 1:
-        pages = read_all(found[0])
+        pages = read_all(found[0], channel=channel)
         if len(pages) < 2:
             raise InvalidInput(
                 f"{found[0]}: holds one picture. Displacements need two: the beads at rest (without the cell) and pulled; give both files."

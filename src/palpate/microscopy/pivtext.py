@@ -9,23 +9,26 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.microscopy.found import Found, chosen
-from palpate.microscopy.names import FLAGS, FRAMES, POSITIONS, STDS, VECTORS, plain, unit_in, which
+from palpate.microscopy.found import Found, beside, chosen
+from palpate.microscopy.names import FLAGS, FRAMES, OUT_OF_PLANE, POSITIONS, VECTORS, plain, unit_in, which
 from palpate.recordings.textlines import text_of, warn_of_a_cut
 
-__all__ = ["is_number", "read_matrix", "read_piv_text", "split"]
+__all__ = ["frames_of_text", "is_number", "read_matrix", "read_piv_text", "split"]
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?|nan|NaN|NAN", re.ASCII)
 _COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d{1,4})?", re.ASCII)
 
 
 def split(line: str) -> list[str]:
-    """Cells of a line: by ; or tab or comma where there is one, else by spaces. Where ; or tab divides, a comma is that of a number."""
+    """Cells of a line: by ; or tab or comma where there is one, else by spaces. Where ; or tab divides, or spaces do and each number has
+    one, a comma is that of a number."""
     for mark in (";", "\t", ","):
         if mark in line:
             parts = [p.strip() for p in line.split(mark)]
             if mark != ",":
                 parts = [p.replace(",", ".") if _COMMA.fullmatch(p) else p for p in parts]
+            if mark == "," and len(spaced := line.split()) > 1 and all(_COMMA.fullmatch(p) for p in spaced):
+                return [p.replace(",", ".") for p in spaced]  # spaces divide numbers with decimal commas
             return parts[:-1] if parts and not parts[-1] else parts
     return line.split()
 
@@ -105,6 +108,13 @@ def _frame(path: Path, names: list[str], values: Floats, name: str | None) -> Fl
     return np.asarray(chosen(path, each, name, "frames"))
 
 
+def frames_of_text(path: Path) -> list[str]:
+    """The frames of a table that a column numbers, by their numbers; none of a table of one field."""
+    head, values = _rows(path)
+    column = next((k for k, n in enumerate(_names(head, values.shape[1]) or []) if plain(n) in FRAMES), None)
+    return [] if column is None else [f"{number:g}" for number in np.unique(values[:, column])]
+
+
 def read_piv_text(path: Path, name: str | None = None) -> Found:
     """A table of vectors: x, y, u, v by their names, or as the first four columns; ``name``: the number of the frame, of several."""
     head, values = _rows(path)
@@ -141,8 +151,13 @@ def read_piv_text(path: Path, name: str | None = None) -> Found:
             )
     found.place, found.unit = said[0][0], said[1][0]
     found.pixels = found.unit in (None, "px")
-    for pair in which(short, STDS):
-        found.std = (values[:, at[pair[0]]], values[:, at[pair[1]]])
+    _, found.std, said_of = beside({n: values[:, k] for n, k in at.items()}, (len(values),))
+    found.notes += said_of
+    out = [n for n in OUT_OF_PLANE if n in at]
+    if out and np.nanmax(np.abs(values[:, at[out[0]]]), initial=0.0) > 0:
+        found.notes.append(
+            f"{names[at[out[0]]]}, the displacement out of the plane, is not used: traction along the surface is sought from u and v"
+        )
     bad = np.zeros(len(values), dtype=bool)
     for flag in FLAGS:
         if flag not in at:

@@ -16,9 +16,9 @@ from palpate.camera.stacks import check_page, check_size
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, PalpateError
 from palpate.microscopy.fields import EVEN, Field
-from palpate.microscopy.found import Found, chosen, stacked_pair
-from palpate.microscopy.matfile import read_hdf, read_mat
-from palpate.microscopy.names import POSITIONS, STDS, UNIT_NAMES, VECTORS, units_of, which
+from palpate.microscopy.found import Found, beside, chosen, stacked_pair
+from palpate.microscopy.matfile import read_mat
+from palpate.microscopy.names import UNIT_NAMES, VECTORS, units_of, which
 from palpate.microscopy.pivtext import read_matrix, read_piv_text
 from palpate.microscopy.pixelsize import PixelSize, differing
 from palpate.recordings import Recording
@@ -148,7 +148,10 @@ def is_field(paths: Sequence[str | Path]) -> bool:
 
 
 def _npy(path: Path, name: str | None) -> Found:
-    return stacked_pair(path, _array(path))
+    values = _array(path)
+    if values.ndim == 4 and 2 in (values.shape[1], values.shape[-1]):  # frame by frame
+        return stacked_pair(path, chosen(path, {str(k): each for k, each in enumerate(values)}, name, "frames"))
+    return stacked_pair(path, values)
 
 
 def _array(path: Path) -> Any:
@@ -196,16 +199,10 @@ def _npz(path: Path, name: str | None) -> Found:
         if u.shape != v.shape or u.ndim not in (1, 2):
             continue
         found = Found(u=u, v=v)
-        for names in which(lower, POSITIONS)[:1]:
-            x, y = (held[lower[n]] for n in names)
-            if x.ndim == y.ndim == 1 and u.ndim == 2 and (len(y), len(x)) == u.shape:
-                x, y = np.meshgrid(x, y)
-            if x.shape == y.shape == u.shape:
-                found.x, found.y = x, y
-        for names in which(lower, STDS)[:1]:
-            parts = tuple(held[lower[n]] for n in names)
-            if all(p.shape == u.shape for p in parts):
-                found.std = (parts[0], parts[1])
+        places, found.std, said = beside({n: held[key] for n, key in lower.items()}, u.shape)
+        found.notes += said
+        if places is not None:
+            found.x, found.y = places
         for key in UNIT_NAMES:
             if key in lower and held[lower[key]].dtype.kind == "U" and held[lower[key]].size == 1:
                 found.place, found.unit = units_of(str(held[lower[key]].ravel()[0]))
@@ -289,8 +286,8 @@ READERS: dict[str, Callable[[Path, str | None], Found]] = {
     ".npy": _npy,
     ".npz": _npz,
     ".mat": read_mat,
-    ".h5": read_hdf,
-    ".hdf5": read_hdf,
+    ".h5": read_mat,
+    ".hdf5": read_mat,
     ".txt": _text,
     ".dat": _text,
     ".csv": _text,
@@ -387,7 +384,9 @@ def _field(
     u, v = (np.array(p, dtype=np.float64) for p in (found.u, found.v))
     if np.isinf(u).any() or np.isinf(v).any():
         raise InvalidInput(f"{path}: holds infinite displacements; mark vectors that are missing as NaN.")
+    left_out = 0
     if found.bad is not None:
+        left_out = int((found.bad & np.isfinite(u) & np.isfinite(v)).sum())
         u[found.bad] = v[found.bad] = np.nan
     std: Any = None if found.std is None else np.stack([np.asarray(s, dtype=np.float64) for s in found.std])
     if follow and found.x is None:
@@ -420,7 +419,7 @@ def _field(
             )
     return Field(
         displacement=values * factor, start=(float(start[0]), float(start[1])), step=float(step), pixel=float(pixel),
-        std=None if std is None else std * factor, aperture=(window or 0.0) * pixel, notes=tuple(notes),
+        std=None if std is None else std * factor, aperture=(window or 0.0) * pixel, notes=tuple(notes), left_out=left_out,
     )  # fmt: skip
 
 

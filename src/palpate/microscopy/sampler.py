@@ -25,9 +25,11 @@ __all__ = ["Chain", "Places"]
 #: Expected count of blobs, and the most.
 COUNT, MOST = 15.0, 60
 #: Standard deviation of log traction from blob to blob, and of log size about its middle: adhesions of 0.4 to 3 um are blobs of 0.1 to 0.8 um.
-TRACTION, SIZE = 0.8, 0.7
+TRACTION, SIZE = 0.8, 0.5
 #: Prior standard deviation of a drift, in root mean squares of the vectors.
 DRIFT = 10.0
+#: Part of doubtful vectors that are outliers, standard deviation of their offsets in the largest displacement, and one is tried in so many steps.
+WRONG, OUTLYING, DOUBT = 0.05, 2.0, 3
 #: A blob that is put in or taken out for a start has to gain so much log evidence.
 WORTH = 3.0
 #: Of each kind of step, this part: birth, death, move, size, scale; the rest moves by a pitch.
@@ -76,12 +78,13 @@ class Chain:
         noise: float,
         *,
         known: bool,
+        least_noise: float = 0.0,
         drift: bool = True,
         rng: np.random.Generator,
     ) -> None:
         self.vectors, self.response, self.places, self.rng = vectors, response, places, rng
         self.least, self.middle, self.largest = (math.log(s) for s in sizes)
-        self.noise, self.known = noise, known
+        self.noise, self.known, self.least_noise = noise, known, least_noise
         #: Log of the typical traction [Pa].
         self.level = 0.0
         q = self.fixed = len(vectors.patterns)
@@ -92,7 +95,12 @@ class Chain:
         self.gram[:q, :q], self.linear[:q] = vectors.patterns @ vectors.patterns.T, vectors.patterns @ vectors.y
         self.count = q
         self.power = float(vectors.y @ vectors.y)
-        self.drift = float(drift) * DRIFT * math.sqrt(self.power / max(len(vectors.y), 1))
+        size = math.sqrt(self.power / max(len(vectors.y), 1))
+        #: Prior standard deviation of drift, and of offsets of the doubtful vectors that are outliers just now.
+        self.scales = np.zeros(q)
+        self.scales[:3] = float(drift) * DRIFT * size
+        self.wrong = np.zeros(len(vectors.doubtful), dtype=bool)
+        self.offset = OUTLYING * float(np.abs(vectors.values).max())
         self.blobs: Floats = np.zeros((0, 4))
         self.evidence = self._evidence(self.gram, self.linear, self.blobs, self.noise)
 
@@ -103,7 +111,7 @@ class Chain:
     ) -> tuple[Floats, Floats, Floats] | None:
         """Cholesky factor of the posterior's precision of unknowns of variance one, what it makes of the right side, and their scales."""
         count = self.fixed + 2 * len(blobs)
-        scale = np.concatenate([np.full(self.fixed, self.drift), np.repeat(np.exp(blobs[:, 3]), 2)])
+        scale = np.concatenate([self.scales, np.repeat(np.exp(blobs[:, 3]), 2)])
         precision = gram[:count, :count] * (scale[:, None] * scale / noise**2)
         precision[np.diag_indices(count)] += 1.0
         lower, failed = scipy.linalg.lapack.dpotrf(precision, lower=1, overwrite_a=1, clean=1)
@@ -226,9 +234,24 @@ class Chain:
             self.level = float(each.mean() + TRACTION / math.sqrt(count) * rng.standard_normal())
         if not self.known:
             noise = self.noise * math.exp(NOISE_STEP * rng.standard_normal())
+            if noise < self.least_noise:
+                return
             evidence = self._evidence(self.gram, self.linear, self.blobs, noise)
             if self._accepts(evidence - self.evidence):
                 self.noise, self.evidence = noise, evidence
+
+    def _doubts(self) -> None:
+        """Try one of the doubtful vectors as what it is not just now: an outlier, which has an offset of its own, or none."""
+        k = int(self.rng.integers(len(self.wrong)))
+        before = self.scales[3 + 2 * k]
+        now = 0.0 if self.wrong[k] else self.offset
+        self.scales[3 + 2 * k : 5 + 2 * k] = now
+        evidence = self._evidence(self.gram, self.linear, self.blobs, self.noise)
+        odds = math.log(WRONG / (1.0 - WRONG))
+        if self._accepts(evidence - self.evidence + (odds if now else -odds)):
+            self.wrong[k], self.evidence = bool(now), evidence
+        else:
+            self.scales[3 + 2 * k : 5 + 2 * k] = before
 
     def walk(self, steps: int, *, count: bool = True) -> None:
         """So many steps; without ``count`` no blob is born or dies."""
@@ -256,6 +279,8 @@ class Chain:
                 self._changed(k, blob)
             if step % EVERY == 0:
                 self._hyper()
+            if len(self.wrong) and step % DOUBT == 0:
+                self._doubts()
 
     # -- a start, and what comes of it
 
@@ -293,11 +318,11 @@ class Chain:
 
     def modelled(self, vectors: Vectors, mean: Floats) -> Floats:
         """What the mean makes of other vectors (2, n)."""
-        drift = vectors.drift(vectors.places, vectors.weight)
+        drift = vectors.drift(vectors.places)
         middle = vectors.middle - self.vectors.middle
         # a rotation about another middle
         drift[2] += -middle[1] * drift[0] + middle[0] * drift[1]
-        out = (mean[: self.fixed] * self.vectors.units) @ drift
+        out = (mean[:3] * self.vectors.units) @ drift
         for blob, force in zip(self.blobs, mean[self.fixed :].reshape(-1, 2)):
             out = out + force @ vectors.rows(self.response, float(blob[0]), float(blob[1]), math.exp(blob[2]))
         return np.asarray(out.reshape(2, -1))

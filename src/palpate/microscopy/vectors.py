@@ -14,8 +14,9 @@ import scipy.ndimage
 
 from palpate.elastic.pad import Floats
 from palpate.microscopy.blobs import Response
+from palpate.microscopy.noise import Noise, Whitener, whitener
 
-__all__ = ["Vectors", "first_guess", "noise_of", "outliers", "vectors_of"]
+__all__ = ["Vectors", "doubtful_of", "first_guess", "noise_of", "outliers", "vectors_of"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -27,6 +28,8 @@ DIFFERENCE = 1.15
 FEW, TILES = 1500, ((4, 8.0), (2, 3.0))
 #: Points along each side of a window over which the displacement near a blob is averaged.
 POINTS = 4
+#: An outlier is doubtful where its neighbours' median is moved by so many times the noise; at most so many are.
+MOVED, DOUBTED = 2.0, 16
 #: The first guess is sought this part of the field beyond it, in so many steps at most, until what is left is as large as the noise.
 BEYOND, STEPS, NOISE = 0.15, 60, 1.02
 
@@ -41,7 +44,7 @@ def noise_of(u: Floats) -> float:
     return 1.4826 * float(np.median(np.abs(found))) if len(found) else float(np.nanstd(u))
 
 
-def outliers(u: Floats, noise: float) -> Flags:
+def outliers(u: Floats, noise: Any) -> Flags:
     """Vectors (row, column) that neither noise nor the spread of their neighbours explains: the median test (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005, 1096-1100) with the
     noise of the field.
     """
@@ -58,10 +61,26 @@ def outliers(u: Floats, noise: float) -> Flags:
     return np.asarray(np.nan_to_num(far).max(axis=0) > OFF)
 
 
+def doubtful_of(u: Floats, bad: Flags, there: Flags, noise: float) -> Flags:
+    """Those of the outliers (row, column) whose neighbours are moved: an adhesion that is finer than the vectors moves one of them far more than the next, as an outlier does."""
+    around = np.where(there & ~bad, u, np.nan)
+    padded = np.pad(around, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
+    rows, columns = there.shape
+    near = np.stack([padded[:, r : r + rows, c : c + columns] for r in range(3) for c in range(3) if (r, c) != (1, 1)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # vectors without neighbours
+        moved = np.nan_to_num(np.hypot(*np.nanmedian(near, axis=0)))
+    moved = np.where(bad & there, moved, 0.0)
+    if not (moved > 0).any():
+        return np.zeros_like(bad)
+    least = max(MOVED * noise, float(np.sort(moved.ravel())[::-1][:DOUBTED][-1]))
+    return np.asarray(moved >= least)
+
+
 @dataclass(eq=False)
 class Vectors:
     """Vectors or means of tiles: ``places`` (n, 2) [m], ``values`` (2, n), variance [m^2] of the square that each is a mean over, ``weight`` by which
-    it is multiplied so that all have one noise; ``window`` is the side of the square of a single vector.
+    it is multiplied so that all have one noise, or ``white`` that does this where noise differs or is shared; ``window`` is the side of the square of a single vector.
     """
 
     places: Floats
@@ -69,20 +88,33 @@ class Vectors:
     variance: Floats
     weight: Floats
     window: float
+    white: Whitener | None = None
+    #: Numbers of vectors that may be outliers: each may have an offset of its own.
+    doubtful: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        self.y = (self.weight * self.values).ravel()
+        self.y = self._whitened(self.values).ravel()
         self.middle = self.places.mean(axis=0)
         steps = (np.arange(POINTS) - 0.5 * (POINTS - 1)) * self.window / POINTS
         self._points = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-        patterns = self.drift(self.places, self.weight)
+        patterns = self._whitened(self.drift(self.places).reshape(3, 2, -1)).reshape(3, -1)
         self.units = 1.0 / np.sqrt((patterns**2).mean(axis=1))
         #: Shift along x and y, and rotation, of mean square one: (3, 2 n).
         self.patterns = patterns * self.units[:, None]
+        if self.doubtful:
+            alone = np.zeros((2 * len(self.doubtful), 2, len(self.places)))
+            for k, n in enumerate(self.doubtful):
+                alone[2 * k, 0, n] = alone[2 * k + 1, 1, n] = 1.0
+            #: And then what an offset of each doubtful vector makes, along x and y.
+            self.patterns = np.concatenate([self.patterns, self._whitened(alone).reshape(len(alone), -1)])
 
-    def drift(self, places: Floats, weight: Floats) -> Floats:
+    def _whitened(self, values: Floats) -> Floats:
+        """Values (..., n) so that all have one noise of their own."""
+        return self.weight * values if self.white is None else self.white(values)
+
+    def drift(self, places: Floats) -> Floats:
         """Shifts and a rotation of a picture at some places: (3, 2 n)."""
-        nothing = np.zeros(len(places))
+        nothing, weight = np.zeros(len(places)), np.ones(len(places))
         x, y = (places - self.middle).T
         return np.stack(
             [
@@ -108,16 +140,25 @@ class Vectors:
                     whole[near] = part.mean(axis=1)
         out = np.empty((2, 2, len(dx)))
         out[0, 0], out[0, 1], out[1, 0], out[1, 1] = xx, xy, xy, yy
-        out *= self.weight
-        return out.reshape(2, -1)
+        return self._whitened(out).reshape(2, -1)
 
 
-def vectors_of(u: Floats, there: Flags, pitch: float, window: float, strong: Flags) -> Vectors:
-    """Vectors one by one near ``strong`` traction, and as means of tiles afar."""
+def vectors_of(
+    u: Floats,
+    there: Flags,
+    pitch: float,
+    window: float,
+    strong: Flags,
+    noise: Noise | None = None,
+    doubtful: Flags | None = None,
+) -> Vectors:
+    """Vectors one by one near ``strong`` traction and where they are ``doubtful``, and as means of tiles afar."""
     rows, columns = there.shape
-    far = scipy.ndimage.distance_transform_edt(~strong) if strong.any() else np.zeros(there.shape)
+    alone = np.zeros_like(there) if doubtful is None else doubtful & there
+    far = scipy.ndimage.distance_transform_edt(~strong) if strong.any() else np.full(there.shape, np.inf)
     taken = np.zeros_like(there)
     places, values, variance, weight = [], [], [], []
+    members: list[npt.NDArray[np.intp]] = []
 
     def put(first: npt.NDArray[np.intp], side: int) -> None:
         middle = first + 0.5 * (side - 1)
@@ -128,6 +169,8 @@ def vectors_of(u: Floats, there: Flags, pitch: float, window: float, strong: Fla
             taken[first[:, 0] + a, first[:, 1] + b] = True
         variance.append(np.full(len(first), (window**2 + (side**2 - 1) * pitch**2) / 12))
         weight.append(np.full(len(first), float(side)))
+        numbers = [(first[:, 0] + a) * columns + first[:, 1] + b for a, b in steps]
+        members.extend(np.stack(numbers, axis=1))
 
     if rows * columns > FEW:
         for side, least in TILES:
@@ -136,11 +179,22 @@ def vectors_of(u: Floats, there: Flags, pitch: float, window: float, strong: Fla
             def tiles(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
                 return values[: shape[0] * side, : shape[2] * side].reshape(shape)  # noqa: B023
 
-            free = (tiles(far) > least).all(axis=(1, 3)) & tiles(there & ~taken).all(axis=(1, 3))
+            free = (tiles(far) > least).all(axis=(1, 3)) & tiles(there & ~taken & ~alone).all(axis=(1, 3))
             put(np.argwhere(free) * side, side)
-    put(np.argwhere(there & ~taken), 1)
+    single = np.argwhere(there & ~taken)
+    before = sum(map(len, places))
+    numbers_of_doubtful = tuple(int(n) for n in before + np.flatnonzero(alone[single[:, 0], single[:, 1]]))
+    put(single, 1)
+    every = np.concatenate(places)
+    white = None if noise is None or noise.plain else whitener(noise, pitch, members, every)
     return Vectors(
-        np.concatenate(places), np.concatenate(values, axis=1), np.concatenate(variance), np.concatenate(weight), window
+        every,
+        np.concatenate(values, axis=1),
+        np.concatenate(variance),
+        np.concatenate(weight),
+        window,
+        white,
+        numbers_of_doubtful,
     )
 
 

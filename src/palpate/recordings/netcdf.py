@@ -89,7 +89,7 @@ class NetCDF(Format):
             yield recording
 
     def write(self, recording: Recording, path: Path) -> None:
-        _write(recording_dataset(recording), path)
+        write_dataset(recording_dataset(recording), path)
 
     def read_touch(self, path: Path) -> Any:
         import xarray
@@ -108,7 +108,7 @@ class NetCDF(Format):
             ) from error
 
     def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
-        _write(touch_dataset(touch, record), path)
+        write_dataset(touch_dataset(touch, record), path)
 
     def _touches(self, path: Path, count: int, record: Mapping[str, str]) -> TouchStream:
         from palpate.recordings.netcdfstream import NetCDFStream
@@ -123,7 +123,8 @@ class NetCDF(Format):
         return HdfRecorder(path, channels, positions=positions, meta=meta)
 
 
-def _write(dataset: xarray.Dataset, path: Path) -> None:
+def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
+    """A dataset with checksums, packed."""
     encoding: dict[str, dict[str, Any]] = {}
     for name, variable in dataset.variables.items():
         if variable.ndim and variable.dtype.kind in "fiub" and variable.size:
