@@ -527,7 +527,9 @@ def _numbers(
         "largest traction",
         "Pa",
         np.hypot(t[:, 0], t[:, 1])[:, inside].max(axis=1) if sampled else _at_peak(t, inside),
-        why="of the mean over a vector's square" if sampled else "at the vector where the estimate is largest",
+        why="of the mean over a vector's square; too large where traction is even over many squares"
+        if sampled
+        else "at the vector where the estimate is largest",
     )
     for i, axis in enumerate("xy"):
         put(
