@@ -29,6 +29,7 @@ ROOMS = [
     "solutions",
     "sensing",
     "solid",
+    "measured",
     "inverse",
     "uncertainty",
     "_plot",
