@@ -48,6 +48,7 @@ ROOMS = [
     "camera",
     "microscopy",
     "sensors",
+    "edges",
     "pads",
     "paper",
     "bench",

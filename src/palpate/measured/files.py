@@ -36,13 +36,17 @@ def read_table(path: Path, radius: float | None, indenter: str | None) -> Table:
         There is no such file, it is of another kind or lacks a column, or a unit is missing.
     """
     if not path.is_file():
-        raise InvalidInput(f"{path}: there is no such file. Give a table of presses (.nc or .csv), such as Measured.save writes.")
+        raise InvalidInput(
+            f"{path}: there is no such file. Give a table of presses (.nc or .csv), such as Measured.save writes."
+        )
     if path.suffix.lower() == ".csv":
         found = _csv(path)
     elif path.suffix.lower() in (".nc", ".nc3", ".netcdf"):
         found = _netcdf(path)
     else:
-        raise InvalidInput(f"{path}: a table of presses is a .nc or a .csv. Write the table as CSV with the columns {', '.join(NEEDED)} and one per channel.")
+        raise InvalidInput(
+            f"{path}: a table of presses is a .nc or a .csv. Write the table as CSV with the columns {', '.join(NEEDED)} and one per channel."
+        )
     if radius is not None:
         found["radius"] = radius
     if indenter is not None:
@@ -66,7 +70,9 @@ def _unit(path: Path, name: str, unit: str | None) -> float:
     if unit is None or not unit.strip():
         if name in COLUMNS:
             example = "mm" if kind == "length" else "N"
-            raise InvalidInput(f"{path}: {name} has no unit. Name it {name} [{example}], or give the variable the attribute units.")
+            raise InvalidInput(
+                f"{path}: {name} has no unit. Name it {name} [{example}], or give the variable the attribute units."
+            )
         return 1.0  # readings in SI units, or counts that every frame has as well
     if unit.strip() not in UNITS[kind]:
         raise InvalidInput(f"{path}: {name} has the unit {unit!r}; accepted for a {kind}: {', '.join(UNITS[kind])}.")
@@ -92,7 +98,9 @@ def _csv(path: Path) -> dict[str, Any]:
         parts = [re.fullmatch(r"\s*([^\[\(]*?)\s*(?:[\[\(](.*)[\]\)])?\s*", t) for t in titles]
         names = [str(p[1]) if p else t for p, t in zip(parts, titles)]
         channels = _check_columns(path, names)
-        factors = {n: _unit(path, n, p[2] if p else None) for n, p in zip(names, parts) if n in COLUMNS or n in channels}
+        factors = {
+            n: _unit(path, n, p[2] if p else None) for n, p in zip(names, parts) if n in COLUMNS or n in channels
+        }
         rows = []
         for number, row in enumerate(reader, 2):
             if number > LINES:
@@ -122,10 +130,10 @@ def _csv(path: Path) -> dict[str, Any]:
     count = np.bincount(press, minlength=len(keys))
     if (count != len(taxels)).any():
         short = int(np.argmin(count))
-        row = rows[int(np.argmax(press == short))]
+        line = rows[int(np.argmax(press == short))]
         raise InvalidInput(
             f"{path}: {int((count != len(taxels)).sum())} of {len(keys)} presses do not have one line for each of {len(taxels)} taxels (the press of the line "
-            f"{', '.join(f'{v:g}' for v in row[:5])}... has {int(count[short])}). Write NaN for a taxel that is dead, in all presses."
+            f"{', '.join(f'{v:g}' for v in line[:5])}... has {int(count[short])}). Write NaN for a taxel that is dead, in all presses."
         )
     first = np.array([int(np.argmax(press == i)) for i in range(len(keys))])
     readings = np.empty((len(keys), len(channels), len(taxels)))
@@ -159,7 +167,9 @@ def _netcdf(path: Path) -> dict[str, Any]:
         with xarray.open_dataset(path, decode_times=False) as opened:
             data = opened.load()
     except Exception as error:  # each engine raises what it likes
-        raise InvalidInput(f"{path} cannot be read as NetCDF ({str(error)[:120]}). NetCDF 4 needs palpate[files].") from error
+        raise InvalidInput(
+            f"{path} cannot be read as NetCDF ({str(error)[:120]}). NetCDF 4 needs palpate[files]."
+        ) from error
     names = [str(n) for n in data.variables]
     channels = _check_columns(path, names)
 
@@ -168,7 +178,9 @@ def _netcdf(path: Path) -> dict[str, Any]:
         if set(found.dims) != set(dims) and found.ndim:
             raise InvalidInput(f"{path}: {name} has the dimensions {found.dims}, and needs {dims}. Give it those.")
         unit = found.attrs.get("units")
-        return _unit(path, name, None if unit is None else str(unit)) * np.asarray(found.transpose(*[d for d in dims if found.ndim]), dtype=np.float64)
+        return _unit(path, name, None if unit is None else str(unit)) * np.asarray(
+            found.transpose(*[d for d in dims if found.ndim]), dtype=np.float64
+        )
 
     zero = np.zeros(data.sizes.get("press", 0))
     return {

@@ -146,11 +146,15 @@ class Measured:
         (16, 2)
         """
         if not isinstance(array, AreaArray | ScatteredArray) or array.dimensions != 2:
-            raise InvalidInput(f"a measured pad is touched on an area; got a {type(array).__name__}. Use AreaArray or ScatteredArray.")
+            raise InvalidInput(
+                f"a measured pad is touched on an area; got a {type(array).__name__}. Use AreaArray or ScatteredArray."
+            )
         found = np.array(readings, dtype=np.float64)
         shape = (len(array.channels), *array.shape)
         if found.ndim != 1 + len(shape) or found.shape[1:] != shape:
-            raise InvalidInput(f"readings must have the shape (press, {', '.join(map(str, shape))}) of this array; got {found.shape}.")
+            raise InvalidInput(
+                f"readings must have the shape (press, {', '.join(map(str, shape))}) of this array; got {found.shape}."
+            )
         found = found.reshape(len(found), len(array.channels), -1)
         found[:, :, ~array.valid.ravel()] = np.nan
         table = Table(
@@ -263,6 +267,11 @@ class Measured:
             mask=None if mask is None else mask.reshape(shape),
         )
 
+    @property
+    def modelled(self) -> bool:
+        """False: what asks for an elastic model refuses (`palpate.Skin.design`, `palpate.Skin.observability`)."""
+        return False
+
     # -- as every pad --------------------------------------------------------------------------------------------------
 
     @property
@@ -288,8 +297,10 @@ class Measured:
 
     # -- as a pad that makes its maps ----------------------------------------------------------------------------------
 
-    def patch(self, planes: Sequence[Array]) -> Grid:
+    def patch(self, planes: Sequence[Array]) -> AreaGrid:
         """The rectangle that was pressed, half a spacing beyond the outermost presses, in cells about as wide as an endless pad would have."""
+        for array in planes:
+            self._check(array)
         usual = default_surface(planes)
         places = self.table.places
         margin = 0.5 * self.table.spacing
@@ -304,14 +315,19 @@ class Measured:
 
     def response(self, array: Array, surface: Grid) -> LinearMap:
         """The map of an array, from traction on the cells of a surface."""
-        if not isinstance(array, AreaArray | ScatteredArray) or not isinstance(surface, AreaGrid):
-            raise Unsupported(
-                f"a measured pad is touched on an area, and a {type(array).__name__} is in line contact. Use the array of the table (Measured.array)."
+        self._check(array)
+        if not isinstance(surface, AreaGrid):
+            raise InvalidInput(
+                f"the surface of a measured pad is an AreaGrid; got a {type(surface).__name__}. Leave surface out."
             )
+        if not isinstance(array, AreaArray | ScatteredArray):
+            raise TypeError("checked above")
         rows = self._rows(array)
         unknown = [c for c in array.channels if c not in self.table.channels]
         if unknown:
-            raise InvalidInput(f"{', '.join(unknown)} was not measured; the table has {', '.join(self.table.channels)}. Leave it out of channels.")
+            raise InvalidInput(
+                f"{', '.join(unknown)} was not measured; the table has {', '.join(self.table.channels)}. Leave it out of channels."
+            )
         size = len(rows) * len(array.channels) * 3 * math.prod(surface.shape)
         require(16.0 * size, f"{size} influences of a measured pad", "Give a coarser surface.")
         out = np.zeros((len(array.channels), len(rows), 3, *surface.shape))
@@ -323,6 +339,12 @@ class Measured:
             for at, column in enumerate(columns):
                 out[i, there, column] = found[:, at]
         return _MeasuredMap(out, array.shape, self.components)
+
+    def _check(self, array: Array) -> None:
+        if not isinstance(array, AreaArray | ScatteredArray) or array.dimensions != 2:
+            raise Unsupported(
+                f"a measured pad is touched on an area, and a {type(array).__name__} is in line contact. Use the array of the table (Measured.array)."
+            )
 
     def _rows(self, array: AreaArray | ScatteredArray) -> npt.NDArray[np.intp]:
         """Place of each taxel among those of the table that work; -1 of one that the array masks."""
@@ -388,6 +410,9 @@ def _regular(positions: Floats) -> tuple[tuple[int, int], tuple[float, float], t
         return None
     gx = xs[0] + dx * np.arange(across)
     gy = ys[0] + dy * np.arange(shape[0])
-    if np.abs(x.reshape(shape) - gx).max() > 1e-6 * scale or np.abs(y.reshape(shape) - gy[:, None]).max() > 1e-6 * scale:
+    if (
+        np.abs(x.reshape(shape) - gx).max() > 1e-6 * scale
+        or np.abs(y.reshape(shape) - gy[:, None]).max() > 1e-6 * scale
+    ):
         return None
     return shape, (float(dy), float(dx)), (float(0.5 * (xs[0] + xs[-1])), float(0.5 * (ys[0] + ys[-1])))

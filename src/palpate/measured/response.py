@@ -17,7 +17,7 @@ evidence (there, section 5.4). The waves are those of a rectangle that holds all
 
 from __future__ import annotations
 
-import itertools
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -224,18 +224,22 @@ class _Fit:
 
     def response(self) -> Response:
         data = self.data
-        normal = [self.products(data, i) for i in range(self.channels)]
+        part = np.random.default_rng(1).permutation(len(data.presses)) % PARTS
+        parts = [
+            [self.products(data.some(np.flatnonzero(part == p)), i) for p in range(PARTS)] for i in range(self.channels)
+        ]
+        normal = [_Normal.sum(p) for p in parts]
         length = self.length(normal)
-        posts, own, noise, errors = [], [], [], []
-        held = self.held_out(length, normal)
+        posts, own, noise, errors, held = [], [], [], [], []
         for i in range(self.channels):
-            post = _Shared.of(*normal[i], self.weights(length))
+            post = _Shared.of(normal[i], self.weights(length))
             left = data.readings[:, i] - self.foretold(data, i, post.mean)
             mine = _Own.of(self.kernel(data, data, length), left)
             posts.append(post)
             own.append(mine)
             noise.append(mine.noise)
             errors.append(self.error(length, i, post, mine))
+            held.append(self.held_out(length, i, part, parts[i], post))
         shared = np.stack([p.mean.reshape(self.components, *self.lags.size.shape) for p in posts])
         return Response(
             length,
@@ -266,12 +270,12 @@ class _Fit:
             parts.append(each.reshape(len(press), -1))
         return np.concatenate(parts, axis=1)
 
-    def products(self, data: _Data, channel: int) -> tuple[Floats, Floats, float, int]:
-        """A'A, A'y, y'y and how many rows, in units of the readings' root mean square."""
+    def products(self, data: _Data, channel: int) -> _Normal:
+        """Of the waves with themselves and with the readings; of readings that are drawn where there are many."""
         n, _, taxels = data.readings.shape
         index = np.arange(n * taxels)
-        if len(index) > ROWS:
-            index = np.sort(np.random.default_rng(0).choice(index, ROWS, replace=False))
+        if len(index) > ROWS // PARTS:
+            index = np.sort(np.random.default_rng(0).choice(index, ROWS // PARTS, replace=False))
         size = self.components * self.lags.size.size
         gram, right, square = np.zeros((size, size)), np.zeros(size), 0.0
         for start in range(0, len(index), BLOCK):
@@ -281,14 +285,23 @@ class _Fit:
             gram += rows.T @ rows
             right += rows.T @ y
             square += float(y @ y)
-        return gram, right, square, len(index)
+        return _Normal(gram, right, square, len(index))
 
-    def length(self, normal: Sequence[tuple[Floats, Floats, float, int]]) -> float:
-        """That of the largest evidence, of all channels together."""
-        best = [
-            sum(_Shared.of(*n, self.weights(f * self.near), mean=False).evidence for n in normal) for f in LENGTHS
-        ]
-        return LENGTHS[int(np.argmax(best))] * self.near
+    def length(self, normal: Sequence[_Normal]) -> float:
+        """That of the largest evidence, of all channels together; sought from the middle, as long as it grows."""
+
+        @functools.cache
+        def evidence(place: int) -> float:
+            weights = self.weights(LENGTHS[place] * self.near)
+            return sum(_Shared.of(n, weights, mean=False).evidence for n in normal)
+
+        place = len(LENGTHS) // 2
+        while True:
+            beside = [i for i in (place - 1, place + 1) if 0 <= i < len(LENGTHS)]
+            best = max(beside, key=evidence)
+            if evidence(best) <= evidence(place):
+                return LENGTHS[place] * self.near
+            place = best
 
     def foretold(self, data: _Data, channel: int, mean: Floats) -> Floats:
         """(press, taxel) by the shared response."""
@@ -304,7 +317,9 @@ class _Fit:
     def seen(self, data: _Data, length: float) -> Floats:
         """Waves of the own responses, times the root of their variance, as presses see them (component, press, parity and wave)."""
         root = np.sqrt(self.here.prior(length)) * spread(self.here.size, data.radius, data.shape)
-        waves = np.concatenate([(self.here.at(data.presses, p) * root).reshape(len(root), -1) for p in _PARITIES], axis=1)
+        waves = np.concatenate(
+            [(self.here.at(data.presses, p) * root).reshape(len(root), -1) for p in _PARITIES], axis=1
+        )
         return np.stack([waves * data.forces[:, c, None] for c in range(self.components)])
 
     def kernel(self, one: _Data, other: _Data, length: float) -> Floats:
@@ -330,7 +345,9 @@ class _Fit:
         share = rng.uniform(0.0, 1.0, (PLACES, 1))
         places = data.presses[one] + share * (data.presses[other] - data.presses[one])
         moved = _Data(places, data.forces[one], data.radius[one], data.shape, data.readings[one], data.taxels, data.odd)
-        square = own.untold(self.kernel(moved, data, length), self.kernel(moved, moved, length).diagonal()) * len(data.taxels)
+        square = own.untold(self.kernel(moved, data, length), self.kernel(moved, moved, length).diagonal()) * len(
+            data.taxels
+        )
         size = 0.0
         each = rng.integers(len(data.taxels), size=(PLACES, min(8, len(data.taxels))))
         for press, taxels in enumerate(each):
@@ -343,20 +360,21 @@ class _Fit:
             size += float((mean**2).sum())
         return float(math.sqrt(square.sum() / max(size, 1e-300)))
 
-    def held_out(self, length: float, normal: Sequence[tuple[Floats, Floats, float, int]]) -> list[float]:
-        """What presses that are left out are off by from what the others foretell, over their readings; by the constants of the whole table."""
-        data, out = self.data, []
-        part = np.random.default_rng(1).permutation(len(data.presses)) % PARTS
-        for i in range(self.channels):
-            left, size = 0.0, float((data.readings[:, i] ** 2).sum())
-            for p in range(PARTS):
-                rest, gone = data.some(np.flatnonzero(part != p)), data.some(np.flatnonzero(part == p))
-                post = _Shared.of(*self.products(rest, i), self.weights(length))
-                own = _Own.of(self.kernel(rest, rest, length), rest.readings[:, i] - self.foretold(rest, i, post.mean))
-                found = self.foretold(gone, i, post.mean) + own.variance * self.kernel(gone, rest, length) @ own.weights
-                left += float(((found - gone.readings[:, i]) ** 2).sum())
-            out.append(math.sqrt(left / max(size, 1e-300)))
-        return out
+    def held_out(
+        self, length: float, channel: int, part: npt.NDArray[np.intp], parts: Sequence[_Normal], post: _Shared
+    ) -> float:
+        """What presses that are left out are off by from what the others foretell, over their readings."""
+        data = self.data
+        left, size = 0.0, float((data.readings[:, channel] ** 2).sum())
+        for p in range(PARTS):
+            rest, gone = data.some(np.flatnonzero(part != p)), data.some(np.flatnonzero(part == p))
+            mean = post.again(_Normal.sum([n for i, n in enumerate(parts) if i != p]), self.weights(length))
+            own = _Own.of(
+                self.kernel(rest, rest, length), rest.readings[:, channel] - self.foretold(rest, channel, mean)
+            )
+            found = self.foretold(gone, channel, mean) + own.variance * self.kernel(gone, rest, length) @ own.weights
+            left += float(((found - gone.readings[:, channel]) ** 2).sum())
+        return math.sqrt(left / max(size, 1e-300))
 
 
 def _neighbour(presses: Floats, index: int, rng: np.random.Generator) -> int:
@@ -368,6 +386,25 @@ def _neighbour(presses: Floats, index: int, rng: np.random.Generator) -> int:
 
 
 @dataclass(frozen=True)
+class _Normal:
+    """A'A, A'y, y'y and how many rows."""
+
+    gram: Floats
+    right: Floats
+    square: float
+    rows: int
+
+    @classmethod
+    def sum(cls, parts: Sequence[_Normal]) -> _Normal:
+        return cls(
+            np.asarray(sum(p.gram for p in parts)),
+            np.asarray(sum(p.right for p in parts)),
+            sum(p.square for p in parts),
+            sum(p.rows for p in parts),
+        )
+
+
+@dataclass(frozen=True)
 class _Shared:
     """Posterior of the waves of the shared response: regression with a prior of variance ``size`` over noise."""
 
@@ -376,9 +413,11 @@ class _Shared:
     root: Floats
     scale: Floats
     kept: npt.NDArray[np.bool_]
+    over: float
 
     @classmethod
-    def of(cls, gram: Floats, right: Floats, square: float, rows: int, prior: Floats, *, mean: bool = True) -> _Shared:
+    def of(cls, normal: _Normal, prior: Floats, *, mean: bool = True) -> _Shared:
+        gram, right, square, rows = normal.gram, normal.right, normal.square, normal.rows
         kept = prior > 1e-12 * prior.max()
         d = np.sqrt(prior[kept])
         values, vectors = np.linalg.eigh(d[:, None] * gram[np.ix_(kept, kept)] * d)
@@ -394,7 +433,18 @@ class _Shared:
         out = np.zeros(len(prior))
         if mean:
             out[kept] = d * (vectors @ (over / (1.0 + over * values) * (vectors.T @ (d * right[kept]))))
-        return cls(value, out, d[:, None] * vectors, over * noise / (1.0 + over * values), kept)
+        return cls(value, out, d[:, None] * vectors, over * noise / (1.0 + over * values), kept, over)
+
+    def again(self, normal: _Normal, prior: Floats) -> Floats:
+        """Mean of the waves from other rows, by the same constants."""
+        from scipy.linalg import solve
+
+        d = np.sqrt(prior[self.kept])
+        matrix = self.over * d[:, None] * normal.gram[np.ix_(self.kept, self.kept)] * d
+        matrix[np.diag_indices_from(matrix)] += 1.0
+        out = np.zeros(len(prior))
+        out[self.kept] = self.over * d * solve(matrix, d * normal.right[self.kept], assume_a="pos")
+        return out
 
     def untold(self, rows: Floats) -> Floats:
         """Variance of what it foretells, of rows of waves."""

@@ -117,7 +117,9 @@ class Table:
         change = np.ptp(np.where(dead, 0.0, readings), axis=0).max(axis=0)
         dead |= change <= DEAD * change.max()
         if dead.all():
-            raise InvalidInput("no reading changes with the presses: the table holds no response. Record the readings under load.")
+            raise InvalidInput(
+                "no reading changes with the presses: the table holds no response. Record the readings under load."
+            )
         keep = ~rest
         for name, value in (
             ("places", places[keep]), ("force", force[keep]), ("radius", np.ascontiguousarray(radius[keep])),
@@ -142,7 +144,9 @@ class Table:
                 f"the table has {len(self.places)} presses, and at most {MOST} are served. Take every so many of them, or average those at one place."
             )
         widest = float(np.ptp(distinct, axis=0).max())
-        beside = (self.positions.max(axis=0) < distinct.min(axis=0)) | (self.positions.min(axis=0) > distinct.max(axis=0))
+        beside = (self.positions.max(axis=0) < distinct.min(axis=0)) | (
+            self.positions.min(axis=0) > distinct.max(axis=0)
+        )
         across = float(np.ptp(self.positions, axis=0).max())
         if beside.any() or not 1e-2 < across / widest < 1e2:
             raise InvalidInput(
@@ -177,13 +181,17 @@ def _places(name: str, value: Any) -> Floats:
     if found.ndim != 2 or found.shape[1] != 2 or len(found) < 2 or not np.isfinite(found).all():
         raise InvalidInput(f"{name} must be a finite array (n, 2) of (x, y) [m]; got shape {found.shape}.")
     if np.abs(found).max() > LARGEST:
-        raise InvalidInput(f"{name} reach to {np.abs(found).max():g} m. Lengths are in metres: multiply millimetres by 1e-3.")
+        raise InvalidInput(
+            f"{name} reach to {np.abs(found).max():g} m. Lengths are in metres: multiply millimetres by 1e-3."
+        )
     return found
 
 
 def _check_force(force: Floats) -> None:
     if not np.isfinite(force).all():
-        raise InvalidInput(f"{int((~np.isfinite(force)).any(axis=1).sum())} presses have a force that is not finite. Leave them out.")
+        raise InvalidInput(
+            f"{int((~np.isfinite(force)).any(axis=1).sum())} presses have a force that is not finite. Leave them out."
+        )
     largest = np.abs(force).max()
     if not largest > 0.0:
         raise InvalidInput("no press has a force. Give what pressed, in newtons; 1 for responses to unit loads.")
@@ -193,4 +201,6 @@ def _check_force(force: Floats) -> None:
             "leave pulls out."
         )
     if not (force[:, 2] > LOADED * largest).any():
-        raise InvalidInput("no press has a normal force: a response to what presses is needed. Press at the places too.")
+        raise InvalidInput(
+            "no press has a normal force: a response to what presses is needed. Press at the places too."
+        )
