@@ -34,9 +34,10 @@ KINDS = {"stress": ("stress_xz", "stress_yz", "stress_zz"), "displacement": ("di
 
 def gel(ratio: float) -> pp.SolidPad:
     """The box, its side at x = 0, with small elements near it."""
-    x = np.r_[np.linspace(-6.5, -4.0, 4)[:-1], np.linspace(-4.0, 0.0, 19)]
-    y = np.r_[np.linspace(-3.5, -1.5, 3)[:-1], np.linspace(-1.5, 1.5, 14), np.linspace(1.5, 3.5, 3)[1:]]
-    mesh = MeshHex.init_tensor(x * H, y * H, np.linspace(0.0, 1.0, 5) * H)
+    x = np.r_[np.linspace(-6.5, -4.0, 4)[:-1], np.linspace(-4.0, 0.0, 20)]
+    y = np.r_[np.linspace(-3.5, -1.0, 4)[:-1], np.linspace(-1.0, 1.0, 11), np.linspace(1.0, 3.5, 4)[1:]]
+    # thin elements below the surface, where what moves sideways under a ball changes quickly
+    mesh = MeshHex.init_tensor(x * H, y * H, np.array([0.0, 0.08, 0.22, 0.45, 0.72, 1.0]) * H)
     tiny = 1e-6 * H
     return pp.SolidPad(
         vertices=np.ascontiguousarray(mesh.p.T),

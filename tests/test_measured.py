@@ -14,6 +14,7 @@ import palpate as pp
 from command_line import run
 from palpate.measured import Table
 from palpate.measured.response import fitted, spread
+from palpate.recordings import write_recording
 from palpate.sensing import Operator
 
 GEL = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
@@ -180,7 +181,7 @@ def test_a_dead_taxel_is_masked() -> None:
     touch = skin.reconstruct(pressed(taxels(), np.array([[1e-3, 2e-3]]))[0])
     assert float(touch.force[2]) == pytest.approx(1.0, rel=0.1)
     with pytest.raises(pp.InvalidInput, match="dead in the table"):
-        pp.Skin(found, taxels()).reconstruct(readings[0] * 0.0 + 1.0)
+        pp.Skin(found, taxels()).prepare()
 
 
 def table(**changed: Any) -> Table:
@@ -390,7 +391,7 @@ def test_from_a_skin_file_and_the_commands(tmp_path: Path) -> None:
     assert "49 presses 2.67 mm apart, forces along z" in done.stdout
     assert (tmp_path / "pad.png").stat().st_size > 10_000
     recording = pp.Recording(readings=np.stack([0.0 * frame, frame, 2.0 * frame]), channels=["stress_zz"])
-    recording.save(tmp_path / "finger.nc")
+    write_recording(recording, tmp_path / "finger.nc")
     done = run("reconstruct", "finger.nc", "--skin", "skin.toml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "2.0" in done.stdout

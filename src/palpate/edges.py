@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -17,14 +18,12 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput
 from palpate.sensing.arrays import Array
+from palpate.sensing.uncertainty import MODULUS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = ["EdgeError", "edge_error", "plot_edges", "solid_lines"]
-
-#: Error from which an edge is said to be felt: about what a modulus or a thickness that is known well adds.
-FELT = 0.05
 
 
 @dataclass(frozen=True)
@@ -54,17 +53,25 @@ class EdgeError:
 
     @property
     def reach(self) -> float:
-        """Distance from the side [m] nearer than which a press is off by more than 5 %."""
-        return self._reach(self.press)
+        """Distance from the side [m] nearer than which a press is off by more than what a modulus is assumed to be known to (15 %); infinite where the table
+        ends before.
 
-    @property
-    def reach_of_drag(self) -> float:
-        """The same of a drag; it may be the largest distance of the table, beyond which nothing is known."""
-        return self._reach(self.drag)
-
-    def _reach(self, error: Floats) -> float:
-        felt = np.flatnonzero(error > FELT)
-        return float(self.distance[felt[-1]]) if len(felt) else 0.0
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> from palpate.edges import edge_error
+        >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
+        >>> found = edge_error(gel, [pp.AreaArray(shape=(4, 4), pitch=4e-3, depth="base", channels=["stress_zz"])])
+        >>> round(1e3 * found.reach)  # [mm]
+        5
+        """
+        felt = np.flatnonzero(self.press > MODULUS)
+        if not len(felt):
+            return 0.0
+        last = int(felt[-1])
+        if last == len(self.press) - 1:
+            return math.inf
+        return float(np.interp(-MODULUS, -self.press[last : last + 2], self.distance[last : last + 2]))
 
     def inner(self, size: tuple[float, float]) -> float:
         """The part of a surface of this size (x, y) [m] that lies beyond `reach` of all sides.
@@ -180,7 +187,7 @@ def plot_edges(found: EdgeError, axes: Axes) -> None:
     x = 1e3 * found.distance
     axes.plot(x, 100 * found.press, "o-", ms=3, color=INK["pressure"], label="a ball presses")
     axes.plot(x, 100 * found.drag, "o-", ms=3, color=INK["shear"], label="a ball drags")
-    axes.axhline(100 * FELT, color="0.7", lw=0.8)
+    axes.axhline(100 * MODULUS, color="0.7", lw=0.8)
     axes.set_xlim(0.0, float(x[-1]))
     axes.set_ylim(0.0, None)
     axes.set_xlabel("from the side of the gel [mm]")

@@ -19,6 +19,7 @@ from palpate.elastic.quantities import COMPONENTS, transfer
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.measured import Measured
 from palpate.sensing.arrays import Array
+from palpate.sensing.grids import AreaGrid
 from palpate.sensing.maps import check_modelled
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.skin import Skin
@@ -302,7 +303,11 @@ def plot_table(pad: Measured) -> Figure:
     from matplotlib.figure import Figure
 
     t = pad.table
-    surface = pad.patch([pad.array])
+    coarse = pad.patch([pad.array])
+    counts, widths = coarse.shape, coarse.spacings
+    surface = AreaGrid(
+        shape=(3 * counts[0], 3 * counts[1]), spacing=(widths[0] / 3, widths[1] / 3), center=coarse.center
+    )
     places = t.positions[t.working]
     middle = np.hypot(*(places - 0.5 * (places.min(axis=0) + places.max(axis=0))).T)
     shown = [("taxel in the middle", int(np.argmin(middle))), ("taxel farthest out", int(np.argmax(middle)))]

@@ -27,6 +27,7 @@ ROOMS = (
     "copies",
     "more",
     "solids",
+    "measureds",
     "designs",
     "calibrations",
     "robotfiles",

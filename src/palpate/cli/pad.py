@@ -111,9 +111,14 @@ def _say_edges(found: EdgeError, pad: Pad, size: tuple[float, float] | None) -> 
         + "):"
     )
     typer.echo("\n".join(f"  {line}" for line in said))
-    if size is not None:
+    if size is not None and math.isinf(found.reach):
         typer.echo(
-            f"  {100 * found.inner(size):.0f} % of {1e3 * size[0]:.4g} x {1e3 * size[1]:.4g} mm lie farther than {1e3 * found.reach:.3g} mm from all sides, where a press is off by less than 5 %"
+            f"  a press is off by more than 15 % up to {1e3 * found.distance[-1]:.3g} mm from a side, where the table ends"
+        )
+    elif size is not None:
+        typer.echo(
+            f"  {100 * found.inner(size):.0f} % of {1e3 * size[0]:.4g} x {1e3 * size[1]:.4g} mm lie farther than {1e3 * found.reach:.2g} mm from all sides, where a press "
+            "is off by less than 15 %"
         )
     typer.echo("a pad that ends (palpate[solid]); in the skin.toml, instead of its [pad]:")
     typer.echo("\n".join(f"  {line}" for line in solid_lines(pad, size).splitlines()))

@@ -38,6 +38,8 @@ STIFF = 1e12
 #: A table is refused where presses that are left out are foretold no better than this part of their readings, and noise does not explain it: places are
 #: farther apart than the response is wide, or readings belong to other presses.
 USELESS = 0.6
+#: And where they are foretold no better than this part, noise or not: hardly better than by zero.
+NOTHING = 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,10 +207,9 @@ class Measured:
             t.places[:, ::-1], self._force, t.radius, t.indenter, t.readings[:, :, t.working], t.positions[t.working][:, ::-1],
             t.channels, t.components,
         )  # fmt: skip
-        excess = self._excess(found)
-        if excess.min() > USELESS:
+        if self._excess(found).min() > USELESS or found.held_out.min() > NOTHING:
             raise InvalidInput(
-                f"the table does not tell its response: presses that are left out are foretold {100 * excess.min():.0f} % off from the others. Its places are "
+                f"the table does not tell its response: presses that are left out are foretold {100 * found.held_out.min():.0f} % off from the others. Its places are "
                 f"{1e3 * t.spacing:.3g} mm apart: press about as close as the sensors are deep, and check that places, forces and readings belong together."
             )
         return found

@@ -262,7 +262,9 @@ class _Fit:
     def rows(self, data: _Data, channel: int, press: npt.NDArray[np.intp], taxel: npt.NDArray[np.intp]) -> Floats:
         """What waves of the shared response do to readings (row, component and wave)."""
         lag = data.presses[press] - data.taxels[taxel]
-        seen = spread(self.lags.size, data.radius[press], data.shape)
+        radii, which = np.unique(data.radius[press], return_inverse=True)
+        seen = spread(self.lags.size, radii, data.shape)
+        seen = seen if len(radii) == 1 else seen[which]
         parts = []
         for c in range(self.components):
             a, b = data.odd[channel, c]
@@ -306,11 +308,17 @@ class _Fit:
     def foretold(self, data: _Data, channel: int, mean: Floats) -> Floats:
         """(press, taxel) by the shared response."""
         n, _, taxels = data.readings.shape
-        out = np.empty(n * taxels)
-        for start in range(0, n * taxels, BLOCK):
-            index = np.arange(start, min(start + BLOCK, n * taxels))
-            out[index] = self.rows(data, channel, *np.divmod(index, taxels)) @ mean
-        return out.reshape(n, taxels)
+        means = mean.reshape(self.components, *self.lags.size.shape)
+        out = np.empty((n, taxels))
+        for radius in np.unique(data.radius):
+            here = np.flatnonzero(data.radius == radius)
+            lag = (data.presses[here][:, None] - data.taxels).reshape(-1, 2)
+            seen, total = spread(self.lags.size, radius, data.shape), np.zeros(len(lag))
+            for c in range(self.components):
+                y, x = (self.lags.trig(i, lag[:, i], int(data.odd[channel, c, i])) for i in range(2))
+                total += np.repeat(data.forces[here, c], taxels) * ((y @ (means[c] * seen)) * x).sum(axis=1)
+            out[here] = total.reshape(len(here), taxels)
+        return out
 
     # -- what each reading has of its own ------------------------------------------------------------------------------
 
@@ -348,16 +356,12 @@ class _Fit:
         square = own.untold(self.kernel(moved, data, length), self.kernel(moved, moved, length).diagonal()) * len(
             data.taxels
         )
-        size = 0.0
         each = rng.integers(len(data.taxels), size=(PLACES, min(8, len(data.taxels))))
         for press, taxels in enumerate(each):
             rows = self.rows(moved, channel, np.full(len(taxels), press), taxels)
             square[press] += post.untold(rows).mean() * len(data.taxels)
-        for start in range(0, PLACES, 20):
-            part = moved.some(np.arange(start, min(start + 20, PLACES)))
-            mean = self.foretold(part, channel, post.mean)
-            mean = mean + own.variance * self.kernel(part, data, length) @ own.weights
-            size += float((mean**2).sum())
+        mean = self.foretold(moved, channel, post.mean) + own.variance * self.kernel(moved, data, length) @ own.weights
+        size = float((mean**2).sum())
         return float(math.sqrt(square.sum() / max(size, 1e-300)))
 
     def held_out(
