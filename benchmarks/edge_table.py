@@ -50,13 +50,13 @@ def gel(ratio: float) -> pp.SolidPad:
 
 
 def array(kind: str) -> pp.AreaArray:
-    """Taxels at the base, or markers on the surface, up to the side."""
+    """Taxels at the base, or markers on the surface, up to half a pitch from the side: nearer, stress at the glued rim grows without end."""
     return pp.AreaArray(
         shape=(7, 10),
         pitch=0.5 * H,
         depth=H if kind == "stress" else 0.0,
         channels=KINDS[kind],
-        center=(-2.375 * H, 0.0),
+        center=(-2.5 * H, 0.0),
     )
 
 

@@ -94,7 +94,7 @@ def test_what_is_not_published_is_refused_until_it_is_measured(tmp_path: Path) -
             pp.Skin.from_file(path, recording=recording)
     path = sensors.digit(**measured).write(tmp_path / "soft.toml")
     with pytest.raises(
-        pp.InvalidInput, match=r"line 10: youngs_modulus is unknown.*palpate weigh PICTURES --skin FILE"
+        pp.InvalidInput, match=r"line 11: youngs_modulus is unknown.*palpate weigh PICTURES --skin FILE"
     ):
         pp.Skin.from_file(path, recording=recording)
     path = sensors.digit(**measured, youngs_modulus="200 kPa +- 6 %").write(tmp_path / "known.toml")
