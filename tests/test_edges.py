@@ -27,12 +27,12 @@ def test_the_error_falls_with_the_distance_from_the_side(array: pp.AreaArray, ra
     np.testing.assert_allclose(found.distance / 4e-3, [0.5, 0.65, 0.8, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0])
     assert (np.diff(found.press) < 0.02).all()
     assert (np.diff(found.drag) < 0.0).all()
-    assert found.press[0] > 0.3
+    assert found.press[0] > 0.2
     assert found.drag[-1] < 0.2
     if (
         found.force is not None
     ):  # the force is taken for too large, as benchmarks/solid.py found with another array: 1.38 and 2.37
-        assert found.force[0] > 1.7
+        assert found.force[0] > 1.2
         assert 0.9 < found.force[-1] < 1.1
 
 

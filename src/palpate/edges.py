@@ -63,7 +63,7 @@ class EdgeError:
         >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
         >>> found = edge_error(gel, [pp.AreaArray(shape=(4, 4), pitch=4e-3, depth="base", channels=["stress_zz"])])
         >>> round(1e3 * found.reach)  # [mm]
-        5
+        3
         """
         felt = np.flatnonzero(self.press > MODULUS)
         if not len(felt):
@@ -108,7 +108,7 @@ def edge_error(pad: Pad, planes: Sequence[Array]) -> EdgeError | None:
     >>> from palpate.edges import edge_error
     >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
     >>> found = edge_error(gel, [pp.AreaArray(shape=(4, 4), pitch=4e-3, depth="base", channels=["stress_zz"])])
-    >>> bool(found.press[0] > 0.3), bool(found.press[-1] < 0.05)  # half a thickness from the side, and three
+    >>> bool(found.press[0] > 0.2), bool(found.press[-1] < 0.05)  # half a thickness from the side, and three
     (True, True)
     """
     elastic = pad.elastic if isinstance(pad, Viscoelastic) else pad
