@@ -138,6 +138,7 @@ ROOMS = (
         "palpate.network",
     ),
     *("palpate.camera", "palpate.microscopy", "palpate.live", "palpate.ros", "palpate.pads", "palpate.sensors"),
+    *("palpate.measured", "palpate.edges"),
     *("palpate.pressing", "palpate.mujoco", "palpate.jax", "palpate.lerobot"),
     "palpate.design",
     *("palpate.calibrate", "palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),

@@ -34,6 +34,7 @@ _PUBLIC = {
     "LinearSystem": "inverse",
     "Local": "inverse",
     "MaximumEntropy": "inverse",
+    "Measured": "measured",
     "Method": "inverse",
     "NonNegative": "inverse",
     "Tikhonov": "inverse",
@@ -94,6 +95,7 @@ if TYPE_CHECKING:
         methods,
         register,
     )
+    from palpate.measured import Measured
     from palpate.recordings import Recording
     from palpate.sensing import AreaArray, AreaGrid, LineArray, LineGrid, ScatteredArray
     from palpate.skin import Skin
@@ -125,6 +127,7 @@ __all__ = [
     "LinearSystem",
     "Local",
     "MaximumEntropy",
+    "Measured",
     "Method",
     "NonNegative",
     "NotObservable",

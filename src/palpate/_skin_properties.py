@@ -15,6 +15,7 @@ from palpate.inverse.observability import Observability, observability, observab
 from palpate.inverse.problem import Problem
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid
+from palpate.sensing.maps import check_modelled
 from palpate.sensing.operator import Boundary, Operator
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.uncertainty import Case
@@ -173,6 +174,7 @@ class SkinProperties:
         >>> seen.condition.round(1).tolist()
         [159.9, 3.3]
         """
+        check_modelled(self._elastic, "observability by wavelength")
         return observability(self._elastic, self._planes, wavelength, self._names(components))
 
     def design(
@@ -216,6 +218,7 @@ class SkinProperties:
         >>> print(f"force +-{found.bound.force[0]:.2f} N, a pair is told apart from {1e3 * found.pair:.1f} mm")
         force +-0.03 N, a pair is told apart from 1.6 mm
         """
+        check_modelled(self._elastic, "a design")
         press = Press(force=force, contact_radius=contact_radius, shear=shear, friction=friction, center=center)
         nuisance, names = self._problem.nuisance, self._names(components)
         return evaluate(

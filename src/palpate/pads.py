@@ -9,13 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate._extras import require
+from palpate._numbers import plain_number
+from palpate.edges import EdgeError, plot_edges
 from palpate.elastic.channels import channel_unit
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.layers import BondedLayers
 from palpate.elastic.pad import Floats, Pad, isotropic_constants
 from palpate.elastic.quantities import COMPONENTS, transfer
 from palpate.elastic.viscoelastic import Viscoelastic
+from palpate.measured import Measured
 from palpate.sensing.arrays import Array
+from palpate.sensing.grids import AreaGrid
+from palpate.sensing.maps import check_modelled
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.skin import Skin
 from palpate.solutions import hertz_line, hertz_point
@@ -30,7 +35,9 @@ __all__ = [
     "expected_force",
     "half_space_error",
     "plot_response",
+    "plot_table",
     "surface_half_space",
+    "table_lines",
 ]
 
 
@@ -189,16 +196,24 @@ def half_space_error(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> HalfS
     )
 
 
-def plot_response(pad: Pad, planes: Sequence[Array]) -> Figure:
-    """Response of each channel per unit traction against wavelength: the pad (solid) and a half-space (dashed)."""
+def plot_response(pad: Pad, planes: Sequence[Array], *, edges: EdgeError | None = None) -> Figure:
+    """Response of each channel per unit traction against wavelength: the pad (solid) and a half-space (dashed); beside it what ``edges`` do.
+
+    Raises
+    ------
+    Unsupported
+        A pad without an elastic model; `plot_table` draws one that was measured.
+    """
+    check_modelled(pad, "the response by wavelength")
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
 
     from palpate._plot import INK, scaled
 
     channels = [(p, c) for p in planes for c in p.channels]
-    columns = min(3, len(channels))
-    rows = -(-len(channels) // columns)
+    panels = len(channels) + (edges is not None)
+    columns = min(3, panels)
+    rows = -(-panels // columns)
     figure = Figure(figsize=(4.4 * columns, 3.2 * rows), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     extent = max(float(np.ptp(p.points, axis=0).max()) for p in planes)
@@ -232,7 +247,85 @@ def plot_response(pad: Pad, planes: Sequence[Array]) -> Figure:
         if largest > 0:  # what is damped by a million is felt by no sensor, and would be most of the axis
             axes.set_ylim(1e-6 * largest, 2.0 * largest)
         axes.legend(frameon=False, fontsize=8)
-    for axes in grid[len(channels) :]:
+    if edges is not None:
+        plot_edges(edges, grid[len(channels)])
+    for axes in grid[panels:]:
         axes.set_visible(False)
     figure.suptitle("solid: this pad; dashed: a half-space of its uppermost material", fontsize=10)
+    return figure
+
+
+def table_lines(pad: Measured) -> list[str]:
+    """What a table of presses tells, in lines.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.pads import table_lines
+    >>> array = pp.AreaArray(shape=(3, 3), pitch=3e-3, depth=2e-3, channels=["stress_zz"])
+    >>> real = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5), array)
+    >>> places = [(x, y) for y in np.linspace(-4e-3, 4e-3, 5) for x in np.linspace(-4e-3, 4e-3, 5)]
+    >>> ball = pp.solutions.hertz_point(contact_radius=1e-3, force=1.0)
+    >>> pad = pp.Measured.of(array, places=places, force=np.ones(25), readings=[real.sense(ball.shifted(*p)) for p in places], radius=1e-3)
+    >>> print(table_lines(pad)[0])
+    table                      25 presses 2 mm apart, forces along z, a hertz contact of radius 1 mm
+    """
+    t, fit = pad.table, pad.fit
+    radius = f"{1e3 * float(t.radius.min()):.3g}" + (
+        "" if np.ptp(t.radius) == 0 else f" to {1e3 * float(t.radius.max()):.3g}"
+    )
+    out = [
+        f"table                      {len(t.places)} presses {1e3 * t.spacing:.3g} mm apart, forces along {', '.join(pad.components)}, a {t.indenter} contact of "
+        f"radius {radius} mm",
+        f"response                   as wide as that of sensors about {1e3 * fit.length:.2g} mm deep",
+    ]
+    dead = int((~t.working).sum())
+    if dead:
+        out.append(f"dead                       {dead} of {len(t.working)} taxels")
+    for name, noise, error, held in zip(t.channels, fit.noise, fit.error, fit.held_out):
+        out.append(
+            f"{name:26s} noise {plain_number(float(noise), 2)} {channel_unit(name)}; off by {100 * error:.2g} % of the readings between the places; presses left out are "
+            f"foretold {100 * held:.2g} % off, noise and all"
+        )
+    return out
+
+
+def plot_table(pad: Measured) -> Figure:
+    """The response of the taxel in the middle and of one at a corner, per newton on each place; dots: where was pressed.
+
+    Raises
+    ------
+    Unsupported
+        matplotlib is not installed.
+    """
+    require("figures", "matplotlib")
+    from matplotlib.figure import Figure
+
+    t = pad.table
+    coarse = pad.patch([pad.array])
+    counts, widths = coarse.shape, coarse.spacings
+    surface = AreaGrid(
+        shape=(3 * counts[0], 3 * counts[1]), spacing=(widths[0] / 3, widths[1] / 3), center=coarse.center
+    )
+    places = t.positions[t.working]
+    middle = np.hypot(*(places - 0.5 * (places.min(axis=0) + places.max(axis=0))).T)
+    shown = [("taxel in the middle", int(np.argmin(middle))), ("taxel farthest out", int(np.argmax(middle)))]
+    figure = Figure(figsize=(4.2 * len(shown), 3.6 * len(t.channels)), layout="constrained")
+    grid = figure.subplots(len(t.channels), len(shown), squeeze=False)
+    (ys, xs) = surface.axes
+    for i, name in enumerate(t.channels):
+        fields = pad.fit.cells(surface, i, [one for _, one in shown])[:, -1] / surface.cell
+        largest = float(np.abs(fields).max())
+        for axes, (title, one), field in zip(grid[i], shown, fields):
+            image = axes.pcolormesh(
+                1e3 * xs, 1e3 * ys, field, cmap="RdBu_r", vmin=-largest, vmax=largest, rasterized=True
+            )
+            axes.plot(*(1e3 * t.places.T), ".", ms=2, color="0.3")
+            axes.plot(*(1e3 * places[one]), "+", ms=9, color="black")
+            axes.set_aspect("equal")
+            axes.set_title(f"{name}, {title}", fontsize=10)
+            axes.set_xlabel("x [mm]")
+            axes.set_ylabel("y [mm]")
+        figure.colorbar(image, ax=list(grid[i]), label=f"{channel_unit(name)} per N pressing there")
     return figure

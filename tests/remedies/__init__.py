@@ -28,6 +28,7 @@ ROOMS = (
     "copies",
     "more",
     "solids",
+    "measureds",
     "designs",
     "calibrations",
     "robotfiles",

@@ -54,7 +54,10 @@ EXAMPLES = {
         "palpate live finger.csv --skin skin.toml --baseline 30 --friction 0.6",
         "palpate live --udp 9000 --skin skin.toml --record run.mcap",
     ],
-    "pad": ["palpate pad skin.toml --plot pad.png"],
+    "pad": [
+        "palpate pad skin.toml --plot pad.png",
+        'palpate pad gelsight_mini --size "25.25 mm x 20.75 mm"',
+    ],
     "paper": ["palpate paper --out paper"],
     "pillars": [
         'palpate pillars posts.csv --diameter "2 um +- 3 %" --height "6 um +- 2 %" --modulus "2 MPa +- 10 %" --noise "20 nm"'

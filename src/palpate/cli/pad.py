@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
 from palpate.cli.files import Force, check_output, save_figure, skin_files
 from palpate.cli.options import check_picture
 from palpate.cli.progress import busy
+from palpate.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from palpate.edges import EdgeError
+    from palpate.elastic.pad import Pad
 
 
 def pad(
@@ -20,17 +27,39 @@ def pad(
     plot: Annotated[
         Path, typer.Option(help="Picture of the response per wavelength to write (.png, .pdf or .svg).")
     ] = Path("palpate-pad.png"),
+    size: Annotated[
+        str | None, typer.Option(help='Length and width of the gel, where it ends: "25.25 mm x 20.75 mm".')
+    ] = None,
     force: Force = False,
 ) -> None:
-    """Show what a pad does to a touch at each wavelength, how far a half-space would be off, and how well a force can be known."""
+    """Show what a pad does to a touch at each wavelength, how far a half-space would be off, what its sides do, and how well a force can be known."""
     from palpate.cli.pictures import assumed_skin, known_skin
-    from palpate.pads import expected_force, half_space_error, plot_response
+    from palpate.edges import edge_error
+    from palpate.measured import Measured
+    from palpate.pads import expected_force, half_space_error, plot_response, plot_table, table_lines
 
     skin_file = known_skin(skin_file)
     check_picture(plot)
     check_output(plot, inputs=skin_files(skin_file), force=force)
+    ends = None if size is None else _ends(size)
     skin, assumed = assumed_skin(skin_file)
-    figure = plot_response(skin.pad, skin.planes)
+    elastic = skin.without_creep().pad
+    if isinstance(elastic, Measured):
+        if ends is not None:
+            raise InvalidInput(
+                "--size is of a layer that ends; a pad that was measured has its sides in its table. Leave --size out."
+            )
+        with busy("the table"):
+            lines, figure = table_lines(elastic), plot_table(elastic)
+        save_figure(figure, plot)
+        typer.echo("\n".join([*lines, f"picture                    {plot}"]))
+        return
+    edges = edge_error(skin.pad, skin.planes)
+    if ends is not None and edges is None:
+        raise InvalidInput(
+            '--size is of one layer on a rigid base (kind = "bonded_layers" with one layer, area contact), and this pad is another. Leave --size out.'
+        )
+    figure = plot_response(skin.pad, skin.planes, edges=edges)
     with busy("a typical contact"):
         found = half_space_error(skin)
         known = expected_force(skin)
@@ -48,4 +77,48 @@ def pad(
         typer.echo(f"taken for a half-space     peak pressure x {found.peak:.2f}   net force x {found.force:.2f}")
     if known is not None:
         typer.echo(f"such a press is known to   {known}")
+    if edges is not None:
+        _say_edges(edges, skin.pad, ends)
     typer.echo(f"picture                    {plot}")
+
+
+def _ends(size: str) -> tuple[float, float]:
+    """Length and width [m] of "25.25 mm x 20.75 mm"."""
+    from palpate.units import parse_quantity
+
+    parts = re.split(r"\s*[x×]\s*", size.strip())
+    if len(parts) != 2:
+        raise InvalidInput(f'--size must be length and width such as "25.25 mm x 20.75 mm"; got {size!r}.')
+    length, width = (parse_quantity(p, "length", "--size") for p in parts)
+    if min(length, width) <= 0.0:
+        raise InvalidInput(f"--size must be two lengths above 0; got {size!r}.")
+    return length, width
+
+
+def _say_edges(found: EdgeError, pad: Pad, size: tuple[float, float] | None) -> None:
+    """What the endless layer is off by near a side, and the pad that ends."""
+    from palpate.edges import solid_lines
+
+    h = found.thickness
+    said = []
+    for d in (0.5, 1.0, 2.0):
+        at = [float(np.interp(d * h, found.distance, v)) for v in (found.press, found.drag)]
+        more = "" if found.force is None else f", net force x {np.interp(d * h, found.distance, found.force):.2f}"
+        said.append(f"{1e3 * d * h:.3g} mm from a side: press {100 * at[0]:.0f} % off, drag {100 * at[1]:.0f} %{more}")
+    typer.echo(
+        "near the side of the gel   taken for endless, readings ("
+        + ("markers on the surface" if found.kind == "displacement" else "sensors at the base")
+        + "):"
+    )
+    typer.echo("\n".join(f"  {line}" for line in said))
+    if size is not None and math.isinf(found.reach):
+        typer.echo(
+            f"  a press is off by more than 15 % up to {1e3 * found.distance[-1]:.3g} mm from a side, where the table ends"
+        )
+    elif size is not None:
+        typer.echo(
+            f"  {100 * found.inner(size):.0f} % of {1e3 * size[0]:.4g} x {1e3 * size[1]:.4g} mm lie farther than {1e3 * found.reach:.2g} mm from all sides, where a press "
+            "is off by less than 15 %"
+        )
+    typer.echo("a pad that ends (palpate[solid]); in the skin.toml, instead of its [pad]:")
+    typer.echo("\n".join(f"  {line}" for line in solid_lines(pad, size).splitlines()))

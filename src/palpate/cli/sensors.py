@@ -21,6 +21,10 @@ def sensors(
             raise InvalidInput("--out writes the skin.toml of one sensor: name it.")
         for one in presets().values():
             typer.echo(f"{one.name:16s}{one.summary}")
+            if one.sources:
+                typer.echo(f"{'':16s}sources: {one.sources}")
+            if one.unknown:
+                typer.echo(f"{'':16s}to be found: {', '.join(one.unknown)} (its file says how)")
         typer.echo("use one as it is (--skin NAME), or: palpate sensors NAME --out skin.toml")
         return
     found = preset(name)

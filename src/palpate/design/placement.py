@@ -15,6 +15,7 @@ from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import AreaArray, ScatteredArray
+from palpate.sensing.maps import check_modelled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -149,6 +150,7 @@ def _informations(
 ) -> tuple[Floats, Floats, dict[str, Any]]:
     """Information (place, site, parameter, parameter) in natural units, the places (y, x), and those units."""
     elastic = skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad
+    check_modelled(elastic, "placing taxels")
     # what a taxel feels depends on its distance from the press alone: one press in the middle of all distances
     ny, nx = (2 * n - 1 for n in shape)
     array = AreaArray(

@@ -169,6 +169,13 @@ def check_observable(
     ``narrowed``: that pressure pushes, and where, may tell apart what the channels alone do not; each must still leave a trace.
     ``remedied``: a method that does so serves this skin.
     """
+    measured = getattr(pad, "components", components)
+    unknown = [c for c in components if c not in measured]
+    if unknown:
+        raise NotObservable(
+            f"the response of this pad was measured for {', '.join(measured)}, and never for {', '.join(unknown)}: no press of its table acts that way. Seek "
+            f"components={list(measured)}, or press sideways too."
+        )
     if is_observable(pad, planes, components):
         return
     if narrowed and "z" in components and all(is_observable(pad, planes, (c,)) for c in components):

@@ -120,7 +120,7 @@ class Problem:
         check_thickness(planes, pad.thickness)
         self.pad, self.planes, self.surface, self.boundary = pad, tuple(planes), surface, boundary
         self.components, self.fixed, self.nuisance = tuple(components), fixed, nuisance
-        self.uncertainty = uncertainty or Uncertainty()
+        self.uncertainty = (uncertainty or Uncertainty()).of(pad)
         #: what methods that know contact leave room for, and what linear ones do: only what is stated of depth and thickness
         self.doubts = self.uncertainty.beside(pad, self.planes)
         self.stated = self.uncertainty.beside(pad, self.planes, assumed=False)

@@ -25,6 +25,8 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
     if zero:
         forced = set(sought) == set(default)
         why = ": the channels cannot tell all components apart" if forced else ", as asked"
+        if set(zero).isdisjoint(getattr(problem.pad, "components", zero)):
+            why = ": no press of the table acts that way"
         found.append(f"{_spoken(zero)} taken as zero{why}")
         if forced and zero == ["z"] and problem.boundary == "free" and presses(problem.pad, problem.planes, sought):
             found.append(

@@ -13,7 +13,7 @@ try:
 except ImportError as error:
     raise missing("skin files", error) from error
 
-__all__ = ["Depth", "Length", "Lengths", "Pressure", "SolidBox", "SolidMesh", "Strict", "Time"]
+__all__ = ["Depth", "Length", "Lengths", "MeasuredTable", "Pressure", "SolidBox", "SolidMesh", "Strict", "Time"]
 
 
 def _length(value: Any) -> float:
@@ -44,6 +44,15 @@ def _modulus(value: Any) -> float:
 Pressure = Annotated[float, BeforeValidator(_modulus)]
 
 
+def _named(value: Any) -> Any:
+    if isinstance(value, str) and value.strip().lower() == UNKNOWN:
+        raise InvalidInput("this name is unknown: the comment beside it says what to make, and its name goes here")
+    return value
+
+
+Named = Annotated[str, BeforeValidator(_named)]
+
+
 class Strict(BaseModel):
     """A section whose keys are all known."""
 
@@ -69,10 +78,20 @@ class SolidMesh(Strict):
 
     kind: Literal["solid_mesh"]
     prony: list[tuple[float, Time]] | None = None
-    file: str
-    base: str
-    contact: str
+    file: Named
+    base: Named
+    contact: Named
     youngs_modulus: Pressure
     poissons_ratio: float
     scale: float = 1.0
     turned: bool = False
+
+
+class MeasuredTable(Strict):
+    """`palpate.Measured`; ``file`` is beside the skin.toml."""
+
+    kind: Literal["measured"]
+    prony: list[tuple[float, Time]] | None = None
+    file: Named
+    contact_radius: Length | None = None
+    indenter: Literal["hertz", "disc", "punch"] | None = None

@@ -58,9 +58,20 @@ from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.pad import Pad, check_pad
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
+from palpate.measured import Measured
 from palpate.recordings.columns import per_count
 from palpate.recordings.described import check_described, metres_said
-from palpate.recordings.padsection import Depth, Length, Lengths, Pressure, SolidBox, SolidMesh, Strict, Time
+from palpate.recordings.padsection import (
+    Depth,
+    Length,
+    Lengths,
+    MeasuredTable,
+    Pressure,
+    SolidBox,
+    SolidMesh,
+    Strict,
+    Time,
+)
 from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
@@ -90,7 +101,7 @@ __all__ = [
 #: keys of [pad] as they stand there (`palpate.units.parse_quantity` reads quantities), without ``kind``, and ``prony``, which serves all pads.
 PADS = "palpate.pads"
 #: Kinds of pad that palpate itself makes.
-BUILT_IN = ("half_space", "bonded_layers", "solid_box", "solid_mesh")
+BUILT_IN = ("half_space", "bonded_layers", "solid_box", "solid_mesh", "measured")
 
 
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -220,10 +231,11 @@ class SkinFile(Strict):
         | Annotated[_BondedLayers, Tag("bonded_layers")]
         | Annotated[SolidBox, Tag("solid_box")]
         | Annotated[SolidMesh, Tag("solid_mesh")]
+        | Annotated[MeasuredTable, Tag("measured")]
         | Annotated[_Other, Tag("other")],
         Discriminator(_pad_kind),
     ]
-    plane: list[_Plane] = Field(min_length=1)
+    plane: list[_Plane] = Field(default_factory=list)
     surface: _Surface | None = None
     boundary: Literal["free", "periodic"] = "free"
     stream: StreamSection | None = None
@@ -334,9 +346,12 @@ def validated(text: str, name: str) -> SkinFile:
             f"{name}: not valid TOML: {str(error)[:200].rstrip('.')}. A skin file describes pad and array; palpate demo writes one to start from."
         ) from error
     try:
-        return SkinFile.model_validate(_known_to(data, name))
+        found = SkinFile.model_validate(_known_to(data, name))
     except ValidationError as error:
         raise InvalidInput(_explain(error.errors()[0], text, name)) from error
+    if not found.plane and not isinstance(found.pad, MeasuredTable):
+        raise InvalidInput(f"{name}, line 1: there is no [plane] section.")
+    return found
 
 
 def skin_from_text(
@@ -361,16 +376,18 @@ def skin_from_text(
         elif isinstance(skin.pad, SolidMesh):
             given = skin.pad.model_dump(exclude={"kind", "prony", "file"})
             pad = SolidPad.from_mesh(folder / skin.pad.file, **given)
+        elif isinstance(skin.pad, MeasuredTable):
+            pad = Measured(folder / skin.pad.file, radius=skin.pad.contact_radius, indenter=skin.pad.indenter)
         else:
             pad = _made(_other_pads()[skin.pad.kind].load(), skin.pad)
         where = ("pad",)
+        planes: list[Array] = [pad.array] if isinstance(pad, Measured) and not skin.plane else []
         if skin.pad.prony is not None:
             pad = Viscoelastic(pad, skin.pad.prony)
-        planes: list[Array] = []
         for i, plane in enumerate(skin.plane):
             where = ("plane", i)
             planes.append(_plane(plane, folder, recording))
-        where = ("plane", 0)
+        where = ("plane", 0) if skin.plane else ("pad",)
         if recording is not None:
             check_described(recording, planes)
         where = ("surface",)
@@ -562,6 +579,9 @@ def _surface(surface: _Surface | None, dimensions: int) -> Grid | None:
 KEYS = (
     *(
         "kind",
+        "file",
+        "contact_radius",
+        "indenter",
         "youngs_modulus",
         "poissons_ratio",
         "thickness",

@@ -20,7 +20,7 @@ from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid
 
-__all__ = ["Among", "Body", "LinearMap", "MatrixMap", "body_of", "kernel_of"]
+__all__ = ["Among", "Body", "LinearMap", "MatrixMap", "body_of", "check_modelled", "kernel_of"]
 
 #: Places of the components that a traction holds; None: all of them.
 Among = Sequence[int] | None
@@ -100,6 +100,15 @@ class Body(Protocol):
 def body_of(pad: object) -> Body | None:
     """The pad, where it makes its maps itself."""
     return pad if isinstance(pad, Body) else None
+
+
+def check_modelled(pad: object, use: str) -> None:
+    """Raise `Unsupported` where a pad has no elastic model, as one that was measured has none (``modelled`` is False)."""
+    if not getattr(pad, "modelled", True):
+        raise Unsupported(
+            f"{use} needs an elastic model of the pad, and a {type(pad).__name__} has none: only its table is known. Take HalfSpace, BondedLayers or SolidPad "
+            "with what you know of the pad."
+        )
 
 
 def kernel_of(part: LinearMap, use: str) -> npt.NDArray[np.float64]:

@@ -178,6 +178,21 @@ class Uncertainty:
         """
         return self.modulus > 0 or any(getattr(self, f.name) != 0 for f in fields(self)[1:])
 
+    def of(self, pad: Pad) -> Uncertainty:
+        """What is stated, and of the rest what the pad says of itself, as one does that was measured (its ``uncertainty``).
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> pp.Uncertainty(depth=0.1).of(pad) == pp.Uncertainty(depth=0.1)
+        True
+        """
+        own = getattr(pad, "uncertainty", None)
+        if not isinstance(own, Uncertainty):
+            return self
+        return replace(self, **{f.name: getattr(own, f.name) for f in fields(self) if getattr(self, f.name) is None})
+
     def check(self, pad: Pad) -> None:
         """Raise `Unsupported` where it speaks of what the pad does not have.
 
@@ -186,6 +201,14 @@ class Uncertainty:
         >>> import palpate as pp
         >>> pp.Uncertainty(depth=0.1).check(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5))  # nothing is missing
         """
+        own = getattr(pad, "uncertainty", None)
+        if isinstance(own, Uncertainty):
+            stated = [n for n in ("youngs_modulus", "thickness", "depth") if getattr(self, n) != getattr(own, n)]
+            if stated:
+                raise Unsupported(
+                    f"uncertainty: {', '.join(stated)} does not enter a {type(pad).__name__}, whose response is that of its table. State scale (how well the force "
+                    "of its presses was known) or gain."
+                )
         if self.thickness and not isinstance(pad, BondedLayers):
             raise Unsupported(
                 f"uncertainty: thickness belongs to BondedLayers; this pad is a {type(pad).__name__}. Leave it out."

@@ -11,7 +11,18 @@ from palpate.errors import InvalidInput
 
 __all__ = ["Preset", "digit", "gelsight_mini", "own_gel", "preset", "presets"]
 
-_NAMES = ("gelsight_mini", "digit", "own_gel")
+_NAMES = (
+    "gelsight_mini",
+    "digit",
+    "digit360",
+    "nine_dtact",
+    "densetact",
+    "gelslim",
+    "uskin",
+    "reskin",
+    "anyskin",
+    "own_gel",
+)
 
 
 @dataclass(frozen=True)
@@ -39,6 +50,31 @@ class Preset:
         'A gel with dots of your own in front of any camera: measure the lines that end in <- .'
         """
         return self.text.splitlines()[0].lstrip("# ").strip()
+
+    @property
+    def sources(self) -> str:
+        """Where its numbers come from, in a line; "" where all of them are yours.
+
+        Examples
+        --------
+        >>> from palpate import sensors
+        >>> sensors.preset("anyskin").sources
+        'arXiv 2409.08276; raunaqbhirangi/anyskin on GitHub (five magnetometers: one in the middle, four around it)'
+        """
+        found = re.search(r"^# Sources: (.*)$", self.text, re.MULTILINE)
+        return "" if found is None else found[1]
+
+    @property
+    def unknown(self) -> dict[str, str]:
+        """What nobody published, by its key in the file, and how to find it.
+
+        Examples
+        --------
+        >>> from palpate import sensors
+        >>> sensors.preset("gelslim").unknown["youngs_modulus"]
+        'palpate weigh: one known weight tells it'
+        """
+        return dict(re.findall(r'^(\w+) = "unknown"\s*# <- (.*)$', self.text, re.MULTILINE))
 
     def write(self, path: str | Path) -> Path:
         """Write the skin.toml; returns its path, for `palpate.camera.follow` and `Skin.from_file`.
@@ -130,7 +166,7 @@ def presets() -> dict[str, Preset]:
     --------
     >>> from palpate import sensors
     >>> list(sensors.presets())
-    ['gelsight_mini', 'digit', 'own_gel']
+    ['gelsight_mini', 'digit', 'digit360', 'nine_dtact', 'densetact', 'gelslim', 'uskin', 'reskin', 'anyskin', 'own_gel']
     """
     return {name: preset(name) for name in _NAMES}
 

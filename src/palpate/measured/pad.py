@@ -1,0 +1,419 @@
+"""`Measured`: a pad whose maps come from a table of presses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate._arrays import namespace
+from palpate._memory import require
+from palpate._threads import cached_property
+from palpate.elastic.half_space import HalfSpace
+from palpate.elastic.pad import Complexes, Floats
+from palpate.errors import InvalidInput, Unsupported
+from palpate.measured.files import read_table, write_table
+from palpate.measured.response import Response, fitted
+from palpate.measured.table import Table
+from palpate.sensing.arrays import AreaArray, Array, ScatteredArray
+from palpate.sensing.grids import AreaGrid, Grid
+from palpate.sensing.maps import Among, LinearMap, MatrixMap
+from palpate.sensing.surface import default_surface
+from palpate.sensing.uncertainty import Uncertainty
+
+__all__ = ["Measured"]
+
+#: Cells along an axis, at most, that are chosen for a patch.
+CELLS = 48
+#: How far a taxel of an array may lie from one of the table, as a part of the distance of neighbouring taxels.
+ASIDE = 0.05
+#: Modulus of the half-space that stands for the pad where an elastic model is asked for [Pa]. So stiff that no reading, whatever its unit, is taken for
+#: one beyond what an elastic pad bears.
+STIFF = 1e12
+#: A table is refused where presses that are left out are foretold no better than this part of their readings, and noise does not explain it: places are
+#: farther apart than the response is wide, or readings belong to other presses.
+USELESS = 0.6
+#: And where they are foretold no better than this part, noise or not: hardly better than by zero.
+NOTHING = 0.85
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A pad that is known by a table: what every reading says when something of a known size presses at known places.
+
+    It goes where `HalfSpace` and `BondedLayers` go: no elastic model is taken, so that any shape of pad and any kind of sensor whose readings grow with
+    the load serves. Between the places the response is interpolated, the indenter's size is taken out, and what the table does not tell is in the error bars
+    (`uncertainty`), as `palpate.measured.response` explains. Contact is sought on the rectangle that was pressed, and nowhere else.
+
+    A table of normal presses says nothing of shear: pressure alone is then sought, and shear that acts is taken for it where it moves the readings. Press
+    sideways too (`force` with x and y) to measure it.
+
+    Parameters
+    ----------
+    table : str, Path or palpate.measured.Table
+        A .nc or .csv (see the page on measured responses), or the numbers themselves; `of` takes them with an array.
+    radius : float, optional
+        Radius of the disc that the indenter touched [m], where the file does not say it.
+    indenter : str, optional
+        "hertz" (a ball), "disc" or "punch", where the file does not say it.
+
+    Raises
+    ------
+    InvalidInput
+        A file or table that cannot be meant; the message says what is accepted.
+
+    Examples
+    --------
+    A robot pressed a ball on 49 places (here simulated).
+
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> gel = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
+    >>> array = pp.AreaArray(shape=(5, 5), pitch=3e-3, depth=2e-3, channels=["stress_zz"])
+    >>> real = pp.Skin(gel, array)
+    >>> places = [(x, y) for y in np.linspace(-6e-3, 6e-3, 7) for x in np.linspace(-6e-3, 6e-3, 7)]
+    >>> ball = pp.solutions.hertz_point(contact_radius=1e-3, force=1.0)
+    >>> readings = np.stack([real.sense(ball.shifted(*place)) for place in places])
+    >>> pad = pp.Measured.of(array, places=places, force=np.ones(49), readings=readings, radius=1e-3)
+    >>> skin = pp.Skin(pad, pad.array)
+    >>> skin.components  # nothing was pressed sideways
+    ('z',)
+    >>> touch = skin.reconstruct(real.sense(ball.shifted(1e-3, -2e-3)))
+    >>> round(float(touch.force[2]), 1)
+    1.0
+    """
+
+    table: Any
+    radius: float | None = field(default=None, kw_only=True)
+    indenter: str | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.table, Table):
+            if self.radius is not None or self.indenter is not None:
+                raise InvalidInput("radius and indenter belong to the Table; leave them out here.")
+            return
+        if not isinstance(self.table, str | Path):
+            raise InvalidInput(
+                f"Measured takes a file or a palpate.measured.Table; got {type(self.table).__name__}. Of numbers make one with Measured.of(array, "
+                "places=..., force=..., readings=..., radius=...)."
+            )
+        object.__setattr__(self, "table", read_table(Path(self.table), self.radius, self.indenter))
+        object.__setattr__(self, "radius", None)
+        object.__setattr__(self, "indenter", None)
+
+    @classmethod
+    def of(
+        cls,
+        array: AreaArray | ScatteredArray,
+        *,
+        places: npt.ArrayLike,
+        force: npt.ArrayLike,
+        readings: npt.ArrayLike,
+        radius: npt.ArrayLike,
+        indenter: str = "hertz",
+    ) -> Measured:
+        """The pad of readings of an array.
+
+        Parameters
+        ----------
+        array : AreaArray or ScatteredArray
+            Where the taxels are and what they read; taxels that it masks are dead.
+        places : array (press, 2)
+            (x, y) of each press [m].
+        force : array (press,) or (press, 3)
+            Normal force, or (x, y, z) [N].
+        readings : array (press, channel, *array)
+        radius, indenter
+            As for `palpate.measured.Table`.
+
+        Raises
+        ------
+        InvalidInput
+            As `palpate.measured.Table`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> array = pp.AreaArray(shape=(2, 2), pitch=3e-3, depth=2e-3, channels=["stress_zz"])
+        >>> places = [(x, y) for y in np.linspace(-2e-3, 2e-3, 4) for x in np.linspace(-2e-3, 2e-3, 4)]
+        >>> readings = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5), array).sense(np.ones((16, 3, *pp.Skin(
+        ...     pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5), array).surface.shape)))
+        >>> pp.Measured.of(array, places=places, force=np.ones(16), readings=readings * np.arange(16)[:, None, None, None], radius=1e-3).table.places.shape
+        (16, 2)
+        """
+        if not isinstance(array, AreaArray | ScatteredArray) or array.dimensions != 2:
+            raise InvalidInput(
+                f"a measured pad is touched on an area; got a {type(array).__name__}. Use AreaArray or ScatteredArray."
+            )
+        found = np.array(readings, dtype=np.float64)
+        shape = (len(array.channels), *array.shape)
+        if found.ndim != 1 + len(shape) or found.shape[1:] != shape:
+            raise InvalidInput(
+                f"readings must have the shape (press, {', '.join(map(str, shape))}) of this array; got {found.shape}."
+            )
+        found = found.reshape(len(found), len(array.channels), -1)
+        found[:, :, ~array.valid.ravel()] = np.nan
+        table = Table(
+            places=places,
+            force=force,
+            readings=found,
+            positions=array.points[:, ::-1],
+            channels=array.channels,
+            radius=radius,
+            indenter=indenter,
+        )
+        return cls(table)
+
+    def save(self, path: str | Path) -> None:
+        """Write the table as NetCDF, for ``Measured(path)`` and ``kind = "measured"`` of a skin.toml.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> from palpate.measured import Table
+        >>> xy = np.stack(np.meshgrid(np.arange(4.0), np.arange(4.0)), -1).reshape(-1, 2) * 1e-3
+        >>> table = Table(places=xy, force=np.ones(16), readings=np.random.default_rng(0).random((16, 1, 2)),
+        ...     positions=[(0.0, 0.0), (3e-3, 3e-3)], channels=["stress_zz"], radius=0.5e-3)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     pp.Measured(table).save(f"{folder}/responses.nc")
+        ...     pp.Measured(f"{folder}/responses.nc").table.places.shape
+        (16, 2)
+        """
+        if Path(path).exists():
+            raise InvalidInput(f"{path} exists, and may hold what was measured; give another name.")
+        write_table(self.table, Path(path))
+
+    # -- what the table tells ------------------------------------------------------------------------------------------
+
+    @cached_property
+    def fit(self) -> Response:
+        """The posterior of the response; its ``length`` is about the depth of what is sensed, ``noise`` that of the table, ``error`` what it is off by.
+
+        Raises
+        ------
+        InvalidInput
+            A table that does not tell its own presses from each other.
+        """
+        t = self.table
+        found = fitted(
+            t.places[:, ::-1], self._force, t.radius, t.indenter, t.readings[:, :, t.working], t.positions[t.working][:, ::-1],
+            t.channels, t.components,
+        )  # fmt: skip
+        if self._excess(found).min() > USELESS or found.held_out.min() > NOTHING:
+            raise InvalidInput(
+                f"the table does not tell its response: presses that are left out are foretold {100 * found.held_out.min():.0f} % off from the others. Its places are "
+                f"{1e3 * t.spacing:.3g} mm apart: press about as close as the sensors are deep, and check that places, forces and readings belong together."
+            )
+        return found
+
+    @property
+    def _force(self) -> Floats:
+        return np.asarray(self.table.force[:, ["xyz".index(c) for c in self.table.components]])
+
+    def _excess(self, found: Response) -> Floats:
+        """What presses that were left out are off by beyond the noise of the table, as a part of their readings."""
+        readings = self.table.readings[:, :, self.table.working]
+        size = np.sqrt((readings**2).mean(axis=(0, 2)))
+        return np.asarray(np.sqrt(np.maximum(found.held_out**2 - (found.noise / size) ** 2, 0.0)))
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Components of the traction whose response was measured.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> from palpate.measured import Table
+        >>> xy = np.stack(np.meshgrid(np.arange(4.0), np.arange(4.0)), -1).reshape(-1, 2) * 1e-3
+        >>> pp.Measured(Table(places=xy, force=np.ones(16), readings=np.random.default_rng(0).random((16, 1, 2)),
+        ...     positions=[(0.0, 0.0), (3e-3, 3e-3)], channels=["stress_zz"], radius=0.5e-3)).components
+        ('z',)
+        """
+        return tuple(self.table.components)
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """What holds where a skin states nothing: no modulus, depth or thickness enters; each reading is off by what the table does not tell of it (gain).
+
+        The error is that of presses as in the table at places between, with all readings taken together; `Uncertainty.scale` is how well the force of the
+        presses was known.
+        """
+        error = float(np.sqrt(np.mean(self.fit.error**2)))
+        return Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.0, gain=min(error, 0.99))
+
+    @cached_property
+    def array(self) -> AreaArray | ScatteredArray:
+        """The array that was pressed, for ``Skin(pad, pad.array)``: a regular one where the taxels lie row by row; its depth is the length of the response."""
+        t = self.table
+        mask = None if t.working.all() else t.working
+        regular = _regular(t.positions)
+        if regular is None:
+            return ScatteredArray(positions=t.positions, depth=self.fit.length, channels=t.channels, mask=mask)
+        shape, pitch, center = regular
+        return AreaArray(
+            shape=shape,
+            pitch=pitch,
+            depth=self.fit.length,
+            channels=t.channels,
+            center=center,
+            mask=None if mask is None else mask.reshape(shape),
+        )
+
+    @property
+    def modelled(self) -> bool:
+        """False: what asks for an elastic model refuses (`palpate.Skin.design`, `palpate.Skin.observability`)."""
+        return False
+
+    # -- as every pad --------------------------------------------------------------------------------------------------
+
+    @property
+    def thickness(self) -> float | None:
+        """None: a table knows no base."""
+        return None
+
+    def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:
+        """Fields of one wavevector in a half-space that stands for the pad, for the components that were measured: they tell what can be observed."""
+        out = _STANDS_FOR.states(wavenumber, direction, depth).copy()
+        for i, c in enumerate("xyz"):
+            if c not in self.components:
+                out[..., i] = 0.0
+        return out
+
+    def compliance(self, depth: float) -> Floats:
+        """Compliance (6, 6) [1/Pa] of that half-space, which is so stiff that nothing is said of how far the pad strains."""
+        return _STANDS_FOR.compliance(depth)
+
+    def mean_compliance(self, depth: float) -> Floats | None:
+        """None: displacement per mean traction of an endless pad has no meaning here."""
+        return None
+
+    # -- as a pad that makes its maps ----------------------------------------------------------------------------------
+
+    def patch(self, planes: Sequence[Array]) -> AreaGrid:
+        """The rectangle that was pressed, half a spacing beyond the outermost presses, in cells about as wide as an endless pad would have."""
+        for array in planes:
+            self._check(array)
+        usual = default_surface(planes)
+        places = self.table.places
+        margin = 0.5 * self.table.spacing
+        counts, widths, middles = [], [], []
+        for axis, spacing in zip((1, 0), usual.spacings):
+            low, high = float(places[:, axis].min()) - margin, float(places[:, axis].max()) + margin
+            count = min(max(2, round((high - low) / spacing)), CELLS)
+            counts.append(count)
+            widths.append((high - low) / count)
+            middles.append(0.5 * (low + high))
+        return AreaGrid(shape=(counts[0], counts[1]), spacing=(widths[0], widths[1]), center=(middles[1], middles[0]))
+
+    def response(self, array: Array, surface: Grid) -> LinearMap:
+        """The map of an array, from traction on the cells of a surface."""
+        self._check(array)
+        if not isinstance(surface, AreaGrid):
+            raise InvalidInput(
+                f"the surface of a measured pad is an AreaGrid; got a {type(surface).__name__}. Leave surface out."
+            )
+        if not isinstance(array, AreaArray | ScatteredArray):
+            raise TypeError("checked above")
+        rows = self._rows(array)
+        unknown = [c for c in array.channels if c not in self.table.channels]
+        if unknown:
+            raise InvalidInput(
+                f"{', '.join(unknown)} was not measured; the table has {', '.join(self.table.channels)}. Leave it out of channels."
+            )
+        size = len(rows) * len(array.channels) * 3 * math.prod(surface.shape)
+        require(16.0 * size, f"{size} influences of a measured pad", "Give a coarser surface.")
+        out = np.zeros((len(array.channels), len(rows), 3, *surface.shape))
+        there = np.flatnonzero(rows >= 0)
+        columns = ["xyz".index(c) for c in self.components]
+        for i, name in enumerate(array.channels):
+            channel = list(self.table.channels).index(name)
+            found = self.fit.cells(surface, channel, rows[there].tolist())
+            for at, column in enumerate(columns):
+                out[i, there, column] = found[:, at]
+        return _MeasuredMap(out, array.shape, self.components)
+
+    def _check(self, array: Array) -> None:
+        if not isinstance(array, AreaArray | ScatteredArray) or array.dimensions != 2:
+            raise Unsupported(
+                f"a measured pad is touched on an area, and a {type(array).__name__} is in line contact. Use the array of the table (Measured.array)."
+            )
+
+    def _rows(self, array: AreaArray | ScatteredArray) -> npt.NDArray[np.intp]:
+        """Place of each taxel among those of the table that work; -1 of one that the array masks."""
+        from scipy.spatial import cKDTree
+
+        t = self.table
+        near = cKDTree(t.positions)
+        apart = float(np.median(near.query(t.positions, k=2)[0][:, 1]))
+        distance, found = near.query(array.points[:, ::-1])
+        valid = array.valid.ravel()
+        beside = valid & (distance > ASIDE * apart)
+        if beside.any():
+            y, x = array.points[int(np.argmax(beside))]
+            raise InvalidInput(
+                f"{int(beside.sum())} of {int(valid.sum())} taxels are not in the table, the first at x = {x:g}, y = {y:g} m. Use the array of the table "
+                "(Measured.array; leave [[plane]] out of a skin.toml), or give the positions as in the table."
+            )
+        dead = valid & ~t.working[found]
+        if dead.any():
+            raise InvalidInput(
+                f"{int(dead.sum())} taxels are dead in the table, the first number {int(np.argmax(dead))}. Mask them (mask= of the array), or use the array of "
+                "the table (Measured.array; leave [[plane]] out of a skin.toml)."
+            )
+        place = np.cumsum(t.working) - 1
+        return np.where(valid, place[found], -1)
+
+
+_STANDS_FOR = HalfSpace(youngs_modulus=STIFF, poissons_ratio=0.5)
+
+
+class _MeasuredMap(MatrixMap):
+    """A map that refuses traction whose response nobody measured."""
+
+    def __init__(self, matrix: Floats, taxels: tuple[int, ...], components: tuple[str, ...]) -> None:
+        super().__init__(matrix, taxels)
+        self.components = components
+
+    def forward(self, traction: Any, among: Among = None) -> Any:
+        """Readings (..., channel, *array) of a traction."""
+        xp, d = namespace(traction), len(self.cells)
+        for place, component in enumerate(range(self.count) if among is None else among):
+            if "xyz"[component] in self.components:
+                continue
+            if bool(xp.any(traction[(..., place, *(slice(None),) * d)] != 0)):
+                raise Unsupported(
+                    f"the traction has a component {'xyz'[component]}, and the table of this pad has no press along {'xyz'[component]}: what it does to "
+                    "the readings was not measured. Leave shear out, or press sideways too and give force with x, y and z."
+                )
+        return super().forward(traction, among)
+
+
+def _regular(positions: Floats) -> tuple[tuple[int, int], tuple[float, float], tuple[float, float]] | None:
+    """Shape, pitch (y, x) and center (x, y) of positions (taxel, (x, y)) that lie on a grid, row by row."""
+    x, y = positions[:, 0], positions[:, 1]
+    scale = float(np.ptp(positions, axis=0).max())
+    across = int(np.argmax(np.append(np.abs(y - y[0]) > 1e-6 * scale, True)))
+    if across < 2 or len(x) % across or len(x) // across < 2:
+        return None
+    shape = (len(x) // across, across)
+    xs, ys = x[:across], y[::across]
+    dx, dy = (xs[-1] - xs[0]) / (across - 1), (ys[-1] - ys[0]) / (shape[0] - 1)
+    if dx <= 0 or dy <= 0:
+        return None
+    gx = xs[0] + dx * np.arange(across)
+    gy = ys[0] + dy * np.arange(shape[0])
+    if (
+        np.abs(x.reshape(shape) - gx).max() > 1e-6 * scale
+        or np.abs(y.reshape(shape) - gy[:, None]).max() > 1e-6 * scale
+    ):
+        return None
+    return shape, (float(dy), float(dx)), (float(0.5 * (xs[0] + xs[-1])), float(0.5 * (ys[0] + ys[-1])))
