@@ -3,6 +3,7 @@
 Needs palpate[camera] (OpenCV, PyAV, tifffile).
 """
 
+from palpate.camera.colour import ColourTouches, Relief, SlopeModel, feel, learn_slopes, read_slopes, surface_skin, write_slopes
 from palpate.camera.depthmap import DepthMap
 from palpate.camera.displacements import Displacements, Reading, Stage
 from palpate.camera.dots import Found, Print, fault_of, find_dots
@@ -19,6 +20,7 @@ from palpate.camera.windows import Moved
 from palpate.sensing.view import Lens, View, grey
 
 __all__ = [
+    "ColourTouches",
     "DepthMap",
     "Displacements",
     "Dots",
@@ -34,7 +36,9 @@ __all__ = [
     "Print",
     "Reading",
     "Region",
+    "Relief",
     "Scene",
+    "SlopeModel",
     "Stage",
     "Texture",
     "Touches",
@@ -43,14 +47,19 @@ __all__ = [
     "Weighed",
     "dot_grid",
     "fault_of",
+    "feel",
     "find_dots",
     "follow",
     "gel_skin",
     "grey",
     "is_pictures",
+    "learn_slopes",
     "open_pictures",
     "overlay",
     "read_force_trace",
+    "read_slopes",
+    "surface_skin",
     "weigh",
+    "write_slopes",
     "write_video",
 ]

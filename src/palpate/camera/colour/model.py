@@ -120,10 +120,24 @@ class SlopeModel:
     said: tuple[str, ...] = ()
     _grids: dict[str, Any] = field(default_factory=dict, repr=False)
 
+    def __str__(self) -> str:
+        lines = [
+            f"{len(self.table)} presses of a ball of {1e3 * self.ball_diameter:.4g} mm; slopes up to {self.response.steepest:.2g}",
+            f"presses that were left out: slope off by {self.slope_error:.2g}, depth by {1e6 * self.depth_error:.2g} um, all slopes together by {100 * self.gain_std:.2g} % (standard deviations)",
+            *self.said,
+        ]
+        return "\n".join(lines)
+
     @property
     def step(self) -> int:
         """Pixels along the side of a block."""
         return step_of(self.size)
+
+    @property
+    def typical_depth(self) -> float:
+        """Median of how much deeper the middle of a contact was than its edge, of the presses that taught [m]."""
+        r = 0.5 * self.ball_diameter
+        return float(np.median([r - math.sqrt(max(r * r - row[1] ** 2, 0.0)) for row in self.table]))
 
     def _grid(self) -> tuple[Floats, Floats]:
         if "grid" not in self._grids:
