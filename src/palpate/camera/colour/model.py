@@ -217,6 +217,8 @@ class SlopeModel:
         used = field_of * window
         depth = integrate(used, weight, places)
         errors = self._errors(slopes, spread, by, base, known, weight, places, depth, used, window)
+        levelled = _levelled(np.concatenate([depth[None], errors]), window, places)
+        depth, errors = levelled[0], levelled[1:]
         std = np.sqrt(noise**2 + (errors**2).sum(axis=0))
         said = self._said(contact, known, outlying & ~lost, slopes, depth)
         touching = bool(depth[contact].max() > CLEAR * noise)
@@ -318,6 +320,19 @@ def _window(contact: npt.NDArray[np.bool_]) -> Floats:
     reach = max(2.0 * float(distance_transform_edt(contact).max()), 10.0)
     away = distance_transform_edt(~contact)
     return np.asarray(np.clip(1.0 - (away - reach) / (0.5 * reach), 0.0, 1.0))
+
+
+def _levelled(depth: Floats, window: Floats, places: Floats) -> Floats:
+    """Depth (*more, row, column) less the plane of its rim, where the window ends: flanks whose slopes are not equally right leave a ramp that no contact makes. 0 beyond."""
+    rim = (window > 0) & (window < 1)
+    if rim.sum() < 20:
+        return depth
+    size = float(np.abs(places).max())
+    rows = np.stack([np.ones_like(places[0]), places[0] / size, places[1] / size], axis=-1)
+    flat = depth.reshape(-1, *window.shape)
+    found = np.linalg.lstsq(rows[rim], flat[:, rim].T, rcond=None)[0]
+    plane = np.moveaxis(rows @ found, -1, 0)
+    return np.asarray(np.where(window > 0, flat - plane, 0.0)).reshape(depth.shape)
 
 
 def _wander(depth: Floats, window: Floats, places: Floats) -> float:

@@ -69,7 +69,7 @@ def surface_skin(skin: Skin | str | Path, model: SlopeModel) -> Skin:
         center=tuple(0.5 * (low + high)),
         noise=1e-6,
     )
-    return Skin(given.pad, array, nuisance=["offset"], uncertainty=given.uncertainty)
+    return Skin(given.pad, array, nuisance=["offset", "ramp"], uncertainty=given.uncertainty)
 
 
 def _pad_of(path: str | Path) -> Skin:
@@ -164,8 +164,10 @@ class ColourTouches:
         skin = self._with_noise(noise).masked(near)
         loaded = self._cells(relief)
         response = self._columns(skin, loaded)[near.ravel()]
-        offset = _zero(response, depth[near])
-        values = np.where(near, depth - offset, 0.0)
+        y, x = (g[near] / self._pitch for g in np.meshgrid(*self._axes, indexing="ij"))
+        plane = np.zeros_like(depth)
+        plane[near] = _zero(response, np.stack([np.ones_like(x), x - x.mean(), y - y.mean()], axis=-1), depth[near])
+        values = np.where(near, depth - plane, 0.0)
         touch = skin.reconstruct(values[None, None], time=[time], **self._options)[0]
         touch = self._with_errors(touch, skin, errors[:, near], near, noise)
         return replace(touch, view=self.model.view, assumptions=(*touch.assumptions, SHEAR, *relief.said))
@@ -173,7 +175,7 @@ class ColourTouches:
     def _with_noise(self, noise: float) -> Skin:
         skin = self.skin
         plane = replace(skin.planes[0], noise=noise)
-        return Skin(skin.pad, plane, surface=skin.surface, nuisance=["offset"], uncertainty=skin.uncertainty)
+        return Skin(skin.pad, plane, surface=skin.surface, nuisance=["offset", "ramp"], uncertainty=skin.uncertainty)
 
     def _binned(self, relief: Relief) -> tuple[Floats, npt.NDArray[np.bool_]]:
         """Mean depth of each reading's square, and whether enough of it is near the contact and known."""
@@ -219,9 +221,11 @@ class ColourTouches:
             return touch
         cells = np.flatnonzero(np.abs(pressure).ravel() > CARRIES * peak)
         response = self._columns(skin, cells)[near.ravel()]
-        rows = np.column_stack([response * peak, np.full(len(response), float(np.abs(errors).max(initial=1e-9)))])
-        held = np.diag(np.append(np.full(len(cells), noise**2), 1e-12 * noise**2))
-        found = np.linalg.solve(rows.T @ rows + held, rows.T @ errors.T)[:-1].T * peak
+        py, px = (g[near] / np.abs(g).max() for g in np.meshgrid(*self._axes, indexing="ij"))
+        plane = float(np.abs(errors).max(initial=1e-9)) * np.stack([np.ones_like(px), px, py], axis=-1)
+        rows = np.column_stack([response * peak, plane])
+        held = np.diag(np.append(np.full(len(cells), noise**2), np.full(3, 1e-9 * noise**2)))
+        found = np.linalg.solve(rows.T @ rows + held, rows.T @ errors.T)[:-3].T * peak
         surface: Any = skin.surface
         area = surface.spacings[0] * surface.spacings[1]
         x, y = (g.ravel()[cells] for g in np.meshgrid(surface.axes[1], surface.axes[0]))
@@ -275,20 +279,22 @@ def _axes(plane: Any) -> tuple[Floats, Floats]:
     return np.asarray(grid.axes[0]), np.asarray(grid.axes[1])
 
 
-def _zero(response: Floats, depth: Floats) -> float:
-    """Depth that reads zero where nothing moves, by the pressure under the contact that explains depth best together with it (non-negative least squares).
+def _zero(response: Floats, terms: Floats, depth: Floats) -> Floats:
+    """The plane (n,) that depth holds besides what pressure under the contact makes, both found together (non-negative least squares).
 
-    Slopes tell depth but for a constant, and a far field that slopes do not reach is part of it.
+    Slopes tell depth but for a constant, flanks whose slopes are not equally right leave a ramp, and a far field that slopes do not reach is part of both.
     """
     from scipy.optimize import nnls
 
     scale = float(np.abs(depth).max(initial=0.0))
     size = float(np.abs(response).max(initial=0.0))
     if not scale > 0 or not size > 0:
-        return 0.0
-    one = np.ones((len(depth), 1))
-    found, _ = nnls(np.hstack([response / size, one, -one]), depth / scale, maxiter=20 * (response.shape[1] + 2))
-    return float((found[-2] - found[-1]) * scale)
+        return np.zeros_like(depth)
+    unit = terms / np.abs(terms).max(axis=0)
+    count = response.shape[1]
+    found, _ = nnls(np.hstack([response / size, unit, -unit]), depth / scale, maxiter=20 * (count + 6))
+    k = unit.shape[1]
+    return np.asarray(unit @ (found[count : count + k] - found[count + k :]) * scale)
 
 
 def feel(
