@@ -187,16 +187,16 @@ class _Learner:
 
     def _fit(self, sums: list[_Sums], degree: int, ridge: float, steepest: float) -> Response:
         """The polynomial of least squares in which each press counts as one."""
-        rank = ranks(degree)
-        held = ridge * np.where(rank == 0, RANK_0, EACH_RANK**rank).ravel()
+        above, place = ranks(degree)
+        held = ridge * (np.where(place == 0, RANK_0, 1.0) * EACH_RANK ** (above + place)).ravel()
         normal = np.mean([s.normal for s in sums], axis=0) + np.diag(held)
         solved = np.linalg.solve(normal, np.mean([s.right for s in sums], axis=0))
-        return Response(np.ascontiguousarray(solved.T).reshape(3, *rank.shape), degree, steepest)
+        return Response(np.ascontiguousarray(solved.T).reshape(3, *place.shape), degree, steepest)
 
     def _sums(self, press: _Press, degree: int, steepest: float) -> _Sums:
         chosen, slopes = self.inside(press, WITHIN)
-        rank = ranks(degree)
-        rows = Response(np.zeros((3, *rank.shape)), degree, steepest).features(slopes, self.base[chosen])
+        shape = ranks(degree)[0].shape
+        rows = Response(np.zeros((3, *shape)), degree, steepest).features(slopes, self.base[chosen])
         colours = press.change[chosen]
         n = len(rows)
         return _Sums(rows.T @ rows / n, rows.T @ colours / n, colours.T @ colours / n)

@@ -5,7 +5,8 @@ of channel k against the gel at rest and g = (du_z/dx, du_z/dy):
 
     c_k(g, x) = sum over m of phi_m(g) sum over b of B_b(x) beta_kmb
 
-phi: monomials of degree 1 and more, so that no slope is no change; B: what changes from place to place (`bases`): the place itself, and how much of the light at rest has each
+phi: monomials, of degree 1 and more, of the horizontal part of the unit normal, g / sqrt(1 + g^2), since a dull coat's brightness is linear in the normal (R. J. Woodham, Opt. Eng. 19, 1980), so
+that no slope is no change; B: what changes from place to place (`bases`): the place itself, and how much of the light at rest has each
 colour, which says what lamps light it. It is fitted from slope to colour, the way that the camera works, where
 the slopes are exact and the noise is that of colours: a regression from colour to slope would shrink steep slopes towards zero. Three colours tell two slopes,
 and the third direction says whether a pixel follows the model at all.
@@ -48,10 +49,16 @@ def bases(scaled: Floats, rest: Floats) -> Floats:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, a, b, a * a, a * b, b * b], axis=-1)
 
 
-def ranks(degree: int) -> Floats:
-    """How many degrees each coefficient (term, place term) is above a colour that is linear in slope and alike all over: what a ridge holds back."""
-    terms = np.array([a + b - 1 for a, b in monomials(degree, 1)])
-    return np.asarray(terms[:, None] + np.array(BASE_DEGREES), dtype=np.float64)
+def ranks(degree: int) -> tuple[Floats, Floats]:
+    """Degrees of each coefficient (term, place term) above 1 in the normal, and in the place: what a ridge holds back."""
+    terms = np.array([a + b - 1.0 for a, b in monomials(degree, 1)])
+    normal, place = np.meshgrid(terms, np.array(BASE_DEGREES, dtype=np.float64), indexing="ij")
+    return normal, place
+
+
+def _tilts(slopes: Floats) -> Floats:
+    """The horizontal part (n, 2) of the unit normal: g / sqrt(1 + g^2)."""
+    return np.asarray(slopes / np.sqrt(1.0 + (slopes**2).sum(axis=-1, keepdims=True)))
 
 
 def _powers(values: Floats, exponents: list[tuple[int, int]]) -> Floats:
@@ -69,7 +76,7 @@ class Response:
 
     def features(self, slopes: Floats, base: Floats) -> Floats:
         """Columns (n, term * place term) of the linear model, for slopes (n, 2) and bases (n, place term)."""
-        phi = _powers(slopes / self.steepest, monomials(self.degree, 1))
+        phi = _powers(_tilts(slopes) / self.steepest, monomials(self.degree, 1))
         return (phi[:, :, None] * base[:, None, :]).reshape(len(slopes), -1)
 
     def local(self, base: Floats) -> Floats:
@@ -78,13 +85,13 @@ class Response:
 
     def change(self, slopes: Floats, base: Floats) -> Floats:
         """Colour changes (n, channel)."""
-        phi = _powers(slopes / self.steepest, monomials(self.degree, 1))
+        phi = _powers(_tilts(slopes) / self.steepest, monomials(self.degree, 1))
         return np.einsum("nkm,nm->nk", self.local(base), phi)
 
     def derivative(self, slopes: Floats, local: Floats) -> tuple[Floats, Floats]:
         """Colour changes (n, channel) and their derivative by slope (n, channel, 2), with the coefficients at each place."""
         exponents = monomials(self.degree, 1)
-        x, y = (slopes / self.steepest).T
+        x, y = (_tilts(slopes) / self.steepest).T
         phi = np.empty((len(x), len(exponents)))
         dx, dy = np.zeros_like(phi), np.zeros_like(phi)
         for m, (a, b) in enumerate(exponents):
@@ -95,7 +102,10 @@ class Response:
                 dy[:, m] = b * x**a * y ** (b - 1)
         value = np.einsum("nkm,nm->nk", local, phi)
         by = np.stack([np.einsum("nkm,nm->nk", local, d) for d in (dx, dy)], axis=-1) / self.steepest
-        return value, by
+        # d tilt / d slope = (1 - t t) / sqrt(1 + g^2)
+        tilt = _tilts(slopes)
+        turned = by - (by * tilt[:, None, :]).sum(axis=-1, keepdims=True) * tilt[:, None, :]
+        return value, turned / np.sqrt(1.0 + (slopes**2).sum(axis=-1))[:, None, None]
 
 
 def solve_slopes(

@@ -29,6 +29,8 @@ __all__ = ["CHANNEL", "ColourTouches", "feel", "surface_skin"]
 CHANNEL = "displacement_z"
 #: Readings along the longer side of a picture: half a millimetre on a gel of 20 mm, and a frame in about a second.
 READINGS = 36
+#: Readings over which errors of depth are alike: those of a slope go on over the flank of a contact.
+ALIKE = 1.5
 #: A reading needs so much of its pixels known.
 KNOWN = 0.3
 #: Readings with this part of the largest depth and more hold the load while the zero of depth is found.
@@ -174,7 +176,7 @@ class ColourTouches:
 
     def _with_noise(self, noise: float) -> Skin:
         skin = self.skin
-        plane = replace(skin.planes[0], noise=noise)
+        plane = replace(skin.planes[0], noise=noise, noise_correlation=ALIKE * self._pitch)
         return Skin(skin.pad, plane, surface=skin.surface, nuisance=["offset", "ramp"], uncertainty=skin.uncertainty)
 
     def _binned(self, relief: Relief) -> tuple[Floats, npt.NDArray[np.bool_]]:
