@@ -147,6 +147,11 @@ class SlopeModel:
         found: tuple[Floats, Floats] = self._grids["grid"]
         return found
 
+    @property
+    def bases(self) -> Floats:
+        """What the response depends on at each block (row * columns + column, term)."""
+        return self._grid()[1]
+
     def prepared(self, image: npt.ArrayLike, name: str = "picture") -> tuple[Floats, npt.NDArray[np.bool_]]:
         """A picture in blocks and where it is saturated or black; `InvalidInput` where it has another size."""
         shape = np.shape(image)
