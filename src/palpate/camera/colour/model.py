@@ -24,6 +24,8 @@ OUTLYING = 25.0
 CLEAR = 6.0
 #: Parts of the contact from which on it is said: colours of another gel, slopes steeper than learnt, pixels that are hidden.
 FOREIGN, STEEP, HIDDEN = 0.25, 0.1, 0.2
+#: Change of colour of the median pixel beyond which a picture is not of this gel in these lights: drift of the light as a whole is taken out, and a contact leaves half of the picture as it was.
+OTHER_LIGHT = 0.1
 #: Weight of a pixel that tells nothing or little in the integration, over that of others: so little bends where others tell, and the equation stays well conditioned.
 LEAST_WEIGHT = 0.05
 
@@ -176,7 +178,7 @@ class SlopeModel:
         Raises
         ------
         InvalidInput
-            A grey picture, one of another size, or one of which nothing is to be seen.
+            A grey picture, one of another size, of another gel or light, or one of which nothing is to be seen.
 
         Examples
         --------
@@ -195,6 +197,11 @@ class SlopeModel:
                 f"{name}: {100 * float(lost.mean()):.0f} % of the picture is saturated, black or covered: lower exposure or light until the brightest channel stays below 250 of 255."
             )
         change = change_of(values, still)
+        different = float(np.median(np.abs(change).max(axis=2)[~lost]))
+        if different > OTHER_LIGHT:
+            raise InvalidInput(
+                f"{name}: half of the picture differs from the gel at rest by {100 * different:.0f} % and more in colour: another gel, other lights, or a camera that moved. Give pictures at rest of today (--baseline, or rest=), or calibrate this gel."
+            )
         shape = lost.shape
         contact = changed_places(change, still, lost)
         window = _window(contact)

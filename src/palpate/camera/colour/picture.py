@@ -49,7 +49,7 @@ def draw_relief(image: npt.NDArray[Any], relief: Relief) -> Figure:
                 figure.colorbar(drawn, ax=ax, orientation="horizontal", pad=0.18).ax.tick_params(labelsize=5)
         axes[0].set_xlabel("x [mm]", fontsize=6)
         axes[0].set_ylabel("y [mm]", fontsize=6)
-        figure.subplots_adjust(left=0.05, right=0.99, top=0.92, bottom=0.12, wspace=0.25)
+        figure.subplots_adjust(left=0.07, right=0.99, top=0.92, bottom=0.12, wspace=0.3)
         return figure
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,8 @@ READINGS = 36
 ALIKE = 1.5
 #: A reading needs so much of its pixels known.
 KNOWN = 0.3
+#: Noise of pictures in which nothing touches is rounded up to powers of this.
+NOISE_STEP = 1.3
 #: Readings with this part of the largest depth and more hold the load while the zero of depth is found.
 LOADED = 0.1
 #: Cells that carry less than this part of the largest traction are not in contact for the errors of depth.
@@ -121,6 +124,7 @@ class ColourTouches:
         self.last: Relief | None = None
         self.picture: Picture | None = None
         self.faults: dict[int, str] = {}
+        self._quiet: dict[float, Skin] = {}
         self._rest, self._ahead, self._options = rest, ahead, dict(options)
         plane: Any = skin.planes[0]
         self._axes = [np.asarray(a) for a in _axes(plane)]
@@ -154,7 +158,9 @@ class ColourTouches:
         """The touch of a relief."""
         if not relief.touching:
             quiet = np.zeros((1, 1, *self.skin.planes[0].shape))
-            skin = self._with_noise(max(relief.noise, 1e-9))
+            # rounded up, so that what is prepared serves again
+            level = NOISE_STEP ** math.ceil(math.log(max(relief.noise, 1e-9), NOISE_STEP))
+            skin = self._quiet.setdefault(level, self._with_noise(level))
             touch = skin.reconstruct(quiet, time=[time], **self._options)[0]
             return replace(touch, view=self.model.view, assumptions=(*touch.assumptions, *relief.said))
         depth, near = self._binned(relief)
