@@ -50,7 +50,10 @@ def contacts(gel: Gel, rng: np.random.Generator) -> dict[str, list[Any]]:
     """Contacts by name."""
     place = presses(gel, 4e-3, 4, rng, contact=(0.3, 0.31))
     a = float(rng.uniform(0.9e-3, 1.6e-3))
-    two = Ball(3e-3, 0.9e-3, -4e-3, float(rng.uniform(-3e-3, 3e-3))), Ball(3e-3, 0.9e-3, 3.5e-3, float(rng.uniform(-3e-3, 3e-3)))
+    two = (
+        Ball(3e-3, 0.9e-3, -4e-3, float(rng.uniform(-3e-3, 3e-3))),
+        Ball(3e-3, 0.9e-3, 3.5e-3, float(rng.uniform(-3e-3, 3e-3))),
+    )
     return {
         "ball of 8 mm": [Ball(4e-3, a, place[0].x, place[0].y)],
         "ball of 5 mm": [Ball(2.5e-3, 0.6 * a, place[1].x, place[1].y)],
@@ -131,7 +134,12 @@ def population(gels: int) -> list[str]:
     lines += [f"| {name} | {summary(rows)} |" for name, rows in by.items()]
     lines += [f"| all | {summary([r for rows in by.values() for r in rows])} |", "", HEAD.format("calibrated with")]
     lines += [f"| {n} presses | {summary(rows)} |" for n, rows in sorted(count.items())]
-    lines += ["", HEAD.format("the same gels with printed dots, read by colour"), f"| ball of 8 mm | {summary(dotted)} |", ""]
+    lines += [
+        "",
+        HEAD.format("the same gels with printed dots, read by colour"),
+        f"| ball of 8 mm | {summary(dotted)} |",
+        "",
+    ]
     false = sum(r["touching"] for r in quiet)
     lines += [
         f"Nothing touches: {len(quiet)} pictures, {false:.0f} said to show contact; the largest force that was stated is {1e3 * max(abs(r['found']) for r in quiet):.1f} mN.",
@@ -163,8 +171,16 @@ def hard() -> list[str]:
         ("no contact, another gel", other.picture(rng=rng), []),
         ("no contact, the coat slides by 0.3 mm", gel.picture(rng=rng, shear=(3e-4, 0.0)), []),
         ("dots slide by 0.3 mm, calibrated without dots", printed.picture(rng=rng, shear=(3e-4, 0.0)), []),
-        ("deeper and steeper than the ball that taught", gel.picture([Ball(1.5e-3, 1.1e-3)], rng=rng), [Ball(1.5e-3, 1.1e-3)]),
-        ("at the edge of the picture", gel.picture([Ball(4e-3, 1.3e-3, 9.4e-3, 0.0)], rng=rng), [Ball(4e-3, 1.3e-3, 9.4e-3, 0.0)]),
+        (
+            "deeper and steeper than the ball that taught",
+            gel.picture([Ball(1.5e-3, 1.1e-3)], rng=rng),
+            [Ball(1.5e-3, 1.1e-3)],
+        ),
+        (
+            "at the edge of the picture",
+            gel.picture([Ball(4e-3, 1.3e-3, 9.4e-3, 0.0)], rng=rng),
+            [Ball(4e-3, 1.3e-3, 9.4e-3, 0.0)],
+        ),
     ]
     lines = ["| picture | force [N] | found [N], 95 % | what is said |", "|---|---|---|---|"]
     for (name, _, bodies), (relief, touch) in zip(cases, solved(model, [c[1] for c in cases], pad)):
@@ -173,7 +189,9 @@ def hard() -> list[str]:
         said = "; ".join(relief.said) if relief is not None and relief.said else ""
         if relief is None:
             said = "; ".join(touch.assumptions)
-        lines.append(f"| {name} | {force:.3f} | {float(touch.force[2]):.3f} ({float(low[2]):.3f} to {float(high[2]):.3f}) | {said} |")
+        lines.append(
+            f"| {name} | {force:.3f} | {float(touch.force[2]):.3f} ({float(low[2]):.3f} to {float(high[2]):.3f}) | {said} |"
+        )
     return lines
 
 

@@ -189,7 +189,12 @@ class Gel:
         if dust:
             for _ in range(dust):
                 cx, cy = rng.uniform(x.min(), x.max()), rng.uniform(y.min(), y.max())
-                out = out * (1.0 - 0.8 * np.exp(-((((x - cx) ** 2 + (y - cy) ** 2) / (2.5 * self.scale) ** 2) ** 2)))[..., None]
+                out = (
+                    out
+                    * (1.0 - 0.8 * np.exp(-((((x - cx) ** 2 + (y - cy) ** 2) / (2.5 * self.scale) ** 2) ** 2)))[
+                        ..., None
+                    ]
+                )
         mix = np.array([[0.9, 0.08, 0.02], [0.06, 0.86, 0.08], [0.02, 0.1, 0.88]])
         out = gaussian_filter(out @ mix.T, (lamp.blur, lamp.blur, 0))
         level = 1.0 + lamp.drift * rng.standard_normal()

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from colour_scenes import Ball, Flat, Gel, Lamps, surface
 
 import palpate as pp
+from colour_scenes import Ball, Flat, Gel, Lamps, surface
 from palpate.camera import SlopeModel, View, feel, learn_slopes, read_slopes, write_slopes
 from palpate.camera.colour.integration import integrate
 from palpate.camera.colour.response import Response, bases, ranks, solve_slopes
@@ -98,14 +98,14 @@ def test_response_is_inverted_with_its_standard_deviation() -> None:
     truth = rng.uniform(-0.3, 0.3, (1200, 2))
     noise = 0.01
     change = response.change(truth, base) + noise * rng.standard_normal((1200, 3))
-    slopes, spread, misfit, by = solve_slopes(response, change, base, noise**2 * np.eye(3))
+    slopes, spread, misfit, _by = solve_slopes(response, change, base, noise**2 * np.eye(3))
     off = slopes - truth
     square = np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off)
     assert 1.7 < square.mean() < 2.3  # chi-squared of two
     assert 0.85 < misfit.mean() < 1.15  # and of one
     step = 1e-6
-    moved = response.change(truth + [step, 0.0], base) - response.change(truth, base)
-    value, exact = response.derivative(truth, response.local(base))
+    moved = response.change([*truth, step, 0.0], base) - response.change(truth, base)
+    _value, exact = response.derivative(truth, response.local(base))
     assert moved / step == pytest.approx(exact[..., 0], abs=1e-4)
 
 
@@ -115,7 +115,8 @@ def test_a_ball_of_another_size_has_its_depth_and_force(gel: Gel, model: SlopeMo
     picture = gel.picture([ball], rng=rng)
     relief = model.relief(picture)
     truth = gel.depth([ball])
-    assert relief.touching and relief.near.any()
+    assert relief.touching
+    assert relief.near.any()
     off = (relief.depth - truth)[relief.near]
     assert np.std(off) < 0.1 * np.ptp(truth[relief.near])
     assert relief.std[truth > 0.5 * truth.max()].mean() > 0
@@ -251,10 +252,12 @@ def test_command_line(pictures: list[Any], gel: Gel, tmp_path: Path) -> None:
     words = ["calibrate", str(folder), "--skin", str(tmp_path / "gel.toml"), "--ball-diameter", "8 mm", "--out", out]
     done = run.invoke(app, [*words, "--report", str(tmp_path / "colours.png")])
     assert done.exit_code == 0, done.output
-    assert "6 presses" in done.output and (tmp_path / "colours.png").stat().st_size > 1000
+    assert "6 presses" in done.output
+    assert (tmp_path / "colours.png").stat().st_size > 1000
     done = run.invoke(app, ["reconstruct", str(tmp_path / "new.png"), "--skin", out, "--plot", str(tmp_path / "r.png")])
     assert done.exit_code == 0, done.output
-    assert "net force z" in done.output and (tmp_path / "new-touch.nc").exists()
+    assert "net force z" in done.output
+    assert (tmp_path / "new-touch.nc").exists()
     done = run.invoke(app, ["track", str(folder), "--skin", out, "--out", str(tmp_path / "f.csv"), "--every", "6"])
     assert done.exit_code == 0, done.output
     assert len((tmp_path / "f.csv").read_text().splitlines()) >= 2

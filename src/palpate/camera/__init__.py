@@ -3,7 +3,18 @@
 Needs palpate[camera] (OpenCV, PyAV, tifffile).
 """
 
-from palpate.camera.colour import ColourTouches, Relief, SlopeModel, draw_colours, draw_relief, feel, learn_slopes, read_slopes, surface_skin, write_slopes
+from palpate.camera.colour import (
+    ColourTouches,
+    Relief,
+    SlopeModel,
+    draw_colours,
+    draw_relief,
+    feel,
+    learn_slopes,
+    read_slopes,
+    surface_skin,
+    write_slopes,
+)
 from palpate.camera.depthmap import DepthMap
 from palpate.camera.displacements import Displacements, Reading, Stage
 from palpate.camera.dots import Found, Print, fault_of, find_dots

@@ -67,7 +67,8 @@ def calibrate(
         ),
     ] = None,
     rest: Annotated[
-        Path | None, typer.Option(help="Picture of the gel at rest, where PRESSES do not begin with it (--ball-diameter).")
+        Path | None,
+        typer.Option(help="Picture of the gel at rest, where PRESSES do not begin with it (--ball-diameter)."),
     ] = None,
     force: Force = False,
 ) -> None:
@@ -84,7 +85,14 @@ def calibrate(
                 "--ball-diameter learns what colours mean, from the ball alone: leave out --reference, --reference-file, --weight, --map and --again."
             )
         calibrate_colours(
-            presses, skin_file, out=out, diameter=ball_diameter, rest=rest, baseline=baseline, report=report, force=force
+            presses,
+            skin_file,
+            out=out,
+            diameter=ball_diameter,
+            rest=rest,
+            baseline=baseline,
+            report=report,
+            force=force,
         )
         return
     if rest is not None:

@@ -67,7 +67,9 @@ def calibrate_colours(
     source: Any = presses[0] if len(presses) == 1 else _images(presses)
     still = None if rest is None else _images([rest])[0]
     if baseline == 0:
-        raise InvalidInput("--baseline 0: the first picture shows the gel at rest, or --rest gives it. Leave it out, or give 1 or more.")
+        raise InvalidInput(
+            "--baseline 0: the first picture shows the gel at rest, or --rest gives it. Leave it out, or give 1 or more."
+        )
     with busy("learning colours"):
         model = learn_slopes(source, settings, ball_diameter=size, rest=still, baseline=baseline)
     typer.echo(f"ball            {1e3 * size:.4g} mm across, {len(model.table)} presses")
@@ -124,13 +126,11 @@ def feel_pictures(
     for path in (picture, plot_forces):
         if path is not None:
             check_picture(path)
-    options = {} if method is None else {"method": method}
+    options: dict[str, Any] = {} if method is None else {"method": method}
     record = provenance(skin_text(skin_file), str(source))
     forces, touches, strongest = Forces(), [], None
     with contextlib.ExitStack() as stack:
-        stream = stack.enter_context(
-            feel(source, skin_file, baseline=baseline, rate=rate, every=every, **options)
-        )
+        stream = stack.enter_context(feel(source, skin_file, baseline=baseline, rate=rate, every=every, **options))
         keep = stack.enter_context(kept_rows(forces, out if kind == "csv" else None))
         for touch in stream:
             forces.add(touch, [])
@@ -146,7 +146,10 @@ def feel_pictures(
         typer.echo(table_words(forces.table()))
     if strongest is not None:
         _, shown, relief, touch = strongest
-        typer.echo(f"picture {shown.index}: deepest {plain_number(1e6 * float(relief.depth.max()), 3)} um" + ("" if relief.touching else ", no contact"))
+        typer.echo(
+            f"picture {shown.index}: deepest {plain_number(1e6 * float(relief.depth.max()), 3)} um"
+            + ("" if relief.touching else ", no contact")
+        )
         typer.echo(touch.summary())
         if picture is not None and shown.image is not None:
             save_figure(draw_relief(shown.image, relief), picture)

@@ -104,7 +104,9 @@ def reconstruct(
             "--resume": resume or None,
         }
         if given := [name for name, value in unused.items() if value is not None]:
-            raise InvalidInput(f"{', '.join(given)} {'is' if len(given) == 1 else 'are'} for recordings: leave out for pictures.")
+            raise InvalidInput(
+                f"{', '.join(given)} {'is' if len(given) == 1 else 'are'} for recordings: leave out for pictures."
+            )
         feel_pictures(
             recording_file,
             skin_file,

@@ -100,10 +100,21 @@ def track(
         from palpate.cli.pictures import track_pictures
 
         if has_colours(recording_file, skin_file):
-            unused = {"--budget": budget, "--zero-at": zero_at or None, "--map": columns, "--max-pressure": max_pressure}
-            unused |= {"--max-force": max_force, "--fast": fast or None, "a tracker's options": tracker_options(ctx) or None}
+            unused: dict[str, Any] = {
+                "--budget": budget,
+                "--zero-at": zero_at or None,
+                "--map": columns,
+                "--max-pressure": max_pressure,
+            }
+            unused |= {
+                "--max-force": max_force,
+                "--fast": fast or None,
+                "a tracker's options": tracker_options(ctx) or None,
+            }
             if given := [name for name, value in unused.items() if value is not None]:
-                raise InvalidInput(f"{', '.join(given)} cannot be used with a gel that is read by its colours: leave out.")
+                raise InvalidInput(
+                    f"{', '.join(given)} cannot be used with a gel that is read by its colours: leave out."
+                )
             feel_pictures(
                 recording_file,
                 skin_file,

@@ -54,8 +54,8 @@ def reduced(image: npt.ArrayLike, step: int, name: str = "picture") -> tuple[Flo
         raise InvalidInput(f"{name}: all channels are equal: a grey picture tells no slopes. Record it in colour.")
     rows, columns = (n // step * step for n in part.shape[:2])
     blocks = part[:rows, :columns].reshape(rows // step, step, columns // step, step, 3)
-    lost = ((blocks > BRIGHT) | (blocks < BLACK)).any(axis=(1, 3, 4))
-    return blocks.mean(axis=(1, 3)), lost
+    lost = np.asarray(((blocks > BRIGHT) | (blocks < BLACK)).any(axis=(1, 3, 4)))
+    return np.asarray(blocks.mean(axis=(1, 3))), lost
 
 
 def change_of(image: Floats, rest: Floats) -> Floats:

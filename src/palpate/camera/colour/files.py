@@ -7,6 +7,7 @@ import re
 import tomllib
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def write_slopes(path: str | Path, skin_file: str | Path, model: SlopeModel) -> 
         raise InvalidInput(f"{target}: a calibrated skin file ends in .toml. Write {target.with_suffix('.toml').name}.")
     text = re.sub(r"(?ms)^\[colour\]\s*$.*?(?=^\[|\Z)", "", skin_text(Path(skin_file))).rstrip()
     numbers = target.with_name(f"{target.stem}.colour.npz")
-    held = {
+    held: dict[str, Any] = {
         "version": np.asarray(VERSION),
         "coefficients": model.response.coefficients,
         "degree": np.asarray(model.response.degree),

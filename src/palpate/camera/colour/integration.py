@@ -38,7 +38,10 @@ def integrate(slopes: Floats, weight: Floats, places: Floats) -> Floats:
     for part in flat:
         wanted = []
         for axis, step in enumerate(steps):
-            mean = 0.5 * (part.take(range(1, part.shape[1 + axis]), 1 + axis) + part.take(range(part.shape[1 + axis] - 1), 1 + axis))
+            mean = 0.5 * (
+                part.take(range(1, part.shape[1 + axis]), 1 + axis)
+                + part.take(range(part.shape[1 + axis] - 1), 1 + axis)
+            )
             wanted.append((mean * step).sum(axis=0))
         depth = _solved(weights, wanted)
         edge = np.concatenate([depth[0], depth[-1], depth[:, 0], depth[:, -1]])
@@ -70,9 +73,7 @@ def _solved(weights: list[Floats], wanted: list[Floats]) -> Floats:
     right = _spread(weights, wanted)
     rows, columns = right.shape
     eigen = (
-        4.0
-        - 2.0 * np.cos(np.pi * np.arange(rows) / rows)[:, None]
-        - 2.0 * np.cos(np.pi * np.arange(columns) / columns)
+        4.0 - 2.0 * np.cos(np.pi * np.arange(rows) / rows)[:, None] - 2.0 * np.cos(np.pi * np.arange(columns) / columns)
     )
     eigen[0, 0] = np.inf
 

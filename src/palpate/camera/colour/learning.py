@@ -99,7 +99,9 @@ def learn_slopes(
         step = step_of(size)
         for picture in pictures:
             if picture.image is None:
-                raise InvalidInput(f"{title}, picture {picture.index}: {picture.fault}. Take it out, or record it again.")
+                raise InvalidInput(
+                    f"{title}, picture {picture.index}: {picture.fault}. Take it out, or record it again."
+                )
             names.append(f"picture {picture.index}")
             images.append(reduced(picture.image, step, f"{title}, picture {picture.index}"))
     if rest is None and len(images) < FEWEST + 1:
@@ -110,7 +112,9 @@ def learn_slopes(
     if rest is not None:
         still, still_lost = reduced(rest, step, "the picture at rest")
         if still.shape != images[0][0].shape:
-            raise InvalidInput(f"the picture at rest has another size than those of {title}: take both with one camera mode.")
+            raise InvalidInput(
+                f"the picture at rest has another size than those of {title}: take both with one camera mode."
+            )
         first = 0
     else:
         first = baseline or 1
@@ -132,7 +136,9 @@ def learn_slopes(
             continue
         presses.append(_Press(name, change, masked, circle))
     if quiet:
-        said.append(f"nothing round is seen in {', '.join(quiet[:6])}{' and others' if len(quiet) > 6 else ''}: not used")
+        said.append(
+            f"nothing round is seen in {', '.join(quiet[:6])}{' and others' if len(quiet) > 6 else ''}: not used"
+        )
     if len(presses) < FEWEST:
         raise InvalidInput(
             f"{title}: a ball is found in {len(presses)} of {len(images) - first} pictures after that at rest, and {FEWEST} are needed. The first picture must show the gel at rest; press a ball of 4 to 20 mm, "
@@ -311,5 +317,7 @@ class _Learner:
         gains = np.array([row[2] for row in table])
         odd = [row[0] for row in table if abs(row[2] - np.median(gains)) > 0.25]
         if odd:
-            said.append(f"{', '.join(odd)} disagree with the others by more than 25 %: another ball, a second contact, or a ball that slid? Take them out, or press again")
+            said.append(
+                f"{', '.join(odd)} disagree with the others by more than 25 %: another ball, a second contact, or a ball that slid? Take them out, or press again"
+            )
         return said

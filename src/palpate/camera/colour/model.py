@@ -218,14 +218,30 @@ class SlopeModel:
         field_of = _filled(np.moveaxis(slopes.reshape(*shape, 2), -1, 0), known)
         pixel = float(np.sqrt(np.abs(np.linalg.det(self.view.jacobian((np.array(self.size) - 1) / 2.0)))) * self.step)
         # white noise of slopes integrates to about one step of it; drift of the light to what the rest of the picture shows
-        white = pixel * float(np.sqrt(np.median(variance) / 2.0)) * _quiet_scale(flat[~inside & known.ravel()], self.covariance)
+        white = (
+            pixel
+            * float(np.sqrt(np.median(variance) / 2.0))
+            * _quiet_scale(flat[~inside & known.ravel()], self.covariance)
+        )
         noise = max(white, _wander(integrate(field_of, weight, places), window, places))
         if not contact.any():
             zero = np.zeros(shape)
-            said = (
+            quiet = (
                 "no contact: no change of colour stands out from noise and drift of the light. A body that presses all of the view evenly would show none",
             )
-            return Relief(zero, zero + noise, field_of, places, known, contact, window > 0, noise, np.zeros((1, *shape)), False, said)
+            return Relief(
+                zero,
+                zero + noise,
+                field_of,
+                places,
+                known,
+                contact,
+                window > 0,
+                noise,
+                np.zeros((1, *shape)),
+                False,
+                quiet,
+            )
         used = field_of * window
         depth = integrate(used, weight, places)
         errors = self._errors(slopes, spread, by, base, known, weight, places, depth, used, window)
@@ -235,7 +251,10 @@ class SlopeModel:
         said = self._said(contact, known, outlying & ~lost, slopes, depth)
         touching = bool(depth[contact].max() > CLEAR * noise)
         if not touching:
-            said.insert(0, f"no contact: colours changed, and no depth above {1e6 * CLEAR * noise:.1f} um stands out: dirt, or a light that moved")
+            said.insert(
+                0,
+                f"no contact: colours changed, and no depth above {1e6 * CLEAR * noise:.1f} um stands out: dirt, or a light that moved",
+            )
         return Relief(depth, std, used, places, known, contact, window >= 1.0, noise, errors, touching, tuple(said))
 
     def _said(
@@ -252,7 +271,11 @@ class SlopeModel:
             said.append(
                 f"{100 * foreign:.0f} % of the pixels that changed have colours that this gel does not show: another gel, other lights, or a dark body under a coat that lets light through. Depth is not to be trusted; calibrate this gel"
             )
-        steep = float((np.hypot(*slopes.T).reshape(contact.shape) > self.response.steepest)[contact & known].mean()) if (contact & known).any() else 0.0
+        steep = (
+            float((np.hypot(*slopes.T).reshape(contact.shape) > self.response.steepest)[contact & known].mean())
+            if (contact & known).any()
+            else 0.0
+        )
         if steep > STEEP:
             said.append(
                 f"{100 * steep:.0f} % of the contact is steeper than the ball that taught the slopes (up to {self.response.steepest:.2g}): depth may be larger. Calibrate with a smaller ball, pressed deeper"
@@ -263,7 +286,9 @@ class SlopeModel:
                 f"{100 * hidden:.0f} % of the contact is hidden (saturated, covered, or of foreign colour): slopes are carried across there"
             )
         if -depth.min() > depth.max():
-            said.append("the surface stands out more than it is pressed in: the picture at rest shows a contact, or the gel is another")
+            said.append(
+                "the surface stands out more than it is pressed in: the picture at rest shows a contact, or the gel is another"
+            )
         return said
 
     def _errors(

@@ -351,7 +351,9 @@ def feel(
         raise InvalidInput(f"baseline must be a number of pictures from 0; got {baseline!r}.")
     if model is None:
         if isinstance(skin, Skin):
-            raise InvalidInput("a Skin does not hold what colours mean: give model=learn_slopes(...), or the path of a calibrated.toml.")
+            raise InvalidInput(
+                "a Skin does not hold what colours mean: give model=learn_slopes(...), or the path of a calibrated.toml."
+            )
         model = read_slopes(skin)
         if model is None:
             raise InvalidInput(
