@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -99,7 +99,8 @@ def summary(rows: list[dict[str, float]]) -> str:
 HEAD = "| {} | pictures | contact seen | depth error, rms near the contact (of its range) | force: median error | median bias | coverage | median half width |\n|---|---|---|---|---|---|---|---|"
 
 
-def population(gels: int) -> list[str]:
+def population(gels: int) -> Iterator[list[str]]:
+    """The tables, after one gel more each time: a run that is broken off leaves those of what was done."""
     pad = skin()
     by: dict[str, list[dict[str, float]]] = {}
     count: dict[int, list[dict[str, float]]] = {}
@@ -129,7 +130,10 @@ def population(gels: int) -> list[str]:
         some = list(shown.values())[:1]
         answers = solved(model, [printed.picture(b, rng=rng) for b in some], pad)
         dotted += [row_of(printed, b, r, t) for b, (r, t) in zip(some, answers)]
-        print(f"gel {k}", flush=True)
+        yield _tables(by, count, dotted, quiet, taught, seconds)
+
+
+def _tables(by: Any, count: Any, dotted: Any, quiet: Any, taught: Any, seconds: Any) -> list[str]:
     lines = [HEAD.format("contact")]
     lines += [f"| {name} | {summary(rows)} |" for name, rows in by.items()]
     lines += [f"| all | {summary([r for rows in by.values() for r in rows])} |", "", HEAD.format("calibrated with")]
@@ -195,15 +199,46 @@ def hard() -> list[str]:
     return lines
 
 
+def pictures(folder: Path) -> None:
+    """A picture of every step of the how-to."""
+    from matplotlib.figure import Figure
+
+    from palpate.camera import draw_colours, draw_relief, overlay
+
+    rng = np.random.default_rng(SEED + 700)
+    gel = Gel(lamps(np.random.default_rng(SEED + 701)), seed=5)
+    at = [(x * 1e-3, y * 1e-3) for x, y in ((-6, 4), (0, 4.2), (6, 4), (-3, 0), (3, 0), (-6, -4), (0, -4.2), (6, -4))]
+    shown = [gel.picture(rng=rng), *(gel.picture([Ball(4e-3, 1.5e-3, x, y)], rng=rng) for x, y in at)]
+    sheet = Figure(figsize=(7.0, 1.9))
+    for ax, image, name in zip(sheet.subplots(1, 4), shown, ("at rest", "press 1", "press 2", "press 3")):
+        ax.imshow(image)
+        ax.set_title(name, fontsize=8)
+        ax.set_axis_off()
+    sheet.subplots_adjust(left=0.01, right=0.99, top=0.9, bottom=0.01, wspace=0.03)
+    sheet.savefig(folder / "colour-gel-presses.png", dpi=110)
+    model = learn_slopes(shown, View.scaled(gel.scale, size=gel.size), ball_diameter=DIAMETER)
+    draw_colours(model).savefig(folder / "colour-gel-calibration.png", dpi=130)
+    image = gel.picture([Flat(1.2e-3, 2e-4, -4e-3, 1e-3), Ball(3e-3, 1.2e-3, 4e-3, -1e-3)], rng=rng)
+    relief, touch = solved(model, [image], skin())[0]
+    draw_relief(image, relief).savefig(folder / "colour-gel-relief.png", dpi=130)
+    overlay(image, touch, show="pressure").savefig(folder / "colour-gel-pressure.png", dpi=110)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--gels", type=int, default=12)
     parser.add_argument("--markdown", type=Path)
+    parser.add_argument("--pictures", type=Path, help="folder for the pictures of the how-to; nothing else is done")
     given = parser.parse_args()
-    text = "\n".join([*population(given.gels), *hard()]) + "\n"
-    print(text)
-    if given.markdown is not None:
-        given.markdown.write_text(text, encoding="utf-8")
+    if given.pictures is not None:
+        pictures(given.pictures)
+        return
+    doubtful = hard()
+    for number, lines in enumerate(population(given.gels)):
+        text = "\n".join([f"{number + 1} gels.", "", *lines, *doubtful]) + "\n"
+        print(text, flush=True)
+        if given.markdown is not None:
+            given.markdown.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -37,6 +37,9 @@ ROUNDS = 4
 #: Slopes inside the contact count up to so much: a ball that is pressed in to more than 0.9 of its radius is another.
 MOST_RADIUS = 0.9
 
+#: Contacts wider than this part of the ball have flanks of 45 degrees, which no gel keeps up with.
+WIDE = 0.7
+
 
 @dataclass(frozen=True, eq=False)
 class _Press:
@@ -314,10 +317,15 @@ class _Learner:
             said.append(
                 f"the presses cover {100 * spread[0]:.0f} % of the picture's width and {100 * spread[1]:.0f} % of its height: elsewhere colours are extrapolated. Press near the corners too"
             )
+        wide = max(row[1] for row in table)
+        if wide > WIDE * self.radius:
+            said.append(
+                f"a contact is {2e3 * wide:.1f} mm wide, nearly as wide as the ball of {2e3 * self.radius:.1f} mm: check --ball-diameter and the scale in [camera], or take a larger ball"
+            )
         gains = np.array([row[2] for row in table])
         odd = [row[0] for row in table if abs(row[2] - np.median(gains)) > 0.25]
         if odd:
             said.append(
-                f"{', '.join(odd)} disagree with the others by more than 25 %: another ball, a second contact, or a ball that slid? Take them out, or press again"
+                f"{', '.join(odd)}: slopes differ from what the other presses say by more than 25 %: the only press in its corner, another ball, or one that slid? Press near by once more, or take it out"
             )
         return said
