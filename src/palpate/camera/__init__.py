@@ -3,6 +3,18 @@
 Needs palpate[camera] (OpenCV, PyAV, tifffile).
 """
 
+from palpate.camera.colour import (
+    ColourTouches,
+    Relief,
+    SlopeModel,
+    draw_colours,
+    draw_relief,
+    feel,
+    learn_slopes,
+    read_slopes,
+    surface_skin,
+    write_slopes,
+)
 from palpate.camera.depthmap import DepthMap
 from palpate.camera.displacements import Displacements, Reading, Stage
 from palpate.camera.dots import Found, Print, fault_of, find_dots
@@ -19,6 +31,7 @@ from palpate.camera.windows import Moved
 from palpate.sensing.view import Lens, View, grey
 
 __all__ = [
+    "ColourTouches",
     "DepthMap",
     "Displacements",
     "Dots",
@@ -34,7 +47,9 @@ __all__ = [
     "Print",
     "Reading",
     "Region",
+    "Relief",
     "Scene",
+    "SlopeModel",
     "Stage",
     "Texture",
     "Touches",
@@ -42,15 +57,22 @@ __all__ = [
     "View",
     "Weighed",
     "dot_grid",
+    "draw_colours",
+    "draw_relief",
     "fault_of",
+    "feel",
     "find_dots",
     "follow",
     "gel_skin",
     "grey",
     "is_pictures",
+    "learn_slopes",
     "open_pictures",
     "overlay",
     "read_force_trace",
+    "read_slopes",
+    "surface_skin",
     "weigh",
+    "write_slopes",
     "write_video",
 ]

@@ -18,7 +18,7 @@ def calibrate(
         list[Path],
         typer.Argument(
             metavar="PRESSES...",
-            help="Recordings (.nc, .npz, .csv, .mcap and so on), or tables of others (--map); each is a run.",
+            help="Recordings (.nc, .npz, .csv, .mcap and so on), or tables of others (--map); each is a run. With --ball-diameter: pictures of a colour gel, a folder or a video.",
         ),
     ],
     skin_file: Annotated[
@@ -60,6 +60,16 @@ def calibrate(
             help="Picture to write (.png, .pdf or .svg): force found beside the force known, and what it rests on."
         ),
     ] = None,
+    ball_diameter: Annotated[
+        str | None,
+        typer.Option(
+            help='Of a colour gel without dots: diameter of the ball that was pressed into it, e.g. "8 mm". The first picture shows the gel at rest.'
+        ),
+    ] = None,
+    rest: Annotated[
+        Path | None,
+        typer.Option(help="Picture of the gel at rest, where PRESSES do not begin with it (--ball-diameter)."),
+    ] = None,
     force: Force = False,
 ) -> None:
     """Learn the net force of a sensor from a few weights or a force sensor: physics where labels are few, a regression where they are many."""
@@ -67,9 +77,29 @@ def calibrate(
     from palpate.recordings import read_recording
     from palpate.skin import Skin
 
+    if ball_diameter is not None:
+        from palpate.cli.colour import calibrate_colours
+
+        if reference is not None or reference_file is not None or weight or columns is not None or again:
+            raise InvalidInput(
+                "--ball-diameter learns what colours mean, from the ball alone: leave out --reference, --reference-file, --weight, --map and --again."
+            )
+        calibrate_colours(
+            presses,
+            skin_file,
+            out=out,
+            diameter=ball_diameter,
+            rest=rest,
+            baseline=baseline,
+            report=report,
+            force=force,
+        )
+        return
+    if rest is not None:
+        raise InvalidInput('--rest belongs to --ball-diameter "8 mm", for pictures of a colour gel: leave it out.')
     if reference is None and not weight:
         raise InvalidInput(
-            'say what is known: --reference "fz=Fz" (a force sensor), or --weight "200 g, 12 s to 20 s".'
+            'say what is known: --reference "fz=Fz" (a force sensor), or --weight "200 g, 12 s to 20 s"; of a colour gel without dots --ball-diameter "8 mm".'
         )
     if reference_file is not None and reference is None:
         raise InvalidInput('--reference-file needs --reference, such as "time=t,fz=Fz".')

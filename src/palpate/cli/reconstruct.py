@@ -28,7 +28,7 @@ def reconstruct(
         Path,
         typer.Argument(
             metavar="RECORDING",
-            help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag), or a table of another program (--map).",
+            help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag), a table of another program (--map), or pictures of a colour gel that was calibrated with a ball.",
         ),
     ],
     skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
@@ -89,6 +89,37 @@ def reconstruct(
     force: Force = False,
 ) -> None:
     """Recover pressure and shear from a recording of any length, each frame by itself. Nothing to tune."""
+    from palpate.cli.colour import feel_pictures, has_colours
+
+    if has_colours(recording_file, skin_file):
+        unused = {
+            "--map": columns,
+            "--frame": frame,
+            "--components": components,
+            "--workers": workers,
+            "--scheduler": scheduler,
+            "--chunk": chunk,
+            "--prepared": prepared,
+            "--drop-missing": drop_missing or None,
+            "--resume": resume or None,
+        }
+        if given := [name for name, value in unused.items() if value is not None]:
+            raise InvalidInput(
+                f"{', '.join(given)} {'is' if len(given) == 1 else 'are'} for recordings: leave out for pictures."
+            )
+        feel_pictures(
+            recording_file,
+            skin_file,
+            out=out if out is not None else recording_file.with_name(recording_file.stem + "-touch.nc"),
+            baseline=baseline,
+            every=1,
+            rate=None,
+            picture=plot,
+            plot_forces=plot_forces,
+            method=chosen_method(ctx),
+            force=force,
+        )
+        return
     from palpate.archives import reconstruct_recording, worker_count
     from palpate.recordings import open_recording
     from palpate.recordings.formats import file_format

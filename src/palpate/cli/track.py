@@ -96,8 +96,38 @@ def track(
         raise InvalidInput(f"{recording_file}: no such file.")
     if recording_file.is_dir() or recording_file.suffix.lower() not in RECORDED:
         from palpate.camera import is_pictures
+        from palpate.cli.colour import feel_pictures, has_colours
         from palpate.cli.pictures import track_pictures
 
+        if has_colours(recording_file, skin_file):
+            unused: dict[str, Any] = {
+                "--budget": budget,
+                "--zero-at": zero_at or None,
+                "--map": columns,
+                "--max-pressure": max_pressure,
+            }
+            unused |= {
+                "--max-force": max_force,
+                "--fast": fast or None,
+                "a tracker's options": tracker_options(ctx) or None,
+            }
+            if given := [name for name, value in unused.items() if value is not None]:
+                raise InvalidInput(
+                    f"{', '.join(given)} cannot be used with a gel that is read by its colours: leave out."
+                )
+            feel_pictures(
+                recording_file,
+                skin_file,
+                out=out,
+                baseline=baseline,
+                every=every or 1,
+                rate=rate,
+                picture=picture,
+                plot_forces=plot_forces,
+                method=None,
+                force=force,
+            )
+            return
         if is_pictures(recording_file):
             if budget is not None or zero_at or columns is not None:
                 raise InvalidInput("--budget, --zero-at and --map are for recordings: leave them out for pictures.")

@@ -33,6 +33,9 @@ scale = "0.06 mm"                # per pixel; or pitch = "2 mm" of the dots; or 
 [calibration]                    # optional: written by palpate calibrate
 file = "finger.calibration.npz"
 
+[colour]                         # optional: written by palpate calibrate --ball-diameter, of gels without dots
+file = "gel.colour.npz"
+
 [columns]                        # optional: what the columns of a table of another program are (`palpate.recordings.columns`)
 frame = "frame"                  # or time = "t"; marker = "id"; x and y; one key per channel, with the title of its column
 pixel = "0.06 mm"                # what a 1 means; or unit (of readings) and position_unit, or units in the titles
@@ -225,6 +228,10 @@ class _Calibration(Strict):
     file: str
 
 
+class _Colour(Strict):
+    file: str
+
+
 class SkinFile(Strict):
     pad: Annotated[
         Annotated[_HalfSpace, Tag("half_space")]
@@ -243,6 +250,7 @@ class SkinFile(Strict):
     columns: dict[str, Any] | None = None
     uncertainty: _Uncertainty = _Uncertainty()
     calibration: _Calibration | None = None
+    colour: _Colour | None = None
 
 
 def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad, list[Array], Grid | None, Boundary]:

@@ -1,0 +1,67 @@
+"""A ball's print in a picture of a colour gel: where its centre is, and how far it touches.
+
+Opposite flanks of a ball have opposite slopes, and nearly opposite changes of colour: the centre is where the picture, turned by half a turn about it, is most unlike
+itself. The contact ends where the slope is largest: outside, the gel comes back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+
+__all__ = ["Circle", "find_circle"]
+
+#: Changes of colour that count are above so many standard deviations of noise, and above this part of the strongest.
+CLEAR, PART = 6.0, 0.2
+#: Contact radii below so many pixels are too few to learn from.
+LEAST = 5.0
+
+
+@dataclass(frozen=True)
+class Circle:
+    """Centre (column, row) and radius of a contact [pixels]."""
+
+    column: float
+    row: float
+    radius: float
+
+
+def find_circle(change: Floats, noise: float) -> Circle | None:
+    """The circle where a ball touches, in changes of colour (row, column, channel) with noise of this standard deviation; None where nothing round stands out."""
+    from scipy.ndimage import binary_fill_holes, gaussian_filter, label
+    from scipy.signal import fftconvolve
+
+    smooth = np.stack([gaussian_filter(part, 1.5) for part in np.moveaxis(change, -1, 0)])
+    size = np.sqrt((smooth**2).sum(axis=0))
+    strong = float(np.quantile(size, 0.998))
+    # smoothing by 1.5 pixels leaves a fifth of the noise
+    if strong < CLEAR * noise * 0.2 * np.sqrt(len(smooth)):
+        return None
+    spots, count = label(binary_fill_holes(size > max(PART * strong, CLEAR * 0.2 * noise)))
+    if not count:
+        return None
+    largest = 1 + int(np.argmax(np.bincount(spots.ravel())[1:]))
+    rows, columns = np.nonzero(spots == largest)
+    if len(rows) < np.pi * LEAST**2:
+        return None
+    # the whole pattern within the box about it, alone
+    margin = 4
+    low = max(rows.min() - margin, 0), max(columns.min() - margin, 0)
+    box = smooth[:, low[0] : rows.max() + margin + 1, low[1] : columns.max() + margin + 1]
+    turned = sum(fftconvolve(part, part) for part in box)
+    middle = np.asarray(turned)
+    # twice the centre's place; only centres within the middle half of the box
+    h, w = box.shape[1:]
+    inner = middle[h // 2 : -(h // 2) or None, w // 2 : -(w // 2) or None]
+    at = np.unravel_index(int(np.argmin(inner)), inner.shape)
+    row = 0.5 * (at[0] + h // 2) + low[0]
+    column = 0.5 * (at[1] + w // 2) + low[1]
+    y, x = np.indices(size.shape)
+    far = np.hypot(x - column, y - row)
+    most = int(min(0.75 * max(h, w), min(size.shape) / 2.0))
+    ring = [float(size[(far >= r - 0.7) & (far < r + 0.7)].mean()) for r in range(2, most)]
+    radius = 2.0 + float(np.argmax(ring))
+    return Circle(float(column), float(row), radius) if radius >= LEAST else None

@@ -1,0 +1,99 @@
+"""From pictures to relative changes of colour against the gel at rest, and the pixels that tell nothing."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+
+__all__ = ["change_of", "changed_places", "dark_spots", "reduced", "step_of"]
+
+#: Columns to which pictures are reduced by means of blocks: slopes of contacts of a millimetre need no more, and blocks average noise.
+COLUMNS = 320
+#: Levels (of 1) beyond which a pixel is saturated or black, and the floor that is added to the light at rest so that dark channels do not blow up.
+BRIGHT, BLACK, FLOOR = 0.985, 0.008, 0.03
+#: Standard deviation of the blur that is applied to pictures [reduced pixels].
+BLUR = 1.0
+#: Blur over which a change is judged [blocks], how many standard deviations it must stand out by (a million pixels of noise hold none of six), and the fewest blocks of such a place: a speck of
+#: dust is smaller.
+JUDGED, CLEAR, FEWEST = 2.5, 6.0, 60
+#: A spot is dark where every channel is below this part of its surroundings: a slope darkens some colours and brightens others.
+DARK, AROUND = 0.7, 0.1
+
+
+def step_of(size: tuple[int, int]) -> int:
+    """Pixels along each side of a block."""
+    return max(1, round(size[0] / COLUMNS))
+
+
+def reduced(image: npt.ArrayLike, step: int, name: str = "picture") -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """A colour picture from 0 to 1 in blocks, (row, column, 3), and where it is saturated or black.
+
+    Raises
+    ------
+    InvalidInput
+        A grey picture, or none.
+    """
+    values = np.asarray(image)
+    if values.ndim != 3 or values.shape[2] not in (3, 4):
+        raise InvalidInput(
+            f"{name}: slopes are told by colour, and the picture has shape {values.shape}: record (rows, columns, 3) with red, green, blue."
+        )
+    top = 255.0 if values.dtype == np.uint8 else 65535.0 if values.dtype == np.uint16 else 1.0
+    if values.dtype not in (np.uint8, np.uint16, np.float32, np.float64):
+        raise InvalidInput(f"{name}: a picture holds 8 or 16 bit levels, or floats from 0 to 1; got {values.dtype}.")
+    part = values[..., :3].astype(np.float64) / top
+    if not np.isfinite(part).all() or part.min() < 0.0 or part.max() > 1.0 + 1e-6:
+        raise InvalidInput(f"{name}: levels must be finite, floats from 0 to 1; got {part.min():g} to {part.max():g}.")
+    if part.max(initial=0.0) > BLACK and float(np.ptp(part, axis=2).max()) == 0.0:
+        raise InvalidInput(f"{name}: all channels are equal: a grey picture tells no slopes. Record it in colour.")
+    rows, columns = (n // step * step for n in part.shape[:2])
+    blocks = part[:rows, :columns].reshape(rows // step, step, columns // step, step, 3)
+    lost = np.asarray(((blocks > BRIGHT) | (blocks < BLACK)).any(axis=(1, 3, 4)))
+    return np.asarray(blocks.mean(axis=(1, 3))), lost
+
+
+def change_of(image: Floats, rest: Floats) -> Floats:
+    """Relative change of colour (row, column, 3), blurred; the brightness of each channel as a whole is taken out."""
+    from scipy.ndimage import gaussian_filter
+
+    blurred, still = (gaussian_filter(v, (BLUR, BLUR, 0)) for v in (image, rest))
+    level = np.median((blurred + FLOOR) / (still + FLOOR), axis=(0, 1))
+    return np.asarray((blurred + FLOOR) / (still + FLOOR) / level - 1.0)
+
+
+def dark_spots(image: Floats) -> npt.NDArray[np.bool_]:
+    """Where printed dots or dirt hide the coat: darker than what is around in every colour; a pixel more all about."""
+    from scipy.ndimage import binary_dilation, grey_closing
+
+    side = 2 * math.ceil(0.5 * AROUND * image.shape[1]) + 1
+    part: Any = np.stack(
+        [(v + FLOOR) / (grey_closing(v, size=(side, side)) + FLOOR) for v in np.moveaxis(image, -1, 0)]
+    )
+    return np.asarray(binary_dilation(part.max(axis=0) < DARK, iterations=3))
+
+
+def changed_places(change: Floats, rest: Floats, lost: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Blocks (row, column) where colours changed by more than noise and drift of the light: nothing where nothing touches."""
+    from scipy.ndimage import binary_fill_holes, gaussian_filter, label
+
+    weight = gaussian_filter((~lost).astype(np.float64), JUDGED)
+    total = np.zeros(lost.shape)
+    for part, still in zip(np.moveaxis(change, -1, 0), np.moveaxis(rest, -1, 0)):
+        # noise and drift are alike in levels of the camera, not in parts of the light at rest
+        level = np.where(lost, 0.0, part * (still + FLOOR))
+        smooth = gaussian_filter(level, JUDGED) / np.maximum(weight, 0.1)
+        seen = smooth[~lost]
+        middle = float(np.median(seen))
+        scatter = max(1.4826 * float(np.median(np.abs(seen - middle))), 1e-5)
+        total += ((smooth - middle) / scatter) ** 2
+    spots, count = label((total > CLEAR**2 * change.shape[2]) & (weight > 0.1))
+    sizes = np.bincount(spots.ravel(), minlength=count + 1)
+    kept = sizes >= FEWEST
+    kept[0] = False
+    return np.asarray(binary_fill_holes(kept[spots]))

@@ -1,0 +1,331 @@
+"""From presses of one ball to what the colours of a gel mean."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.camera.colour.balls import LEAST, Circle, find_circle
+from palpate.camera.colour.change import change_of, dark_spots, reduced, step_of
+from palpate.camera.colour.integration import integrate
+from palpate.camera.colour.model import SlopeModel, grid_of
+from palpate.camera.colour.response import Response, bases, ranks, solve_slopes
+from palpate.camera.displacements import view_of
+from palpate.camera.pictures import open_pictures
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+from palpate.recordings.camerasection import CameraSettings
+from palpate.sensing.view import View
+from palpate.units import is_number
+
+__all__ = ["learn_slopes"]
+
+#: Fewer presses cannot be checked by leaving one out.
+FEWEST = 3
+#: Part of the radius of the ring of strongest colour within which pixels are taken: blur puts that ring two to three blocks inside the edge of the contact, and inside it the slope is
+#: the ball's whatever the radius.
+WITHIN = 1.0
+#: Degrees in slope, and ridges (of the mean square of a feature of rank 0), that are tried; each rank is held back four times as much, rank 0 hardly. Of fifteen
+#: polynomials of place and light, four ridges and four ways to normalise colour, on eight gels with 3 to 10 presses, this kind had the least error of slopes elsewhere.
+DEGREES, RIDGES, EACH_RANK, RANK_0 = (2, 3), (1e-5, 1e-4, 1e-3), 4.0, 0.01
+#: Rounds in which centres and the polynomial are improved in turn.
+ROUNDS = 4
+#: Slopes inside the contact count up to so much: a ball that is pressed in to more than 0.9 of its radius is another.
+MOST_RADIUS = 0.9
+
+#: Contacts wider than this part of the ball have flanks of 45 degrees, which no gel keeps up with.
+WIDE = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class _Press:
+    name: str
+    change: Floats
+    lost: npt.NDArray[np.bool_]
+    circle: Circle
+
+
+def learn_slopes(
+    source: Any,
+    view: View | CameraSettings,
+    *,
+    ball_diameter: float,
+    rest: Any = None,
+    baseline: int | None = None,
+) -> SlopeModel:
+    """What the colours of a gel mean, from pictures of a ball of known size pressed into it.
+
+    Within the contact the surface is that of the ball: the slope at distance r from the centre is r / sqrt(R^2 - r^2), whatever the gel is made of. Three presses do; ten all over the picture are
+    better. The centre of each is found, the polynomial from slope and place to colour is fitted by least squares, and every press is left out once to measure the error.
+
+    Parameters
+    ----------
+    source : str, Path, or iterable of arrays
+        Pictures in colour, of which the first shows the gel at rest (`palpate.camera.open_pictures`).
+    view : View or CameraSettings
+        How pixels become metres: by scale or points, since there are no dots.
+    ball_diameter : float
+        [m], as a caliper reads it.
+    rest : array (row, column, 3), optional
+        The gel at rest, where the pictures do not begin with it.
+    baseline : int, optional
+        Pictures at the start that show the gel at rest. Default: the first, and others in which nothing touches.
+
+    Raises
+    ------
+    InvalidInput
+        Pictures without colour, fewer than three in which a ball is found, a view by dots, a ball that cannot be of this size.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.camera import Dots, Looks, Scene, learn_slopes
+    >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    >>> # see the how-to "Colour gels without dots" for a scene
+    """
+    if not (is_number(ball_diameter) and 0 < ball_diameter < 1.0):
+        raise InvalidInput(f"ball_diameter must be a positive number of metres, such as 8e-3; got {ball_diameter!r}.")
+    if isinstance(view, CameraSettings) and view.pitch is not None:
+        raise InvalidInput(
+            'the pitch of dots tells no scale of a gel without dots: give scale = "0.06 mm" (per pixel), or points and places, in [camera].'
+        )
+    if baseline is not None and (isinstance(baseline, bool) or not isinstance(baseline, int) or baseline < 1):
+        raise InvalidInput(f"baseline must be a number of pictures of at least 1; got {baseline!r}.")
+    images, names = [], []
+    with open_pictures(source) as pictures:
+        size, title = pictures.size, pictures.name
+        step = step_of(size)
+        for picture in pictures:
+            if picture.image is None:
+                raise InvalidInput(
+                    f"{title}, picture {picture.index}: {picture.fault}. Take it out, or record it again."
+                )
+            names.append(f"picture {picture.index}")
+            images.append(reduced(picture.image, step, f"{title}, picture {picture.index}"))
+    if rest is None and len(images) < FEWEST + 1:
+        raise InvalidInput(
+            f"{title}: {FEWEST} presses and before them a picture of the gel at rest are needed; there are {len(images)} pictures. Take ten presses all over the gel."
+        )
+    seen = view if isinstance(view, View) else view_of(view, size, np.zeros((0, 2)))
+    if rest is not None:
+        still, still_lost = reduced(rest, step, "the picture at rest")
+        if still.shape != images[0][0].shape:
+            raise InvalidInput(
+                f"the picture at rest has another size than those of {title}: take both with one camera mode."
+            )
+        first = 0
+    else:
+        first = baseline or 1
+        if first >= len(images):
+            raise InvalidInput(f"baseline {first} leaves no press of {len(images)} pictures: give a smaller one.")
+        still = np.mean([v for v, _ in images[:first]], axis=0)
+        still_lost = np.any([m for _, m in images[:first]], axis=0)
+    learner = _Learner(seen, size, step, 0.5 * ball_diameter, still)
+    said: list[str] = []
+    presses: list[_Press] = []
+    quiet = []
+    for name, (values, lost) in zip(names[first:], images[first:]):
+        change = change_of(values, still)
+        noise = _noise_of(change)
+        masked = lost | still_lost | dark_spots(values) | dark_spots(still)
+        circle = find_circle(np.where(masked[..., None], 0.0, change), noise)
+        if circle is None:
+            quiet.append(name)
+            continue
+        presses.append(_Press(name, change, masked, circle))
+    if quiet:
+        said.append(
+            f"nothing round is seen in {', '.join(quiet[:6])}{' and others' if len(quiet) > 6 else ''}: not used"
+        )
+    if len(presses) < FEWEST:
+        raise InvalidInput(
+            f"{title}: a ball is found in {len(presses)} of {len(images) - first} pictures after that at rest, and {FEWEST} are needed. The first picture must show the gel at rest; press a ball of 4 to 20 mm, "
+            f"and see that its contact is at least {int(2 * LEAST * step)} pixels wide."
+        )
+    return learner.learn(presses, still, said)
+
+
+def _noise_of(change: Floats) -> float:
+    """Standard deviation of a channel from pixel to pixel, by differences of neighbours two apart."""
+    fine = change[:, 4:] - change[:, :-4]
+    return float(1.4826 * np.median(np.abs(fine)) / math.sqrt(2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Means of products over the pixels of a press: features with features, with colours, colours with colours."""
+
+    normal: Floats
+    right: Floats
+    colours: Floats
+
+    def left(self, response: Response) -> float:
+        """Mean square of colour about a polynomial, of all channels."""
+        c = response.coefficients.reshape(3, -1).T
+        return float(np.trace(self.colours - 2.0 * c.T @ self.right + c.T @ self.normal @ c))
+
+
+class _Learner:
+    """The fit, on the blocks of one picture."""
+
+    def __init__(self, view: View, size: tuple[int, int], step: int, radius: float, still: Floats) -> None:
+        self.view, self.size, self.step, self.radius = view, size, step, radius
+        self.places, scaled = grid_of(view, size, step)
+        self.base = bases(scaled, still)
+
+    def _middle(self, circle: Circle) -> tuple[Floats, float]:
+        """Centre [m] and metres per block there."""
+        at = (np.array([circle.column, circle.row]) + 0.5) * self.step - 0.5
+        scale = math.sqrt(abs(float(np.linalg.det(self.view.jacobian(at))))) * self.step
+        return np.asarray(self.view.places(at)), scale
+
+    def inside(self, press: _Press, within: float) -> tuple[npt.NDArray[np.bool_], Floats]:
+        """Pixels of the contact (row, column), and the ball's slopes there (n, 2)."""
+        middle, scale = self._middle(press.circle)
+        dx, dy = self.places[0] - middle[0], self.places[1] - middle[1]
+        r = np.hypot(dx, dy)
+        reach = min(within * press.circle.radius * scale, MOST_RADIUS * self.radius)
+        chosen = (r < reach) & ~press.lost
+        down = -1.0 / np.sqrt(self.radius**2 - r[chosen] ** 2)
+        return chosen, np.stack([dx[chosen] * down, dy[chosen] * down], axis=-1)
+
+    def _fit(self, sums: list[_Sums], degree: int, ridge: float, steepest: float) -> Response:
+        """The polynomial of least squares in which each press counts as one."""
+        above, place = ranks(degree)
+        held = ridge * (np.where(place == 0, RANK_0, 1.0) * EACH_RANK ** (above + place)).ravel()
+        normal = np.mean([s.normal for s in sums], axis=0) + np.diag(held)
+        solved = np.linalg.solve(normal, np.mean([s.right for s in sums], axis=0))
+        return Response(np.ascontiguousarray(solved.T).reshape(3, *place.shape), degree, steepest)
+
+    def _sums(self, press: _Press, degree: int, steepest: float) -> _Sums:
+        chosen, slopes = self.inside(press, WITHIN)
+        shape = ranks(degree)[0].shape
+        rows = Response(np.zeros((3, *shape)), degree, steepest).features(slopes, self.base[chosen])
+        colours = press.change[chosen]
+        n = len(rows)
+        return _Sums(rows.T @ rows / n, rows.T @ colours / n, colours.T @ colours / n)
+
+    def _centred(self, press: _Press, response: Response) -> _Press:
+        """The press with its centre moved to where the polynomial explains its colours best: one Gauss-Newton step."""
+        chosen, slopes = self.inside(press, WITHIN)
+        if chosen.sum() < 20:
+            return press
+        value, by = response.derivative(slopes, response.local(self.base[chosen]))
+        residual = press.change[chosen] - value
+        # a centre that moves by d changes slopes by +d / R, nearly
+        _, scale = self._middle(press.circle)
+        steps = by.reshape(-1, 2) / self.radius
+        move = np.linalg.lstsq(steps, residual.ravel(), rcond=None)[0]
+        size = float(np.hypot(*move))
+        move = move * min(1.0, 3.0 * scale / max(size, 1e-300))
+        pixel = self.view.pixels(self._middle(press.circle)[0] + move)
+        c = (np.asarray(pixel) + 0.5) / self.step - 0.5
+        return replace(press, circle=Circle(float(c[0]), float(c[1]), press.circle.radius))
+
+    def learn(self, presses: list[_Press], still: Floats, said: list[str]) -> SlopeModel:
+        for press in presses:
+            _, scale = self._middle(press.circle)
+            if press.circle.radius * scale > 1.05 * self.radius:
+                raise InvalidInput(
+                    f"{press.name}: the contact is {2e3 * press.circle.radius * scale:.1f} mm wide, more than a ball of {2e3 * self.radius:.1f} mm diameter can be: check --ball-diameter and the scale in [camera]."
+                )
+        noise = max(float(np.median([_noise_of(p.change) for p in presses])), 1e-4)
+        for number in range(ROUNDS):
+            steepest = self._steepest(presses)
+            degree = min(number + 1, 2)
+            response = self._fit([self._sums(p, degree, steepest) for p in presses], degree, RIDGES[-1], steepest)
+            presses = [self._centred(p, response) for p in presses]
+        steepest = self._steepest(presses)
+        best = (math.inf, 0, 0.0)
+        for degree in DEGREES:
+            sums = [self._sums(p, degree, steepest) for p in presses]
+            for ridge in RIDGES:
+                error = sum(
+                    s.left(self._fit(sums[:i] + sums[i + 1 :], degree, ridge, steepest)) for i, s in enumerate(sums)
+                )
+                best = min(best, (error, degree, ridge))
+        _, degree, ridge = best
+        sums = [self._sums(p, degree, steepest) for p in presses]
+        response = self._fit(sums, degree, ridge, steepest)
+        without = [self._fit(sums[:i] + sums[i + 1 :], degree, ridge, steepest) for i in range(len(sums))]
+        covariance = self._covariance(presses, without, noise)
+        table = tuple(self._left_out(p, other, covariance) for p, other in zip(presses, without))
+        gains = np.array([row[2] for row in table])
+        # the scatter of single presses is what a new contact has; their mean off 1 is a bias of the same kind
+        gain_std = float(np.sqrt(np.mean((gains - 1.0) ** 2)))
+        slope_error = float(np.sqrt(np.mean([row[3] ** 2 for row in table])))
+        depth_error = float(np.sqrt(np.mean([row[4] ** 2 for row in table])))
+        said += self._words(presses, table)
+        return SlopeModel(
+            response,
+            np.stack([w.coefficients for w in without]),
+            covariance,
+            still.astype(np.float32).astype(np.float64),
+            self.size,
+            self.view,
+            2.0 * self.radius,
+            gain_std,
+            slope_error,
+            depth_error,
+            table,
+            tuple(said),
+        )
+
+    def _steepest(self, presses: list[_Press]) -> float:
+        return max(float(np.hypot(*self.inside(p, WITHIN)[1].T).max(initial=0.0)) for p in presses)
+
+    def _covariance(self, presses: list[_Press], without: list[Response], noise: float) -> Floats:
+        """Of colour about the model, on presses that were left out; at least the noise of pixels."""
+        parts = []
+        for press, other in zip(presses, without):
+            chosen, slopes = self.inside(press, WITHIN)
+            left = press.change[chosen] - other.change(slopes, self.base[chosen])
+            parts.append(left.T @ left / len(left))
+        return np.asarray(np.mean(parts, axis=0) + 0.25 * noise**2 * np.eye(3))
+
+    def _left_out(self, press: _Press, other: Response, covariance: Floats) -> tuple[str, float, float, float, float]:
+        """Name, contact radius [m], gain, error of slope and of depth [m] of a press by the model without it."""
+        chosen, ball = self.inside(press, WITHIN)
+        _, scale = self._middle(press.circle)
+        box = tuple(slice(int(v.min()), int(v.max()) + 1) for v in np.nonzero(chosen))
+        base = self.base[box]
+        flat = press.change[box].reshape(-1, 3)
+        slopes, _, _, _ = solve_slopes(other, flat, base.reshape(len(flat), -1), covariance)
+        within = chosen[box]
+        field = np.moveaxis(slopes.reshape(*within.shape, 2), -1, 0)
+        found = field[:, within].T
+        gain = float((found * ball).sum() / (ball**2).sum())
+        error = float(np.sqrt(np.mean((found - ball) ** 2)))
+        depth = integrate(field, within + 1e-6, self.places[:, box[0], box[1]])[within]
+        middle, _ = self._middle(press.circle)
+        r = np.hypot(*(self.places[:, chosen] - middle[:, None]))
+        truth = np.sqrt(self.radius**2 - r**2)
+        off = (depth - depth.mean()) - (truth - truth.mean())
+        return press.name, press.circle.radius * scale, gain, error, float(np.sqrt(np.mean(off**2)))
+
+    def _words(self, presses: list[_Press], table: Any) -> list[str]:
+        said = []
+        centres = np.array([[p.circle.column, p.circle.row] for p in presses])
+        size = np.array([self.size[0], self.size[1]]) / self.step
+        spread = np.ptp(centres, axis=0) / size
+        if spread.min() < 0.35:
+            said.append(
+                f"the presses cover {100 * spread[0]:.0f} % of the picture's width and {100 * spread[1]:.0f} % of its height: elsewhere colours are extrapolated. Press near the corners too"
+            )
+        wide = max(row[1] for row in table)
+        if wide > WIDE * self.radius:
+            said.append(
+                f"a contact is {2e3 * wide:.1f} mm wide, nearly as wide as the ball of {2e3 * self.radius:.1f} mm: check --ball-diameter and the scale in [camera], or take a larger ball"
+            )
+        gains = np.array([row[2] for row in table])
+        odd = [row[0] for row in table if abs(row[2] - np.median(gains)) > 0.25]
+        if odd:
+            said.append(
+                f"{', '.join(odd)}: slopes differ from what the other presses say by more than 25 %: the only press in its corner, another ball, or one that slid? Press near by once more, or take it out"
+            )
+        return said

@@ -1,0 +1,384 @@
+"""What was learnt of a colour gel, and the relief of a picture by it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.camera.colour.change import change_of, changed_places, dark_spots, reduced, step_of
+from palpate.camera.colour.integration import integrate
+from palpate.camera.colour.response import STEPS, Response, bases, solve_slopes
+from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
+from palpate.sensing.view import View
+
+__all__ = ["Relief", "SlopeModel", "grid_of"]
+
+#: Chi-squared (one degree of freedom) beyond which a pixel does not follow the model: dust, glare, a dot. 25 is five standard deviations.
+OUTLYING = 25.0
+#: Standard deviations of the picture's own depth noise that a contact must stand out by.
+CLEAR = 6.0
+#: Parts of the contact from which on it is said: colours of another gel, slopes steeper than learnt, pixels that are hidden.
+FOREIGN, STEEP, HIDDEN = 0.25, 0.1, 0.2
+#: Change of colour of the median pixel beyond which a picture is not of this gel in these lights: drift of the light as a whole is taken out, and a contact leaves half of the picture as it was.
+OTHER_LIGHT = 0.1
+#: Weight of a pixel that tells nothing or little in the integration, over that of others: so little bends where others tell, and the equation stays well conditioned.
+LEAST_WEIGHT = 0.05
+
+
+def grid_of(view: View, size: tuple[int, int], step: int) -> tuple[Floats, Floats]:
+    """Places (2, row, column) [m] of the blocks of a picture of ``size`` (columns, rows), and the same from -1 to 1."""
+    columns, rows = size[0] // step, size[1] // step
+    at = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1)
+    places = view.places((at + 0.5) * step - 0.5)
+    scaled = (at + 0.5) / np.array([columns, rows]) * 2.0 - 1.0
+    return np.moveaxis(places, -1, 0).copy(), np.moveaxis(scaled, -1, 0).copy()
+
+
+@dataclass(frozen=True, eq=False)
+class Relief:
+    """The shape of a gel's surface in one picture.
+
+    Attributes
+    ----------
+    depth, std : array (row, column)
+        How far the surface is pressed in [m], positive into the gel, zero at the edge of the picture; and its standard deviation.
+    slopes : array (2, row, column)
+        du_z/dx and du_z/dy, x right and y up.
+    places : array (2, row, column)
+        (x, y) of each [m].
+    known : array (row, column) of bool
+        False where a pixel told nothing: saturated, dust, a dot, another coat; depth is carried across from its neighbours there.
+    contact, near : array (row, column) of bool
+        Where colours changed beyond noise and drift; and that with the part of the gel about it in which slopes are used.
+    noise : float
+        Standard deviation of the depth where nothing touches [m], from this picture.
+    errors : array (cause, row, column)
+        What depth may be off by as a whole [m], one standard deviation each: by what each press of the calibration taught, by slopes that are hidden or steeper than those learnt.
+    touching : bool
+        Whether anything stands out from the noise.
+    said : tuple of str
+        What to know of this picture.
+    """
+
+    depth: Floats
+    std: Floats
+    slopes: Floats
+    places: Floats
+    known: npt.NDArray[np.bool_]
+    contact: npt.NDArray[np.bool_]
+    near: npt.NDArray[np.bool_]
+    noise: float
+    errors: Floats
+    touching: bool
+    said: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class SlopeModel:
+    """Colour to slope of one gel and camera, learnt by `learn_slopes`.
+
+    Attributes
+    ----------
+    response : Response
+        The polynomial from slope and place to colour.
+    left_out : array (press, ...)
+        Its coefficients without one press after another: what they differ by is the standard error (the jackknife).
+    covariance : array (channel, channel)
+        Of colour about the model, on presses that were left out.
+    rest : array (row, column, 3)
+        The gel at rest, from 0 to 1, in blocks.
+    size : (int, int)
+        Columns and rows of its pictures.
+    view : View
+        Pixels to metres.
+    ball_diameter : float
+        [m]
+    gain_std : float
+        Relative standard deviation of all slopes together, from presses that were left out.
+    slope_error, depth_error : float
+        Root mean square error inside the contact of presses that were left out: of the slope, and of depth [m].
+    table : tuple
+        Of each press: its name, contact radius [m], gain, error of slope and of depth [m], left out.
+    said : tuple of str
+        What to know.
+    """
+
+    response: Response
+    left_out: Floats
+    covariance: Floats
+    rest: Floats
+    size: tuple[int, int]
+    view: View
+    ball_diameter: float
+    gain_std: float
+    slope_error: float
+    depth_error: float
+    table: tuple[tuple[str, float, float, float, float], ...] = ()
+    said: tuple[str, ...] = ()
+    _grids: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def __str__(self) -> str:
+        lines = [
+            f"{len(self.table)} presses of a ball of {1e3 * self.ball_diameter:.4g} mm; slopes up to {self.response.steepest:.2g}",
+            f"presses that were left out: slope off by {self.slope_error:.2g}, depth by {1e6 * self.depth_error:.2g} um, all slopes together by {100 * self.gain_std:.2g} % (standard deviations)",
+            *self.said,
+        ]
+        return "\n".join(lines)
+
+    @property
+    def step(self) -> int:
+        """Pixels along the side of a block."""
+        return step_of(self.size)
+
+    @property
+    def typical_depth(self) -> float:
+        """Median of how much deeper the middle of a contact was than its edge, of the presses that taught [m]."""
+        r = 0.5 * self.ball_diameter
+        return float(np.median([r - math.sqrt(max(r * r - row[1] ** 2, 0.0)) for row in self.table]))
+
+    def _grid(self) -> tuple[Floats, Floats]:
+        if "grid" not in self._grids:
+            places, scaled = grid_of(self.view, self.size, self.step)
+            base = bases(scaled, self.rest)
+            self._grids["grid"] = places, base.reshape(-1, base.shape[-1])
+        found: tuple[Floats, Floats] = self._grids["grid"]
+        return found
+
+    @property
+    def bases(self) -> Floats:
+        """What the response depends on at each block (row * columns + column, term)."""
+        return self._grid()[1]
+
+    def prepared(self, image: npt.ArrayLike, name: str = "picture") -> tuple[Floats, npt.NDArray[np.bool_]]:
+        """A picture in blocks and where it is saturated or black; `InvalidInput` where it has another size."""
+        shape = np.shape(image)
+        if len(shape) == 3 and (shape[1], shape[0]) != self.size:
+            raise InvalidInput(
+                f"{name}: the picture is {shape[1]} x {shape[0]}, and the gel was calibrated with {self.size[0]} x {self.size[1]}: use the camera mode of the calibration, or calibrate again."
+            )
+        return reduced(image, self.step, name)
+
+    def relief(self, image: npt.ArrayLike, *, rest: Floats | None = None, name: str = "picture") -> Relief:
+        """The shape of the surface in a picture.
+
+        Parameters
+        ----------
+        image : array (row, column, 3)
+            Red, green, blue, of the calibration's size.
+        rest : array (row, column, 3), optional
+            The gel at rest of the same session, in blocks (`prepared`); default: that of the calibration. Lights and coats change from day to day.
+        name : str
+            Of the picture, for messages.
+
+        Raises
+        ------
+        InvalidInput
+            A grey picture, one of another size, of another gel or light, or one of which nothing is to be seen.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> from palpate.camera import learn_slopes
+        >>> # model = learn_slopes("presses/", view, ball_diameter=8e-3)
+        >>> # relief = model.relief(picture)
+        """
+        still = self.rest if rest is None else rest
+        values, lost = self.prepared(image, name)
+        places, base = self._grid()
+        lost = lost | dark_spots(values) | dark_spots(still)
+        if lost.mean() > 0.9:
+            raise InvalidInput(
+                f"{name}: {100 * float(lost.mean()):.0f} % of the picture is saturated, black or covered: lower exposure or light until the brightest channel stays below 250 of 255."
+            )
+        change = change_of(values, still)
+        different = float(np.median(np.abs(change).max(axis=2)[~lost]))
+        if different > OTHER_LIGHT:
+            raise InvalidInput(
+                f"{name}: half of the picture differs from the gel at rest by {100 * different:.0f} % and more in colour: another gel, other lights, or a camera that moved. Give pictures at rest of today (--baseline, or rest=), or calibrate this gel."
+            )
+        shape = lost.shape
+        contact = changed_places(change, still, lost)
+        window = _window(contact)
+        flat, inside = change.reshape(-1, 3), window.ravel() > 0
+        slopes, spread, misfit, by = (np.empty((len(flat), *rest)) for rest in ((2,), (2, 2), (), (3, 2)))
+        for chosen, steps in ((inside, STEPS), (~inside, 1)):
+            parts = solve_slopes(self.response, flat[chosen], base[chosen], self.covariance, steps=steps)
+            for whole, part in zip((slopes, spread, misfit, by), parts):
+                whole[chosen] = part
+        outlying = (misfit > OUTLYING).reshape(shape)
+        known = ~(lost | outlying)
+        variance = np.einsum("nii->n", spread).reshape(shape)
+        weight = np.clip(float(np.median(variance)) / variance, LEAST_WEIGHT, 1.0) * np.where(known, 1.0, LEAST_WEIGHT)
+        field_of = _filled(np.moveaxis(slopes.reshape(*shape, 2), -1, 0), known)
+        pixel = float(np.sqrt(np.abs(np.linalg.det(self.view.jacobian((np.array(self.size) - 1) / 2.0)))) * self.step)
+        # white noise of slopes integrates to about one step of it; drift of the light to what the rest of the picture shows
+        white = (
+            pixel
+            * float(np.sqrt(np.median(variance) / 2.0))
+            * _quiet_scale(flat[~inside & known.ravel()], self.covariance)
+        )
+        noise = max(white, _wander(integrate(field_of, weight, places), window, places))
+        if not contact.any():
+            zero = np.zeros(shape)
+            quiet = (
+                "no contact: no change of colour stands out from noise and drift of the light. A body that presses all of the view evenly would show none",
+            )
+            return Relief(
+                zero,
+                zero + noise,
+                field_of,
+                places,
+                known,
+                contact,
+                window > 0,
+                noise,
+                np.zeros((1, *shape)),
+                False,
+                quiet,
+            )
+        used = field_of * window
+        depth = integrate(used, weight, places)
+        errors = self._errors(slopes, spread, by, base, known, weight, places, depth, used, window)
+        levelled = _levelled(np.concatenate([depth[None], errors]), window, places)
+        depth, errors = levelled[0], levelled[1:]
+        std = np.sqrt(noise**2 + (errors**2).sum(axis=0))
+        said = self._said(contact, known, outlying & ~lost, slopes, depth)
+        touching = bool(depth[contact].max() > CLEAR * noise)
+        if not touching:
+            said.insert(
+                0,
+                f"no contact: colours changed, and no depth above {1e6 * CLEAR * noise:.1f} um stands out: dirt, or a light that moved",
+            )
+        return Relief(depth, std, used, places, known, contact, window >= 1.0, noise, errors, touching, tuple(said))
+
+    def _said(
+        self,
+        contact: npt.NDArray[np.bool_],
+        known: npt.NDArray[np.bool_],
+        outlying: npt.NDArray[np.bool_],
+        slopes: Floats,
+        depth: Floats,
+    ) -> list[str]:
+        said = []
+        foreign = float(outlying[contact].mean())
+        if foreign > FOREIGN:
+            said.append(
+                f"{100 * foreign:.0f} % of the pixels that changed have colours that this gel does not show: another gel, other lights, or a dark body under a coat that lets light through. Depth is not to be trusted; calibrate this gel"
+            )
+        steep = (
+            float((np.hypot(*slopes.T).reshape(contact.shape) > self.response.steepest)[contact & known].mean())
+            if (contact & known).any()
+            else 0.0
+        )
+        if steep > STEEP:
+            said.append(
+                f"{100 * steep:.0f} % of the contact is steeper than the ball that taught the slopes (up to {self.response.steepest:.2g}): depth may be larger. Calibrate with a smaller ball, pressed deeper"
+            )
+        hidden = float((~known)[contact].mean())
+        if hidden > HIDDEN and foreign <= FOREIGN:
+            said.append(
+                f"{100 * hidden:.0f} % of the contact is hidden (saturated, covered, or of foreign colour): slopes are carried across there"
+            )
+        if -depth.min() > depth.max():
+            said.append(
+                "the surface stands out more than it is pressed in: the picture at rest shows a contact, or the gel is another"
+            )
+        return said
+
+    def _errors(
+        self,
+        slopes: Floats,
+        spread: Floats,
+        by: Floats,
+        base: Floats,
+        known: npt.NDArray[np.bool_],
+        weight: Floats,
+        places: Floats,
+        depth: Floats,
+        used: Floats,
+        window: Floats,
+    ) -> Floats:
+        """What depth may be off by: (cause, row, column)."""
+        shape = known.shape
+        inverse = np.linalg.inv(self.covariance)
+        value = self.response.change(slopes, base)
+        causes = []
+        count = len(self.left_out)
+        for coefficients in self.left_out:
+            other = replace(self.response, coefficients=coefficients)
+            # slopes move so that the other polynomial gives the same colours
+            moved = -np.einsum("nij,nkj,kl,nl->ni", spread, by, inverse, other.change(slopes, base) - value)
+            moved *= math.sqrt((count - 1) / count)
+            limit = 0.5 * self.response.steepest
+            causes.append(np.clip(moved, -limit, limit).T.reshape(2, *shape) * known * window)
+        # all slopes together: what presses that were left out were off by as a whole
+        causes.append(self.gain_std * used)
+        # hidden slopes, and those at the limit of what was learnt: half of the steepest more, downhill
+        steep = np.hypot(*slopes.T).reshape(shape) > self.response.steepest
+        doubtful = (~known | steep) & (depth > 0.1 * max(float(depth.max()), 1e-12))
+        way = used / np.maximum(np.hypot(*used), 1e-6)
+        causes.append(0.5 * self.response.steepest * way * doubtful)
+        field_of = np.stack(causes)
+        out = integrate(field_of[:-1], weight, places)
+        # what is hidden is not held by its small weight here: it is the cause
+        return np.concatenate([out, integrate(field_of[-1:], np.ones(shape), places)])
+
+
+def _filled(slopes: Floats, known: npt.NDArray[np.bool_]) -> Floats:
+    """Slopes of pixels that tell nothing, from those about them."""
+    from scipy.ndimage import gaussian_filter
+
+    if known.all():
+        return slopes
+    weight = gaussian_filter(known.astype(np.float64), 3.0)
+    around = np.stack([gaussian_filter(s * known, 3.0) for s in slopes]) / np.maximum(weight, 1e-3)
+    return np.asarray(np.where(known, slopes, around))
+
+
+def _quiet_scale(flat: Floats, covariance: Floats) -> float:
+    """Scatter of the quiet half of the pixels over that of the model, at least 1."""
+    size = np.einsum("nk,kl,nl->n", flat, np.linalg.inv(covariance), flat)
+    # the median of chi-squared of three degrees of freedom is 2.366
+    return max(1.0, math.sqrt(float(np.median(size)) / 2.366)) if len(size) else 1.0
+
+
+def _window(contact: npt.NDArray[np.bool_]) -> Floats:
+    """1 at the contact and about it, up to its own width away, falling to 0 over half of that: beyond, drift of the light is all that slopes would show."""
+    from scipy.ndimage import distance_transform_edt
+
+    if not contact.any():
+        return np.zeros(contact.shape)
+    reach = max(2.0 * float(distance_transform_edt(contact).max()), 10.0)
+    away = distance_transform_edt(~contact)
+    return np.asarray(np.clip(1.0 - (away - reach) / (0.5 * reach), 0.0, 1.0))
+
+
+def _levelled(depth: Floats, window: Floats, places: Floats) -> Floats:
+    """Depth (*more, row, column) less the plane of its rim, where the window ends: flanks whose slopes are not equally right leave a ramp that no contact makes. 0 beyond."""
+    rim = (window > 0) & (window < 1)
+    if rim.sum() < 20:
+        return depth
+    size = float(np.abs(places).max())
+    rows = np.stack([np.ones_like(places[0]), places[0] / size, places[1] / size], axis=-1)
+    flat = depth.reshape(-1, *window.shape)
+    found = np.linalg.lstsq(rows[rim], flat[:, rim].T, rcond=None)[0]
+    plane = np.moveaxis(rows @ found, -1, 0)
+    return np.asarray(np.where(window > 0, flat - plane, 0.0)).reshape(depth.shape)
+
+
+def _wander(depth: Floats, window: Floats, places: Floats) -> float:
+    """Standard deviation of depth beyond the contact, a plane taken out; 0 where nothing is left beyond."""
+    beyond = (window == 0)[::2, ::2]
+    if beyond.mean() < 0.1:
+        return 0.0
+    values = depth[::2, ::2][beyond]
+    x, y = places[:, ::2, ::2][:, beyond] / np.abs(places).max()
+    rows = np.stack([np.ones_like(x), x, y], axis=-1)
+    left = values - rows @ np.linalg.lstsq(rows, values, rcond=None)[0]
+    return float(1.4826 * np.median(np.abs(left)))
