@@ -39,6 +39,7 @@ ROOMS = [
     "network",
     "design",
     "calibrate",
+    "identify",
     "_skin_properties",
     "skin",
     "archives",
