@@ -156,7 +156,10 @@ def test_growth_over_a_press() -> None:
     forces = [0.5, 1.0, 2.0, 4.0]
     radii = [hertz_contact_radius(PAD, radius=8e-3, force=f) for f in forces]
     frames = np.stack(
-        [skin.sense(hertz_point(contact_radius=a, force=f), rng=np.random.default_rng(i)) for i, (a, f) in enumerate(zip(radii, forces))]
+        [
+            skin.sense(hertz_point(contact_radius=a, force=f), rng=np.random.default_rng(i))
+            for i, (a, f) in enumerate(zip(radii, forces))
+        ]
     )
     depths = np.array(radii) ** 2 / 8e-3
     found = skin.identify(frames, skin.reconstruct(frames), indentation=depths)
@@ -173,11 +176,11 @@ def test_growth_over_a_press() -> None:
 
 def wavy(skin, wavelength, amplitude, *, radius=5e-3, force=5.0):
     """Readings of a ball whose pressure has a wave along x."""
-    fine = pp.Skin(
-        skin.pad, skin.planes, surface=pp.AreaGrid(shape=(96, 96), spacing=0.15e-3), uncertainty=EXACT
-    )
+    fine = pp.Skin(skin.pad, skin.planes, surface=pp.AreaGrid(shape=(96, 96), spacing=0.15e-3), uncertainty=EXACT)
     traction = fine.sample(hertz_point(contact_radius=radius, force=force))
-    return fine.sense(traction * (1.0 + amplitude * np.cos(2.0 * np.pi * fine.surface.x / wavelength)), rng=np.random.default_rng(0))
+    return fine.sense(
+        traction * (1.0 + amplitude * np.cos(2.0 * np.pi * fine.surface.x / wavelength)), rng=np.random.default_rng(0)
+    )
 
 
 def test_texture_is_told_above_the_blur_and_not_below() -> None:
@@ -192,7 +195,7 @@ def test_texture_is_told_above_the_blur_and_not_below() -> None:
     assert none.texture.high < 0.5 * 0.4**2
     assert "no wave" in none.texture.reason
     # the same wave under a deep and noisy array
-    deep = skin_of(2000.0, depth=4e-3, pitch=1e-3, shape=(12, 12))
+    deep = skin_of(8000.0, depth=4e-3, pitch=1e-3, shape=(12, 12))
     blurred = wavy(deep, 2.4e-3, 0.4)
     lost = deep.identify(blurred, deep.reconstruct(blurred))
     assert not lost.texture.known
@@ -207,9 +210,9 @@ def rigid_ball_on(pad, radius, contact, count=60):
 
     edges = contact * np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, count + 1))
     middles = 0.5 * (edges[1:] + edges[:-1])
-    x, weight = np.polynomial.legendre.leggauss(4000)
+    x = (np.arange(3000) + 0.5) / 3000  # closer at small k
     top = 60.0 / np.diff(edges).max()
-    k, weight = top * (0.5 * (x + 1.0)) ** 2, weight * top * 0.5 * (x + 1.0)
+    k, weight = top * x**2, top * 2.0 * x / 3000
     states = pad.states(k, np.broadcast_to(np.array([1.0, 0.0]), (len(k), 2)), 0.0)[:, 2, 2].real
     discs = edges[1:, None] * scipy.special.j1(np.outer(edges[1:], k)) / k
     rings = np.diff(np.concatenate([np.zeros((1, len(k))), discs]), axis=0)

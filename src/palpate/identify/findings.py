@@ -144,7 +144,8 @@ class Identified:
         """Nothing can be told, for one reason."""
         units = ("m", "Pa", "Pa", "N/m", "1", "m")
         count = Finding(0.0, 0.0, 0.0, "1") if reason == "nothing touches" else Finding.unknown("1", reason)
-        return cls("", reason, (), count, *(Finding.unknown(u, reason) for u in units))
+        none = [Finding.unknown(u, reason) for u in units]
+        return cls("", reason, (), count, none[0], none[1], none[2], none[3], none[4], none[5])
 
     def __str__(self) -> str:
         lines = [f"shape           {self.shape or f'cannot tell: {self.shape_reason}'}"]

@@ -17,7 +17,7 @@ import scipy.special
 from palpate.elastic.pad import Floats
 from palpate.identify.shapes import Shapes
 
-__all__ = ["Data", "Fit", "columns_of", "fit", "profile"]
+__all__ = ["Data", "Fit", "columns_of", "fit", "fit_of", "profile"]
 
 #: Steps of Gauss-Newton at most, and the gain in the sum of squares that is not worth another one.
 STEPS, ENOUGH = 40, 1e-3
@@ -109,6 +109,12 @@ def fit(shapes: Shapes, data: Data, shape: str, centers: Floats, radii: Floats, 
         if gained < ENOUGH:
             break
     return _ended(shapes, data, shape, centers, radii, now)
+
+
+def fit_of(shapes: Shapes, data: Data, found: Fit) -> Fit:
+    """These contacts, whatever they were fitted to, with the forces and the residual that they have in ``data``."""
+    now = _project(shapes, data, found.shape, found.centers, found.radii)
+    return _ended(shapes, data, found.shape, found.centers, found.radii, now)
 
 
 def profile(shapes: Shapes, data: Data, best: Fit, contact: int, rise: float) -> tuple[float, float, list[Fit]]:

@@ -20,7 +20,7 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
 from palpate.identify.findings import Finding, Identified, IdentifiedPress, Patch
-from palpate.identify.fitting import Data, Fit, fit, profile
+from palpate.identify.fitting import Data, Fit, fit, fit_of, profile
 from palpate.identify.frame import Body, Frame
 from palpate.identify.objects import said
 from palpate.identify.press import joint_shape, together
@@ -43,6 +43,8 @@ ODDS = math.log(100.0)
 MOST, SHARE = 4, 0.15
 #: Level of all intervals.
 LEVEL = 0.95
+#: How often contact and wave are fitted in turn.
+ROUNDS = 6
 #: Error of the fitted contacts' readings over the largest one (tests/test_identify.py): no noise is taken to be less.
 MODEL = 3e-4
 #: What is said of a frame without contact.
@@ -185,7 +187,7 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
         rise=rise,
         profiles=tuple(profile(shapes, waves or data, best, i, rise) for i in range(len(best.radii))),
         shifts=tuple(_shifted(body, shapes, waves or data, best)),
-        texture=texture(shapes, data, best, rise) if alone else None,
+        texture=texture(shapes, data, fit_of(shapes, data, best), rise) if alone else None,
         depth=depth,
         guesses=guesses,
         misfit=best.misfit,
@@ -282,13 +284,9 @@ def _explained(
     count = max(data.count, 2)
     chosen: tuple[Fit, Fit | None, Data | None] = (best, other, None)
     if best.misfit < REFUSED:
-        # what a wave within the contact leaves is no misfit
-        wave = texture(shapes, data, best, 1.0)
-        if wave.columns is not None:
-            with_wave = Data(data.values, data.weights, np.concatenate([data.others, wave.columns]))
-            again = fit(shapes, with_wave, best.shape, best.centers, best.radii)
-            if again.misfit >= REFUSED:
-                return again, None, with_wave
+        waves = _with_wave(shapes, data, best)
+        if waves is not None:
+            return waves[0], None, waves[1]
     for k in range(2, MOST + 1):
         if len(starts) < k and (k > 2 or best.misfit >= REFUSED):
             break
@@ -301,6 +299,21 @@ def _explained(
         elif chosen[0].misfit >= REFUSED:
             break
     return chosen
+
+
+def _with_wave(shapes: Shapes, data: Data, best: Fit) -> tuple[Fit, Data] | None:
+    """The contact with a wave in its pressure, where the two explain the frame: what the wave leaves is no misfit."""
+    now = best
+    for _ in range(ROUNDS):
+        # of the residual that the contact leaves by itself
+        wave = texture(shapes, data, fit_of(shapes, data, now), 1.0)
+        if wave.columns is None:
+            return None
+        more = Data(data.values, data.weights, np.concatenate([data.others, wave.columns]))
+        now = fit(shapes, more, best.shape, now.centers, now.radii)
+        if now.misfit >= REFUSED:
+            return now, more
+    return None
 
 
 def _single(shapes: Shapes, data: Data, place: Floats, radius: float, wanted: str | None) -> tuple[Fit, Fit | None]:

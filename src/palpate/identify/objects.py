@@ -38,18 +38,18 @@ def said(frame: Frame) -> Identified:
     count = Finding(float(len(patches)), unit="1")
     if len(patches) > 1:
         many = f"{len(patches)} patches touch: it belongs to one"
-        unknown = tuple(Finding.unknown(u, many) for u in ("m", "Pa", "Pa", "N/m", "1", "m"))  # type: ignore[assignment]
-        return Identified("", many, patches, count, *unknown, frame.misfit)
+        none = [Finding.unknown(u, many) for u in ("m", "Pa", "Pa", "N/m", "1", "m")]
+        return Identified("", many, patches, count, none[0], none[1], none[2], none[3], none[4], none[5], frame.misfit)
     waves = (Finding.unknown("1", "no wave was sought"), Finding.unknown("m", "no wave was sought"))
     if frame.texture is not None:
         waves = (frame.texture.power, frame.texture.wavelength)
     told = told_of(contact(frame))
     if not frame.shape:
         as_if = "" if not told[0].known else f"; as a {best.shape} it would be {told[0]}"
-        told = (
-            tuple(Finding.unknown(f.unit, f"{frame.shape_reason}{as_if if f is told[0] else ''}") for f in told[:3])
-            + told[3:]
-        )  # type: ignore[assignment]
+        radius, modulus, effective = (
+            Finding.unknown(f.unit, f"{frame.shape_reason}{more}") for f, more in zip(told[:3], (as_if, "", ""))
+        )
+        told = (radius, modulus, effective, told[3])
     return Identified(frame.shape, frame.shape_reason, patches, count, *told, *waves, frame.misfit)
 
 
@@ -126,7 +126,7 @@ class Contact:
 def contact(frame: Frame) -> Contact:
     """Of the first, and only, contact of a frame."""
     best, (low, high, fits) = _best(frame), frame.profiles[0]
-    ends = []
+    ends: list[tuple[float, float] | None] = []
     for end in (low, high):
         if end == 0.0 or math.isinf(end) or not fits:
             ends.append(None)
@@ -155,7 +155,8 @@ def told_of(found: Contact) -> tuple[Finding, Finding, Finding, Finding]:
     if pad.thickness is not None and found.radius > WIDEST * pad.thickness:
         wide = f"the contact is {found.radius / pad.thickness:.2g} of the pad's thickness in radius, and Hertz's relations hold up to {WIDEST:g}: press less"
         radius = _sized(found, lambda a, f: a) if found.shape == FLAT else Finding.unknown("m", wide)
-        return (radius, *(Finding.unknown(u, wide) for u in ("Pa", "Pa", "N/m")))  # type: ignore[return-value]
+        none = [Finding.unknown(u, wide) for u in ("Pa", "Pa", "N/m")]
+        return radius, none[0], none[1], none[2]
     effective, modulus = _moduli(found)
     return _radius(found), modulus, effective, _stiffness(found)
 
@@ -219,7 +220,8 @@ def _moduli(found: Contact) -> tuple[Finding, Finding]:
     if not math.isfinite(found.depth):
         return Finding.unknown("Pa", NO_DEPTH), Finding.unknown("Pa", NO_DEPTH)
     if not found.depth > 0:
-        return tuple(Finding.unknown("Pa", "the indentation is 0") for _ in range(2))  # type: ignore[return-value]
+        none = Finding.unknown("Pa", "the indentation is 0")
+        return none, none
     pad, uncertainty = found.body.pad, found.body.uncertainty
     factor = 0.75 if found.shape == BALL else 0.5
 
@@ -269,8 +271,5 @@ def _stiffness(found: Contact) -> Finding:
     extra = NORMAL * math.sqrt(shifted + uncertainty.modulus**2)
     if found.ends[0] is None or found.ends[1] is None:
         return Finding.unknown("N/m", "the size of the contact is not told")
-    low, high = (
-        value * math.exp(math.copysign(math.hypot(math.log(stiffness(*e) / value), extra), sign))
-        for e, sign in zip(found.ends, (-1.0, 1.0))
-    )  # type: ignore[misc]
-    return Finding(value, low, high, "N/m", "" if known else RIGID)
+    low, high = (math.hypot(math.log(stiffness(*end) / value), extra) for end in (found.ends[0], found.ends[1]))
+    return Finding(value, value * math.exp(-low), value * math.exp(high), "N/m", "" if known else RIGID)
