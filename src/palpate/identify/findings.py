@@ -159,7 +159,7 @@ class Identified:
             "stiffness": self.stiffness,
             "texture power": self.texture,
         }
-        lines += [f"{name:15} {found}" for name, found in rows.items()]
+        lines += [f"{name:15} {_with_reason(found)}" for name, found in rows.items()]
         if self.texture_wavelength.known and self.texture.value > 0:
             lines.append(f"{'wavelength':15} {self.texture_wavelength}")
         return "\n".join(lines)
@@ -216,5 +216,9 @@ class IdentifiedPress:
         }
         counts = [len(f.patches) for f in self.frames]
         lines = [f"frames          {len(self)}, patches {min(counts)} to {max(counts)}"]
-        lines += [f"{name:15} {found}" for name, found in rows.items()]
+        lines += [f"{name:15} {_with_reason(found)}" for name, found in rows.items()]
         return "\n".join(lines)
+
+
+def _with_reason(found: Finding) -> str:
+    return f"{found}; {found.reason}" if found.known and found.reason else str(found)
