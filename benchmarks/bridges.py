@@ -128,6 +128,46 @@ def learner_rows(batches: tuple[int, ...]) -> list[str]:
     return rows
 
 
+def bound_rows() -> list[str]:
+    """What bounds the rates: a bare matrix product for the linear inverse, factors of the faces for the constrained one."""
+    from palpate.inverse import differentiable
+    from palpate.inverse.constrained.cone import minimise
+    from palpate.inverse.constrained.quadratic import Formed
+
+    rows = [
+        "| skin | matrix product alone, float32, batch 4096 | within friction: steps a frame | unknowns that are free | Cholesky factors of as many alone |",
+        "|---|---|---|---|---|",
+    ]
+    for name, skin in skins().items():
+        m = differentiable.matrices(
+            skin.problem(components=skin.components),
+            skin.pad,
+            parameter=PARAMETER,
+            friction=0.6,
+            constrained=True,
+            depth_range=0.0,
+        )
+        readings = frames(skin, 64).reshape(64, -1)
+        matrix = np.ones((readings.shape[1], m.unknowns), dtype=np.float32)
+        many = np.ones((4096, readings.shape[1]), dtype=np.float32)
+        product = 4096 / seconds(lambda many=many, matrix=matrix: many @ matrix)
+        weight = m.valid / np.asarray(m.noise)
+        linear = (readings * weight) @ (m.here * weight[:, None])
+        quadratic, steps, free = Formed(np.asarray(m.hessian)), [], []
+        for h in linear:
+            found = minimise(quadratic, h.reshape(len(m.cone.components), -1), m.cone, keep_face=True)
+            steps.append(found.steps)
+            free.append(len(found.face.index))
+        size = int(np.mean(free))
+        spd = np.eye(size) * size + 1.0
+        factor = seconds(lambda spd=spd: np.linalg.cholesky(spd))
+        rows.append(
+            f"| {name} | {product:.0f} frames/s | {np.mean(steps):.1f} | {size} of {m.unknowns} | {1.0 / (factor * np.mean(steps)):.0f} frames/s |"
+        )
+        print(rows[-1], flush=True)
+    return rows
+
+
 def torch_tasks(skin: pp.Skin) -> dict[tuple[str, str], Any]:
     import torch
 
@@ -203,6 +243,12 @@ def main() -> None:
         f"The differentiable layers, penalty {PARAMETER:g}, surfaces of 8 x 8 and 12 x 12 cells (192 and 432 unknowns):",
         "",
         *learner_rows((1, 64) if quick else (1, 64, 4096)),
+        "",
+        "What bounds these rates, on the same thread:",
+        "",
+        *bound_rows(),
+        "",
+        "On a GPU: not measured.",
         "",
     ]
     OUT.write_text("\n".join(text), encoding="utf-8")

@@ -49,7 +49,10 @@ def test_shapes_are_read_as_closed_forms_are(shape, radius, depth) -> None:
     assert np.abs(found - exact).max() < 3e-4 * np.abs(exact).max()
 
 
-@pytest.mark.parametrize("channels", CHANNELS)
+@pytest.mark.parametrize(
+    "channels",
+    ["stress", pytest.param("three", marks=pytest.mark.long), pytest.param("markers", marks=pytest.mark.long)],
+)
 def test_a_ball_is_told_by_hertz(channels) -> None:
     a = hertz_contact_radius(PAD, radius=10e-3, force=2.0)
     ball = hertz_point(contact_radius=a, force=2.0).shifted(0.3e-3, -0.5e-3)
@@ -151,6 +154,7 @@ def test_a_rigid_ball_has_a_modulus_of_at_least() -> None:
     assert math.isinf(found.modulus.high)
 
 
+@pytest.mark.long
 def test_growth_over_a_press() -> None:
     skin = skin_of(200.0)
     forces = [0.5, 1.0, 2.0, 4.0]
@@ -183,6 +187,7 @@ def wavy(skin, wavelength, amplitude, *, radius=5e-3, force=5.0):
     )
 
 
+@pytest.mark.long
 def test_texture_is_told_above_the_blur_and_not_below() -> None:
     skin = skin_of(300.0, depth=0.7e-3, pitch=1e-3, shape=(12, 12))
     readings = wavy(skin, 2.4e-3, 0.4)
@@ -298,3 +303,27 @@ def test_intervals_hold_the_truth() -> None:
             held[name].append(holds(of, truth))
     assert wrong == 0
     assert {name: round(float(np.mean(h)), 2) for name, h in held.items() if np.mean(h) < 0.88} == {}
+
+
+def test_the_command_says_the_same(tmp_path) -> None:
+    from command_line import run
+    from palpate.recordings import Recording, write_recording
+
+    (tmp_path / "skin.toml").write_text(
+        '[pad]\nkind = "half_space"\nyoungs_modulus = "200 kPa"\npoissons_ratio = 0.48\n\n[[plane]]\nkind = "area"\nshape = [8, 8]\n'
+        'pitch = "1.5 mm"\ndepth = "1.5 mm"\nchannels = ["stress_zz"]\nnoise = "300 Pa"\n'
+    )
+    skin = pp.Skin.from_file(tmp_path / "skin.toml")
+    rest = np.stack([skin.planes[0].sample_noise(np.random.default_rng(i), ()) for i in range(6)])
+    pressed = skin.sense(flat_punch(radius=3e-3, force=2.0), rng=np.random.default_rng(9))
+    readings = np.concatenate([rest, pressed[None]]) + 700.0
+    write_recording(Recording(readings=readings, channels=("stress_zz",)), tmp_path / "finger.nc")
+    done = run("identify", "finger.nc", "--skin", "skin.toml", "--baseline", "6", "--shape", "flat", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "shape           flat" in done.stdout
+    assert "radius          3.0" in done.stdout or "radius          2.9" in done.stdout
+    wrong = run("identify", "finger.nc", "--skin", "skin.toml", "--frame", "9", cwd=tmp_path)
+    assert wrong.returncode == 2
+    assert "frames 0 to 6" in wrong.stderr
+    wrong = run("identify", "finger.nc", "--skin", "skin.toml", "--indentation", "1 kPa", cwd=tmp_path)
+    assert "accepted for a length" in wrong.stderr
