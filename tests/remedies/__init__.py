@@ -34,6 +34,7 @@ ROOMS = (
     "simulators",
     "differentiation",
     "networks",
+    "objects",
 )
 
 

@@ -153,8 +153,6 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
     touching = touch.touching is None or bool(touch.touching)
     if not touching or not pressure.max(initial=0.0) > 0:
         return Frame(body, NOTHING)
-    if touch.pushing is not None and not bool(touch.pushing):
-        return Frame(body, "the contact pulls: Hertz's relations are for one that pushes")
     data = _data(body, touch, parts)
     if data is None:
         return Frame(
@@ -163,6 +161,8 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
     shapes = _shapes(body, components, touch, pressure)
     best, other, waves = _explained(shapes, data, _starts(touch, pressure), wanted)
     guesses = tuple(_guess(touch, pressure, region) for region in _regions(pressure))
+    if best.forces[:, -1].min() <= 0:
+        return Frame(body, "the contact pulls: Hertz's relations are for one that pushes", misfit=best.misfit)
     if best.misfit < REFUSED:
         reason = f"round contacts do not explain the readings (misfit probability {best.misfit:.2g})"
         return Frame(body, reason, guesses=guesses, misfit=best.misfit, components=components)
