@@ -27,7 +27,7 @@ from palpate.sensing.times import as_second
 from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
-from palpate.tracking.anchor import Anchor
+from palpate.tracking.anchor import Anchor, beyond
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.discrepancy import widened
@@ -368,7 +368,7 @@ class Tracker:
             left_out = self._check.clipped | (self.health.left_out & (self.health.reasons != "unexplained"))
             if (
                 not self._contact.judged
-                or not comparison.due(self._contact.size)
+                or not comparison.due(self._contact.size, alike=self._knows_no_more())
                 or left_out.any()
                 or not np.isfinite(frame.actual).all()
             ):
@@ -396,11 +396,18 @@ class Tracker:
         self._hold_to(self._own, single, again_compared, found)
         return again(*self._status(bool(touch.converged)))
 
+    def _knows_no_more(self) -> bool:
+        """Whether nothing of earlier frames tells the tracker more of this one than a single solve knows."""
+        return not (self._offsets_beyond_noise() or self._check.unused.any() or self._restarted)
+
+    def _offsets_beyond_noise(self) -> bool:
+        return float(np.abs(self._offsets.mean).max(initial=0.0)) > (self._learning.noise or 0.0)
+
     def _hold_to(self, own: Floats, single: Touch, compared: Answer, found: Answer) -> None:
         """Carry a single solve on where the two answers meet, both push, and the tracker took nothing for offsets that is load to a single solve."""
-        offsets = float(np.abs(self._offsets.mean).max(initial=0.0)) > (self._learning.noise or 0.0)
-        meet = found.explained and not compared.parted(found)
-        self._anchor.hold(own, single if meet and self._contact.pushing and not offsets else None)
+        meet = found.explained and not compared.parted(found) and not self._offsets_beyond_noise()
+        part = beyond(found.force - compared.force, found.discrepancy * found.load)
+        self._anchor.hold(own, single if meet and self._contact.pushing else None, part)
 
     def _begin_anew(self) -> None:
         """Forget what the contact's answer hangs on besides its readings, the zero and its noise."""
@@ -530,7 +537,7 @@ class Tracker:
         if self._check.overload and contact.pushing:
             return Status.OVERLOAD, converged
         status = Status.SOLVED if converged else Status.NOT_CONVERGED
-        if not contact.fits or self._comparison.refuted:
+        if not contact.fits or self._comparison.refutes(contact.size):
             status = Status.UNEXPLAINED
         elif not contact.pushing:
             status = Status.NOT_PUSHING
