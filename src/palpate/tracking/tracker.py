@@ -185,9 +185,8 @@ class Tracker:
         self._comparison, self._anchor = Comparison(n), Anchor(estimator.cone, estimator.columns)
         self._beside.forget()
         self._compared: tuple[Answer, Floats] | None = None  # of the frame that is solved by itself beside the stream
-        self._own: Floats = np.zeros(
-            (0, 0)
-        )  # traction of the last frame without what a single solve adds, and the force that this adds
+        # traction of the last frame without what a single solve adds, and the force that this adds
+        self._own: Floats = np.zeros((0, 0))
         self._carried: Floats = np.zeros(len(estimator.surface.components))
         self._frame: Frame | None = None
         self._steady = Steady()
@@ -383,17 +382,15 @@ class Tracker:
         found, (compared, own) = Answer.of(single), self._compared
         if comparison.settle(compared, found):
             self._hold_to(own, single, compared, found)
-            return again(*self._status(bool(touch.converged)))
-        self._begin_anew()
-        self._said.append(
-            comparison.words(compared, found, "N/m" if self.estimator.operator.surface.dimensions == 1 else "N")
-        )
-        if beside.threaded:
-            return again(*self._status(bool(touch.converged)))
-        touch = again(*self._in_contact(frame, 0.0, regular=True, restarted=False))
-        again_compared = Answer.of(touch).without_move(self._carried)
-        comparison.settle(again_compared, found)
-        self._hold_to(self._own, single, again_compared, found)
+        else:
+            self._begin_anew()
+            unit = "N/m" if self.estimator.operator.surface.dimensions == 1 else "N"
+            self._said.append(comparison.words(compared, found, unit))
+            if not beside.threaded:
+                touch = again(*self._in_contact(frame, 0.0, regular=True, restarted=False))
+                compared = Answer.of(touch).without_move(self._carried)
+                comparison.settle(compared, found)
+                self._hold_to(self._own, single, compared, found)
         return again(*self._status(bool(touch.converged)))
 
     def _knows_no_more(self) -> bool:
@@ -670,11 +667,8 @@ class Tracker:
             status, values = Status.UNDECIDED, values if proven else math.nan * values
         pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
         drag = contact.drag if status.known and self._touching else None
-        self._said += (
-            [unfinished(self.budget, self.tolerance, exhausted=self._contact.exhausted)]
-            if status is Status.NOT_CONVERGED
-            else []
-        )
+        if status is Status.NOT_CONVERGED:
+            self._said.append(unfinished(self.budget, self.tolerance, exhausted=self._contact.exhausted))
         return Touch(
             from_numpy(values.reshape(-1, *estimator.operator.surface.shape), like),
             grid,
