@@ -149,6 +149,7 @@ def test_a_broken_picture_is_said_and_the_others_are_used(tmp_path, images) -> N
         decoded(message)
 
 
+@pytest.mark.long
 def test_a_gel_is_followed_from_a_bag(tmp_path) -> None:
     from palpate.camera import Dots, Scene, dot_grid
 
@@ -163,7 +164,7 @@ def test_a_gel_is_followed_from_a_bag(tmp_path) -> None:
         '[pad]\nkind = "bonded_layers"\n\n[[pad.layer]]\nthickness = "4 mm"\nyoungs_modulus = "300 kPa"\npoissons_ratio = 0.45\n\n'
         '[[plane]]\nkind = "scattered"\ndepth = "1 mm"\nchannels = ["displacement_x", "displacement_y"]\n\n[camera]\nscale = "0.1 mm"\nreference = 3\n'
     )
-    done = run("track", "film.mcap", "--skin", "gel.toml", "--out", "forces.csv", cwd=tmp_path)
+    done = run("track", "film.mcap", "--skin", "gel.toml", "--out", "forces.csv", "--fast", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "forces.csv").exists()
     pandas = pytest.importorskip("pandas")
