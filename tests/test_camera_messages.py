@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from command_line import run
 from palpate.camera import is_pictures, open_pictures
 from palpate.camera.messages import picture_topics
 from palpate.recordings.messages import ros_types
@@ -147,27 +146,3 @@ def test_a_broken_picture_is_said_and_the_others_are_used(tmp_path, images) -> N
     message.encoding = "yuv422"
     with pytest.raises(pp.InvalidInput, match="'yuv422' are not read"):
         decoded(message)
-
-
-@pytest.mark.long
-def test_a_gel_is_followed_from_a_bag(tmp_path) -> None:
-    from palpate.camera import Dots, Scene, dot_grid
-
-    pad = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.45)])
-    scene = Scene(pad=pad, depth=1e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(160, 120), scale=0.1e-3)
-    ball = pp.solutions.hertz_point(contact_radius=2e-3, force=2.0)
-    grey = list(scene.pictures([None] * 4 + [ball] * 4))
-    images = [np.repeat(np.asarray(g)[..., None], 3, axis=-1) if np.ndim(g) == 2 else np.asarray(g) for g in grey]
-    images = [i.astype(np.uint8) for i in images]
-    write(tmp_path / "film.mcap", images, "bgr8")
-    (tmp_path / "gel.toml").write_text(
-        '[pad]\nkind = "bonded_layers"\n\n[[pad.layer]]\nthickness = "4 mm"\nyoungs_modulus = "300 kPa"\npoissons_ratio = 0.45\n\n'
-        '[[plane]]\nkind = "scattered"\ndepth = "1 mm"\nchannels = ["displacement_x", "displacement_y"]\n\n[camera]\nscale = "0.1 mm"\nreference = 3\n'
-    )
-    done = run("track", "film.mcap", "--skin", "gel.toml", "--out", "forces.csv", "--fast", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "forces.csv").exists()
-    pandas = pytest.importorskip("pandas")
-    forces = pandas.read_csv(tmp_path / "forces.csv", comment="#")
-    column = next(c for c in forces.columns if c.startswith("force_z"))
-    assert 1.0 < forces[column].iloc[-1] < 3.5
