@@ -140,7 +140,7 @@ ROOMS = (
     *("palpate.camera", "palpate.microscopy", "palpate.live", "palpate.ros", "palpate.pads", "palpate.sensors"),
     *("palpate.measured", "palpate.edges"),
     *("palpate.pressing", "palpate.mujoco", "palpate.jax", "palpate.lerobot"),
-    "palpate.design",
+    *("palpate.design", "palpate.identify"),
     *("palpate.calibrate", "palpate.uncertainty", "palpate.bench", "palpate.paper", "palpate.units", "palpate.errors"),
 )
 

@@ -40,6 +40,7 @@ ROOMS = [
     "network",
     "design",
     "calibrate",
+    "identify",
     "_skin_properties",
     "skin",
     "archives",

@@ -205,7 +205,7 @@ def test_what_is_refused() -> None:
         layer(torch.zeros((3, 7, 6)))
     with pytest.raises(pp.InvalidInput, match="gains must have the shape"):
         layer(torch.zeros((3, 6, 7)), gains=torch.ones(5))
-    with pytest.raises(pp.InvalidInput, match="parameter must be a positive number"):
+    with pytest.raises(pp.InvalidInput, match="parameter must be one positive number"):
         Reconstruct(of, parameter=0.0)
     with pytest.raises(pp.InvalidInput, match="friction belongs to the constrained problem"):
         Reconstruct(of, parameter=1.0, friction=0.5, constrained=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
@@ -11,6 +11,7 @@ from palpate._threads import cached_property
 from palpate.design import Design, Press, evaluate
 from palpate.elastic.pad import Pad
 from palpate.errors import InvalidInput
+from palpate.identify import Identified, IdentifiedPress, identify
 from palpate.inverse.observability import Observability, observability, observable_components
 from palpate.inverse.problem import Problem
 from palpate.sensing.arrays import Array
@@ -18,6 +19,7 @@ from palpate.sensing.grids import Grid
 from palpate.sensing.maps import check_modelled
 from palpate.sensing.operator import Boundary, Operator
 from palpate.sensing.uncertainty import Uncertainty
+from palpate.touch import Touch
 from palpate.uncertainty import Case
 
 if TYPE_CHECKING:
@@ -224,6 +226,59 @@ class SkinProperties:
         return evaluate(
             self._elastic, self._planes, press, names, nuisance=nuisance, uncertainty=self._problem.uncertainty
         )
+
+    def identify(
+        self,
+        readings: Any,
+        touch: Touch,
+        *,
+        indentation: npt.ArrayLike | None = None,
+        shape: str | None = None,
+    ) -> Identified | IdentifiedPress:
+        """What presses: contact patches, radius of a ball or a round flat, modulus, stiffness and texture, each with its interval or why nothing tells it.
+
+        Parameters
+        ----------
+        readings : array (channel, *array), or (frame, channel, *array)
+        touch : Touch
+            What was found in them.
+        indentation : float or array (frame,), optional
+            How far the object has moved into the pad since it touched [m], e.g. from the robot's joints.
+        shape : "ball" or "flat", optional
+            Where it is known; else it is found out where the readings tell it.
+
+        Returns
+        -------
+        Identified, or IdentifiedPress of a recording
+            Each number is a `palpate.identify.Finding`.
+
+        Raises
+        ------
+        InvalidInput
+            Readings of other frames than the touch's, an indentation that is negative or not one for each frame, a shape that there is not.
+        Unsupported
+            Line contact; a pad that creeps.
+
+        Notes
+        -----
+        Round contacts are fitted to the readings themselves (Hertz's pressure, or Boussinesq's under a flat, each with shear of the same shape). Of a ball of radius R
+        with the force F on a contact of radius a, F = 4 E* a^3/(3 R) where the object is much stiffer than the pad, or R = a^2/indentation
+        where that is known; pads on a base are allowed for. Depth, thickness, modulus and scale are known as `uncertainty` says.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
+        >>> array = pp.AreaArray(shape=(8, 8), pitch=1.5e-3, depth=1.5e-3, channels=["stress_zz"], noise=50.0)
+        >>> skin = pp.Skin(pad, array)
+        >>> a = pp.solutions.hertz_contact_radius(pad, radius=10e-3, force=2.0)
+        >>> readings = skin.sense(pp.solutions.hertz_point(contact_radius=a, force=2.0), rng=np.random.default_rng(0))
+        >>> found = skin.identify(readings, skin.reconstruct(readings), shape="ball")
+        >>> found.radius.low < 10e-3 < found.radius.high
+        True
+        """
+        return identify(self, touch, readings, indentation=indentation, shape=shape)
 
     def case(self, components: Sequence[str] | None = None) -> Case:
         """What the constants of its error bars must be for.

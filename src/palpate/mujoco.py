@@ -100,8 +100,8 @@ class Taxels:
 
         Parameters
         ----------
-        data : mujoco.MjData, or a sequence of them
-            After mj_step or mj_forward.
+        data : mujoco.MjData, or a sequence of them; or mujoco.mjx.Data, of one world or batched
+            After mj_step or mj_forward, ``mjx.step`` or ``mjx.forward``.
         rng : numpy Generator, optional
             Adds the arrays' own noise.
 
@@ -110,16 +110,28 @@ class Taxels:
         array (channel, *array), or (world, channel, *array) of a sequence
             A list with one per plane where planes have different shapes.
         """
-        several = isinstance(data, list | tuple)
-        found = self.press(data).readings(rng=rng)
+        worlds = self._worlds(data)
+        several = isinstance(worlds, list)
+        found = self.press(worlds).readings(rng=rng)
         if several:
             return found
         return [part[0] for part in found] if isinstance(found, list) else found[0]
 
     def press(self, data: Any) -> Pressed:
         """Traction, wrench and readings of one world, or of each of a sequence: `palpate.pressing.Pressed`."""
-        worlds = list(data) if isinstance(data, list | tuple) else [data]
+        known = self._worlds(data)
+        worlds = known if isinstance(known, list) else [known]
         return self.surface.press(self.contacts(worlds), worlds=len(worlds))
+
+    def _worlds(self, data: Any) -> Any:
+        """MjData, or a list of them; those of MJX are fetched from where they were computed."""
+        if isinstance(data, list | tuple):
+            return [self._worlds(d) for d in data]
+        if not type(data).__module__.startswith("mujoco.mjx"):
+            return data
+        from mujoco import mjx
+
+        return mjx.get_data(self.model, data)
 
     def contacts(self, worlds: Sequence[Any]) -> Contacts:
         """The contacts of the geoms in some worlds, in the axes of the site."""

@@ -37,6 +37,7 @@ ROOMS = (
     "simulators",
     "differentiation",
     "networks",
+    "objects",
 )
 
 

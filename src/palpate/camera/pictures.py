@@ -21,8 +21,10 @@ import numpy.typing as npt
 
 from palpate._extras import missing
 from palpate._files import ordinary
+from palpate.camera.messages import picture_frames, picture_topics
 from palpate.camera.stacks import check_axes, check_page, check_size, pages_claimed, rate_of, size_claimed
 from palpate.errors import InvalidInput
+from palpate.recordings.robots import is_bag
 from palpate.sensing.view import grey, opencv
 
 __all__ = ["Picture", "Pictures", "is_pictures", "open_pictures", "write_video"]
@@ -57,7 +59,8 @@ CODEC = "Convert it once, such as with: ffmpeg -i IN -c:v libx264 -crf 12 OUT.mp
 
 
 def is_pictures(name: str | Path) -> bool:
-    """Whether a file name or folder is one that `open_pictures` reads: by its ending, or a folder that holds pictures.
+    """Whether a file name or folder is one that `open_pictures` reads: by its ending, a folder that holds pictures, or an MCAP file or bag with a topic of
+    them (sensor_msgs/Image in whole numbers, CompressedImage; readings of taxels are images of floats).
 
     Examples
     --------
@@ -68,7 +71,9 @@ def is_pictures(name: str | Path) -> bool:
     path = Path(name)
     if path.suffix.lower() in (*STILLS, *STACKS, *VIDEOS) or re.fullmatch(r"/dev/video\d+", str(name)):
         return True
-    return path.is_dir() and any(p.suffix.lower() in (*STILLS, *STACKS) for p in path.iterdir())
+    if path.is_dir() and any(p.suffix.lower() in (*STILLS, *STACKS) for p in path.iterdir()):
+        return True
+    return bool(picture_topics(path))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,14 +174,16 @@ class Pictures:
         self.close()
 
 
-def open_pictures(source: Any, *, rate: float | None = None) -> Pictures:
-    """Pictures from a video, a folder, a TIFF stack, a camera, or arrays.
+def open_pictures(source: Any, *, rate: float | None = None, topic: str | None = None) -> Pictures:
+    """Pictures from a video, a folder, a TIFF stack, what a robot recorded, a camera, or arrays.
 
     Parameters
     ----------
     source : str, Path, int, or iterable of arrays
         A video (.mp4, .avi, .mkv, .mov, .webm, .gif, ...), turned as its file says a phone was held; a folder of pictures, taken in the order of the numbers in their names; a .tif stack, or a single picture;
-        the number of a camera, or /dev/video0; an array (picture, row, column[, 3]) or any iterable of arrays.
+        an MCAP file or a bag of ROS with sensor_msgs/Image or CompressedImage; the number of a camera, or /dev/video0; an array (picture, row, column[, 3]) or any iterable of arrays.
+    topic : str, optional
+        Of an MCAP file or bag that holds pictures in several topics.
     rate : float, optional
         Pictures a second, for sources that do not know their times: folders, stacks, arrays. Without it these are numbered: 0, 1, 2, ... s.
 
@@ -210,8 +217,16 @@ def open_pictures(source: Any, *, rate: float | None = None) -> Pictures:
     if not isinstance(source, str | Path):
         return _arrays(source, rate)
     path = Path(source)
+    if topic is not None and not (is_bag(path) or path.suffix.lower() == ".mcap"):
+        raise InvalidInput(f"topic={topic!r} belongs to an MCAP file or a bag; {path} is neither. Leave it out.")
     if not path.exists():
         raise InvalidInput(f"{path}: no such file or folder. A camera is named by its number (0) or /dev/video0.")
+    if is_bag(path) or path.suffix.lower() == ".mcap":
+        if rate is not None:
+            raise InvalidInput(f"{path} has times of its own: leave out rate.")
+        notes: list[str] = []
+        found, frames = picture_frames(path, topic, notes)
+        return Pictures(frames, name=f"{path} {found}", timed=True, notes=notes)
     if path.is_dir():
         return _folder(path, rate)
     ending = path.suffix.lower()
@@ -227,7 +242,7 @@ def open_pictures(source: Any, *, rate: float | None = None) -> Pictures:
         return _video(path)
     raise InvalidInput(
         f"{path}: not an ending of pictures. Accepted: videos ({', '.join(VIDEOS)}), pictures ({', '.join(STILLS)}), stacks "
-        f"({', '.join(STACKS)}), or a folder of pictures."
+        f"({', '.join(STACKS)}), a folder of pictures, or an .mcap or bag with a topic of them."
     )
 
 

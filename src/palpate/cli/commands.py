@@ -22,6 +22,7 @@ from palpate.cli.design import design
 from palpate.cli.examples import SHORT, example
 from palpate.cli.files import sole_writers
 from palpate.cli.film import film
+from palpate.cli.identify import identify
 from palpate.cli.live import live
 from palpate.cli.methods import MethodCommand, TrackerCommand
 from palpate.cli.pad import pad
@@ -86,6 +87,7 @@ _COMMANDS = (
     pad,
     design,
     sensors,
+    identify,
     weigh,
     calibrate,
     paper,

@@ -19,6 +19,7 @@ SHORT = {
     "pad": "Show what a pad does to a touch.",
     "design": "Say what a sensor will resolve before it is built.",
     "sensors": "List sensors that are known, with their skin.toml.",
+    "identify": "Say what presses: ball or flat, patches, stiffness.",
     "weigh": "Find the modulus of a gel from known weights.",
     "calibrate": "Newtons from a few weights, or a force sensor.",
     "paper": "Reproduce the paper that founded the field.",
@@ -48,6 +49,10 @@ EXAMPLES = {
     ],
     "film": [
         'palpate film pulled.tif --rest rest.tif --pixel "0.1 um" --youngs-modulus "8 kPa" --poissons-ratio 0.48 --cells cells.tif',
+    ],
+    "identify": [
+        "palpate identify finger.csv --skin skin.toml --baseline 30",
+        'palpate identify finger.csv --skin skin.toml --baseline 30 --frame 120 --indentation "1.2 mm"',
     ],
     "live": [
         "palpate live --demo",

@@ -14,8 +14,10 @@ from palpate.cli.options import Columns, check_matching, check_picture, grasp_mo
 from palpate.cli.progress import Bar, busy
 from palpate.errors import InvalidInput
 
+#: What robots record may hold readings or pictures.
+ROBOTS = (".mcap", ".bag")
 #: Recordings of readings, which are none of pictures.
-RECORDED = (".nc", ".h5", ".hdf5", ".npz", ".csv", ".txt", ".tsv", ".dat", ".zarr", ".mcap", ".bag", ".db3")
+RECORDED = (".nc", ".h5", ".hdf5", ".npz", ".csv", ".txt", ".tsv", ".dat", ".zarr", ".db3", *ROBOTS)
 
 
 def track(
@@ -24,7 +26,7 @@ def track(
         Path,
         typer.Argument(
             metavar="RECORDING",
-            help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag), a table of another program (--map), or pictures of a gel with dots: a video, a folder, a .tif stack.",
+            help="Recording (.nc, .h5, .npz, .csv, .zarr, .mcap or a ROS bag), a table of another program (--map), or pictures of a gel with dots: a video, a folder, a .tif stack, a topic of images in an .mcap or bag.",
         ),
     ],
     skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
@@ -94,7 +96,11 @@ def track(
         raise InvalidInput("--force replaces a result: give --out too, or leave it out.")
     if not recording_file.exists():
         raise InvalidInput(f"{recording_file}: no such file.")
-    if recording_file.is_dir() or recording_file.suffix.lower() not in RECORDED:
+    if (
+        recording_file.is_dir()
+        or recording_file.suffix.lower() not in RECORDED
+        or recording_file.suffix.lower() in ROBOTS
+    ):
         from palpate.camera import is_pictures
         from palpate.cli.colour import feel_pictures, has_colours
         from palpate.cli.pictures import track_pictures

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from palpate.recordings.sinks import Recorder
     from palpate.touch import Touch
 
-__all__ = ["Bag", "Mcap", "frames", "is_bag", "read_robot", "topics"]
+__all__ = ["Bag", "Mcap", "frames", "is_bag", "messages", "read_robot", "topics"]
 
 #: Definitions for bags that carry none (ROS 2 before Iron), besides those of ROS itself.
 DEFINITIONS = {"tactile_msgs/msg/TactileState": "std_msgs/Header header\nsensor_msgs/ChannelFloat32[] sensors\n"}
@@ -71,9 +71,15 @@ def _definitions(folder: str) -> dict[str, str]:
     }
 
 
-def _bag_messages(path: Path, mapping: TopicMapping) -> Iterator[tuple[float, Any]]:
-    topic = mapping.topic
-    reader = _bag(path, mapping.definitions)
+def messages(path: Path, topic: str, *, definitions: str = "", salvage: bool = False) -> Iterator[tuple[float, Any]]:
+    """(time at which it was recorded [s], message) of a topic of an MCAP file or a bag, as they come."""
+    if is_bag(path):
+        return _bag_messages(path, topic, definitions)
+    return mcapfile.read_messages(path, topic, salvage=salvage)
+
+
+def _bag_messages(path: Path, topic: str, definitions: str) -> Iterator[tuple[float, Any]]:
+    reader = _bag(path, definitions)
     try:
         connections = [c for c in reader.connections if c.topic == topic]
         if not connections:
@@ -151,12 +157,10 @@ def _frames(path: Path, mapping: TopicMapping | None, salvage: bool) -> Iterator
                 f"{path} was not written by palpate: name the topic and channels of its readings. It has {_listed(path)}."
             )
         mapping = TopicMapping(topic=READINGS, channels=[str(c) for c in known["channels"]])
-    messages = (
-        _bag_messages(path, mapping) if is_bag(path) else mcapfile.read_messages(path, mapping.topic, salvage=salvage)
-    )
+    taken = messages(path, mapping.topic, definitions=mapping.definitions, salvage=salvage)
     rest: Floats | None = None
     any_found = False
-    for recorded, message in messages:
+    for recorded, message in taken:
         any_found = True
         values = mapping.readings(message)
         if mapping.markers:

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["Touch"]
+
+
+class Identifier(Protocol):
+    """A skin that can say what presses."""
+
+    def identify(self, readings: Any, touch: Touch, **options: Any) -> Any:
+        """See `palpate.Skin.identify`."""
+        ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -456,6 +464,30 @@ class Touch(Numbers):
         out = replace(self, values=from_numpy(np.asarray(values), self.values)).traction.rename(name)
         out.attrs["units"] = unit
         return out
+
+    def identify(self, skin: Identifier, readings: Any, **options: Any) -> Any:
+        """What presses: radius of a ball or a flat, patches, stiffness, texture; `palpate.Skin.identify` says what and takes the ``options``.
+
+        Parameters
+        ----------
+        skin : Skin
+            That the touch was found with.
+        readings : array
+            That it was found in: a map is blurred by its penalty, and tells less of an object than they do.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> array = pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=100.0)
+        >>> skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5), array)
+        >>> two = [pp.solutions.hertz_point(contact_radius=1.5e-3, force=1.0).shifted(x, 0.0) for x in (-4e-3, 4e-3)]
+        >>> readings = sum(skin.sense(ball) for ball in two)
+        >>> touch = skin.reconstruct(readings)
+        >>> len(touch.identify(skin, readings).patches)
+        2
+        """
+        return skin.identify(readings, self, **options)
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 

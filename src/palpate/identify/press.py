@@ -1,0 +1,116 @@
+"""What presses over the frames of a recording: how the contact grows, and what all frames say together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.identify.findings import Finding, IdentifiedPress
+from palpate.identify.frame import Frame
+from palpate.identify.objects import NORMAL, Contact, contact, modulus_std, said, told_of
+from palpate.identify.shapes import BALL, FLAT
+
+__all__ = ["joint_shape", "together"]
+
+#: Frames, and factor between the smallest and the largest force, from which a contact is said to grow or not.
+FEWEST, SPAN = 3, 2.0
+
+
+def joint_shape(frames: Sequence[Frame], odds: float) -> str:
+    """The shape that all frames with one contact tell together; their noise is independent."""
+    gain = 0.0
+    for frame in frames:
+        if frame.best is not None and frame.other is not None:
+            sign = 1.0 if frame.best.shape == BALL else -1.0
+            scale = max(1.0, frame.best.squares / max(frame.best.freedom, 1))
+            gain += sign * 0.5 * (frame.other.squares - frame.best.squares) / scale
+    return (BALL if gain > 0 else FLAT) if abs(gain) > odds else ""
+
+
+def together(frames: Sequence[Frame], depths: Floats, shape: str) -> IdentifiedPress:
+    """All frames; those of other shapes were fitted again with this ``shape``."""
+    ones = [
+        (i, f)
+        for i, f in enumerate(frames)
+        if f.best is not None and len(f.best.radii) == 1 and f.shape == (shape or f.shape)
+    ]
+    each = tuple(said(f) for f in frames)
+    found = [(i, contact(f)) for i, f in ones if f.best is not None and f.best.forces[0, -1] > 0]
+    growth = _growth(found)
+    if not found:
+        why = "no frame has one contact that is understood"
+        return IdentifiedPress(each, growth, shape, *(Finding.unknown(u, why) for u in ("m", "Pa", "Pa", "N/m")))
+    told = [told_of(c) for _, c in found]
+    if not shape:
+        why = "a ball and a flat explain the frames alike"
+        three = [Finding.unknown(u, why) for u in ("m", "Pa", "Pa")]
+    else:
+        three = [_mean([t[n] for t in told], [_shared(c) for _, c in found]) for n in range(3)]
+    largest = int(np.argmax([c.force for _, c in found]))
+    stiffness = _slope([(float(depths[i]), c.force, c.std[1]) for i, c in found]) or told[largest][3]
+    return IdentifiedPress(each, growth, shape, three[0], three[1], three[2], stiffness)
+
+
+def _shared(found: Contact) -> float:
+    """What all frames are off by together: no mean makes it less (standard deviation of the logarithm)."""
+    by = sum((s * (3.0 * math.log(a / found.radius) - math.log(f / found.force))) ** 2 for a, f, s in found.shifts)
+    return math.hypot(math.sqrt(by), modulus_std(found))
+
+
+def _mean(findings: Sequence[Finding], shared: Sequence[float]) -> Finding:
+    """The weighted mean of the logarithms: independent parts grow less with the number of frames, shared ones do not."""
+    known = [(f, s) for f, s in zip(findings, shared) if f.known and f.low > 0 and math.isfinite(f.high)]
+    if not known:
+        return max(findings, key=lambda f: f.low if math.isfinite(f.low) else -math.inf)
+    value = np.log([f.value for f, _ in known])
+    half = np.array([0.5 * math.log(f.high / f.low) for f, _ in known])
+    common = NORMAL * float(np.median([s for _, s in known]))
+    alone = np.sqrt(np.maximum(half**2 - common**2, (0.05 * half) ** 2))
+    weight = alone**-2 / (alone**-2).sum()
+    mean = float(weight @ value)
+    spread = float((((value - mean) / (alone / NORMAL)) ** 2).sum()) / max(len(value) - 1, 1)
+    end = math.hypot(common, math.sqrt(max(spread, 1.0) / float((alone**-2).sum())))
+    return Finding(math.exp(mean), math.exp(mean - end), math.exp(mean + end), known[0][0].unit, known[0][0].reason)
+
+
+def _growth(found: Sequence[tuple[int, Contact]]) -> Finding:
+    each = [c for _, c in found if c.ends[0] is not None and c.ends[1] is not None]
+    if len(each) < FEWEST:
+        return Finding.unknown("1", f"{len(each)} frames tell the size of one contact; growth takes {FEWEST}")
+    force = np.log([c.force for c in each])
+    if math.exp(float(np.ptp(force))) < SPAN:
+        return Finding.unknown(
+            "1", f"the forces differ by a factor of {math.exp(float(np.ptp(force))):.2g}; growth takes {SPAN:g}"
+        )
+    radius = np.log([c.radius for c in each])
+    std = np.array([0.5 * math.log(c.ends[1][0] / c.ends[0][0]) / NORMAL for c in each])  # type: ignore[index]
+    return _line(force, radius, std, "1")
+
+
+def _line(x: Floats, y: Floats, std: Floats, unit: str) -> Finding:
+    """Slope of y over x."""
+    weight = std**-2
+    middle = float((weight * x).sum() / weight.sum())
+    spread = float((weight * (x - middle) ** 2).sum())
+    slope = float((weight * (x - middle) * y).sum() / spread)
+    start = float((weight * (y - slope * (x - middle))).sum() / weight.sum())
+    left = float((weight * (y - start - slope * (x - middle)) ** 2).sum()) / max(len(x) - 2, 1)
+    half = NORMAL * math.sqrt(max(left, 1.0) / spread)
+    return Finding(slope, slope - half, slope + half, unit)
+
+
+def _slope(rows: Sequence[tuple[float, float, float]]) -> Finding | None:
+    """dF/d(indentation) at the largest force from the exponent m of F ~ indentation^m; None where too few indentations are known."""
+    known = [r for r in rows if math.isfinite(r[0]) and r[0] > 0 and r[1] > 0]
+    if len(known) < FEWEST or max(r[0] for r in known) < 1.2 * min(r[0] for r in known):
+        return None
+    depth, force, std = (np.array(part) for part in zip(*known))
+    power = _line(np.log(depth), np.log(force), std, "1")
+    top = int(np.argmax(force))
+    scale = float(force[top] / depth[top])
+    return Finding(
+        power.value * scale, power.low * scale, power.high * scale, "N/m", f"force ~ indentation^{power.value:.2f}"
+    )

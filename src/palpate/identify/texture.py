@@ -1,0 +1,124 @@
+"""Waves of the pressure within a contact: the strongest one that readings tell, or what they would have told.
+
+Pressure p(x) (1 + A cos(k x) + B sin(k x)) with p that of the fitted contact is linear in A and B. Each wave is fitted beside what the fit already
+has; T = gain in squares is chi-squared with two degrees of freedom where there is none. The power of a wave is (A^2 + B^2)/2, relative to the pressure's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.identify.findings import Finding
+from palpate.identify.fitting import Data, Fit, columns_of
+from palpate.identify.shapes import Shapes
+
+__all__ = ["Texture", "texture"]
+
+#: Longest wave over the contact radius (two across the contact), ratio of wavelengths, how many, and directions over half a turn.
+LONGEST, RATIO, WAVES, DIRECTIONS = 1.0, 1.12, 16, 12
+#: Amplitude, relative to the pressure, that must show (at 95 %) for a wave to count as seen.
+SHOWS = 0.5
+#: How often the search is made finer by half about the strongest wave.
+FINER = 4
+#: Chance of taking noise for a wave, over all waves together.
+CHANCE = 0.01
+
+
+@dataclass(frozen=True)
+class Texture:
+    """Power of the strongest wave, its wavelength, and its two columns of readings where it is beyond doubt."""
+
+    power: Finding
+    wavelength: Finding
+    columns: Floats | None = None
+
+
+def texture(shapes: Shapes, data: Data, best: Fit, rise: float) -> Texture:
+    """The strongest wave of a single contact; ``rise``: square of the standard deviations to an end of an interval."""
+    radius = float(best.radii[0])
+    wavelengths = LONGEST * radius / RATIO ** np.arange(WAVES)
+    wavelengths = wavelengths[wavelengths > 4.0 * max(shapes.grid.spacings)]
+    if not len(wavelengths):
+        return _blurred(radius)
+    angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    search = _Search(shapes, data, best)
+    found = search.waves(*(v.ravel() for v in np.meshgrid(wavelengths, angles, indexing="ij")))
+    noise = max(1.0, best.squares / max(best.freedom, 1))
+    quantile = math.sqrt(max(rise, 3.84))
+    # of what the noise that was stated would let show: a wave that is there is no noise
+    seen = quantile * found.std <= SHOWS
+    if not seen.any():
+        return _blurred(radius)
+    shortest, longest = float(found.length[seen].min()), float(found.length[seen].max())
+    i = int(np.flatnonzero(seen)[np.argmax(found.gain[seen])])
+    left = max(1.0, (best.squares - float(found.gain[i])) / max(best.freedom - 2, 1))
+    if found.gain[i] < 2.0 * min(noise, left) * math.log(seen.sum() / CHANCE):
+        high = float(np.max((found.amplitude + quantile * found.std)[seen]))
+        reason = f"no wave of {1e3 * shortest:.3g} to {1e3 * longest:.3g} mm stands out of the noise; shorter ones would not show"
+        return Texture(Finding(0.0, 0.0, 0.5 * high**2, "1", reason), Finding.unknown("m", reason))
+    length, angle, step, turn = float(found.length[i]), float(found.angle[i]), math.log(RATIO), math.pi / DIRECTIONS
+    for _ in range(FINER):
+        steps = np.linspace(-1.0, 1.0, 5)
+        near = search.waves(
+            *(v.ravel() for v in np.meshgrid(length * np.exp(step * steps), angle + turn * steps, indexing="ij"))
+        )
+        i = int(np.argmax(near.gain))
+        length, angle, step, turn = float(near.length[i]), float(near.angle[i]), 0.5 * step, 0.5 * turn
+    amplitude, std = float(near.amplitude[i]), math.sqrt(left) * float(near.std[i])
+    low, high = max(amplitude - quantile * std, 0.0), amplitude + quantile * std
+    # the wavelength's interval: where the gain is less by ``rise``, from its curvature
+    sides = search.waves(length * np.exp(np.array([-0.03, 0.0, 0.03])), np.full(3, angle)).gain
+    bent = max(2.0 * float(sides[1]) - float(sides[0]) - float(sides[2]), 1e-9) / (2.0 * 0.03**2)
+    half = min(math.sqrt(max(rise, 3.84) * left / bent) + step, 0.5)
+    return Texture(
+        Finding(0.5 * amplitude**2, 0.5 * low**2, 0.5 * high**2, "1"),
+        Finding(length, length * math.exp(-half), length * math.exp(half), "m"),
+        near.columns[:, i] / np.where(data.weights > 0, data.weights, 1.0),
+    )
+
+
+@dataclass(frozen=True)
+class _Waves:
+    length: Floats
+    angle: Floats
+    amplitude: Floats
+    std: Floats
+    gain: Floats
+    columns: Floats  # (cosine and sine, wave, reading), over the noise
+
+
+class _Search:
+    """Waves fitted one by one, beside what a fit already has."""
+
+    def __init__(self, shapes: Shapes, data: Data, best: Fit) -> None:
+        self._shapes, self._data, self._best = shapes, data, best
+        self._basis = columns_of(shapes, data, best)
+        self._cells = np.zeros((len(shapes.grid.components), *shapes.grid.shape))
+        unit = shapes.traction(best.shape, best.centers[0], float(best.radii[0]))
+        for name, force in zip(shapes.components, best.forces[0]):
+            self._cells[shapes.grid.components.index(name)] = force * unit
+
+    def waves(self, length: Floats, angle: Floats) -> _Waves:
+        """Of these wavelengths [m] and directions [rad]."""
+        vectors = 2.0 * math.pi / length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        read = self._shapes.waves(self._cells, vectors, self._best.centers[0]) * self._data.weights
+        less = (read - (read @ self._basis.T) @ self._basis).reshape(2, len(length), -1)
+        c, s = less
+        cc, ss, cs = (c**2).sum(1), (s**2).sum(1), (c * s).sum(1)
+        gc, gs = c @ self._best.residual, s @ self._best.residual
+        determinant = np.maximum(cc * ss - cs**2, 1e-300)
+        a, b = (ss * gc - cs * gs) / determinant, (cc * gs - cs * gc) / determinant
+        std = np.sqrt(0.5 * (cc + ss) / determinant)
+        return _Waves(length, angle, np.hypot(a, b), std, a * gc + b * gs, read.reshape(less.shape))
+
+
+def _blurred(radius: float) -> Texture:
+    reason = (
+        f"the pad blurs what is finer than the contact's radius of {1e3 * radius:.2g} mm: half of the pressure could vary and not show. Press a larger contact, "
+        "or use shallower or less noisy taxels"
+    )
+    return Texture(Finding.unknown("1", reason), Finding.unknown("m", reason))

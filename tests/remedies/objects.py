@@ -1,0 +1,56 @@
+"""What presses, and pictures of what robots recorded."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+import palpate as pp
+from remedies._remedy import Remedy, value
+
+__all__ = ["REMEDIES"]
+
+PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+SKIN = pp.Skin(PAD, pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=300.0))
+BALL = pp.solutions.hertz_point(contact_radius=3e-3, force=2.0)
+READINGS = SKIN.sense(BALL)
+LINE = pp.Skin(PAD, pp.LineArray(count=9, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=10.0))
+PRESSED = LINE.sense(pp.solutions.hertz_line(half_width=2e-3, force=5.0))
+
+
+def identified(readings: Any = READINGS, *, frames: int = 0, **options: Any) -> Any:
+    found = np.stack([READINGS] * frames) if frames else READINGS
+    return SKIN.identify(readings, SKIN.reconstruct(found, method="tikhonov"), **{"shape": "ball", **options})
+
+
+def message(**changed: Any) -> Any:
+    given = {"height": 2, "width": 2, "encoding": "rgb8", "step": 6, "is_bigendian": 0, "data": bytes(12)}
+    return SimpleNamespace(**{**given, **changed})
+
+
+def decoded(made: Any) -> Any:
+    from palpate.camera.messages import decoded
+
+    return decoded(made)
+
+
+REMEDIES = [
+    value("indentation must be one number [m] for each frame", lambda v: identified(indentation=v), [1e-3, 2e-3], 1e-3),
+    value("indentation must not be negative", lambda v: identified(indentation=v), -1e-3, 1e-3),
+    value('shape must be "{}" or "{}", or None', lambda v: identified(shape=v), "cube", None),
+    Remedy(
+        "pass the readings that it was found in",
+        lambda: identified(np.stack([READINGS] * 2)),
+        lambda: identified(READINGS),
+    ),
+    Remedy(
+        "identify serves area contact",
+        lambda: LINE.identify(PRESSED, LINE.reconstruct(PRESSED)),
+        lambda: LINE.reconstruct(PRESSED).contact_area(),
+        right=lambda width: 3e-3 <= float(width) <= 5e-3,
+    ),
+    value("are not read; accepted are", lambda v: decoded(message(encoding=v)), "yuv422", "rgb8"),
+    value("bytes a row; the message has", lambda v: decoded(message(data=v)), bytes(3), bytes(12)),
+]
