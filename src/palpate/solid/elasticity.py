@@ -16,6 +16,7 @@ import numpy.typing as npt
 from palpate._extras import missing
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
+from palpate.solid.places import Places, monomials, polynomials
 
 try:
     import scipy.sparse
@@ -119,19 +120,28 @@ class Solid:
         out[self.free] = self.factor.solve(loads[self.free])
         return out
 
-    def at(self, points: Floats) -> tuple[Index, LocalFields]:
-        """Nodes (local, point) of the elements that hold points (axis, point), and what their unknowns do to the fields there."""
-        finder = self.mesh.element_finder()
-        cells = np.asarray(finder(*points))
-        local = self.basis.mapping.invF(points[:, :, None], tind=cells)
-        functions = [self.element.gbasis(self.basis.mapping, local, i, tind=cells)[0] for i in range(len(self.dofs))]
-        count = points.shape[1]
-        values = np.stack([np.broadcast_to(np.asarray(f), (count, 1))[:, 0] for f in functions])
-        gradients = np.stack([np.broadcast_to(f.grad, (3, count, 1))[:, :, 0] for f in functions])
+    @cached_property
+    def places(self) -> Places:
+        """What finds points in the mesh."""
+        return Places(self.mesh, self.hexahedra)
+
+    def at(self, points: Floats, axes: Floats | None = None) -> tuple[Index, LocalFields]:
+        """Nodes (local, point) of the elements that hold points (axis, point), and what their unknowns do to the fields there.
+
+        Fields are along ``axes`` (point, component, axis), by default those of the mesh. A point a little outside is taken into the nearest element.
+        """
+        cells, local, _ = self.places.find(points)
+        functions = polynomials(self.element, len(self.dofs))
+        powers, slopes = monomials(local)
+        where, jacobian = self.places.mapped(local, cells)
+        values = (powers @ functions).T  # (local, point)
+        inverse = np.linalg.inv(jacobian)  # (point, local axis, axis)
+        gradients = np.einsum("nmb,ml,nba->lan", slopes, functions, inverse, optimize=True)
         middle, size, project = self._projection
-        pressures = self._pressures((points - middle[:, cells]) / size[cells])
+        pressures = self._pressures((where - middle[:, cells]) / size[cells])
         volume = np.einsum("mp,pmia->pia", pressures, project[cells])
-        return self.dofs[:, cells], LocalFields(values, gradients, volume, self.shear, self.bulk)
+        turn = np.broadcast_to(np.eye(3), (len(cells), 3, 3)) if axes is None else axes
+        return self.dofs[:, cells], LocalFields(values, gradients, volume, self.shear, self.bulk, turn)
 
     def surface_load(self, facets: Index, pressure: float) -> Floats:
         """Loads (unknown,) of a uniform pressure on facets, along their normals into the solid."""
@@ -149,23 +159,25 @@ class Solid:
 
 
 class LocalFields:
-    """Fields at points per unit of the unknowns of the element there, arrays (point, local, axis): `palpate.elastic.channels.Fields`."""
+    """Fields at points per unit of the unknowns of the element there, arrays (point, local, axis): `palpate.elastic.channels.Fields`.
 
-    def __init__(self, values: Floats, gradients: Floats, volume: Floats, shear: float, bulk: float) -> None:
-        self._values, self._gradients, self._volume = values.T, gradients, volume
+    Components are along ``axes`` (point, component, axis) of each point; unknowns are along those of the mesh.
+    """
+
+    def __init__(
+        self, values: Floats, gradients: Floats, volume: Floats, shear: float, bulk: float, axes: Floats
+    ) -> None:
+        self._values, self._volume, self._axes = values.T, volume, axes
+        self._gradients = np.einsum("lap,pja->pjl", gradients, axes, optimize=True)  # along each component
         self._shear, self._bulk = shear, bulk
 
     def displacement(self, i: str) -> Floats:
         """u_i."""
-        out = np.zeros((*self._values.shape, 3))
-        out[..., "xyz".index(i)] = self._values
-        return out
+        return self._values[..., None] * self._axes[:, None, "xyz".index(i)]
 
     def gradient(self, i: str, j: str) -> Floats:
         """du_i/dx_j."""
-        out = np.zeros((*self._values.shape, 3))
-        out[..., "xyz".index(i)] = self._gradients[:, "xyz".index(j)].T
-        return out
+        return self._gradients[:, "xyz".index(j), :, None] * self._axes[:, None, "xyz".index(i)]
 
     def strain(self, ij: str) -> Floats:
         """Strain, compression positive."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from palpate._extras import require as require_library
 from palpate._memory import require
@@ -22,10 +23,12 @@ from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.pad import Complexes, Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import AreaArray, Array, ScatteredArray
+from palpate.sensing.curved import Chart, CurvedGrid, CylinderChart, SphereChart
 from palpate.sensing.grids import AreaGrid, Grid, check_length
 from palpate.sensing.kernels import aperture_rule
 from palpate.sensing.maps import LinearMap, MatrixMap
 from palpate.sensing.surface import default_surface
+from palpate.solid.charts import PlaneChart, fitted_chart
 
 if TYPE_CHECKING:
     from palpate.solid.elasticity import Solid
@@ -43,6 +46,8 @@ THROUGH = 4
 LARGEST = 400_000
 #: A surface flatter than this part of the pad's width is a plane.
 FLAT = 1e-6
+#: A sensing element further outside the mesh than this part of an element lies beside the pad: curved surfaces leave the mesh of flat facets by 0.02.
+OUTSIDE = 0.1
 #: What is kept of fields at the surface [bytes].
 KEPT = 2_000_000_000
 #: Cells along an axis, at most, that are chosen for a patch.
@@ -51,13 +56,16 @@ CELLS = 48
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SolidPad:
-    """A pad that ends: an isotropic solid, glued to a rigid base, whose plane upper surface can be touched.
+    """A pad that ends or bends: an isotropic solid, glued to a rigid base, with a surface that can be touched.
 
-    Make it with `box` or `from_mesh`. It goes where `HalfSpace` and `BondedLayers` go; what reads in it is worked out by finite elements, by one
+    Make it with `box`, `dome`, `bend` or `from_mesh`. It goes where `HalfSpace` and `BondedLayers` go; what reads in it is worked out by finite elements, by one
     solve for each reading (of the adjoint problem: what a unit load at the sensor does to the surface), and kept. `save` and `load` keep it for
     another run. It needs the extra ``palpate[solid]``; where pypardiso is installed, its solver is used.
 
-    Coordinates are those of every pad: z = 0 is the surface that is touched and z grows into the pad, x and y as the array has them.
+    Coordinates are those of every pad: z grows into the pad, and the top of the surface that is touched lies at z = 0. On a curved surface the coordinates x and
+    y of cells and sensors are those of its chart, which lays it out flat; a sensor's depth is measured along the normal there. Traction has its
+    components along two tangents ("x", "y": those of the top, carried along) and along the normal ("z", the pressure). Net force and moment are vectors in
+    the pad's own axes.
 
     Attributes
     ----------
@@ -70,6 +78,12 @@ class SolidPad:
         [Pa].
     poissons_ratio : float
         0 to 0.4999.
+    chart : Chart, optional
+        What lays a curved contact surface out flat (`palpate.sensing.Chart`); None for a rectangle in the plane z = 0.
+    curved : bool
+        Whether vertices hold the quadratic nodes of curved elements, in scikit-fem's order (MeshHex2, MeshTet2).
+    readings_along : "surface" or "pad"
+        Axes of the channels: on a curved pad ``displacement_x`` is along the tangent there, or with "pad" along the pad's own x axis, as a camera sees it.
 
     Raises
     ------
@@ -113,9 +127,14 @@ class SolidPad:
     contact: Index
     youngs_modulus: float
     poissons_ratio: float
+    chart: Chart | None = None
+    curved: bool = False
+    readings_along: Literal["surface", "pad"] = "surface"
 
     def __post_init__(self) -> None:
         require_library("solid pads", "skfem")
+        if self.readings_along not in ("surface", "pad"):
+            raise InvalidInput(f'readings_along must be "surface" or "pad"; got {self.readings_along!r}.')
         check_length("youngs_modulus", self.youngs_modulus)
         nu = self.poissons_ratio
         if isinstance(nu, bool) or not isinstance(nu, int | float) or not 0.0 <= nu <= LARGEST_RATIO:
@@ -142,11 +161,13 @@ class SolidPad:
             raise InvalidInput(
                 f"the pad is {width:g} m wide. Lengths are in metres: of a mesh in millimetres give scale=1e-3."
             )
+        if self.chart is not None:
+            return
         top = points[np.unique(self.contact), 2]
         if np.abs(top).max() > FLAT * width:
             raise InvalidInput(
-                f"the surface that is touched must be the plane z = 0; it reaches from z = {top.min():g} to {top.max():g} m. Curved surfaces are not "
-                "served; of a plane one move the mesh (SolidPad.from_mesh does so)."
+                f"without a chart= the surface that is touched must be the plane z = 0; it reaches from z = {top.min():g} to {top.max():g} m. Make pads with "
+                "curved surfaces by SolidPad.dome, SolidPad.bend or SolidPad.from_mesh."
             )
         if float(points[:, 2].max()) <= 0.0 or float(points[:, 2].min()) < -FLAT * width:
             raise InvalidInput(
@@ -190,16 +211,9 @@ class SolidPad:
         """
         sizes = [check_length(n, v) for n, v in (("length", length), ("width", width), ("thickness", thickness))]
         step = check_length("element", element) if element is not None else sizes[2] / THROUGH
-        if base != "bonded" or sides not in ("free", "bonded"):
-            raise InvalidInput(
-                f'base must be "bonded" and sides "free" or "bonded"; got base={base!r}, sides={sides!r}.'
-            )
+        _check_held(base, sides)
         counts = [max(1, round(s / step)) for s in sizes]
-        if 24.0 * math.prod(counts) > LARGEST:
-            raise Unsupported(
-                f"a box of {' x '.join(map(str, counts))} elements has about {24 * math.prod(counts)} unknowns, and at most {LARGEST} are served. Give "
-                f"a larger element= (here {step:g} m)."
-            )
+        _check_size(math.prod(counts), step, f"a box of {' x '.join(map(str, counts))} elements")
         require_library("solid pads", "skfem")
         from skfem import MeshHex
 
@@ -223,6 +237,146 @@ class SolidPad:
         )
 
     @classmethod
+    def dome(
+        cls,
+        radius: float,
+        thickness: float,
+        *,
+        youngs_modulus: float,
+        poissons_ratio: float,
+        height: float | None = None,
+        base: Literal["bonded"] = "bonded",
+        sides: Literal["free", "bonded"] = "free",
+        element: float | None = None,
+        readings_along: Literal["surface", "pad"] = "surface",
+    ) -> SolidPad:
+        """A fingertip: a shell of one thickness on a rigid round core, whose top lies at x = y = z = 0.
+
+        Coordinates of cells and sensors are those of `palpate.sensing.SphereChart`: the cap laid out flat with its areas kept.
+
+        Parameters
+        ----------
+        radius, thickness : float
+            Of the outer surface, and of the shell [m].
+        height : float, optional
+            From the rim to the top of the outer surface [m]; by default the radius: a half sphere.
+        base : "bonded"
+            The inner surface is glued to what is rigid.
+        sides : "free" or "bonded"
+            What holds the rim.
+        element : float, optional
+            Size of an element [m]; by default a third of the thickness.
+        readings_along : "surface" or "pad"
+            See the class.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> tip = pp.SolidPad.dome(8e-3, 3e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=3e-3)
+        >>> tip.elements.shape, tip.thickness.__round__(6)
+        ((96, 8), 0.003)
+        """
+        r, t = check_length("radius", radius), check_length("thickness", thickness)
+        tall = r if height is None else check_length("height", height)
+        step = check_length("element", element) if element is not None else t / 3
+        if not t < r or not tall < 1.95 * r:
+            raise InvalidInput(
+                f"thickness must be less than the radius, and height less than 1.95 radii; got radius={r:g}, thickness={t:g}, height={tall:g} m."
+            )
+        chart = SphereChart(radius=r, reach=math.acos(1.0 - tall / r))
+        rim, through = chart.outline[0][1], max(1, round(t / step))
+        _check_size(math.pi * (rim / step) ** 2 * through, step, "a dome")
+        require_library("solid pads", "skfem")
+        from palpate.solid.shapes import disc
+
+        return cls._laid_on(disc(rim, t, step, through), chart, t, base, sides, rim, youngs_modulus, poissons_ratio, readings_along)
+
+    @classmethod
+    def bend(
+        cls,
+        radius: float,
+        length: float,
+        width: float,
+        thickness: float,
+        *,
+        youngs_modulus: float,
+        poissons_ratio: float,
+        base: Literal["bonded"] = "bonded",
+        sides: Literal["free", "bonded"] = "free",
+        element: float | None = None,
+        readings_along: Literal["surface", "pad"] = "surface",
+    ) -> SolidPad:
+        """A sheet bent about an axis along y, on a rigid core.
+
+        Coordinates of cells and sensors are those of `palpate.sensing.CylinderChart`: the sheet unrolled.
+
+        Parameters
+        ----------
+        radius : float
+            Of the surface that is touched [m]; positive outside of a bend (a finger), negative inside it (a crook).
+        length, width, thickness : float
+            Along the arc, along y and through [m].
+        base, sides, element, readings_along
+            See `dome`.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> crook = pp.SolidPad.bend(-15e-3, 20e-3, 10e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=2e-3)
+        >>> crook.elements.shape, crook.thickness.__round__(6)
+        ((50, 8), 0.002)
+        """
+        long, wide, t = (check_length(n, v) for n, v in (("length", length), ("width", width), ("thickness", thickness)))
+        r = check_length("radius", radius, sign=True)
+        step = check_length("element", element) if element is not None else t / 3
+        if r == 0.0 or (r > 0.0 and t >= r):
+            raise InvalidInput(
+                f"radius must be more than the thickness of {t:g} m outside of a bend, or negative inside of one; got {r:g} m."
+            )
+        chart = CylinderChart(radius=r, length=long, width=wide)
+        through = max(1, round(t / step))
+        _check_size(long / step * wide / step * through, step, "a bend")
+        require_library("solid pads", "skfem")
+        from palpate.solid.shapes import rectangle
+
+        return cls._laid_on(
+            rectangle(long, wide, t, step, through), chart, t, base, sides, None, youngs_modulus, poissons_ratio, readings_along
+        )
+
+    @classmethod
+    def _laid_on(
+        cls,
+        flat: Any,
+        chart: Chart,
+        thickness: float,
+        base: str,
+        sides: str,
+        rim: float | None,
+        youngs_modulus: float,
+        poissons_ratio: float,
+        readings_along: Literal["surface", "pad"],
+    ) -> SolidPad:
+        from palpate.solid.shapes import laid_on
+
+        _check_held(base, sides)
+        mesh, _ = laid_on(flat, chart, rim=rim)
+        outside = flat.boundary_facets()
+        depth = np.asarray(flat.p)[2][np.asarray(flat.facets)[:, outside]]
+        upper, lower = np.abs(depth).max(axis=0) < 1e-6 * thickness, (depth > (1.0 - 1e-6) * thickness).all(axis=0)
+        held = lower if sides == "free" else ~upper
+        return cls(
+            vertices=np.ascontiguousarray(mesh.doflocs.T),
+            elements=np.ascontiguousarray(mesh.t.T),
+            base=flat.facets[:, outside[held]].T,
+            contact=flat.facets[:, outside[upper]].T,
+            youngs_modulus=youngs_modulus,
+            poissons_ratio=poissons_ratio,
+            chart=chart,
+            curved=True,
+            readings_along=readings_along,
+        )
+
+    @classmethod
     def from_mesh(
         cls,
         path: str | Path,
@@ -233,6 +387,7 @@ class SolidPad:
         poissons_ratio: float,
         scale: float = 1.0,
         turned: bool = False,
+        readings_along: Literal["surface", "pad"] = "surface",
     ) -> SolidPad:
         """A mesh of tetrahedra or hexahedra from a file that meshio reads (Gmsh's .msh, Abaqus' .inp, VTK and others).
 
@@ -244,11 +399,16 @@ class SolidPad:
             Metres to a unit of the file: 1e-3 for millimetres.
         turned : bool
             Turn the mesh by 180 degrees about its x axis: for files whose z points out of the pad.
+        readings_along : "surface" or "pad"
+            See the class.
+
+        The mesh is moved along z until the uppermost point of the contact surface lies at z = 0. A contact surface that is a cap of a sphere around the z axis
+        is laid out as `dome` does; any other one by x and y, as it is seen from above.
 
         Raises
         ------
         InvalidInput
-            A file that cannot be read, or has no such surface; a contact surface that is not plane.
+            A file that cannot be read, or has no such surface; a contact surface so steep that it cannot be seen from above.
 
         Examples
         --------
@@ -279,8 +439,12 @@ class SolidPad:
         if turned:
             points = points * np.array([1.0, -1.0, -1.0])
         facets = {n: np.asarray(mesh.facets)[:, np.asarray(names[n], dtype=int)].T for n in (base, contact)}
-        points[:, 2] -= float(points[np.unique(facets[contact]), 2].mean())
+        top = points[np.unique(facets[contact]), 2]
+        points[:, 2] -= float(top.min())
         corners = np.asarray(mesh.t).T
+        chart = fitted_chart(points, facets[contact], FLAT)
+        if chart is not None:
+            _check_inwards(points, corners, facets[contact], chart)
         return cls(
             vertices=points,
             elements=corners,
@@ -288,14 +452,24 @@ class SolidPad:
             contact=facets[contact],
             youngs_modulus=youngs_modulus,
             poissons_ratio=poissons_ratio,
+            chart=chart,
+            curved=type(mesh).__name__.endswith("2"),
+            readings_along=readings_along,
         )
 
     # -- as every pad --------------------------------------------------------------------------------------------------
 
     @property
     def thickness(self) -> float:
-        """Depth of the deepest point of what is rigid [m]."""
-        return float(self.vertices[np.unique(self.base), 2].max())
+        """Depth of the deepest point of what is rigid below the surface that is touched [m]."""
+        return self._thickness
+
+    @cached_property
+    def _thickness(self) -> float:
+        base, top = self.vertices[np.unique(self.base)], self.vertices[np.unique(self.contact)]
+        if self.chart is None:
+            return float(base[:, 2].max())
+        return float(cKDTree(top).query(base)[0].max())
 
     @cached_property
     def endless(self) -> BondedLayers:
@@ -327,7 +501,9 @@ class SolidPad:
 
     @property
     def outline(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Lowest and highest x, and lowest and highest y, of the surface that can be touched [m]."""
+        """Lowest and highest x, and lowest and highest y, of the surface that can be touched, in its chart [m]."""
+        if self.chart is not None:
+            return self.chart.outline
         top = self.vertices[np.unique(self.contact)]
         (x0, y0), (x1, y1) = top[:, :2].min(axis=0), top[:, :2].max(axis=0)
         return (float(x0), float(x1)), (float(y0), float(y1))
@@ -342,11 +518,36 @@ class SolidPad:
             counts.append(count)
             widths.append((high - low) / count)
             middles.append(0.5 * (low + high))
-        return AreaGrid(shape=(counts[0], counts[1]), spacing=(widths[0], widths[1]), center=(middles[1], middles[0]))
+        return self.grid(shape=(counts[0], counts[1]), spacing=(widths[0], widths[1]), center=(middles[1], middles[0]))
+
+    def grid(
+        self, *, shape: tuple[int, int], spacing: float | tuple[float, float], center: tuple[float, float] = (0.0, 0.0)
+    ) -> AreaGrid:
+        """Cells of your own on the surface that can be touched, for ``surface=`` of a skin: a `palpate.AreaGrid`, on a curved one with its chart.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> tip = pp.SolidPad.dome(8e-3, 3e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=3e-3)
+        >>> type(tip.grid(shape=(12, 12), spacing=1e-3)).__name__
+        'CurvedGrid'
+        """
+        if self.chart is None:
+            return AreaGrid(shape=shape, spacing=spacing, center=center)
+        return CurvedGrid(shape=shape, spacing=spacing, center=center, chart=self.chart)
+
+    @cached_property
+    def _surface(self) -> Chart:
+        return PlaneChart(outline=self.outline) if self.chart is None else self.chart
 
     def response(self, array: Array, surface: Grid) -> LinearMap:
         """The map of an array, from traction on the cells of a surface; what lies beside the pad reads nothing."""
         self._check([array])
+        if getattr(surface, "chart", None) != self.chart:
+            raise InvalidInput(
+                "the surface is not that of this pad, whose contact surface is curved. Leave surface out, or make one of your own cells with pad.grid(shape=, "
+                "spacing=)."
+            )
         cells, points = math.prod(surface.shape), len(array.points)
         readings = points * len(array.channels)
         top = self._top
@@ -356,10 +557,9 @@ class SolidPad:
             "Give a coarser surface, or fewer positions.",
         )
         fields = self._fields(array)
-        cell_loads = self._cell_loads(surface)
-        out = np.empty((readings, 3, cells))
-        for component in range(3):
-            out[:, component] = (cell_loads @ fields[:, component].T).T
+        out = np.zeros((readings, 3, cells))
+        for component, axis, loads in self._cell_loads(surface):
+            out[:, component] += (loads @ fields[:, axis].T).T
         found = out.reshape(points, len(array.channels), 3, *surface.shape).swapaxes(0, 1)
         return MatrixMap(np.ascontiguousarray(found), array.shape)
 
@@ -415,15 +615,26 @@ class SolidPad:
                     f"a solid pad is touched on an area, and a {type(array).__name__} is in line contact. Use AreaArray or ScatteredArray, or BondedLayers."
                 )
             (x0, x1), (y0, y1) = self.outline
-            points = array.points  # (y, x)
-            slack = 1e-6 * (x1 - x0)
-            beside = (points[:, 1] < x0 - slack) | (points[:, 1] > x1 + slack)
-            beside |= (points[:, 0] < y0 - slack) | (points[:, 0] > y1 + slack)
+            slack = 1.0 - 1e-6  # a taxel on the rim
+            y, x = ((p - m) * slack + m for p, m in zip(array.points.T, (0.5 * (y0 + y1), 0.5 * (x0 + x1))))
+            beside = ~(self._surface.frames(x, y).stretch > 0.0)
             if beside.any():
                 raise InvalidInput(
-                    f"{int(beside.sum())} of {len(points)} sensing elements lie beside the pad, which reaches from x = {x0:g} to {x1:g} m and from "
+                    f"{int(beside.sum())} of {len(x)} sensing elements lie beside the pad, whose surface reaches from x = {x0:g} to {x1:g} m and from "
                     f"y = {y0:g} to {y1:g} m. Move the array (center=), or leave them out."
                 )
+            outside = self.solid.places.find(self._at(x, y, array.depth)[0].T)[2] > OUTSIDE
+            if outside.any():
+                raise InvalidInput(
+                    f"{int(outside.sum())} of {len(x)} sensing elements lie outside the pad: it is not {array.depth:g} m deep below them. Give them in arrays "
+                    "of their own depths, or leave them out."
+                )
+
+    def _at(self, x: Floats, y: Floats, depth: Any) -> tuple[Floats, Floats]:
+        """Positions (*places, 3) below the surface along its normals, and the axes (*places, component, 3) that readings there are along."""
+        frames = self._surface.frames(x, y)
+        positions = frames.positions + np.asarray(depth)[..., None] * frames.axes[..., 2, :]
+        return positions, frames.axes if self.readings_along == "surface" else np.broadcast_to(np.eye(3), frames.axes.shape)
 
     @cached_property
     def _digest(self) -> str:
@@ -440,11 +651,12 @@ class SolidPad:
         >>> pad.solid.basis.N  # nodes
         1445
         """
-        from skfem import MeshHex, MeshTet
+        from skfem import MeshHex, MeshHex2, MeshTet, MeshTet2
 
         from palpate.solid.elasticity import Solid
 
-        kind = MeshHex if self.elements.shape[1] == 8 else MeshTet
+        kinds = (MeshHex2, MeshTet2) if self.curved else (MeshHex, MeshTet)
+        kind = kinds[0] if self.elements.shape[1] == 8 else kinds[1]
         mesh = kind(np.ascontiguousarray(self.vertices.T), np.ascontiguousarray(self.elements.T.astype(np.int64)))
         return Solid(mesh, self.youngs_modulus, self.poissons_ratio, self._facets(mesh, self.base))
 
@@ -470,14 +682,6 @@ class SolidPad:
         """How far beside a point its neighbours are looked up [m]: stress jumps where elements meet, and the mean of these is closer than each."""
         return 1e-6 * float(self.thickness) / THROUGH
 
-    def _inside(self, points: Floats) -> Floats:
-        """Points (axis, n), where they lie on the rim a little inside it: an element is to be found for each."""
-        (x0, x1), (y0, y1) = self.outline
-        tiny = 1e-9 * (x1 - x0)
-        low = np.array([x0 + tiny, y0 + tiny, tiny])[:, None]
-        high = np.array([x1 - tiny, y1 - tiny, float(self.vertices[:, 2].max()) - tiny])[:, None]
-        return np.clip(points, low, high)
-
     def _fields(self, array: Array) -> Floats:
         """(reading, axis, node of the surface): taxel by taxel, channel by channel."""
         spacing = float(np.sqrt(np.ptp(self.outline[0]) * np.ptp(self.outline[1]))) / 100.0
@@ -496,7 +700,9 @@ class SolidPad:
             for name in dict.fromkeys(str(k[3]) for k in some):
                 columns = np.array([i for i, k in enumerate(some) if k[3] == name])
                 middles = np.array([some[i][:3] for i in columns])
-                held, fields = self.solid.at(self._inside((middles[:, None] + moved).reshape(-1, 3).T))
+                x, y, depth = (middles[:, None] + moved).reshape(-1, 3).T
+                positions, axes = self._at(x, y, depth)
+                held, fields = self.solid.at(positions.T, axes)
                 rows = np.asarray(find_channel(name).read(fields)) * np.tile(weights, len(columns))[:, None, None]
                 unknowns = 3 * held.T[:, :, None] + np.arange(3)
                 np.add.at(loads, (unknowns, np.repeat(columns, len(weights))[:, None, None]), rows)
@@ -508,8 +714,8 @@ class SolidPad:
             self._kept.popitem(last=False)
         return out
 
-    def _cell_loads(self, surface: Grid) -> Any:
-        """Sparse (cell, node of the surface): force on each node of unit traction in a cell [m^2]."""
+    def _cell_loads(self, surface: Grid) -> Iterator[tuple[int, int, Any]]:
+        """Component of traction, axis of the pad, and sparse (cell, node of the surface): force on each node of unit traction in a cell [m^2]."""
         import scipy.sparse
 
         element = math.sqrt(np.ptp(self.outline[0]) * np.ptp(self.outline[1]) / len(self.contact))
@@ -527,16 +733,55 @@ class SolidPad:
         per = [len(a) // n for a, n in zip(axes, surface.shape)]
         row, column = (np.repeat(np.arange(n), p) for n, p in zip(surface.shape, per))
         cell = (row[:, None] * surface.shape[1] + column).ravel()
-        (x0, x1), (y0, y1) = self.outline
-        on = (x > x0) & (x < x1) & (y > y0) & (y < y1)
-        shape = (math.prod(surface.shape), len(self._top))
-        if not on.any():
-            return scipy.sparse.csr_array(shape)
+        frames = self._surface.frames(x, y)
+        weight = weight * frames.stretch
+        on = np.flatnonzero(weight > 0.0)
+        if not len(on):
+            return
+        weight, cell, turn = weight[on], cell[on], frames.axes[on]
+        count = math.prod(surface.shape)
+        if self.chart is not None:  # on the rim, what net forces are summed with
+            held_there = np.bincount(cell, weight, count)
+            weight = weight * (surface.areas.ravel() / np.where(held_there > 0.0, held_there, 1.0))[cell]
         place = np.full(self.solid.basis.N, -1, dtype=np.intp)
         place[self._top] = np.arange(len(self._top))
-        held, fields = self.solid.at(self._inside(np.stack([x[on], y[on], np.zeros(int(on.sum()))])))
-        values = fields.displacement("x")[..., 0] * weight[on][:, None]  # (point, local)
-        nodes = place[held.T]
-        rows = np.broadcast_to(cell[on][:, None], nodes.shape)
-        there = nodes >= 0
-        return scipy.sparse.coo_array((values[there], (rows[there], nodes[there])), shape).tocsr()
+        held, fields = self.solid.at(frames.positions[on].T)
+        nodes, values = place[held.T], fields.displacement("x")[..., 0]  # (point, local)
+        rows, there = np.broadcast_to(cell[:, None], nodes.shape), nodes >= 0
+        made: dict[bytes, Any] = {}
+        for component, axis in itertools.product(range(3), range(3)):
+            part = weight * turn[:, component, axis]
+            if not part.any():
+                continue
+            key = part.tobytes()
+            if key not in made:
+                load = values * part[:, None]
+                entries = (load[there], (rows[there], nodes[there]))
+                made[key] = scipy.sparse.coo_array(entries, (count, len(self._top))).tocsr()
+            yield component, axis, made[key]
+
+
+def _check_held(base: str, sides: str) -> None:
+    if base != "bonded" or sides not in ("free", "bonded"):
+        raise InvalidInput(
+            f'base must be "bonded" and sides "free" or "bonded"; got base={base!r}, sides={sides!r}.'
+        )
+
+
+def _check_size(elements: float, step: float, what: str) -> None:
+    if 24.0 * elements > LARGEST:
+        raise Unsupported(
+            f"{what} has about {24.0 * elements:.0f} unknowns, and at most {LARGEST} are served. Give a larger element= (here {step:g} m)."
+        )
+
+
+def _check_inwards(vertices: Floats, elements: Index, contact: Index, chart: Chart) -> None:
+    """Refuse a mesh that lies on the other side of its contact surface."""
+    middles = vertices[contact].mean(axis=1)
+    bodies = vertices[elements].mean(axis=1)
+    inwards = chart.frames(middles[:, 0], middles[:, 1]).axes[:, 2] if not isinstance(chart, SphereChart) else np.array([0.0, 0.0, 1.0]) + 0.0 * middles
+    nearest = bodies[cKDTree(bodies).query(middles)[1]]
+    if float(((nearest - middles) * inwards).sum()) < 0.0:
+        raise InvalidInput(
+            "the pad must lie below the surface that is touched, where z > 0: z grows into the pad. Of a mesh whose z points out of it give turned=True."
+        )
