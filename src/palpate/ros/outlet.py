@@ -179,11 +179,11 @@ class Outlet:
             self._layout = (id(grid), places(grid))
         out = self._messages[TOPICS["traction"]](header=header)
         points = self._layout[1].copy()
-        values = to_numpy(touch.values) * grid.cell
+        values = grid.cell_forces(to_numpy(touch.values))
         points[..., 3] = values[0]
         points[..., 4] = values[1] if grid.dimensions == 2 else 0.0
         points[..., 5] = values[-1]
-        points[..., 6] = math.nan if touch.errors is None else to_numpy(touch.std.values)[-1] * grid.cell
+        points[..., 6] = math.nan if touch.errors is None else to_numpy(touch.std.values)[-1] * grid.areas
         field = self._messages["sensor_msgs/msg/PointField"]
         out.height, out.width = points.shape[:2]
         out.fields = [field(name=n, offset=4 * i, datatype=7, count=1) for i, n in enumerate(CLOUD)]

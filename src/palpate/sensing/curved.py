@@ -270,6 +270,15 @@ class CurvedGrid(AreaGrid):
         arms = np.cross(self.frames.positions[..., None, :], self.frames.axes) * self.areas[..., None, None]
         return np.ascontiguousarray(np.moveaxis(arms, (-1, -2), (0, 1)))
 
+    @property
+    def positions(self) -> Floats:
+        """Centres of the cells (*surface, 3) in the pad's axes [m]."""
+        return self.frames.positions
+
+    def cell_forces(self, traction: Floats) -> Floats:
+        """Force on each cell (..., axis, *surface) of a traction (..., component, *surface), along the pad's axes."""
+        return np.asarray(np.einsum("acyx,...cyx->...ayx", self._force, traction))
+
     def force_axes(self, columns: Sequence[int]) -> tuple[int, ...]:
         """All three: pressure on a surface that bends has a part along each axis."""
         return (0, 1, 2)

@@ -63,6 +63,16 @@ class _Flat:
         """Area (on a line, length) of each cell (*surface)."""
         return np.full(self.shape, self.cell)
 
+    @property
+    def positions(self) -> Floats:
+        """Centres of the cells (*surface, 3) in the pad's axes [m]."""
+        places = [*np.meshgrid(*self.axes, indexing="ij")[::-1], *[np.zeros(self.shape)] * (3 - self.dimensions)]
+        return np.stack(places, axis=-1)
+
+    def cell_forces(self, traction: Floats) -> Floats:
+        """Force on each cell (..., axis, *surface) of a traction (..., component, *surface), along the pad's axes."""
+        return traction * self.cell
+
     def force_axes(self, columns: Sequence[int]) -> tuple[int, ...]:
         """Axes of the pad that `force_rows` has, where these components are sought: the same."""
         return tuple(columns)

@@ -649,8 +649,9 @@ class Tracker:
                 errors = open_above(errors)
             self._own = values
             values = self._anchor.carried(values) if contact.pushing else values
-            self._carried = (values - self._own).sum(axis=1) * grid.cell
-            apart = self._comparison.reaching(self._carried, float(np.sqrt((values**2).sum(axis=0)).sum()) * grid.cell)
+            self._carried = grid.total_force((values - self._own).reshape(-1, *grid.shape))
+            load = float(grid.integral(np.sqrt((values**2).sum(axis=0)).reshape(grid.shape)))
+            apart = self._comparison.reaching(self._carried, load)
             if apart and values.any():
                 stated = widened(stated, values.reshape(-1, *grid.shape), grid, apart)
         else:
