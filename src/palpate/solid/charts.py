@@ -160,7 +160,10 @@ def fitted_chart(vertices: Floats, facets: Index, flat: float) -> Chart | None:
         reach = float(np.arccos(np.clip((middle[2] - points[:, 2]) / radius, -1.0, 1.0)).max())
         corners = vertices[facets]
         flat_area = _area(corners)
-        if reach < 0.99 * math.pi and abs(2.0 * math.pi * radius**2 * (1.0 - math.cos(reach)) / flat_area - 1.0) < SAME_AREA:
+        if (
+            reach < 0.99 * math.pi
+            and abs(2.0 * math.pi * radius**2 * (1.0 - math.cos(reach)) / flat_area - 1.0) < SAME_AREA
+        ):
             top = (float(middle[0]), float(middle[1]), float(middle[2] - radius))
             return SphereChart(radius=radius, reach=reach, center=top)
     return MeshChart(vertices=vertices, facets=facets)
@@ -175,5 +178,7 @@ def _area(corners: Floats) -> float:
             continue
         # listed round or not: the larger of the three ways to cut it is the quadrilateral
         a, b, c, d = facet
-        total += max(0.5 * float(np.linalg.norm(np.cross(p, q))) for p, q in ((c - a, d - b), (b - a, d - c), (d - a, b - c)))
+        total += max(
+            0.5 * float(np.linalg.norm(np.cross(p, q))) for p, q in ((c - a, d - b), (b - a, d - c), (d - a, b - c))
+        )
     return total

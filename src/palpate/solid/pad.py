@@ -23,12 +23,14 @@ from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.pad import Complexes, Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import AreaArray, Array, ScatteredArray
-from palpate.sensing.curved import Chart, CurvedGrid, CylinderChart, SphereChart
+from palpate.sensing.curved import Chart, CurvedGrid
 from palpate.sensing.grids import AreaGrid, Grid, check_length
 from palpate.sensing.kernels import aperture_rule
 from palpate.sensing.maps import LinearMap, MatrixMap
 from palpate.sensing.surface import default_surface
-from palpate.solid.charts import PlaneChart, fitted_chart
+from palpate.solid import making
+from palpate.solid.charts import PlaneChart
+from palpate.solid.making import FLAT, LARGEST, THROUGH
 
 if TYPE_CHECKING:
     from palpate.solid.elasticity import Solid
@@ -39,19 +41,13 @@ Index = npt.NDArray[np.intp]
 
 #: Largest Poisson's ratio: the matrix's condition grows as 1/(1 - 2 nu), and incompressible gels differ from this one by 0.06 % of their stiffness.
 LARGEST_RATIO = 0.4999
-#: Elements through the thickness where nothing is said: the base's stress under a ball of 1.5 thicknesses is then within 2 % of a layer's
-#: (benchmarks/solid.py).
-THROUGH = 4
-#: Unknowns from which a mesh is refused: the factor of 400,000 takes 10 GB.
-LARGEST = 400_000
-#: A surface flatter than this part of the pad's width is a plane.
-FLAT = 1e-6
 #: A sensing element further outside the mesh than this part of an element lies beside the pad: curved surfaces leave the mesh of flat facets by 0.02.
 OUTSIDE = 0.1
 #: What is kept of fields at the surface [bytes].
 KEPT = 2_000_000_000
-#: Cells along an axis, at most, that are chosen for a patch.
-CELLS = 48
+#: Cells along an axis, at most, that are chosen for a patch; and up to which an endless pad's cells are halved: these are refined by convolution where a
+#: contact is small, and the error of cells as wide as a contact would be explained by pressure at the sides (a ball that reads 1.6 N of 1 N then reads 1.0 N).
+CELLS, HALVED = 48, 24
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,7 +95,7 @@ class SolidPad:
     >>> array = pp.AreaArray(shape=(3, 3), pitch=2e-3, depth="base", channels=["stress_zz"], noise=20.0)
     >>> skin = pp.Skin(pad, array)
     >>> skin.surface.shape  # the whole upper side, and no more
-    (4, 4)
+    (8, 8)
 
     >>> ball = pp.solutions.hertz_point(contact_radius=1e-3, force=0.2).shifted(3e-3, 0.0)  # a millimetre from the side
     >>> float(skin.reconstruct(skin.sense(ball)).force[2]).__round__(1)
@@ -209,32 +205,8 @@ class SolidPad:
         >>> gel.elements.shape, gel.thickness
         ((2100, 8), 0.004)
         """
-        sizes = [check_length(n, v) for n, v in (("length", length), ("width", width), ("thickness", thickness))]
-        step = check_length("element", element) if element is not None else sizes[2] / THROUGH
-        _check_held(base, sides)
-        counts = [max(1, round(s / step)) for s in sizes]
-        _check_size(math.prod(counts), step, f"a box of {' x '.join(map(str, counts))} elements")
-        require_library("solid pads", "skfem")
-        from skfem import MeshHex
-
-        axes = [np.linspace(-0.5 * s, 0.5 * s, n + 1) for s, n in zip(sizes[:2], counts)]
-        mesh = MeshHex.init_tensor(*axes, np.linspace(0.0, sizes[2], counts[2] + 1))
-        tiny = 1e-6 * sizes[2] / counts[2]
-
-        def held(x: Floats) -> npt.NDArray[np.bool_]:
-            bottom = x[2] > sizes[2] - tiny
-            if sides == "free":
-                return bottom
-            return bottom | (np.abs(x[0]) > 0.5 * sizes[0] - tiny) | (np.abs(x[1]) > 0.5 * sizes[1] - tiny)
-
-        return cls(
-            vertices=np.ascontiguousarray(mesh.p.T),
-            elements=np.ascontiguousarray(mesh.t.T),
-            base=mesh.facets[:, mesh.facets_satisfying(held, boundaries_only=True)].T,
-            contact=mesh.facets[:, mesh.facets_satisfying(lambda x: x[2] < tiny, boundaries_only=True)].T,
-            youngs_modulus=youngs_modulus,
-            poissons_ratio=poissons_ratio,
-        )
+        made = making.box(length, width, thickness, base=base, sides=sides, element=element)
+        return cls(**made, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio)
 
     @classmethod
     def dome(
@@ -276,20 +248,8 @@ class SolidPad:
         >>> tip.elements.shape, tip.thickness.__round__(6)
         ((96, 8), 0.003)
         """
-        r, t = check_length("radius", radius), check_length("thickness", thickness)
-        tall = r if height is None else check_length("height", height)
-        step = check_length("element", element) if element is not None else t / 3
-        if not t < r or not tall < 1.95 * r:
-            raise InvalidInput(
-                f"thickness must be less than the radius, and height less than 1.95 radii; got radius={r:g}, thickness={t:g}, height={tall:g} m."
-            )
-        chart = SphereChart(radius=r, reach=math.acos(1.0 - tall / r))
-        rim, through = chart.outline[0][1], max(1, round(t / step))
-        _check_size(math.pi * (rim / step) ** 2 * through, step, "a dome")
-        require_library("solid pads", "skfem")
-        from palpate.solid.shapes import disc
-
-        return cls._laid_on(disc(rim, t, step, through), chart, t, base, sides, rim, youngs_modulus, poissons_ratio, readings_along)
+        made = making.dome(radius, thickness, height=height, base=base, sides=sides, element=element)
+        return cls(**made, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio, readings_along=readings_along)
 
     @classmethod
     def bend(
@@ -326,55 +286,8 @@ class SolidPad:
         >>> crook.elements.shape, crook.thickness.__round__(6)
         ((50, 8), 0.002)
         """
-        long, wide, t = (check_length(n, v) for n, v in (("length", length), ("width", width), ("thickness", thickness)))
-        r = check_length("radius", radius, sign=True)
-        step = check_length("element", element) if element is not None else t / 3
-        if r == 0.0 or (r > 0.0 and t >= r):
-            raise InvalidInput(
-                f"radius must be more than the thickness of {t:g} m outside of a bend, or negative inside of one; got {r:g} m."
-            )
-        chart = CylinderChart(radius=r, length=long, width=wide)
-        through = max(1, round(t / step))
-        _check_size(long / step * wide / step * through, step, "a bend")
-        require_library("solid pads", "skfem")
-        from palpate.solid.shapes import rectangle
-
-        return cls._laid_on(
-            rectangle(long, wide, t, step, through), chart, t, base, sides, None, youngs_modulus, poissons_ratio, readings_along
-        )
-
-    @classmethod
-    def _laid_on(
-        cls,
-        flat: Any,
-        chart: Chart,
-        thickness: float,
-        base: str,
-        sides: str,
-        rim: float | None,
-        youngs_modulus: float,
-        poissons_ratio: float,
-        readings_along: Literal["surface", "pad"],
-    ) -> SolidPad:
-        from palpate.solid.shapes import laid_on
-
-        _check_held(base, sides)
-        mesh, _ = laid_on(flat, chart, rim=rim)
-        outside = flat.boundary_facets()
-        depth = np.asarray(flat.p)[2][np.asarray(flat.facets)[:, outside]]
-        upper, lower = np.abs(depth).max(axis=0) < 1e-6 * thickness, (depth > (1.0 - 1e-6) * thickness).all(axis=0)
-        held = lower if sides == "free" else ~upper
-        return cls(
-            vertices=np.ascontiguousarray(mesh.doflocs.T),
-            elements=np.ascontiguousarray(mesh.t.T),
-            base=flat.facets[:, outside[held]].T,
-            contact=flat.facets[:, outside[upper]].T,
-            youngs_modulus=youngs_modulus,
-            poissons_ratio=poissons_ratio,
-            chart=chart,
-            curved=True,
-            readings_along=readings_along,
-        )
+        made = making.bend(radius, length, width, thickness, base=base, sides=sides, element=element)
+        return cls(**made, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio, readings_along=readings_along)
 
     @classmethod
     def from_mesh(
@@ -417,45 +330,8 @@ class SolidPad:
         ...     "gel.msh", base="glued", contact="skin", youngs_modulus=2e5, poissons_ratio=0.48, scale=1e-3
         ... )
         """
-        require_library("solid pads", "skfem")
-        require_library("mesh files", "meshio")
-        from skfem import Mesh
-
-        path = Path(path)
-        if not path.is_file():
-            raise InvalidInput(f"{path}: there is no such file.")
-        try:
-            mesh = Mesh.load(str(path))
-        except Exception as error:  # meshio's readers raise what they like
-            raise InvalidInput(f"{path} is no mesh that meshio reads ({error}). Export it as Gmsh's .msh.") from error
-        names = dict(mesh.boundaries or {})
-        for key, name in (("base", base), ("contact", contact)):
-            if name not in names:
-                known = ", ".join(sorted(names)) or "none"
-                raise InvalidInput(
-                    f"{path} has no surface named {name!r} ({key}); it has {known}. Name surfaces in the mesher (physical groups of Gmsh)."
-                )
-        points = check_length("scale", scale) * np.asarray(mesh.p, dtype=np.float64).T
-        if turned:
-            points = points * np.array([1.0, -1.0, -1.0])
-        facets = {n: np.asarray(mesh.facets)[:, np.asarray(names[n], dtype=int)].T for n in (base, contact)}
-        top = points[np.unique(facets[contact]), 2]
-        points[:, 2] -= float(top.min())
-        corners = np.asarray(mesh.t).T
-        chart = fitted_chart(points, facets[contact], FLAT)
-        if chart is not None:
-            _check_inwards(points, corners, facets[contact], chart)
-        return cls(
-            vertices=points,
-            elements=corners,
-            base=facets[base],
-            contact=facets[contact],
-            youngs_modulus=youngs_modulus,
-            poissons_ratio=poissons_ratio,
-            chart=chart,
-            curved=type(mesh).__name__.endswith("2"),
-            readings_along=readings_along,
-        )
+        made = making.from_file(path, base=base, contact=contact, scale=scale, turned=turned)
+        return cls(**made, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio, readings_along=readings_along)
 
     # -- as every pad --------------------------------------------------------------------------------------------------
 
@@ -509,12 +385,13 @@ class SolidPad:
         return (float(x0), float(x1)), (float(y0), float(y1))
 
     def patch(self, planes: Sequence[Array]) -> Grid:
-        """The whole surface that can be touched, in cells about as wide as an endless pad would have under these arrays."""
+        """The whole surface that can be touched, in cells half as wide as an endless pad would have under these arrays, or as wide where they are many."""
         self._check(planes)
         usual = default_surface(planes, thickness=self.thickness)
         counts, widths, middles = [], [], []
         for (low, high), spacing in zip(reversed(self.outline), usual.spacings):
-            count = min(max(2, round((high - low) / spacing)), CELLS)
+            count = max(2, round((high - low) / spacing))
+            count = min(2 * count if 2 * count <= HALVED else count, CELLS)
             counts.append(count)
             widths.append((high - low) / count)
             middles.append(0.5 * (low + high))
@@ -634,7 +511,9 @@ class SolidPad:
         """Positions (*places, 3) below the surface along its normals, and the axes (*places, component, 3) that readings there are along."""
         frames = self._surface.frames(x, y)
         positions = frames.positions + np.asarray(depth)[..., None] * frames.axes[..., 2, :]
-        return positions, frames.axes if self.readings_along == "surface" else np.broadcast_to(np.eye(3), frames.axes.shape)
+        return positions, frames.axes if self.readings_along == "surface" else np.broadcast_to(
+            np.eye(3), frames.axes.shape
+        )
 
     @cached_property
     def _digest(self) -> str:
@@ -759,29 +638,3 @@ class SolidPad:
                 entries = (load[there], (rows[there], nodes[there]))
                 made[key] = scipy.sparse.coo_array(entries, (count, len(self._top))).tocsr()
             yield component, axis, made[key]
-
-
-def _check_held(base: str, sides: str) -> None:
-    if base != "bonded" or sides not in ("free", "bonded"):
-        raise InvalidInput(
-            f'base must be "bonded" and sides "free" or "bonded"; got base={base!r}, sides={sides!r}.'
-        )
-
-
-def _check_size(elements: float, step: float, what: str) -> None:
-    if 24.0 * elements > LARGEST:
-        raise Unsupported(
-            f"{what} has about {24.0 * elements:.0f} unknowns, and at most {LARGEST} are served. Give a larger element= (here {step:g} m)."
-        )
-
-
-def _check_inwards(vertices: Floats, elements: Index, contact: Index, chart: Chart) -> None:
-    """Refuse a mesh that lies on the other side of its contact surface."""
-    middles = vertices[contact].mean(axis=1)
-    bodies = vertices[elements].mean(axis=1)
-    inwards = chart.frames(middles[:, 0], middles[:, 1]).axes[:, 2] if not isinstance(chart, SphereChart) else np.array([0.0, 0.0, 1.0]) + 0.0 * middles
-    nearest = bodies[cKDTree(bodies).query(middles)[1]]
-    if float(((nearest - middles) * inwards).sum()) < 0.0:
-        raise InvalidInput(
-            "the pad must lie below the surface that is touched, where z > 0: z grows into the pad. Of a mesh whose z points out of it give turned=True."
-        )

@@ -29,7 +29,9 @@ def disc(radius: float, thickness: float, step: float, through: int) -> Any:
     """Hexahedra of a round plate, (x, y, depth): a square block in the middle, and one from each of its sides to the rim."""
     from skfem import MeshHex
 
-    count = max(2, round(1.25 * radius / step))  # elements along the rim are then 1.26 steps long, those in the middle 0.8
+    count = max(
+        2, round(1.25 * radius / step)
+    )  # elements along the rim are then 1.26 steps long, those in the middle 0.8
     layers, depths = max(1, round(0.55 * radius / step)), np.linspace(0.0, 1.0, through + 1)
     half = 0.5  # of the radius: scikit-fem joins meshes to eight decimals
     line = np.linspace(-1.0, 1.0, count + 1)
