@@ -223,8 +223,7 @@ def _one_pulled(rng: np.random.Generator) -> tuple[Case, dict[str, Floats]]:
     moment = (moment_rows(touch.surface)[2] * whole).sum()
     z = {
         "traction": ((frame.truth - np.asarray(touch.values)[:2]) / np.asarray(errors.traction)[:2])[:, on].ravel(),
-        "force": (touch.surface.total_force(whole) - np.asarray(touch.force))[:2]
-        / np.asarray(errors.force)[:2],
+        "force": (touch.surface.total_force(whole) - np.asarray(touch.force))[:2] / np.asarray(errors.force)[:2],
         "moment": (moment - np.asarray(touch.moment)[2:]) / np.asarray(errors.moment)[2:],
     }
     return touch.calibration_case, {name: np.concatenate([v, -v]) for name, v in z.items()}

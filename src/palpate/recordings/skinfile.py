@@ -60,13 +60,24 @@ from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
 from palpate.recordings.columns import per_count
 from palpate.recordings.described import check_described, metres_said
-from palpate.recordings.padsection import Depth, Length, Lengths, Pressure, SolidBox, SolidMesh, Strict, Time
+from palpate.recordings.padsection import (
+    Depth,
+    Length,
+    Lengths,
+    Pressure,
+    SolidBend,
+    SolidBox,
+    SolidDome,
+    SolidMesh,
+    Strict,
+    Time,
+    solid_pad,
+)
 from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Boundary
 from palpate.sensing.uncertainty import SCALE
-from palpate.solid import SolidPad
 from palpate.units import KIND_OF_SI, parse_quantity
 
 try:
@@ -90,7 +101,7 @@ __all__ = [
 #: keys of [pad] as they stand there (`palpate.units.parse_quantity` reads quantities), without ``kind``, and ``prony``, which serves all pads.
 PADS = "palpate.pads"
 #: Kinds of pad that palpate itself makes.
-BUILT_IN = ("half_space", "bonded_layers", "solid_box", "solid_mesh")
+BUILT_IN = ("half_space", "bonded_layers", "solid_box", "solid_dome", "solid_bend", "solid_mesh")
 
 
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -219,6 +230,8 @@ class SkinFile(Strict):
         Annotated[_HalfSpace, Tag("half_space")]
         | Annotated[_BondedLayers, Tag("bonded_layers")]
         | Annotated[SolidBox, Tag("solid_box")]
+        | Annotated[SolidDome, Tag("solid_dome")]
+        | Annotated[SolidBend, Tag("solid_bend")]
         | Annotated[SolidMesh, Tag("solid_mesh")]
         | Annotated[_Other, Tag("other")],
         Discriminator(_pad_kind),
@@ -356,11 +369,8 @@ def skin_from_text(
             pad: Pad = BondedLayers(layers, base)
         elif isinstance(skin.pad, _HalfSpace):
             pad = HalfSpace(youngs_modulus=skin.pad.youngs_modulus, poissons_ratio=skin.pad.poissons_ratio)
-        elif isinstance(skin.pad, SolidBox):
-            pad = SolidPad.box(**skin.pad.model_dump(exclude={"kind", "prony"}))
-        elif isinstance(skin.pad, SolidMesh):
-            given = skin.pad.model_dump(exclude={"kind", "prony", "file"})
-            pad = SolidPad.from_mesh(folder / skin.pad.file, **given)
+        elif isinstance(skin.pad, SolidBox | SolidDome | SolidBend | SolidMesh):
+            pad = solid_pad(skin.pad, folder)
         else:
             pad = _made(_other_pads()[skin.pad.kind].load(), skin.pad)
         where = ("pad",)

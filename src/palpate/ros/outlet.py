@@ -16,7 +16,6 @@ import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
-from palpate.sensing.grids import AreaGrid
 from palpate.status import Status
 from palpate.touch import Touch
 
@@ -203,7 +202,7 @@ def spatial(force: Any, moment: Any) -> tuple[Floats, Floats]:
 
 def places(grid: Grid) -> Any:
     """(y, x, field) with the places of the cells filled in."""
-    y = grid.axes[0] if isinstance(grid, AreaGrid) else np.zeros(1)
-    out = np.zeros((len(y), len(grid.x), len(CLOUD)), dtype="<f4")
-    out[..., 0], out[..., 1] = grid.x, np.asarray(y)[:, None]
+    where = grid.positions.reshape(-1, len(grid.x), 3)
+    out = np.zeros((*where.shape[:2], len(CLOUD)), dtype="<f4")
+    out[..., :3] = where
     return out

@@ -275,6 +275,20 @@ class CurvedGrid(AreaGrid):
         """Centres of the cells (*surface, 3) in the pad's axes [m]."""
         return self.frames.positions
 
+    @property
+    def bends(self) -> bool:
+        """Whether the surface is curved, so that maps of it are unrolled."""
+        return True
+
+    @property
+    def labels(self) -> dict[str, Any]:
+        """Coordinates of labelled results besides those of the axes: where each cell lies, its normal into the pad and its area."""
+        out: dict[str, Any] = {"area": (("y", "x"), self.areas, {"units": "m2"})}
+        for i, axis in enumerate("xyz"):
+            out[f"position_{axis}"] = (("y", "x"), self.frames.positions[..., i], {"units": "m"})
+            out[f"normal_{axis}"] = (("y", "x"), self.frames.axes[..., 2, i], {"units": "1"})
+        return out
+
     def cell_forces(self, traction: Floats) -> Floats:
         """Force on each cell (..., axis, *surface) of a traction (..., component, *surface), along the pad's axes."""
         return np.asarray(np.einsum("acyx,...cyx->...ayx", self._force, traction))

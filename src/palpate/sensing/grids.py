@@ -69,6 +69,16 @@ class _Flat:
         places = [*np.meshgrid(*self.axes, indexing="ij")[::-1], *[np.zeros(self.shape)] * (3 - self.dimensions)]
         return np.stack(places, axis=-1)
 
+    @property
+    def bends(self) -> bool:
+        """Whether the surface is curved, so that maps of it are unrolled."""
+        return False
+
+    @property
+    def labels(self) -> dict[str, Any]:
+        """Coordinates of labelled results besides those of the axes: none."""
+        return {}
+
     def cell_forces(self, traction: Floats) -> Floats:
         """Force on each cell (..., axis, *surface) of a traction (..., component, *surface), along the pad's axes."""
         return traction * self.cell
