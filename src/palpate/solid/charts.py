@@ -58,7 +58,7 @@ class MeshChart:
         if steep < STEEPEST or np.ptp(np.sign(self._normals[:, 2])) > 0:
             raise InvalidInput(
                 f"the surface that is touched is too steep to be seen from above: facets are up to {math.degrees(math.acos(min(steep, 1.0))):.0f} degrees "
-                f"off the plane (at most {math.degrees(math.acos(STEEPEST)):.0f}). Name the part of it that points along z as contact=, or turn the mesh."
+                f"off the plane (at most {math.degrees(math.acos(STEEPEST)):.0f}). Name the part of it that points along z as contact=, or give turned=True where its z points out of the pad."
             )
 
     @cached_property
