@@ -20,6 +20,7 @@ from palpate.solid.places import Places, monomials, polynomials
 
 try:
     import scipy.sparse
+    from scipy.sparse.linalg import splu
     from skfem import Basis, ElementHex2, ElementTetP2, FacetBasis
 except ImportError as error:
     raise missing("solid pads", error) from error
@@ -47,6 +48,7 @@ class Solid:
         self.basis = Basis(mesh, self.element, intorder=4)
         self.shear = youngs_modulus / (2.0 * (1.0 + poissons_ratio))
         self.bulk = youngs_modulus / (3.0 * (1.0 - 2.0 * poissons_ratio))
+        self.held_facets = np.asarray(held)
         self.held = np.unique(self.basis.get_dofs(held).flatten())
         every = 3 * self.held[:, None] + np.arange(3)
         self.free = np.setdiff1d(np.arange(3 * self.basis.N), every.ravel())
@@ -114,11 +116,45 @@ class Solid:
         """The factorised matrix of what is free to move."""
         return Factor(self.stiffness[self.free][:, self.free])
 
-    def solve(self, loads: Floats) -> Floats:
-        """Displacement (unknown, k) for loads (unknown, k) [N]."""
-        out = np.zeros(loads.shape)
+    def solve(self, loads: Floats, moved: Floats | None = None) -> Floats:
+        """Displacement (unknown, k) for loads (unknown, k) [N], where what is held is ``moved`` (unknown, k) [m], by default not at all."""
+        out = np.zeros(loads.shape) if moved is None else moved.copy()
+        if moved is not None:
+            loads = loads - self.stiffness @ moved
         out[self.free] = self.factor.solve(loads[self.free])
         return out
+
+    @cached_property
+    def _held_mass(self) -> Any:
+        """Factorised matrix of the products of the functions of the held nodes on their facets."""
+        basis = FacetBasis(self.mesh, self.element, facets=self.held_facets, intorder=6)
+        place = np.full(self.basis.N, -1, dtype=np.intp)
+        place[self.held] = np.arange(len(self.held))
+        nodes = place[np.asarray(basis.element_dofs)]  # (local, facet): -1 of those that are not on it
+        values = np.stack([np.broadcast_to(np.asarray(f[0]), basis.dx.shape) for f in basis.basis])
+        entries = np.einsum("ifq,jfq,fq->ijf", values, values, basis.dx, optimize=True)
+        rows, columns = np.broadcast_arrays(nodes[:, None], nodes[None])
+        there = (rows >= 0) & (columns >= 0)
+        shape = (len(self.held),) * 2
+        return splu(scipy.sparse.coo_array((entries[there], (rows[there], columns[there])), shape).tocsc())
+
+    def at_held(self, points: Floats) -> Floats:
+        """What is held, moved so that the reaction's density at points (axis, n) on it is read (node of `held`, n) [1/m^2].
+
+        The density t of the reactions R, M t = R with M the products of the nodes' functions, is the consistent flux, which converges faster than the
+        stress of elements (T. J. R. Hughes et al., J. Comput. Phys. 163, 467, 2000). Its value at a point is g'R with M g = N(point), and g'R is
+        the work of the loads where what is held is moved by -g.
+        """
+        cells, local, _ = self.places.find(points)
+        values = monomials(local)[0] @ polynomials(self.element, len(self.dofs))  # (point, local)
+        place = np.full(self.basis.N, -1, dtype=np.intp)
+        place[self.held] = np.arange(len(self.held))
+        nodes = place[self.dofs[:, cells]].T
+        right = np.zeros((len(self.held), points.shape[1]))
+        point = np.broadcast_to(np.arange(points.shape[1])[:, None], nodes.shape)
+        there = nodes >= 0
+        np.add.at(right, (nodes[there], point[there]), values[there])
+        return np.asarray(self._held_mass.solve(right))
 
     @cached_property
     def places(self) -> Places:
@@ -199,8 +235,6 @@ class Factor:
         try:
             from pypardiso import PyPardisoSolver
         except ImportError:
-            from scipy.sparse.linalg import splu
-
             order = {"SymmetricMode": True}
             self._lu: Any = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=order)
             self._solver: Any = None

@@ -43,8 +43,8 @@ def disc(radius: float, thickness: float, step: float, through: int) -> Any:
         y = (1.0 - out) * half * along + out * np.sin(0.25 * np.pi * along)
         for _ in range(turn):
             x, y = -y, x
-        mesh = mesh + MeshHex(np.stack([x, y, depth]), block.t)
-    return MeshHex(np.asarray(mesh.p) * np.array([radius, radius, thickness])[:, None], mesh.t)
+        mesh = mesh + MeshHex(np.ascontiguousarray(np.stack([x, y, depth])), block.t)
+    return MeshHex(np.ascontiguousarray(mesh.p * np.array([[radius], [radius], [thickness]])), mesh.t)
 
 
 def laid_on(flat: Any, chart: Chart, *, rim: float | None = None) -> tuple[Any, Floats]:
