@@ -138,23 +138,27 @@ class Solid:
         shape = (len(self.held),) * 2
         return splu(scipy.sparse.coo_array((entries[there], (rows[there], columns[there])), shape).tocsc())
 
-    def at_held(self, points: Floats) -> Floats:
-        """What is held, moved so that the reaction's density at points (axis, n) on it is read (node of `held`, n) [1/m^2].
+    def at_held(self, points: Floats, along: Floats) -> Floats:
+        """What is held, moved so that sums over points (axis, sum, n) on it of the reactions' density ``along`` (axis, sum, n) are read (node of `held`, axis, sum).
 
         The density t of the reactions R, M t = R with M the products of the nodes' functions, is the consistent flux, which converges faster than the
         stress of elements (T. J. R. Hughes et al., J. Comput. Phys. 163, 467, 2000). Its value at a point is g'R with M g = N(point), and g'R is
         the work of the loads where what is held is moved by -g.
         """
-        cells, local, _ = self.places.find(points)
+        sums = points.shape[1]
+        cells, local, _ = self.places.find(points.reshape(3, -1))
         values = monomials(local)[0] @ polynomials(self.element, len(self.dofs))  # (point, local)
         place = np.full(self.basis.N, -1, dtype=np.intp)
         place[self.held] = np.arange(len(self.held))
         nodes = place[self.dofs[:, cells]].T
-        right = np.zeros((len(self.held), points.shape[1]))
-        point = np.broadcast_to(np.arange(points.shape[1])[:, None], nodes.shape)
+        right = np.zeros((3, len(self.held) * sums))
+        column = np.repeat(np.arange(sums), points.shape[2])
         there = nodes >= 0
-        np.add.at(right, (nodes[there], point[there]), values[there])
-        return np.asarray(self._held_mass.solve(right))
+        flat = (nodes * sums + column[:, None])[there]
+        for axis, weights in enumerate(along.reshape(3, -1)):
+            right[axis] = np.bincount(flat, (values * weights[:, None])[there], right.shape[1])
+        right = right.reshape(3, len(self.held), sums).transpose(1, 0, 2)
+        return np.asarray(self._held_mass.solve(right.reshape(len(self.held), -1)).reshape(right.shape))
 
     @cached_property
     def places(self) -> Places:

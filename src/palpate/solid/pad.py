@@ -615,10 +615,10 @@ class SolidPad:
                     steps = np.array([[b + e, a + d] for (a, _), (b, _), (d, _), (e, _) in spots])
                     x, y = (middles[:, None, :2] + steps).reshape(-1, 2).T
                     positions, axes = self._at(x, y, np.full_like(x, self.thickness))
-                    density = self.solid.at_held(positions.T) * np.tile(parts, len(columns))
-                    along = axes[:, ON_BASE[name]]
-                    each = np.einsum("np,pa->nap", density, along).reshape(len(density), 3, len(columns), -1)
-                    moved_base.reshape(-1, 3, len(some))[np.ix_(self.solid.held, range(3), columns)] = each.sum(axis=-1)
+                    shape = (3, len(columns), len(spots))
+                    along = (axes[:, ON_BASE[name]] * np.tile(parts, len(columns))[:, None]).T.reshape(shape)
+                    each = self.solid.at_held(positions.T.reshape(shape), along)
+                    moved_base.reshape(-1, 3, len(some))[np.ix_(self.solid.held, range(3), columns)] = each
                     continue
                 x, y, depth = (middles[:, None] + moved).reshape(-1, 3).T
                 positions, axes = self._at(x, y, depth)
