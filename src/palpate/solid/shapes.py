@@ -52,10 +52,9 @@ def laid_on(flat: Any, chart: Chart, *, rim: float | None = None) -> tuple[Any, 
 
     ``rim`` is the radius of a `disc`: nodes between its corners are put on the circle.
     """
-    from skfem import MeshHex2
+    from skfem import Basis, ElementHex2, MeshHex2
 
-    curved = MeshHex2.from_mesh(flat)
-    places = np.array(curved.doflocs)
+    places = np.array(Basis(flat, ElementHex2(), intorder=1).doflocs)
     if rim is not None:
         away = np.hypot(places[0], places[1])
         corners = np.hypot(*np.asarray(flat.p)[:2])
@@ -66,4 +65,4 @@ def laid_on(flat: Any, chart: Chart, *, rim: float | None = None) -> tuple[Any, 
         places[:2, snapped] *= rim / away[snapped]
     frames = chart.frames(places[0], places[1])
     moved = frames.positions + places[2][:, None] * frames.axes[:, 2]
-    return MeshHex2(np.ascontiguousarray(moved.T), curved.t), places.T
+    return MeshHex2(np.ascontiguousarray(moved.T), flat.t), places.T

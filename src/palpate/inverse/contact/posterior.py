@@ -155,10 +155,9 @@ class Posterior:
             for i, c in enumerate(self.columns):
                 std[c], force[c] = np.maximum(std[c], amplitude[i]), max(force[c], amplitude[i] * area)
         reach = max(float(np.abs(x).max()) for x in grid.axes)
-        force = grid.turned_errors(force, np.zeros(shape))
         return Errors(
             std,
-            force,
+            grid.turned_errors(force, np.zeros(shape)),
             np.full(1 if grid.dimensions == 1 else 3, force.max() * reach),
             np.full(grid.dimensions, math.nan),
             np.asarray(std[-1].max()),
