@@ -212,7 +212,8 @@ def test_a_ball_on_the_side_of_a_dome(skin: pp.Skin, touch: pp.Touch) -> None:
     low, high = touch.interval(0.95, "force")
     np.testing.assert_allclose(touch.force, true, atol=0.05)
     assert true[0] < -0.25  # along the normal, which leans by 29 degrees, less the shear
-    assert (np.asarray(low) < true).all() and (true < np.asarray(high)).all()
+    assert (np.asarray(low) < true).all()
+    assert (true < np.asarray(high)).all()
     assert touch.center_of_pressure[0] == pytest.approx(5e-3, abs=0.3e-3)
     np.testing.assert_allclose(touch.moment, grid.total_moment(fine), atol=0.5e-3)
     assert touch.slip_margin(0.5) > 0.0 > touch.slip_margin(0.05)
@@ -267,7 +268,8 @@ def test_a_dome_from_a_file(tmp_path: Path, skin: pp.Skin, touch: pp.Touch) -> N
     mesh.save(str(tmp_path / "tip.msh"))
     pad = pp.SolidPad.from_mesh(tmp_path / "tip.msh", base="core", contact="skin", scale=1e-3, **MATERIAL)
     assert isinstance(pad.chart, SphereChart)
-    assert pad.chart.radius == pytest.approx(10e-3) and pad.thickness == pytest.approx(4e-3, rel=1e-3)
+    assert pad.chart.radius == pytest.approx(10e-3)
+    assert pad.thickness == pytest.approx(4e-3, rel=1e-3)
     mine = pp.Skin(pad, skin.planes).sense(pp.solutions.hertz_point(contact_radius=2e-3, force=1.0))
     theirs = skin.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=1.0))
     assert np.abs(mine - theirs).max() < 0.13 * np.abs(theirs).max()  # two facets through 4 mm

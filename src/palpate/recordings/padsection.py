@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -129,5 +130,9 @@ def solid_pad(section: SolidBox | SolidDome | SolidBend | SolidMesh, folder: Pat
     given = section.model_dump(exclude={"kind", "prony", "file"})
     if isinstance(section, SolidMesh):
         return SolidPad.from_mesh(folder / section.file, **given)
-    make = {"solid_box": SolidPad.box, "solid_dome": SolidPad.dome, "solid_bend": SolidPad.bend}[section.kind]
-    return make(**given)
+    make: dict[str, Callable[..., SolidPad]] = {
+        "solid_box": SolidPad.box,
+        "solid_dome": SolidPad.dome,
+        "solid_bend": SolidPad.bend,
+    }
+    return make[section.kind](**given)

@@ -6,7 +6,7 @@ import math
 import numbers
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -52,11 +52,18 @@ def pair(name: str, value: object, *, zero: bool = False, sign: bool = False) ->
 class _Flat:
     """Sums over the cells of a flat surface, whose components of traction are those of the pad's axes; `palpate.sensing.CurvedGrid` has the same members."""
 
-    dimensions: int
-    shape: tuple[int, ...]
-    axes: tuple[Floats, ...]
-    cell: float
-    components: tuple[str, ...]
+    if TYPE_CHECKING:  # no members: a dataclass would take them for defaults of its fields
+
+        @property
+        def dimensions(self) -> int: ...
+        @property
+        def shape(self) -> tuple[int, ...]: ...
+        @property
+        def axes(self) -> tuple[Floats, ...]: ...
+        @property
+        def cell(self) -> float: ...
+        @property
+        def components(self) -> tuple[str, ...]: ...
 
     @property
     def areas(self) -> Floats:

@@ -618,7 +618,7 @@ class SolidPad:
                     shape = (3, len(columns), len(spots))
                     along = (axes[:, ON_BASE[name]] * np.tile(parts, len(columns))[:, None]).T.reshape(shape)
                     each = self.solid.at_held(positions.T.reshape(shape), along)
-                    moved_base.reshape(-1, 3, len(some))[np.ix_(self.solid.held, range(3), columns)] = each
+                    moved_base.reshape(-1, 3, len(some))[np.ix_(self.solid.held, np.arange(3), columns)] = each
                     continue
                 x, y, depth = (middles[:, None] + moved).reshape(-1, 3).T
                 positions, axes = self._at(x, y, depth)
