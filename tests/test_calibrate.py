@@ -371,3 +371,63 @@ def test_a_monitor_takes_a_force_without_a_map_of_pressure() -> None:
     turning, std = grasp._twist(touch, np.zeros_like(np.asarray(touch.values)))
     assert np.isnan(turning)
     assert std == 0.0
+
+
+def test_a_force_sensor_without_a_reading_is_no_label(skin: pp.Skin) -> None:
+    """A load cell writes -1 where it has nothing to say; forces that are read then are not pulls."""
+    readings, force, _ = bench(30, 8)
+    test, known, _ = bench(20, 5008)
+    said = force.copy()
+    said[[3, 9, 14, 20]] = -1.0
+    found = calibrate(skin, readings, reference=said)
+    assert any("fz is exactly -1 N in 4 frames" in s for s in found.said)
+    value, _ = found.force(test.reshape(20, -1))
+    kept = np.delete(np.arange(30), [3, 9, 14, 20])
+    same, _ = calibrate(skin, readings[kept], reference=force[kept]).force(test.reshape(20, -1))
+    np.testing.assert_allclose(value, same)
+    assert np.abs(value[:, 2] - known).mean() < 0.5
+
+
+def test_a_force_at_the_end_of_its_sensor_is_no_label(skin: pp.Skin) -> None:
+    readings, force, _ = bench(30, 9)
+    found = calibrate(skin, readings, reference=np.minimum(force, 3.0))
+    assert any("fz is exactly 3 N" in s for s in found.said)
+
+
+def test_weights_written_by_hand_are_labels(skin: pp.Skin) -> None:
+    """200 and 500 g, each at six places: the largest force comes again, and is no fault."""
+    places = np.random.default_rng(3).uniform(-5e-3, 5e-3, (12, 2))
+    force = np.repeat([1.96, 4.9], 6)
+    found = calibrate(skin, np.stack([ball(f, *p) for f, p in zip(force, places)]), reference=force)
+    assert not any("exactly" in s for s in found.said)
+    assert len(found.maps["fz"].process.values) == 12
+
+
+def test_presses_unlike_any_label_have_room_and_a_word(skin: pp.Skin) -> None:
+    """Labels of small forces near one place say little of other places and of large forces; those of many places say more."""
+    near = [(f, x, y) for f in (0.5, 0.7, 1.0) for x in (-4.2e-3, -3.8e-3) for y in (-0.2e-3, 0.2e-3)]
+    wide = [(f, x, y) for f in (0.5, 1.0) for x in (-4e-3, 0.0, 4e-3) for y in (-4e-3, 0.0, 4e-3)]
+    found = [
+        calibrate(skin, np.stack([ball(*p) for p in at]), reference=np.array([p[0] for p in at])) for at in (near, wide)
+    ]
+    here, there, large = (np.asarray([p.ravel()]) for p in (ball(0.8, -4e-3), ball(0.8, 2e-3, 2e-3), ball(3.0, -4e-3)))
+    here_, there_, large_ = (float(found[0].maps["fz"].novelty(f)[0]) for f in (here, there, large))
+    assert here_ < 0.3
+    assert min(there_, large_) > 0.5
+    assert float(found[1].maps["fz"].novelty(there)[0]) < 0.75 * there_
+    touch = found[0].alone(there, skin.surface, np.zeros(0))
+    assert any("unlike those of any labelled press" in s for s in touch.assumptions)
+    low, high = touch.interval(0.95, "force")
+    assert low[0, 2] < 0.8 < high[0, 2]
+
+
+def test_a_second_run_tells_how_gains_differ(skin: pp.Skin) -> None:
+    """From one recording 8 % between runs are assumed and said; two alike, or 40 % apart, are believed in part."""
+    readings, force, _ = bench(24, 11)
+    one = calibrate(skin, readings, reference=force)
+    assert any("all labels are of one recording" in s for s in one.said)
+    alike = calibrate(skin, [readings[:12], readings[12:]], reference=[force[:12], force[12:]])
+    apart = calibrate(skin, [readings[:12], 1.4 * readings[12:]], reference=[force[:12], force[12:]])
+    assert not any("all labels are of one recording" in s for s in alike.said)
+    shares = [c.maps["fz"].run_share for c in (alike, one, apart)]
+    assert shares[0] < shares[1] < shares[2]

@@ -37,6 +37,20 @@ class SkinProperties:
     _whole: tuple[Array, ...]
     _calibration: SkinCalibration | None
 
+    def __repr__(self) -> str:
+        """In a line: the pad, its arrays with their channels, and the cells of the surface.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> pp.Skin(pad, pp.AreaArray(shape=(4, 5), pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+        <Skin: HalfSpace, 4 x 5 AreaArray of stress_zz, surface of 8 x 9 cells>
+        """
+        planes = ", ".join(f"{_by(a.shape)} {type(a).__name__} of {'+'.join(a.channels)}" for a in self._planes)
+        calibrated = ", calibrated" if self._calibration is not None else ""
+        return f"<Skin: {type(self._pad).__name__}, {planes}, surface of {_by(self._surface.shape)} cells{calibrated}>"
+
     @property
     def pad(self) -> Pad:
         """The elastic body.
@@ -231,3 +245,7 @@ class SkinProperties:
         if len(set(components)) < len(components):
             raise InvalidInput(f"components names one twice: {', '.join(components)}; name each once.")
         return tuple(c for c in accepted if c in components)
+
+
+def _by(shape: Sequence[int]) -> str:
+    return " x ".join(map(str, shape))

@@ -23,8 +23,17 @@ from palpate.calibrate.findings import (
     small_unit,
     table_of,
 )
-from palpate.calibrate.forcemap import MOST_LABELS, ForceMap, usual_scale
-from palpate.calibrate.labels import SCALE_STD, Labelled, Weight, find_delay, press_numbers, spread_over, weights_of
+from palpate.calibrate.forcemap import MOST_LABELS, RUN, ForceMap, usual_scale
+from palpate.calibrate.labels import (
+    SCALE_STD,
+    Labelled,
+    Weight,
+    find_delay,
+    press_numbers,
+    spread_over,
+    stuck_labels,
+    weights_of,
+)
 from palpate.calibrate.prior import likely_maps
 from palpate.calibrate.process import Process
 from palpate.elastic.pad import Floats
@@ -44,6 +53,8 @@ FEWEST_AT_REST, ALIKE_AT_REST = 3, 0.1
 #: Labels of one calibration by default: more cost time and tell little (docs/_generated/calibrate.md).
 USUAL_LABELS = 300
 SEED = 41
+#: What is said where all labels are of one recording.
+ONE_RUN = f"all labels are of one recording: that its gains differ from the next one's by {100 * RUN:.0f} % is assumed. Calibrate with a second recording, made on another day, to learn it"
 #: Squares of larger numbers, and inverses of smaller ones, leave double precision (at 1e154).
 LARGEST = 1e100
 #: Frames at rest that are kept, and the noise where none is labelled, as a part of the root mean square of the readings (a convention).
@@ -157,6 +168,8 @@ def calibrate(
     said += words
     said += silent_readings(skin, data)
     said += hysteresis(main)
+    if len(runs) == 1 and before is None:
+        said.append(ONE_RUN)
     said += best_press(skin, main)
     return replace(
         found,
@@ -247,6 +260,13 @@ def _known(run: Run, reference: Any, reference_time: Any, said: list[str]) -> di
         elif length != count:
             raise InvalidInput(
                 f"reference holds {length} values for {count} frames: give one for each frame, NaN where nothing is known, or its own clock with reference_time=."
+            )
+    for name in [n for n in FORCES if n in out and len(out[n]) == count]:
+        stuck, value = stuck_labels(out[name], run.flat)
+        if stuck.any():
+            out[name] = np.where(stuck, math.nan, out[name])
+            said.append(
+                f"{name} is exactly {plain_number(value, 4)} N in {int(stuck.sum())} frames whose readings differ: taken for a force sensor without a reading or at the end of its range, and left out"
             )
     if not out or not any(np.isfinite(v).any() for k, v in out.items() if k in FORCES):
         raise InvalidInput(
@@ -399,7 +419,7 @@ def _maps(skin: Any, data: Labelled, before: SkinCalibration | None) -> dict[str
         if not at.any() or not np.abs(value[at]).max() > 0.0:
             continue
         flat, std, time = data.flat[at], data.std[at] if name == "fz" else np.zeros(int(at.sum())), data.time
-        press, seconds, runs = data.press[at], None if time is None else time[at], len(np.unique(data.run[at]))
+        press, seconds, run = data.press[at], None if time is None else time[at], data.run[at]
         values = value[at]
         old = None if before is None else before.maps.get(name)
         if old is not None and old.process.readings.shape[1] == flat.shape[1]:
@@ -412,7 +432,9 @@ def _maps(skin: Any, data: Labelled, before: SkinCalibration | None) -> dict[str
             flat, values, std = (
                 np.concatenate([a[keep], b]) for a, b in ((p.readings, flat), (p.values, values), (p.std, std))
             )
-            press, runs = np.concatenate([p.press[keep], press + p.press.max() + 1]), runs + old.runs
+            press = np.concatenate([p.press[keep], press + p.press.max() + 1])
+            earlier = np.zeros(len(p.values), dtype=np.int64) if p.run is None else p.run
+            run = np.concatenate([earlier[keep], run + earlier.max() + 1])
         physics = None if likely is None else likely[i]
-        out[name] = ForceMap.fit(Process(flat, values, std, usual_scale(flat), physics, press, seconds), runs=runs)
+        out[name] = ForceMap.fit(Process(flat, values, std, usual_scale(flat), physics, press, seconds, run))
     return out

@@ -25,8 +25,8 @@ __all__ = ["ALONE", "SkinCalibration"]
 ALONE = "net force by calibration; no pressure map follows, because the elastic model does not explain the presses that calibrated this skin"
 #: Components of the force, and coordinates of the centre, by the names that references use.
 FORCES, PLACES = ("fx", "fy", "fz"), ("x", "y")
-#: Readings this many times as large as those of any label: the map is a guess there.
-BEYOND = 1.5
+#: Part of the force that is open because no label is like the frame, from which on that is said.
+UNLIKE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,14 +114,10 @@ class SkinCalibration:
         value, std = self.force(rows)
         place = self.center(rows, value, std)
         notes: tuple[str, ...] = () if self.elastic else (ALONE,)
-        largest = max(
-            float(np.sqrt(((m.process.readings / m.process.scale) ** 2).sum(axis=1)).max()) for m in self.maps.values()
-        )
-        any_map = next(iter(self.maps.values()))
-        size = np.sqrt(((rows / any_map.process.scale) ** 2).sum(axis=1))
-        if np.nanmax(size, initial=0.0) > BEYOND * largest:
+        unlike = max(float(np.nanmax(m.novelty(rows), initial=0.0)) for m in self.maps.values())
+        if unlike > UNLIKE:
             notes += (
-                "readings are far larger than those of any labelled press: the force there is a guess, see its interval; calibrate with larger forces",
+                "readings are unlike those of any labelled press (larger, or of another place): the force there is a guess, see its interval; calibrate with presses there",
             )
         changes: dict[str, Any] = {
             "calibrated": value.reshape(*batch, 3),
@@ -171,7 +167,7 @@ class SkinCalibration:
         for name, one in self.maps.items():
             what = {"x": "centre x", "y": "centre y"}.get(name, name.upper())
             lines.append(
-                f"{what:<16}from {len(one.process.values)} labelled frames of {len(np.unique(one.process.press))} presses"
+                f"{what:<16}from {len(one.process.values)} labelled frames in {len(np.unique(one.process.press))} groups, of which each is left out once"
             )
         if self.table:
             lines.append(

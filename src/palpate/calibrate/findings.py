@@ -139,7 +139,13 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
         )
     unit, std = factor * scale, relative / math.sqrt(max(int(good.sum()) - 1, 1))
     units = {channel_unit(c) for plane in skin.planes for c in plane.channels}
-    words = [f"the elastic model holds: its normal force is off by {100 * relative:.0f} % with one factor"]
+    off = f"its normal force is off by {100 * relative:.0f} % with one factor"
+    if relative <= max(ELASTIC_ERROR, ELASTIC_RATIO * mapped):
+        words = [f"the elastic model holds: {off}"]
+    else:
+        words = [
+            f"the elastic model holds roughly: {off}, the map's by {100 * mapped:.0f} %. A pressure map tells where it presses; do not read its pascals"
+        ]
     if units == {"Pa"}:
         words.append(
             f"1 of a reading is {plain_number(unit, 3)} Pa +- {100 * std:.0f} %. Forces and stress do not tell the modulus: press with a ball of known radius and a known depth to learn it"

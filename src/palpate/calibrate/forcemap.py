@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from palpate.calibrate.process import FLOOR, MEMBERS, NAMES, Fitted, Process
+from palpate.calibrate.process import FLOOR, MEMBERS, NAMES, Fitted, Process, Scaled
 from palpate.elastic.pad import Floats
 
 __all__ = ["ForceMap"]
@@ -21,8 +22,13 @@ TEMPER = 0.5
 PRIOR_COUNT, LARGEST = 8.0, 25.0
 #: Degrees of freedom of an interval: so many, and one more for each so many presses.
 FREEDOM, PRESSES_OF_ONE = 4.0, 3.0
-#: Gains between one run and the next, where the labels are of one run (a convention; four published sensors differed by 1 to 8 %).
-RUN = 0.05
+#: Spread of gains from one run to the next before labels of several runs show it, and how many runs that counts for. Presses at the same places: 3 and 11 % between
+#: two streams of four barometers, 2 and 3 % between two runs of five magnetometers.
+RUN, RUNS_OF_PRIOR = 0.08, 1.0
+#: Error of a value, as a part of it, for each unit by which the direction of its readings is away from that of every label; readings have a direction from this part of the largest on.
+NOVEL, STRONG = 2.0, 0.2
+#: Sum of squared distances that the first counts for: one press at a distance of 0.3.
+NOVEL_SEEN = 0.09
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,23 +44,20 @@ class ForceMap:
         They add up to 1.
     inflation : float
         Standard deviations are so many times those of the members, by how far off presses were that were left out.
-    runs : int
-        How many runs the labels come from.
     """
 
     process: Process
     members: tuple[Fitted, ...]
     weights: Floats
     inflation: float
-    runs: int
 
     @classmethod
-    def fit(cls, process: Process, *, runs: int = 1) -> ForceMap:
+    def fit(cls, process: Process) -> ForceMap:
         """All members for these labels, and their weights."""
-        return cls.of(process, tuple(process.fit(without) for without in MEMBERS), runs)
+        return cls.of(process, tuple(process.fit(without) for without in MEMBERS))
 
     @classmethod
-    def of(cls, process: Process, members: tuple[Fitted, ...], runs: int) -> ForceMap:
+    def of(cls, process: Process, members: tuple[Fitted, ...]) -> ForceMap:
         """The average of fitted members."""
         count = len(process.values)
         score = np.array([m.score for m in members])
@@ -66,7 +69,7 @@ class ForceMap:
             float(np.minimum(np.asarray(squares)[process.press == p], LARGEST).mean()) for p in np.unique(process.press)
         ]
         inflation = np.sqrt(max((PRIOR_COUNT + sum(each)) / (PRIOR_COUNT + len(each)), 1.0))
-        return cls(process, members, weights, float(inflation), runs)
+        return cls(process, members, weights, float(inflation))
 
     @property
     def freedom(self) -> float:
@@ -78,8 +81,44 @@ class ForceMap:
         found = [self.process.predict(m, readings) for m in self.members]
         mean = np.asarray(sum(w * m for w, (m, _) in zip(self.weights, found)))
         square = sum(w * (s**2 + (m - mean) ** 2) for w, (m, s) in zip(self.weights, found))
-        run = RUN * np.abs(mean) if self.runs == 1 else 0.0
-        return mean, np.hypot(self.inflation * np.sqrt(square), run)
+        own = self.inflation * np.sqrt(square)
+        return mean, np.hypot(own, np.hypot(self.run_share, self.novelty(readings)) * np.abs(mean))
+
+    def novelty(self, readings: Floats) -> Floats:
+        """The part of a value (standard deviation) that is open because no label is like the frame (frame, reading).
+
+        Two parts: beyond the largest labelled readings a map goes on as it began, and pads do not; and a press at another place than any label's has readings
+        of another direction u = z/|z|, at a distance from that of the nearest label.
+        """
+        p = self.process
+        labels, frames = Scaled.of(p.readings, p.scale), Scaled.of(readings, p.scale)
+        largest = float(labels.size.max())
+        beyond = 1.0 - largest / np.maximum(frames.size, largest)
+        strong = labels.size > STRONG * largest
+        away = chord(frames.direction @ labels.direction[strong].T)
+        # faint readings have the direction of their noise
+        return np.hypot(beyond, self.direction_share * away * np.minimum(frames.size / (STRONG * largest), 1.0))
+
+    @cached_property
+    def direction_share(self) -> float:
+        """Error of a value, as a part of it, for each unit of distance between directions: the prior, and what each press shows when it is left out."""
+        p = self.process
+        labels, error = Scaled.of(p.readings, p.scale), self.left_out
+        strong = labels.size > STRONG * float(labels.size.max())
+        squares, distances = NOVEL_SEEN * NOVEL**2, NOVEL_SEEN
+        for press in np.unique(p.press[strong]):
+            one, other = strong & (p.press == press), strong & (p.press != press)
+            size = float((p.values[one] ** 2).mean())
+            if other.any() and size > 0.0:
+                squares += float((error[one] ** 2).mean()) / size
+                distances += float((chord(labels.direction[one] @ labels.direction[other].T) ** 2).mean())
+        return float(np.sqrt(squares / distances))
+
+    @property
+    def run_share(self) -> float:
+        """Standard deviation of a new run's gain: the prior, and what each run shows when it is left out."""
+        gains = np.asarray(sum(w * m.run_gains for w, m in zip(self.weights, self.members)))
+        return float(np.sqrt((RUNS_OF_PRIOR * RUN**2 + (gains**2).sum()) / (RUNS_OF_PRIOR + len(gains))))
 
     @property
     def left_out(self) -> Floats:
@@ -93,12 +132,14 @@ class ForceMap:
         p = self.process
         out: dict[str, Any] = {
             "readings": p.readings, "values": p.values, "std": p.std, "scale": p.scale, "press": p.press,
-            "log": np.stack([m.log for m in self.members]), "runs": np.asarray(self.runs),
+            "log": np.stack([m.log for m in self.members]),
         }  # fmt: skip
         if p.physics is not None:
             out["physics"] = p.physics
         if p.time is not None:
             out["time"] = p.time
+        if p.run is not None:
+            out["run"] = p.run
         return out
 
     @classmethod
@@ -107,11 +148,16 @@ class ForceMap:
         if held["log"].shape != (len(MEMBERS), len(NAMES)):
             raise ValueError(f"holds {held['log'].shape} hyperparameters for {(len(MEMBERS), len(NAMES))}")
         process = Process(
-            held["readings"], held["values"], held["std"], held["scale"], held.get("physics"), held["press"], held.get("time")
+            held["readings"], held["values"], held["std"], held["scale"], held.get("physics"), held["press"], held.get("time"), held.get("run")
         )  # fmt: skip
         lacks = () if process.physics is not None else ("physics",)
         members = tuple(process.made(log, (*without, *lacks)) for log, without in zip(held["log"], MEMBERS))
-        return cls.of(process, members, int(held["runs"]))
+        return cls.of(process, members)
+
+
+def chord(cosine: Floats) -> Floats:
+    """Distance of each direction from the nearest of others, from the cosines between them (direction, other)."""
+    return np.asarray(np.sqrt(np.maximum(2.0 - 2.0 * cosine.max(axis=1), 0.0)))
 
 
 def usual_scale(readings: Floats) -> Floats:

@@ -13,7 +13,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.units import UNITS, parse_quantity
 
-__all__ = ["GRAVITY", "Labelled", "Weight", "find_delay", "press_numbers"]
+__all__ = ["GRAVITY", "Labelled", "Weight", "find_delay", "press_numbers", "stuck_labels"]
 
 #: Standard gravity [m/s^2] (CGPM 1901).
 GRAVITY = 9.80665
@@ -25,6 +25,8 @@ MASSES = {"g": 1e-3, "kg": 1.0, "mg": 1e-6, "oz": 0.028349523125, "lb": 0.453592
 USUAL_DELAY = 2.0
 #: Contact begins and ends at this part of the largest force; a press is cut into pieces where there are fewer than this many.
 PRESSED, FEWEST = 0.05, 5
+#: A force that is the same in so many frames, while their readings have this part of the variance of all, is no measurement.
+STUCK_FRAMES, STUCK_VARIES = 3, 0.1
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,36 @@ def find_delay(
             "give both on one clock, or forces for at least 40 % of the frames."
         )
     return best
+
+
+def stuck_labels(force: Floats, flat: Floats) -> tuple[npt.NDArray[np.bool_], float]:
+    """Frames (frame,) whose force is one value, the smallest or the largest of all, while their readings (frame, reading) vary as those of other frames do; and that value.
+
+    A force sensor writes one value again and again where it has no reading (-1, 999) or is at the end of its range: such frames have no label. Rest does not
+    vary, and weights written by hand are few values, all of which come again.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.calibrate.labels import stuck_labels
+    >>> force = np.array([0.1, 0.7, 1.4, -1.0, 2.2, -1.0, 1.1, -1.0])
+    >>> stuck, value = stuck_labels(force, np.array([[1.0, 7.0, 14.0, 3.0, 22.0, 18.0, 11.0, 9.0]]).T)
+    >>> np.flatnonzero(stuck).tolist(), value
+    ([3, 5, 7], -1.0)
+    """
+    seen = np.isfinite(force) & np.isfinite(flat).all(axis=1)
+    none = np.zeros(len(force), dtype=bool)
+    if seen.sum() <= STUCK_FRAMES:
+        return none, 0.0
+    usual = float(flat[seen].var(axis=0).sum())
+    for value in (float(force[seen].min()), float(force[seen].max())):
+        alike = seen & (force == value)
+        others = force[seen & ~alike]
+        if len(np.unique(others)) <= 0.5 * len(others):
+            continue
+        if value != 0.0 and alike.sum() >= STUCK_FRAMES and float(flat[alike].var(axis=0).sum()) > STUCK_VARIES * usual:
+            return alike, value
+    return none, 0.0
 
 
 def press_numbers(

@@ -146,6 +146,10 @@ class Fitted:
         What each label adds to a prediction.
     score : float
         Logarithm of the probability of presses that were left out.
+    left_out, left_out_std : array (label,)
+        Error of each label when its press is left out, and its standard deviation.
+    run_gains : array (run,)
+        By which part of the values those of each run are off when the run is left out; empty where all labels are of one.
     """
 
     log: Floats
@@ -155,6 +159,7 @@ class Fitted:
     score: float
     left_out: Floats
     left_out_std: Floats
+    run_gains: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +182,8 @@ class Process:
         Labels of one press have one number.
     time : array (label,) or None
         Of each label [s].
+    run : array (label,) of int or None
+        Which recording each label comes from; None: all from one.
     """
 
     readings: Floats
@@ -186,6 +193,7 @@ class Process:
     physics: Floats | None
     press: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
     time: Floats | None = None
+    run: np.ndarray[tuple[int, ...], np.dtype[np.int64]] | None = None
 
     @property
     def unit(self) -> float:
@@ -274,7 +282,13 @@ class Process:
             block = np.linalg.inv(inverse[np.ix_(at, at)])
             error[at], std[at] = block @ alpha[at], np.sqrt(np.maximum(np.diag(block), JITTER))
         score = float((-0.5 * (error / std) ** 2 - np.log(std)).sum())
-        return Fitted(log, without, factor, alpha, score, error * self.unit, std * self.unit)
+        gains = []
+        runs = np.zeros(0, dtype=np.int64) if self.run is None else np.unique(self.run)
+        for run in runs if len(runs) > 1 else ():
+            at = np.flatnonzero(self.run == run)
+            off = np.linalg.solve(inverse[np.ix_(at, at)], alpha[at])
+            gains.append(float(off @ z[at]) / max(float(z[at] @ z[at]), JITTER))
+        return Fitted(log, without, factor, alpha, score, error * self.unit, std * self.unit, np.array(gains))
 
     def predict(self, member: Fitted, readings: Floats) -> tuple[Floats, Floats]:
         """Mean and standard deviation of the quantity in frames (frame, reading), of a press of their own."""

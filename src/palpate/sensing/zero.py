@@ -69,7 +69,7 @@ SURE = 4.0
 COUNTS = 2.0
 #: What is then said.
 MOVED = (
-    "the readings move while the zero is taken, by more than their noise: something touches, or they drift, and every force is then off by it. Give fewer frames "
+    "the readings moved while the zero was taken, by more than their noise: something touched, or they drift, and every force since is off by it. Give fewer frames "
     "(baseline=, --baseline), or take the zero anew while nothing touches (Z on the page, Tracker.rezero)"
 )
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from palpate._arrays import from_numpy, is_numpy, namespace, to_numpy
 from palpate._batches import rebuilt
+from palpate._numbers import plain_number
 from palpate.errors import InvalidInput
 from palpate.touch import intervals
 from palpate.touch.counted import of_one
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["Touch"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Touch(Numbers):
     """What touches the pad.
 
@@ -136,6 +137,27 @@ class Touch(Numbers):
     """
 
     # -- frames --------------------------------------------------------------------------------------------------------
+
+    def __repr__(self) -> str:
+        """In a line: frames, surface, method, and the net force of a single frame; `summary` says more.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> grid = pp.AreaGrid(shape=(10, 10), spacing=1e-3)
+        >>> pp.Touch(np.full((3, 10, 10), 1000.0), grid, ("x", "y", "z"), "tikhonov")
+        <Touch: force (0.1, 0.1, 0.1) N, traction on 10 x 10 cells, by tikhonov>
+        >>> pp.Touch(np.zeros((5, 3, 10, 10)), grid, ("x", "y", "z"), "tikhonov")
+        <Touch: 5 frames, traction on 10 x 10 cells, by tikhonov>
+        """
+        cells = " x ".join(map(str, self.surface.shape))
+        if self.batch:
+            first = f"{' x '.join(map(str, self.batch))} frames"
+        else:
+            force = ", ".join(plain_number(float(f), 3) for f in np.asarray(to_numpy(self.force), dtype=np.float64))
+            first = f"force ({force}) {'N' if self.surface.dimensions == 2 else 'N/m'}"
+        return f"<Touch: {first}, traction on {cells} cells, by {self.method}>"
 
     def __bool__(self) -> bool:
         return True

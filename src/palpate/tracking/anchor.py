@@ -2,9 +2,11 @@
 
 In: the tracker's own traction of a frame, and what a single solve found in the frame that it was asked for. Out: the traction that is answered,
 
-    t(y) = P(t_own(y) + w a (t_single(y0) - t_own(y0))),    a = min(L / L0, 1),    w = <p_own(y), p_own(y0)> / (|p_own(y)| |p_own(y0)|)
+    t(y) = P(t_own(y) + s w a (t_single(y0) - t_own(y0))),    a = min(L / L0, 1),    w = <p_own(y), p_own(y0)> / (|p_own(y)| |p_own(y0)|)
 
-with loads L and P the projection on the friction cone. One even penalty, which is what a frame can afford, is wrong in a way that depends on the contact:
+with loads L and P the projection on the friction cone. A single solve knows its net force no better than the share of the readings that the pad's model leaves
+unexplained: s = max(0, 1 - K e^2 / d^2) is the part of the difference d between two net forces (K components, e that share of the load) that is
+beyond it, the positive-part estimator of James and Stein. One even penalty, which is what a frame can afford, is wrong in a way that depends on the contact:
 it grows with the load, and stays while the contact stays. A single solve of y0 has discs, local weights and shares of discrepancy to choose from, and is
 not. So the tracker tells what has changed since, and where pressure lies elsewhere (w falls from 1 to 0) it is by itself again. The interval still reaches
 the tracker's own answer (`single.Comparison.reaching`): of readings that have drifted the single solve is the worse one.
@@ -22,10 +24,24 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
 from palpate.touch import Touch
 
-__all__ = ["Anchor"]
+__all__ = ["Anchor", "beyond"]
 
 #: A difference is carried to no larger load than so many times that of its frame: noise in it would grow with it.
 FARTHEST = 1.0
+
+
+def beyond(difference: Floats, std: float) -> float:
+    """The part of a difference (component,) that is beyond its standard deviation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.tracking.anchor import beyond
+    >>> beyond(np.array([0.5, 1.0]), 1.0), beyond(np.array([0.0, 2.0]), 1.0), beyond(np.array([6.0, 8.0]), 1.0)
+    (0.0, 0.5, 0.98)
+    """
+    square = float(difference @ difference)
+    return max(1.0 - len(difference) * std**2 / square, 0.0) if square > 0 else 0.0
 
 
 class Anchor:
@@ -53,18 +69,21 @@ class Anchor:
         self._own: Floats | None = None
         self._difference: Floats | None = None
 
-    def hold(self, own: Floats, single: Touch | None) -> None:
-        """Carry a single solve on whose contact pushes; let go of the last one where there is none."""
+    def hold(self, own: Floats, single: Touch | None, part: float) -> None:
+        """Carry a single solve on whose contact pushes; let go of the last one where there is none.
+
+        ``part`` of the difference is carried.
+        """
         if single is None or not (single.pushing is None or bool(single.pushing)):
             self.clear()
             return
         values = to_numpy(single.values).astype(np.float64)
-        self.take(own, values.reshape(len(values), -1))
+        self.take(own, values.reshape(len(values), -1), part)
 
-    def take(self, own: Floats, single: Floats) -> None:
-        """What the tracker and a single solve found in one frame."""
+    def take(self, own: Floats, single: Floats, part: float = 1.0) -> None:
+        """What the tracker and a single solve found in one frame, and the ``part`` of their difference that is carried."""
         if own.shape == single.shape and own[-1].sum() > 0 and np.isfinite(single).all():
-            self._own, self._difference = own.copy(), single - own
+            self._own, self._difference = own.copy(), part * (single - own)
 
     def _likeness(self, own: Floats) -> float:
         """The cosine w between the pressure of a frame and that of the single solve's frame; 0 without one."""

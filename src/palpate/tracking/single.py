@@ -27,12 +27,13 @@ BEGUN = "followed from frame to frame this contact read"
 Alone = Callable[[list[Floats], list[list[Floats]]], Touch]
 #: Noise that frames at rest tell is rounded up to powers of this: a skin that is prepared serves again.
 NOISE_STEP = 1.1
-#: Frames between two comparisons at least, of so many readings; and if the last two answers parted.
-SPACING, READINGS, DOUBTED = 64, 200, 16
+#: Frames between two comparisons at least, of so many readings; if the last two answers parted; and of a load that changes while the tracker knows no more
+#: than a single solve: one even penalty reads a small contact up to 60 % too high, and presses of ten frames are over before a longer wait is.
+SPACING, READINGS, DOUBTED, GROWING = 64, 200, 16, 4
 #: Standard deviations by which two answers that part are said to differ at most: less than the 1.96 of half an interval of 95 %.
 REACH = 1.8
 #: A comparison is due after so many frames, or where the load has changed by this factor.
-AGAIN, ANOTHER = 512, 3.0
+AGAIN, ANOTHER = 512, 2.0
 
 
 class SingleSolve:
@@ -126,8 +127,8 @@ class Answer:
 class Comparison:
     """When a tracker's answer is compared, and what came of it.
 
-    ``share`` is the error (standard deviation, as a part of the load) that brings the two answers together; ``refuted``: by itself the frame is not
-    explained.
+    ``share`` is the error (standard deviation, as a part of the load) that brings the two answers together; ``refuted``: by itself the frame that was
+    compared is not explained.
     """
 
     def __init__(self, readings: int) -> None:
@@ -141,14 +142,25 @@ class Comparison:
         """The contact has ended."""
         self._load = math.nan
 
-    def due(self, load: float) -> bool:
-        """Whether the answer of a frame with this load is to be compared; called once a frame."""
+    def due(self, load: float, *, alike: bool) -> bool:
+        """Whether the answer of a frame with this load is to be compared; called once a frame.
+
+        ``alike``: the tracker knows no more of this frame than a single solve does (no offsets, no readings found wrong, no restart).
+        """
         self._since += 1
         doubted = self.share > 0.0 or self.refuted or self.anew
-        same = self._load / ANOTHER < load < self._load * ANOTHER
-        if self._since < (DOUBTED if doubted else SPACING) * self._slow:
+        same = self._same(load)
+        if self._since < (GROWING if alike and not same else DOUBTED if doubted else SPACING) * self._slow:
             return False
         return doubted or not same or self._since >= AGAIN * self._slow
+
+    def _same(self, load: float) -> bool:
+        """Whether the load is that of the last comparison, within the factor from which on another is due."""
+        return self._load / ANOTHER < load < self._load * ANOTHER
+
+    def refutes(self, load: float) -> bool:
+        """Whether the frame that was compared is not explained, and a frame with this load is as good as that one."""
+        return self.refuted and self._same(load)
 
     def reaching(self, carried: Floats, load: float) -> float:
         """The share that brings two answers together, and the one without what a single solve adds (a force ``carried``) into the interval."""

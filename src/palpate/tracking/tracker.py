@@ -27,7 +27,7 @@ from palpate.sensing.times import as_second
 from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
-from palpate.tracking.anchor import Anchor
+from palpate.tracking.anchor import Anchor, beyond
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.discrepancy import widened
@@ -185,9 +185,8 @@ class Tracker:
         self._comparison, self._anchor = Comparison(n), Anchor(estimator.cone, estimator.columns)
         self._beside.forget()
         self._compared: tuple[Answer, Floats] | None = None  # of the frame that is solved by itself beside the stream
-        self._own: Floats = np.zeros(
-            (0, 0)
-        )  # traction of the last frame without what a single solve adds, and the force that this adds
+        # traction of the last frame without what a single solve adds, and the force that this adds
+        self._own: Floats = np.zeros((0, 0))
         self._carried: Floats = np.zeros(len(estimator.surface.components))
         self._frame: Frame | None = None
         self._steady = Steady()
@@ -368,7 +367,7 @@ class Tracker:
             left_out = self._check.clipped | (self.health.left_out & (self.health.reasons != "unexplained"))
             if (
                 not self._contact.judged
-                or not comparison.due(self._contact.size)
+                or not comparison.due(self._contact.size, alike=self._knows_no_more())
                 or left_out.any()
                 or not np.isfinite(frame.actual).all()
             ):
@@ -383,24 +382,29 @@ class Tracker:
         found, (compared, own) = Answer.of(single), self._compared
         if comparison.settle(compared, found):
             self._hold_to(own, single, compared, found)
-            return again(*self._status(bool(touch.converged)))
-        self._begin_anew()
-        self._said.append(
-            comparison.words(compared, found, "N/m" if self.estimator.operator.surface.dimensions == 1 else "N")
-        )
-        if beside.threaded:
-            return again(*self._status(bool(touch.converged)))
-        touch = again(*self._in_contact(frame, 0.0, regular=True, restarted=False))
-        again_compared = Answer.of(touch).without_move(self._carried)
-        comparison.settle(again_compared, found)
-        self._hold_to(self._own, single, again_compared, found)
+        else:
+            self._begin_anew()
+            unit = "N/m" if self.estimator.operator.surface.dimensions == 1 else "N"
+            self._said.append(comparison.words(compared, found, unit))
+            if not beside.threaded:
+                touch = again(*self._in_contact(frame, 0.0, regular=True, restarted=False))
+                compared = Answer.of(touch).without_move(self._carried)
+                comparison.settle(compared, found)
+                self._hold_to(self._own, single, compared, found)
         return again(*self._status(bool(touch.converged)))
+
+    def _knows_no_more(self) -> bool:
+        """Whether nothing of earlier frames tells the tracker more of this one than a single solve knows."""
+        return not (self._offsets_beyond_noise() or self._check.unused.any() or self._restarted)
+
+    def _offsets_beyond_noise(self) -> bool:
+        return float(np.abs(self._offsets.mean).max(initial=0.0)) > (self._learning.noise or 0.0)
 
     def _hold_to(self, own: Floats, single: Touch, compared: Answer, found: Answer) -> None:
         """Carry a single solve on where the two answers meet, both push, and the tracker took nothing for offsets that is load to a single solve."""
-        offsets = float(np.abs(self._offsets.mean).max(initial=0.0)) > (self._learning.noise or 0.0)
-        meet = found.explained and not compared.parted(found)
-        self._anchor.hold(own, single if meet and self._contact.pushing and not offsets else None)
+        meet = found.explained and not compared.parted(found) and not self._offsets_beyond_noise()
+        part = beyond(found.force - compared.force, found.discrepancy * found.load)
+        self._anchor.hold(own, single if meet and self._contact.pushing else None, part)
 
     def _begin_anew(self) -> None:
         """Forget what the contact's answer hangs on besides its readings, the zero and its noise."""
@@ -530,7 +534,7 @@ class Tracker:
         if self._check.overload and contact.pushing:
             return Status.OVERLOAD, converged
         status = Status.SOLVED if converged else Status.NOT_CONVERGED
-        if not contact.fits or self._comparison.refuted:
+        if not contact.fits or self._comparison.refutes(contact.size):
             status = Status.UNEXPLAINED
         elif not contact.pushing:
             status = Status.NOT_PUSHING
@@ -664,11 +668,8 @@ class Tracker:
             status, values = Status.UNDECIDED, values if proven else math.nan * values
         pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
         drag = contact.drag if status.known and self._touching else None
-        self._said += (
-            [unfinished(self.budget, self.tolerance, exhausted=self._contact.exhausted)]
-            if status is Status.NOT_CONVERGED
-            else []
-        )
+        if status is Status.NOT_CONVERGED:
+            self._said.append(unfinished(self.budget, self.tolerance, exhausted=self._contact.exhausted))
         return Touch(
             from_numpy(values.reshape(-1, *estimator.operator.surface.shape), like),
             grid,

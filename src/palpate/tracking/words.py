@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._numbers import plain_time
+from palpate.elastic.channels import CHANNELS, channel_unit
 from palpate.elastic.pad import Floats
 from palpate.tracking.times import FrameTime
 
@@ -37,9 +38,9 @@ def drifted(drift: Floats, index: npt.NDArray[np.intp], std: Floats, label: Call
     said = []
     for c in np.flatnonzero(drift):
         first = int(np.argmax(index == c))
-        said.append(
-            f"the zero of {label(first).split(' at ')[0]} has drifted by {drift[c] * std[first]:.3g}: taken out"
-        )
+        channel = label(first).split(" at ")[0]
+        unit = f" {channel_unit(channel)}" if channel in CHANNELS else ""
+        said.append(f"the zero of {channel} has drifted by {drift[c] * std[first]:.3g}{unit}: taken out")
     return said
 
 
