@@ -369,7 +369,7 @@ def test_what_is_no_dome_is_refused(dome: pp.SolidPad) -> None:
         with pytest.raises((pp.InvalidInput, pp.Unsupported), match=wrong):
             make()
     array = pp.AreaArray(shape=(4, 4), pitch=3e-3, depth="base", channels=STRESS)
-    with pytest.raises(pp.InvalidInput, match="pad.grid"):
+    with pytest.raises(pp.InvalidInput, match=r"pad\.grid"):
         pp.Skin(dome, array, surface=pp.AreaGrid(shape=(8, 8), spacing=2e-3)).operator.dense()
     with pytest.raises(pp.InvalidInput, match="beside the pad"):
         pp.Skin(dome, pp.AreaArray(shape=(12, 12), pitch=3e-3, depth="base", channels=STRESS))
