@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import math
 import time
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from palpate.solid.elasticity import Solid
 
 PAGE = Path(__file__).parents[1] / "docs" / "_generated" / "solid.md"
 MODULUS = 2e5
+PARTS = ["shell", "layer", "side", "dome", "crook", "trust", "times"]
 
 
 def shell(count: int, through: int, inner: float, outer: float) -> MeshHex:
@@ -109,6 +111,98 @@ def near_a_side() -> list[str]:
     return lines
 
 
+def on_a_dome() -> list[str]:
+    """A ball that presses and drags on a half sphere of radius 10 mm, 4 mm thick on its core; readings are those of a finer mesh."""
+    make = {"youngs_modulus": MODULUS, "poissons_ratio": 0.48}
+    radius, h = 10e-3, 4e-3
+    truth, model = (pp.SolidPad.dome(radius, h, element=e, **make) for e in (1.5e-3, 2.0e-3))
+    return _curved(truth, model, {f"{a} degrees": 2.0 * radius * math.sin(math.radians(a) / 2) for a in (0, 25, 45)})
+
+
+def in_a_crook() -> list[str]:
+    """The same in a bend of radius 15 mm, from inside; 18 x 16 x 3 mm."""
+    make = {"youngs_modulus": MODULUS, "poissons_ratio": 0.48}
+    truth, model = (pp.SolidPad.bend(-15e-3, 18e-3, 16e-3, 3e-3, element=e, **make) for e in (1.2e-3, 1.6e-3))
+    return _curved(truth, model, {"middle": 0.0, "6 mm along the arc": 6e-3})
+
+
+def _curved(truth: pp.SolidPad, model: pp.SolidPad, places: dict[str, float]) -> list[str]:
+    array = pp.AreaArray(
+        shape=(6, 6), pitch=2.4e-3, depth="base", channels=["stress_xz", "stress_yz", "stress_zz"], noise=60.0
+    )
+    sure = pp.Uncertainty(depth=0.0)
+    skins = {
+        "solid": pp.Skin(model, array, uncertainty=sure),
+        "endless, flat": pp.Skin(model.endless, array, uncertainty=pp.Uncertainty(depth=0.0, thickness=0.0)),
+    }
+    lines = [
+        "| place | model | force x, z [N] | true | 95 % interval of x | of z | centre off [mm] |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    rng = np.random.default_rng(3)
+    for name, x in places.items():
+        ball = pp.solutions.hertz_point(contact_radius=1.5e-3, force=1.0).sliding(0.2).shifted(x, 0.0)
+        fine = truth.grid(shape=(40, 40), spacing=3.2e-3 / 40, center=(x, 0.0))
+        true = pp.Skin(truth, array, surface=fine)
+        traction = true.sample(ball)
+        force, readings = fine.total_force(traction), true.sense(traction, rng=rng)
+        for model_name, skin in skins.items():
+            touch = skin.reconstruct(readings)
+            low, high = touch.interval(0.95, "force")
+            off = 1e3 * (float(touch.center_of_pressure[0]) - x)
+            lines.append(
+                f"| {name} | {model_name} | {float(touch.force[0]):.3f}, {float(touch.force[2]):.3f} | {force[0]:.3f}, {force[2]:.3f} | "
+                f"{low[0]:.3f} to {high[0]:.3f} | {low[2]:.3f} to {high[2]:.3f} | {off:+.2f} |"
+            )
+    return lines
+
+
+def trust(count: int = 12) -> list[str]:
+    """Balls at random on two boxes and a dome, readings of a finer mesh: how often the 95 % intervals of the net force miss."""
+    make = {"youngs_modulus": MODULUS, "poissons_ratio": 0.48}
+    pads = {
+        "box 16 x 16 x 4 mm": [pp.SolidPad.box(16e-3, 16e-3, 4e-3, element=e, **make) for e in (1.0e-3, 1.33e-3)],
+        "box 20 x 12 x 3 mm": [pp.SolidPad.box(20e-3, 12e-3, 3e-3, element=e, **make) for e in (0.8e-3, 1.0e-3)],
+        "dome, radius 10 mm, 4 mm thick": [pp.SolidPad.dome(10e-3, 4e-3, element=e, **make) for e in (1.5e-3, 2.0e-3)],
+    }
+    lines = [
+        "| pad | frames | intervals of 3 components that miss | normal or largest force off by more than 20 % | nothing found |",
+        "|---|---|---|---|---|",
+    ]
+    for name, (truth, model) in pads.items():
+        (x0, x1), (y0, y1) = truth.outline
+        part = 0.55 if truth.chart is not None else 0.8
+        shape = (4, 5)
+        pitch = (part * (y1 - y0) / shape[0], part * (x1 - x0) / shape[1])
+        array = pp.AreaArray(
+            shape=shape, pitch=pitch, depth="base", channels=["stress_xz", "stress_yz", "stress_zz"], noise=60.0
+        )
+        skin = pp.Skin(model, array, uncertainty=pp.Uncertainty(depth=0.0))
+        rng = np.random.default_rng(11)
+        missed = off = nothing = 0
+        for _ in range(count):
+            radius = float(rng.uniform(1.2e-3, 2.5e-3))
+            x, y = (
+                float(rng.uniform(0.5 * part * a + radius, 0.5 * part * b - radius))
+                for a, b in ((2 * x0, 2 * x1), (2 * y0, 2 * y1))
+            )
+            ball = (
+                pp.solutions.hertz_point(contact_radius=radius, force=1.0)
+                .sliding(float(rng.uniform(0.0, 0.4)))
+                .shifted(x, y)
+            )
+            fine = truth.grid(shape=(40, 40), spacing=2.2 * radius / 40, center=(x, y))
+            true = pp.Skin(truth, array, surface=fine)
+            traction = true.sample(ball)
+            force, touch = fine.total_force(traction), skin.reconstruct(true.sense(traction, rng=rng))
+            low, high = touch.interval(0.95, "force")
+            missed += int(((np.asarray(low) > force) | (np.asarray(high) < force)).sum())
+            off += np.linalg.norm(np.asarray(touch.force) - force) > 0.2 * np.linalg.norm(force)
+            nothing += not np.asarray(touch.values).any()
+        lines.append(f"| {name} | {count} | {missed} of {3 * count} | {off} | {nothing} |")
+    return lines
+
+
 def times() -> list[str]:
     """Preparation and frames of markers on a gel, one thread."""
     lines = [
@@ -142,9 +236,9 @@ def times() -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--write", action="store_true")
-    parser.add_argument("--part", choices=["shell", "layer", "side", "times"], nargs="*")
+    parser.add_argument("--part", choices=PARTS, nargs="*")
     chosen = parser.parse_args()
-    parts = chosen.part or ["shell", "layer", "side", "times"]
+    parts = chosen.part or PARTS
     solver = "MKL PARDISO" if importlib.util.find_spec("pypardiso") else "SuperLU"
     out = [f"Made by `python benchmarks/solid.py --write` (solver: {solver}).", ""]
     if "shell" in parts:
@@ -177,6 +271,29 @@ def main() -> None:
             "5 x 5 x 3 taxels under it. The readings are those of a mesh of 0.75 mm, the solid model has one of 1 mm.",
             "",
             *near_a_side(),
+            "",
+        ]
+    if "dome" in parts:
+        out += [
+            "A ball of radius 1.5 mm that presses with 1 N and drags with 0.2 N towards the rim, on a half sphere of radius 10 mm with 4 mm of gel on its core "
+            "(Poisson's ratio 0.48) and 6 x 6 x 3 taxels on the core; places are angles from the top. Readings are those of a mesh of 1.5 mm, the model has one "
+            "of 2 mm. Beside it, what the flat layer that goes on for ever says of the same readings.",
+            "",
+            *on_a_dome(),
+            "",
+        ]
+    if "crook" in parts:
+        out += [
+            "The same ball inside a bend of radius 15 mm, gel 18 x 16 x 3 mm. Meshes of 1.2 and 1.6 mm.",
+            "",
+            *in_a_crook(),
+            "",
+        ]
+    if "trust" in parts:
+        out += [
+            "Balls at random places above the taxels, of radius 1.2 to 2.5 mm, 1 N, friction up to 0.4; 4 x 5 x 3 taxels on the base; readings of a finer mesh.",
+            "",
+            *trust(),
             "",
         ]
     if "times" in parts:

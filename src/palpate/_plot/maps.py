@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -11,9 +12,11 @@ from palpate._extras import require
 from palpate._plot.arrows import arrow_cells
 from palpate._plot.over import plot_over
 from palpate._plot.shown import Shown
+from palpate._plot.space import draw_in_space, draw_taxels
 from palpate._plot.style import COLUMN, INK, PAGE, journal, nice, scaled
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.sensing.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,14 +46,15 @@ def plot_touch(
     ax: Axes | None = None,
     seen_from: str = "inside",
     picture: Any = None,
+    taxels: Sequence[Array] = (),
 ) -> Figure:
     """A figure of one frame; see `Touch.plot`."""
     require("figures", "matplotlib")
     one = touch.frame(frame)
     if picture is not None:
-        if truth is not None or ax is not None or seen_from != "inside":
+        if truth is not None or ax is not None or seen_from != "inside" or len(taxels):
             raise InvalidInput(
-                "over a picture there is neither truth, ax nor seen_from: leave them out (palpate.camera.overlay draws a truth beside)."
+                "over a picture there is neither truth, ax, seen_from nor taxels: leave them out (palpate.camera.overlay draws a truth beside)."
             )
         if not isinstance(picture, tuple):
             picture = (picture, one.view)
@@ -69,10 +73,16 @@ def plot_touch(
         raise InvalidInput("truth is drawn in panels of its own, which one ax cannot hold: leave out either.")
     with journal():
         if one.surface.dimensions == 1:
-            return _plot_line(one, values, true, title, ax)
+            figure = _plot_line(one, values, true, title, ax)
+            for array in taxels:
+                x = array.points[:, 0] * scaled(float(np.ptp(one.surface.x)), "m")[0]
+                (ax or figure.axes[0]).plot(x, 0.0 * x, ls="none", marker="o", ms=1.6, mfc="white", mec="0.2", mew=0.4)
+            return figure
         if ax is not None:
-            return _plot_into(one, values, title, ax, seen_from)
-        return _plot_area(one, values, true, title, seen_from)
+            figure = _plot_into(one, values, title, ax, seen_from)
+            draw_taxels(ax, taxels, _width(one)[0])
+            return figure
+        return _plot_area(one, values, true, title, seen_from, taxels)
 
 
 def _std(touch: Shown) -> Floats | None:
@@ -124,7 +134,14 @@ def _plot_line(touch: Shown, values: Floats, true: Floats | None, title: str | N
 # -- areas -------------------------------------------------------------------------------------------------------------
 
 
-def _plot_area(touch: Shown, values: Floats, true: Floats | None, title: str | None, seen_from: str) -> Figure:
+def _plot_area(
+    touch: Shown,
+    values: Floats,
+    true: Floats | None,
+    title: str | None,
+    seen_from: str,
+    taxels: Sequence[Array],
+) -> Figure:
     """Panels of pressure, shear and uncertainty; beside a truth a second row, with what was missed in the place of the uncertainty."""
     from matplotlib.figure import Figure
 
@@ -133,6 +150,7 @@ def _plot_area(touch: Shown, values: Floats, true: Floats | None, title: str | N
     rows = [values] if true is None else [values, true]
     columns = [*(["pressure"] if pressure else []), *(["shear"] if sheared else [])]
     columns += ["error"] if std is not None or true is not None else []
+    columns += ["space"] if touch.surface.bends and pressure else []
     lengths = [float(np.ptp(a)) + s for a, s in zip(touch.surface.axes, touch.surface.spacings)]
     tall = min(max(lengths[0] / lengths[1], 0.3), 2.0)
     across = PAGE / 3 if len(columns) > 1 else COLUMN
@@ -150,15 +168,33 @@ def _plot_area(touch: Shown, values: Floats, true: Floats | None, title: str | N
                 _pressure(axes, touch, row[2], f"{name}pressure", largest["pressure"], rows, seen_from)
             elif what == "shear":
                 _shear(axes, touch, row, f"{name}shear", largest["shear"], seen_from)
+            elif what == "space":
+                grid[i, -1] = axes = _in_space(figure, axes)
+                draw_in_space(axes, touch, row, largest["pressure"], taxels)
+                continue
             elif i == 1 and true is not None:
                 _size(axes, touch, missed, "recovered less true, size", largest["error"], seen_from)
             elif std is not None:
                 _size(axes, touch, _misses(touch, std), "standard deviation", largest["error"], seen_from)
             else:
                 axes.set_axis_off()
+                continue
+            draw_taxels(axes, taxels, _width(touch)[0])
     said = [title] if title else []
     figure.suptitle("\n".join([*said, SEEN[seen_from]]), fontsize=8 if said else 7)
     return figure
+
+
+def _in_space(figure: Figure, axes: Axes) -> Any:
+    """Axes in three dimensions in the place of flat ones."""
+    place = axes.get_subplotspec()
+    axes.remove()
+    return figure.add_subplot(place, projection="3d", computed_zorder=False)
+
+
+def _width(touch: Shown) -> tuple[float, str]:
+    """Factor and unit of lengths in a map."""
+    return scaled(max(float(np.ptp(a)) for a in touch.surface.axes), "m")
 
 
 def _plot_into(touch: Shown, values: Floats, title: str | None, ax: Axes, seen_from: str) -> Figure:
@@ -185,8 +221,9 @@ def _misses(touch: Shown, field: Floats) -> Floats:
 def _show(
     axes: Axes, touch: Shown, image: Floats, cmap: str, low: float, high: float, label: str, seen_from: str, title: str
 ) -> None:
-    width, width_unit = scaled(max(float(np.ptp(a)) for a in touch.surface.axes), "m")
+    width, width_unit = _width(touch)
     (y, x), (dy, dx) = touch.surface.axes, touch.surface.spacings
+    image = np.where(touch.surface.areas > 0.0, image, np.nan)
     left, right, bottom, top = (
         float(v * width) for v in (x[0] - dx / 2, x[-1] + dx / 2, y[0] - dy / 2, y[-1] + dy / 2)
     )
@@ -203,8 +240,9 @@ def _show(
     if seen_from == "outside":
         axes.invert_yaxis()
     axes.set_title(title, loc="left")
-    axes.set_xlabel(f"x [{width_unit}]")
-    axes.set_ylabel(f"y [{width_unit}]")
+    along = " along the surface" if touch.surface.bends else ""
+    axes.set_xlabel(f"x{along} [{width_unit}]")
+    axes.set_ylabel(f"y{along} [{width_unit}]")
     axes.figure.colorbar(drawn, ax=axes, label=label, location="bottom", aspect=30, pad=0.02)
 
 
@@ -246,7 +284,7 @@ def _arrows(axes: Axes, touch: Shown, values: Floats, largest: float, seen_from:
     size = np.nan_to_num(np.hypot(values[0], values[1]))
     if not size.any():
         return
-    width, _ = scaled(max(float(np.ptp(a)) for a in touch.surface.axes), "m")
+    width, _ = _width(touch)
     (y, x), (dy, dx) = touch.surface.axes, touch.surface.spacings
     apart = max(float(np.ptp(x)), float(np.ptp(y))) / ACROSS
     std = _std(touch)

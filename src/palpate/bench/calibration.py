@@ -223,8 +223,7 @@ def _one_pulled(rng: np.random.Generator) -> tuple[Case, dict[str, Floats]]:
     moment = (moment_rows(touch.surface)[2] * whole).sum()
     z = {
         "traction": ((frame.truth - np.asarray(touch.values)[:2]) / np.asarray(errors.traction)[:2])[:, on].ravel(),
-        "force": (whole.sum(axis=(1, 2)) * touch.surface.cell - np.asarray(touch.force))[:2]
-        / np.asarray(errors.force)[:2],
+        "force": (touch.surface.total_force(whole) - np.asarray(touch.force))[:2] / np.asarray(errors.force)[:2],
         "moment": (moment - np.asarray(touch.moment)[2:]) / np.asarray(errors.moment)[2:],
     }
     return touch.calibration_case, {name: np.concatenate([v, -v]) for name, v in z.items()}
@@ -277,7 +276,7 @@ def _one_beyond(task: tuple[int, int, str, set[str]]) -> tuple[str, tuple[float,
     touch = layout.skin.reconstruct(readings, method=method, components=list(layout.components), **options)
     if touch.errors is None:
         raise InvalidInput(f'method="{method}" has no error bars.')
-    true = float(truth[-1].sum()) * touch.surface.cell
+    true = float(touch.surface.integral(truth[-1]))
     return kind, (
         true - float(touch.force[-1]),
         float(touch.errors.force[-1]),

@@ -177,7 +177,12 @@ def reconstruct(
         from palpate.pads import caption
 
         when = "" if touch.time is None else f", {float(touch.time):.3f} s"
-        save_figure(touch.plot(title=f"frame {done.frame}{when}: {caption(skin)}"), plot)
+        save_figure(
+            touch.plot(
+                title=f"frame {done.frame}{when}: {caption(skin)}", taxels=skin.planes if skin.surface.bends else ()
+            ),
+            plot,
+        )
         written.append(str(plot))
     if plot_forces is not None:
         from palpate._plot import plot_forces as drawn

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
@@ -13,7 +13,7 @@ from palpate.design.bounds import PressModel
 from palpate.design.responses import weights_of
 from palpate.elastic.pad import Floats, Pad, isotropic_constants
 from palpate.sensing.arrays import Array, ScatteredArray
-from palpate.sensing.grids import AreaGrid, Grid, LineGrid
+from palpate.sensing.grids import Grid, LineGrid
 from palpate.sensing.limits import of_readings
 from palpate.sensing.nuisance import nuisances
 from palpate.sensing.operator import Operator
@@ -133,7 +133,7 @@ def _finer(planes: Sequence[Array], surface: Grid) -> Grid:
     if isinstance(surface, LineGrid):
         return LineGrid(count=counts[0], spacing=surface.spacing / times, center=surface.center)
     dy, dx = surface.spacings
-    return AreaGrid(shape=(counts[0], counts[1]), spacing=(dy / times, dx / times), center=surface.center)
+    return replace(surface, shape=(counts[0], counts[1]), spacing=(dy / times, dx / times))
 
 
 def range_of(model: PressModel) -> tuple[float, float]:

@@ -27,6 +27,7 @@ from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
 from palpate.pressing.contacts import Contacts
 from palpate.pressing.footprints import disc_points, ellipse_points, hull_points, strip_points, tilted
+from palpate.sensing.curved import CurvedGrid
 from palpate.sensing.grids import AreaGrid, block_means, refined
 from palpate.skin import Skin
 from palpate.solutions import hertz_ellipse
@@ -145,6 +146,10 @@ class Surface:
         if not isinstance(grid, AreaGrid):
             raise Unsupported(
                 "contacts of a simulator press on an area: give the skin an AreaArray or a ScatteredArray."
+            )
+        if isinstance(grid, CurvedGrid):
+            raise Unsupported(
+                "contacts of a simulator press on flat pads, and the surface of this one is curved. Use the pad's flat layer: skin of pad.endless."
             )
         if skin.boundary != "free":
             raise Unsupported('contacts of a simulator need boundary="free": leave boundary out.')

@@ -14,14 +14,16 @@ import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate.elastic.quantities import COMPONENTS
-from palpate.errors import InvalidInput
+from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.estimate import Errors, Stated
 from palpate.recordings.clock import read_clock
 from palpate.recordings.meta import plain_meta
 from palpate.recordings.recording import Recording
+from palpate.sensing.curved import CurvedGrid, CylinderChart, SphereChart
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.times import as_seconds
 from palpate.sensing.view import View
+from palpate.solid.charts import MeshChart
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.uncertainty import Case
@@ -339,11 +341,25 @@ def _listed(text: str) -> tuple[str, ...]:
     return tuple(text.split(",")) if text else ()
 
 
+#: Charts of curved surfaces that can be written.
+CHARTS: dict[str, Any] = {chart.__name__: chart for chart in (SphereChart, CylinderChart, MeshChart)}
+
+
 def _described(grid: Grid) -> dict[str, Any]:
     """What makes the same grid again, to the last bit: coordinates alone would not."""
     if isinstance(grid, LineGrid):
         return {"count": grid.count, "spacing": grid.spacing, "center": grid.center}
-    return {"shape": grid.shape, "spacing": grid.spacing, "center": grid.center}
+    out: dict[str, Any] = {"shape": grid.shape, "spacing": grid.spacing, "center": grid.center}
+    chart = getattr(grid, "chart", None)
+    if chart is None:
+        return out
+    if type(chart).__name__ not in CHARTS:
+        raise Unsupported(
+            f"a surface with a chart of its own ({type(chart).__name__}) cannot be written into a stream. Write a result to NetCDF: its coordinates hold positions and normals."
+        )
+    held = {f.name: getattr(chart, f.name) for f in fields(chart)}
+    held = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in held.items()}
+    return {**out, "chart": {"kind": type(chart).__name__, **held}}
 
 
 def _grid(text: str, name: str) -> Grid:
@@ -351,6 +367,14 @@ def _grid(text: str, name: str) -> Grid:
         found = json.loads(text)
         if "count" in found:
             return LineGrid(**found)
-        return AreaGrid(**{k: tuple(v) if isinstance(v, list) else v for k, v in found.items()})
+        chart = found.pop("chart", None)
+        given = {k: tuple(v) if isinstance(v, list) else v for k, v in found.items()}
+        if chart is None:
+            return AreaGrid(**given)
+        kind = CHARTS[chart.pop("kind")]
+        arrays = {"vertices": np.float64, "facets": np.intp}
+        chart = {k: np.array(v, dtype=arrays[k]) if k in arrays else v for k, v in chart.items()}
+        chart = {k: tuple(v) if isinstance(v, list) else v for k, v in chart.items()}
+        return CurvedGrid(**given, chart=kind(**chart))
     except (TypeError, ValueError, KeyError, RecursionError) as error:
         raise InvalidInput(f"{name}: its surface cannot be read; the file may be damaged.") from error

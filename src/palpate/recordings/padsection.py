@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from palpate._extras import missing
 from palpate.errors import InvalidInput
+from palpate.solid import SolidPad
 from palpate.units import UNKNOWN, parse_quantity
 
 try:
@@ -13,7 +16,20 @@ try:
 except ImportError as error:
     raise missing("skin files", error) from error
 
-__all__ = ["Depth", "Length", "Lengths", "MeasuredTable", "Pressure", "SolidBox", "SolidMesh", "Strict", "Time"]
+__all__ = [
+    "Depth",
+    "Length",
+    "Lengths",
+    "MeasuredTable",
+    "Pressure",
+    "SolidBend",
+    "SolidBox",
+    "SolidDome",
+    "SolidMesh",
+    "Strict",
+    "Time",
+    "solid_pad",
+]
 
 
 def _length(value: Any) -> float:
@@ -73,6 +89,37 @@ class SolidBox(Strict):
     element: Length | None = None
 
 
+class SolidDome(Strict):
+    """`palpate.SolidPad.dome`."""
+
+    kind: Literal["solid_dome"]
+    prony: list[tuple[float, Time]] | None = None
+    radius: Length
+    thickness: Length
+    height: Length | None = None
+    youngs_modulus: Pressure
+    poissons_ratio: float
+    sides: Literal["free", "bonded"] = "free"
+    element: Length | None = None
+    readings_along: Literal["surface", "pad"] = "surface"
+
+
+class SolidBend(Strict):
+    """`palpate.SolidPad.bend`; ``radius`` is negative inside a bend."""
+
+    kind: Literal["solid_bend"]
+    prony: list[tuple[float, Time]] | None = None
+    radius: Length
+    length: Length
+    width: Length
+    thickness: Length
+    youngs_modulus: Pressure
+    poissons_ratio: float
+    sides: Literal["free", "bonded"] = "free"
+    element: Length | None = None
+    readings_along: Literal["surface", "pad"] = "surface"
+
+
 class SolidMesh(Strict):
     """`palpate.SolidPad.from_mesh`; ``file`` is beside the skin.toml."""
 
@@ -85,6 +132,7 @@ class SolidMesh(Strict):
     poissons_ratio: float
     scale: float = 1.0
     turned: bool = False
+    readings_along: Literal["surface", "pad"] = "surface"
 
 
 class MeasuredTable(Strict):
@@ -95,3 +143,16 @@ class MeasuredTable(Strict):
     file: Named
     contact_radius: Length | None = None
     indenter: Literal["hertz", "disc", "punch"] | None = None
+
+
+def solid_pad(section: SolidBox | SolidDome | SolidBend | SolidMesh, folder: Path) -> SolidPad:
+    """The pad that a section describes; files lie in ``folder``."""
+    given = section.model_dump(exclude={"kind", "prony", "file"})
+    if isinstance(section, SolidMesh):
+        return SolidPad.from_mesh(folder / section.file, **given)
+    make: dict[str, Callable[..., SolidPad]] = {
+        "solid_box": SolidPad.box,
+        "solid_dome": SolidPad.dome,
+        "solid_bend": SolidPad.bend,
+    }
+    return make[section.kind](**given)

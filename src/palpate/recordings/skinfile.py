@@ -70,17 +70,19 @@ from palpate.recordings.padsection import (
     Lengths,
     MeasuredTable,
     Pressure,
+    SolidBend,
     SolidBox,
+    SolidDome,
     SolidMesh,
     Strict,
     Time,
+    solid_pad,
 )
 from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.operator import Boundary
 from palpate.sensing.uncertainty import SCALE
-from palpate.solid import SolidPad
 from palpate.units import KIND_OF_SI, parse_quantity
 
 try:
@@ -104,7 +106,7 @@ __all__ = [
 #: keys of [pad] as they stand there (`palpate.units.parse_quantity` reads quantities), without ``kind``, and ``prony``, which serves all pads.
 PADS = "palpate.pads"
 #: Kinds of pad that palpate itself makes.
-BUILT_IN = ("half_space", "bonded_layers", "solid_box", "solid_mesh", "measured")
+BUILT_IN = ("half_space", "bonded_layers", "solid_box", "solid_dome", "solid_bend", "solid_mesh", "measured")
 
 
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -237,6 +239,8 @@ class SkinFile(Strict):
         Annotated[_HalfSpace, Tag("half_space")]
         | Annotated[_BondedLayers, Tag("bonded_layers")]
         | Annotated[SolidBox, Tag("solid_box")]
+        | Annotated[SolidDome, Tag("solid_dome")]
+        | Annotated[SolidBend, Tag("solid_bend")]
         | Annotated[SolidMesh, Tag("solid_mesh")]
         | Annotated[MeasuredTable, Tag("measured")]
         | Annotated[_Other, Tag("other")],
@@ -379,11 +383,8 @@ def skin_from_text(
             pad: Pad = BondedLayers(layers, base)
         elif isinstance(skin.pad, _HalfSpace):
             pad = HalfSpace(youngs_modulus=skin.pad.youngs_modulus, poissons_ratio=skin.pad.poissons_ratio)
-        elif isinstance(skin.pad, SolidBox):
-            pad = SolidPad.box(**skin.pad.model_dump(exclude={"kind", "prony"}))
-        elif isinstance(skin.pad, SolidMesh):
-            given = skin.pad.model_dump(exclude={"kind", "prony", "file"})
-            pad = SolidPad.from_mesh(folder / skin.pad.file, **given)
+        elif isinstance(skin.pad, SolidBox | SolidDome | SolidBend | SolidMesh):
+            pad = solid_pad(skin.pad, folder)
         elif isinstance(skin.pad, MeasuredTable):
             pad = Measured(folder / skin.pad.file, radius=skin.pad.contact_radius, indenter=skin.pad.indenter)
         else:

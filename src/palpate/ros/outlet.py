@@ -16,7 +16,6 @@ import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
-from palpate.sensing.grids import AreaGrid
 from palpate.status import Status
 from palpate.touch import Touch
 
@@ -179,11 +178,11 @@ class Outlet:
             self._layout = (id(grid), places(grid))
         out = self._messages[TOPICS["traction"]](header=header)
         points = self._layout[1].copy()
-        values = to_numpy(touch.values) * grid.cell
+        values = grid.cell_forces(to_numpy(touch.values))
         points[..., 3] = values[0]
         points[..., 4] = values[1] if grid.dimensions == 2 else 0.0
         points[..., 5] = values[-1]
-        points[..., 6] = math.nan if touch.errors is None else to_numpy(touch.std.values)[-1] * grid.cell
+        points[..., 6] = math.nan if touch.errors is None else to_numpy(touch.std.values)[-1] * grid.areas
         field = self._messages["sensor_msgs/msg/PointField"]
         out.height, out.width = points.shape[:2]
         out.fields = [field(name=n, offset=4 * i, datatype=7, count=1) for i, n in enumerate(CLOUD)]
@@ -203,7 +202,7 @@ def spatial(force: Any, moment: Any) -> tuple[Floats, Floats]:
 
 def places(grid: Grid) -> Any:
     """(y, x, field) with the places of the cells filled in."""
-    y = grid.axes[0] if isinstance(grid, AreaGrid) else np.zeros(1)
-    out = np.zeros((len(y), len(grid.x), len(CLOUD)), dtype="<f4")
-    out[..., 0], out[..., 1] = grid.x, np.asarray(y)[:, None]
+    where = grid.positions.reshape(-1, len(grid.x), 3)
+    out = np.zeros((*where.shape[:2], len(CLOUD)), dtype="<f4")
+    out[..., :3] = where
     return out

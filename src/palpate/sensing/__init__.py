@@ -1,6 +1,7 @@
 """Grids, arrays of sensing elements, and the linear operator from surface traction to readings."""
 
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
+from palpate.sensing.curved import Chart, CurvedGrid, CylinderChart, Frames, SphereChart
 from palpate.sensing.grids import AreaGrid, Grid, LineGrid
 from palpate.sensing.maps import Body, LinearMap, MatrixMap
 from palpate.sensing.operator import Operator
@@ -12,6 +13,10 @@ __all__ = [
     "AreaGrid",
     "Array",
     "Body",
+    "Chart",
+    "CurvedGrid",
+    "CylinderChart",
+    "Frames",
     "Grid",
     "LineArray",
     "LineGrid",
@@ -19,6 +24,7 @@ __all__ = [
     "MatrixMap",
     "Operator",
     "ScatteredArray",
+    "SphereChart",
     "Uncertainty",
     "default_surface",
 ]

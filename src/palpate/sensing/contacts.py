@@ -23,7 +23,7 @@ from palpate._arrays import irfftn, rfftn
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
-from palpate.sensing.grids import AreaGrid, Grid, LineGrid, refined
+from palpate.sensing.grids import Grid, LineGrid, refined
 from palpate.sensing.operator import Operator, Periodic
 from palpate.solutions import AreaContact, LineContact
 
@@ -126,7 +126,7 @@ def _free(operator: Operator, plane: int, contact: Contact) -> Floats:
         if not here.any():
             continue
         part, chosen = _part(array, here)
-        grid = _about(array, contact, h)
+        grid = _about(array, contact, h, surface)
         traction = _spread(contact, grid) if smooth else sampled(contact, grid)
         found = np.asarray(Operator(pad, [part], grid).planes[0].forward(traction)).reshape(len(out), -1)
         out[:, here] = found[:, here[chosen]]
@@ -195,7 +195,7 @@ def _lagrange(x: Floats) -> Floats:
     return out
 
 
-def _about(array: Array, contact: Contact, h: float) -> Grid:
+def _about(array: Array, contact: Contact, h: float, surface: Grid) -> Grid:
     """Cells no wider than ``h`` on a contact and what it is spread over; taxels of a regular array lie above centres of cells."""
     counts, spacings, centers = [], [], []
     for axis, (middle, a) in enumerate(zip(*_place(contact))):
@@ -210,9 +210,11 @@ def _about(array: Array, contact: Contact, h: float) -> Grid:
         counts.append(high - low + 1)
         spacings.append(width)
         centers.append(start + 0.5 * (low + high) * width)
-    if len(counts) == 1:
+    if isinstance(surface, LineGrid):
         return LineGrid(count=counts[0], spacing=spacings[0], center=centers[0])
-    return AreaGrid(shape=(counts[0], counts[1]), spacing=(spacings[0], spacings[1]), center=(centers[1], centers[0]))
+    return replace(
+        surface, shape=(counts[0], counts[1]), spacing=(spacings[0], spacings[1]), center=(centers[1], centers[0])
+    )
 
 
 def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import numbers
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from palpate._arrays import from_numpy, namespace
 from palpate.elastic.pad import Floats
 from palpate.elastic.quantities import COMPONENTS
 from palpate.errors import InvalidInput
@@ -47,8 +49,98 @@ def pair(name: str, value: object, *, zero: bool = False, sign: bool = False) ->
     return one, one
 
 
+class _Flat:
+    """Sums over the cells of a flat surface, whose components of traction are those of the pad's axes; `palpate.sensing.CurvedGrid` has the same members."""
+
+    if TYPE_CHECKING:  # no members: a dataclass would take them for defaults of its fields
+
+        @property
+        def dimensions(self) -> int: ...
+        @property
+        def shape(self) -> tuple[int, ...]: ...
+        @property
+        def axes(self) -> tuple[Floats, ...]: ...
+        @property
+        def cell(self) -> float: ...
+        @property
+        def components(self) -> tuple[str, ...]: ...
+
+    @property
+    def areas(self) -> Floats:
+        """Area (on a line, length) of each cell (*surface)."""
+        return np.full(self.shape, self.cell)
+
+    @property
+    def positions(self) -> Floats:
+        """Centres of the cells (*surface, 3) in the pad's axes [m]."""
+        places = [*np.meshgrid(*self.axes, indexing="ij")[::-1], *[np.zeros(self.shape)] * (3 - self.dimensions)]
+        return np.stack(places, axis=-1)
+
+    @property
+    def bends(self) -> bool:
+        """Whether the surface is curved, so that maps of it are unrolled."""
+        return False
+
+    @property
+    def labels(self) -> dict[str, Any]:
+        """Coordinates of labelled results besides those of the axes: none."""
+        return {}
+
+    def cell_forces(self, traction: Floats) -> Floats:
+        """Force on each cell (..., axis, *surface) of a traction (..., component, *surface), along the pad's axes."""
+        return traction * self.cell
+
+    def force_axes(self, columns: Sequence[int]) -> tuple[int, ...]:
+        """Axes of the pad that `force_rows` has, where these components are sought: the same."""
+        return tuple(columns)
+
+    def force_rows(self, columns: Sequence[int]) -> Floats:
+        """The net force as sums over cells (axis, component sought, *surface)."""
+        n = len(columns)
+        rows = np.zeros((n, n, *self.shape))
+        rows[np.arange(n), np.arange(n)] = self.cell
+        return rows
+
+    def moment_rows(self, columns: Sequence[int]) -> Floats:
+        """The moments as sums over cells (moment, component sought, *surface)."""
+        d, cell = self.dimensions, self.cell
+        places = np.meshgrid(*self.axes, indexing="ij")[::-1]  # x, then y
+        out = np.zeros((1 if d == 1 else 3, d + 1, *self.shape))
+        if d == 1:
+            out[0, 1] = -places[0] * cell
+        else:
+            x, y = places
+            out[0, 2], out[1, 2] = y * cell, -x * cell
+            out[2, 0], out[2, 1] = -y * cell, x * cell
+        return out[:, list(columns)]
+
+    def integral(self, x: Any) -> Any:
+        """Integral of fields (..., *surface) over the surface."""
+        return namespace(x).sum(x, axis=tuple(range(-self.dimensions, 0))) * self.cell
+
+    def total_force(self, traction: Any) -> Any:
+        """Net force (..., component) of a traction (..., component, *surface)."""
+        return self.integral(traction)
+
+    def total_moment(self, traction: Any) -> Any:
+        """Moment about the origin, (..., 3) on an area and (..., 1) on a line; see `palpate.Touch.moment`."""
+        xp, tail = namespace(traction), (slice(None),) * self.dimensions
+        parts = [traction[(..., i, *tail)] for i in range(len(self.components))]
+        x = from_numpy(self.axes[-1], traction)
+        about_y = -self.integral(x * parts[-1])
+        if self.dimensions == 1:
+            return xp.stack([about_y], axis=-1)
+        y = from_numpy(self.axes[0][:, None], traction)
+        spin = self.integral(x * parts[1] - y * parts[0])
+        return xp.stack([self.integral(y * parts[2]), about_y, spin], axis=-1)
+
+    def turned_errors(self, errors: Floats, traction: Floats) -> Floats:
+        """Errors (component,) of a force in the axes of a contact, as errors (axis of the pad,): the same."""
+        return errors
+
+
 @dataclass(frozen=True, kw_only=True)
-class LineGrid:
+class LineGrid(_Flat):
     """A line of ``count`` surface cells of width ``spacing`` [m], centred at ``center`` [m].
 
     Raises
@@ -124,7 +216,7 @@ class LineGrid:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AreaGrid:
+class AreaGrid(_Flat):
     """A grid of ``shape`` (ny, nx) surface cells.
 
     ``spacing`` [m] is one number or (dy, dx); ``center`` is (x, y) [m].
@@ -208,7 +300,7 @@ def refined(grid: Grid, ratio: int, margin: int = 0) -> Grid:
     if isinstance(grid, LineGrid):
         return LineGrid(count=counts[0], spacing=grid.spacing / ratio, center=grid.center)
     dy, dx = grid.spacings
-    return AreaGrid(shape=(counts[0], counts[1]), spacing=(dy / ratio, dx / ratio), center=grid.center)
+    return replace(grid, shape=(counts[0], counts[1]), spacing=(dy / ratio, dx / ratio))
 
 
 def block_means(field: Floats, ratio: int, axes: int) -> Floats:

@@ -16,9 +16,11 @@ import numpy.typing as npt
 from palpate._extras import missing
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
+from palpate.solid.places import Places, monomials, polynomials
 
 try:
     import scipy.sparse
+    from scipy.sparse.linalg import splu
     from skfem import Basis, ElementHex2, ElementTetP2, FacetBasis
 except ImportError as error:
     raise missing("solid pads", error) from error
@@ -46,6 +48,7 @@ class Solid:
         self.basis = Basis(mesh, self.element, intorder=4)
         self.shear = youngs_modulus / (2.0 * (1.0 + poissons_ratio))
         self.bulk = youngs_modulus / (3.0 * (1.0 - 2.0 * poissons_ratio))
+        self.held_facets = np.asarray(held)
         self.held = np.unique(self.basis.get_dofs(held).flatten())
         every = 3 * self.held[:, None] + np.arange(3)
         self.free = np.setdiff1d(np.arange(3 * self.basis.N), every.ravel())
@@ -113,25 +116,72 @@ class Solid:
         """The factorised matrix of what is free to move."""
         return Factor(self.stiffness[self.free][:, self.free])
 
-    def solve(self, loads: Floats) -> Floats:
-        """Displacement (unknown, k) for loads (unknown, k) [N]."""
-        out = np.zeros(loads.shape)
+    def solve(self, loads: Floats, moved: Floats | None = None) -> Floats:
+        """Displacement (unknown, k) for loads (unknown, k) [N], where what is held is ``moved`` (unknown, k) [m], by default not at all."""
+        out = np.zeros(loads.shape) if moved is None else moved.copy()
+        if moved is not None:
+            loads = loads - self.stiffness @ moved
         out[self.free] = self.factor.solve(loads[self.free])
         return out
 
-    def at(self, points: Floats) -> tuple[Index, LocalFields]:
-        """Nodes (local, point) of the elements that hold points (axis, point), and what their unknowns do to the fields there."""
-        finder = self.mesh.element_finder()
-        cells = np.asarray(finder(*points))
-        local = self.basis.mapping.invF(points[:, :, None], tind=cells)
-        functions = [self.element.gbasis(self.basis.mapping, local, i, tind=cells)[0] for i in range(len(self.dofs))]
-        count = points.shape[1]
-        values = np.stack([np.broadcast_to(np.asarray(f), (count, 1))[:, 0] for f in functions])
-        gradients = np.stack([np.broadcast_to(f.grad, (3, count, 1))[:, :, 0] for f in functions])
+    @cached_property
+    def _held_mass(self) -> Any:
+        """Factorised matrix of the products of the functions of the held nodes on their facets."""
+        basis = FacetBasis(self.mesh, self.element, facets=self.held_facets, intorder=6)
+        place = np.full(self.basis.N, -1, dtype=np.intp)
+        place[self.held] = np.arange(len(self.held))
+        nodes = place[np.asarray(basis.element_dofs)]  # (local, facet): -1 of those that are not on it
+        values = np.stack([np.broadcast_to(np.asarray(f[0]), basis.dx.shape) for f in basis.basis])
+        entries = np.einsum("ifq,jfq,fq->ijf", values, values, basis.dx, optimize=True)
+        rows, columns = np.broadcast_arrays(nodes[:, None], nodes[None])
+        there = (rows >= 0) & (columns >= 0)
+        shape = (len(self.held),) * 2
+        return splu(scipy.sparse.coo_array((entries[there], (rows[there], columns[there])), shape).tocsc())
+
+    def at_held(self, points: Floats, along: Floats) -> Floats:
+        """What is held, moved so that sums over points (axis, sum, n) on it of the reactions' density ``along`` (axis, sum, n) are read (node of `held`, axis, sum).
+
+        The density t of the reactions R, M t = R with M the products of the nodes' functions, is the consistent flux, which converges faster than the
+        stress of elements (T. J. R. Hughes et al., J. Comput. Phys. 163, 467, 2000). Its value at a point is g'R with M g = N(point), and g'R is
+        the work of the loads where what is held is moved by -g.
+        """
+        sums = points.shape[1]
+        cells, local, _ = self.places.find(points.reshape(3, -1))
+        values = monomials(local)[0] @ polynomials(self.element, len(self.dofs))  # (point, local)
+        place = np.full(self.basis.N, -1, dtype=np.intp)
+        place[self.held] = np.arange(len(self.held))
+        nodes = place[self.dofs[:, cells]].T
+        right = np.zeros((3, len(self.held) * sums))
+        column = np.repeat(np.arange(sums), points.shape[2])
+        there = nodes >= 0
+        flat = (nodes * sums + column[:, None])[there]
+        for axis, weights in enumerate(along.reshape(3, -1)):
+            right[axis] = np.bincount(flat, (values * weights[:, None])[there], right.shape[1])
+        right = right.reshape(3, len(self.held), sums).transpose(1, 0, 2)
+        return np.asarray(self._held_mass.solve(right.reshape(len(self.held), -1)).reshape(right.shape))
+
+    @cached_property
+    def places(self) -> Places:
+        """What finds points in the mesh."""
+        return Places(self.mesh, self.hexahedra)
+
+    def at(self, points: Floats, axes: Floats | None = None) -> tuple[Index, LocalFields]:
+        """Nodes (local, point) of the elements that hold points (axis, point), and what their unknowns do to the fields there.
+
+        Fields are along ``axes`` (point, component, axis), by default those of the mesh. A point a little outside is taken into the nearest element.
+        """
+        cells, local, _ = self.places.find(points)
+        functions = polynomials(self.element, len(self.dofs))
+        powers, slopes = monomials(local)
+        where, jacobian = self.places.mapped(local, cells)
+        values = (powers @ functions).T  # (local, point)
+        inverse = np.linalg.inv(jacobian)  # (point, local axis, axis)
+        gradients = np.einsum("nmb,ml,nba->lan", slopes, functions, inverse, optimize=True)
         middle, size, project = self._projection
-        pressures = self._pressures((points - middle[:, cells]) / size[cells])
+        pressures = self._pressures((where - middle[:, cells]) / size[cells])
         volume = np.einsum("mp,pmia->pia", pressures, project[cells])
-        return self.dofs[:, cells], LocalFields(values, gradients, volume, self.shear, self.bulk)
+        turn = np.broadcast_to(np.eye(3), (len(cells), 3, 3)) if axes is None else axes
+        return self.dofs[:, cells], LocalFields(values, gradients, volume, self.shear, self.bulk, turn)
 
     def surface_load(self, facets: Index, pressure: float) -> Floats:
         """Loads (unknown,) of a uniform pressure on facets, along their normals into the solid."""
@@ -149,23 +199,25 @@ class Solid:
 
 
 class LocalFields:
-    """Fields at points per unit of the unknowns of the element there, arrays (point, local, axis): `palpate.elastic.channels.Fields`."""
+    """Fields at points per unit of the unknowns of the element there, arrays (point, local, axis): `palpate.elastic.channels.Fields`.
 
-    def __init__(self, values: Floats, gradients: Floats, volume: Floats, shear: float, bulk: float) -> None:
-        self._values, self._gradients, self._volume = values.T, gradients, volume
+    Components are along ``axes`` (point, component, axis) of each point; unknowns are along those of the mesh.
+    """
+
+    def __init__(
+        self, values: Floats, gradients: Floats, volume: Floats, shear: float, bulk: float, axes: Floats
+    ) -> None:
+        self._values, self._volume, self._axes = values.T, volume, axes
+        self._gradients = np.einsum("lap,pja->pjl", gradients, axes, optimize=True)  # along each component
         self._shear, self._bulk = shear, bulk
 
     def displacement(self, i: str) -> Floats:
         """u_i."""
-        out = np.zeros((*self._values.shape, 3))
-        out[..., "xyz".index(i)] = self._values
-        return out
+        return self._values[..., None] * self._axes[:, None, "xyz".index(i)]
 
     def gradient(self, i: str, j: str) -> Floats:
         """du_i/dx_j."""
-        out = np.zeros((*self._values.shape, 3))
-        out[..., "xyz".index(i)] = self._gradients[:, "xyz".index(j)].T
-        return out
+        return self._gradients[:, "xyz".index(j), :, None] * self._axes[:, None, "xyz".index(i)]
 
     def strain(self, ij: str) -> Floats:
         """Strain, compression positive."""
@@ -187,8 +239,6 @@ class Factor:
         try:
             from pypardiso import PyPardisoSolver
         except ImportError:
-            from scipy.sparse.linalg import splu
-
             order = {"SymmetricMode": True}
             self._lu: Any = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=order)
             self._solver: Any = None

@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from palpate._extras import require as require_library
 from palpate._memory import require
@@ -22,10 +23,14 @@ from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.pad import Complexes, Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import AreaArray, Array, ScatteredArray
+from palpate.sensing.curved import Chart, CurvedGrid, SphereChart
 from palpate.sensing.grids import AreaGrid, Grid, check_length
 from palpate.sensing.kernels import aperture_rule
 from palpate.sensing.maps import LinearMap, MatrixMap
 from palpate.sensing.surface import default_surface
+from palpate.solid import making
+from palpate.solid.charts import PlaneChart
+from palpate.solid.making import FLAT, LARGEST, THROUGH
 
 if TYPE_CHECKING:
     from palpate.solid.elasticity import Solid
@@ -36,28 +41,33 @@ Index = npt.NDArray[np.intp]
 
 #: Largest Poisson's ratio: the matrix's condition grows as 1/(1 - 2 nu), and incompressible gels differ from this one by 0.06 % of their stiffness.
 LARGEST_RATIO = 0.4999
-#: Elements through the thickness where nothing is said: the base's stress under a ball of 1.5 thicknesses is then within 2 % of a layer's
-#: (benchmarks/solid.py).
-THROUGH = 4
-#: Unknowns from which a mesh is refused: the factor of 400,000 takes 10 GB.
-LARGEST = 400_000
-#: A surface flatter than this part of the pad's width is a plane.
-FLAT = 1e-6
+#: A sensing element further outside the mesh than this part of an element lies beside the pad: curved surfaces leave the mesh of flat facets by 0.02.
+OUTSIDE = 0.1
+#: Components of traction that channels on a rigid base are.
+ON_BASE = {"stress_xz": 0, "stress_yz": 1, "stress_zz": 2}
+#: The density of the base's reactions is too large at corners of elements and too small between them, or the other way round, by 5 % where elements are
+#: half a thickness wide (benchmarks/solid.py). A reading is the sum over places around it (in elements) with the weights that cancel what alternates so, and keep
+#: polynomials up to third degree.
+EVENED = ((-1.0, -1 / 16), (-0.5, 1 / 4), (0.0, 5 / 8), (0.5, 1 / 4), (1.0, -1 / 16))
 #: What is kept of fields at the surface [bytes].
 KEPT = 2_000_000_000
-#: Cells along an axis, at most, that are chosen for a patch.
-CELLS = 48
+#: Cells along an axis, at most, that are chosen for a patch; and up to which an endless pad's cells are halved: these are refined by convolution where a
+#: contact is small, and the error of cells as wide as a contact would be explained by pressure at the sides (a ball that reads 1.6 N of 1 N then reads 1.0 N).
+CELLS, HALVED = 48, 24
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SolidPad:
-    """A pad that ends: an isotropic solid, glued to a rigid base, whose plane upper surface can be touched.
+    """A pad that ends or bends: an isotropic solid, glued to a rigid base, with a surface that can be touched.
 
-    Make it with `box` or `from_mesh`. It goes where `HalfSpace` and `BondedLayers` go; what reads in it is worked out by finite elements, by one
+    Make it with `box`, `dome`, `bend` or `from_mesh`. It goes where `HalfSpace` and `BondedLayers` go; what reads in it is worked out by finite elements, by one
     solve for each reading (of the adjoint problem: what a unit load at the sensor does to the surface), and kept. `save` and `load` keep it for
     another run. It needs the extra ``palpate[solid]``; where pypardiso is installed, its solver is used.
 
-    Coordinates are those of every pad: z = 0 is the surface that is touched and z grows into the pad, x and y as the array has them.
+    Coordinates are those of every pad: z grows into the pad, and the top of the surface that is touched lies at z = 0. On a curved surface the coordinates x and
+    y of cells and sensors are those of its chart, which lays it out flat; a sensor's depth is measured along the normal there. Traction has its
+    components along two tangents ("x", "y": those of the top, carried along) and along the normal ("z", the pressure). Net force and moment are vectors in
+    the pad's own axes.
 
     Attributes
     ----------
@@ -70,6 +80,12 @@ class SolidPad:
         [Pa].
     poissons_ratio : float
         0 to 0.4999.
+    chart : Chart, optional
+        What lays a curved contact surface out flat (`palpate.sensing.Chart`); None for a rectangle in the plane z = 0.
+    curved : bool
+        Whether vertices hold the quadratic nodes of curved elements, in scikit-fem's order (MeshHex2, MeshTet2).
+    readings_along : "surface" or "pad"
+        Axes of the channels: on a curved pad ``displacement_x`` is along the tangent there, or with "pad" along the pad's own x axis, as a camera sees it.
 
     Raises
     ------
@@ -85,7 +101,7 @@ class SolidPad:
     >>> array = pp.AreaArray(shape=(3, 3), pitch=2e-3, depth="base", channels=["stress_zz"], noise=20.0)
     >>> skin = pp.Skin(pad, array)
     >>> skin.surface.shape  # the whole upper side, and no more
-    (4, 4)
+    (8, 8)
 
     >>> ball = pp.solutions.hertz_point(contact_radius=1e-3, force=0.2).shifted(3e-3, 0.0)  # a millimetre from the side
     >>> float(skin.reconstruct(skin.sense(ball)).force[2]).__round__(1)
@@ -113,9 +129,14 @@ class SolidPad:
     contact: Index
     youngs_modulus: float
     poissons_ratio: float
+    chart: Chart | None = None
+    curved: bool = False
+    readings_along: Literal["surface", "pad"] = "surface"
 
     def __post_init__(self) -> None:
         require_library("solid pads", "skfem")
+        if self.readings_along not in ("surface", "pad"):
+            raise InvalidInput(f'readings_along must be "surface" or "pad"; got {self.readings_along!r}.')
         check_length("youngs_modulus", self.youngs_modulus)
         nu = self.poissons_ratio
         if isinstance(nu, bool) or not isinstance(nu, int | float) or not 0.0 <= nu <= LARGEST_RATIO:
@@ -142,11 +163,13 @@ class SolidPad:
             raise InvalidInput(
                 f"the pad is {width:g} m wide. Lengths are in metres: of a mesh in millimetres give scale=1e-3."
             )
+        if self.chart is not None:
+            return
         top = points[np.unique(self.contact), 2]
         if np.abs(top).max() > FLAT * width:
             raise InvalidInput(
-                f"the surface that is touched must be the plane z = 0; it reaches from z = {top.min():g} to {top.max():g} m. Curved surfaces are not "
-                "served; of a plane one move the mesh (SolidPad.from_mesh does so)."
+                f"without a chart= the surface that is touched must be the plane z = 0; it reaches from z = {top.min():g} to {top.max():g} m. Make pads with "
+                "curved surfaces by SolidPad.dome, SolidPad.bend or SolidPad.from_mesh."
             )
         if float(points[:, 2].max()) <= 0.0 or float(points[:, 2].min()) < -FLAT * width:
             raise InvalidInput(
@@ -188,39 +211,89 @@ class SolidPad:
         >>> gel.elements.shape, gel.thickness
         ((2100, 8), 0.004)
         """
-        sizes = [check_length(n, v) for n, v in (("length", length), ("width", width), ("thickness", thickness))]
-        step = check_length("element", element) if element is not None else sizes[2] / THROUGH
-        if base != "bonded" or sides not in ("free", "bonded"):
-            raise InvalidInput(
-                f'base must be "bonded" and sides "free" or "bonded"; got base={base!r}, sides={sides!r}.'
-            )
-        counts = [max(1, round(s / step)) for s in sizes]
-        if 24.0 * math.prod(counts) > LARGEST:
-            raise Unsupported(
-                f"a box of {' x '.join(map(str, counts))} elements has about {24 * math.prod(counts)} unknowns, and at most {LARGEST} are served. Give "
-                f"a larger element= (here {step:g} m)."
-            )
-        require_library("solid pads", "skfem")
-        from skfem import MeshHex
+        made = making.box(length, width, thickness, base=base, sides=sides, element=element)
+        return cls(**made, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio)
 
-        axes = [np.linspace(-0.5 * s, 0.5 * s, n + 1) for s, n in zip(sizes[:2], counts)]
-        mesh = MeshHex.init_tensor(*axes, np.linspace(0.0, sizes[2], counts[2] + 1))
-        tiny = 1e-6 * sizes[2] / counts[2]
+    @classmethod
+    def dome(
+        cls,
+        radius: float,
+        thickness: float,
+        *,
+        youngs_modulus: float,
+        poissons_ratio: float,
+        height: float | None = None,
+        base: Literal["bonded"] = "bonded",
+        sides: Literal["free", "bonded"] = "free",
+        element: float | None = None,
+        readings_along: Literal["surface", "pad"] = "surface",
+    ) -> SolidPad:
+        """A fingertip: a shell of one thickness on a rigid round core, whose top lies at x = y = z = 0.
 
-        def held(x: Floats) -> npt.NDArray[np.bool_]:
-            bottom = x[2] > sizes[2] - tiny
-            if sides == "free":
-                return bottom
-            return bottom | (np.abs(x[0]) > 0.5 * sizes[0] - tiny) | (np.abs(x[1]) > 0.5 * sizes[1] - tiny)
+        Coordinates of cells and sensors are those of `palpate.sensing.SphereChart`: the cap laid out flat with its areas kept.
 
-        return cls(
-            vertices=np.ascontiguousarray(mesh.p.T),
-            elements=np.ascontiguousarray(mesh.t.T),
-            base=mesh.facets[:, mesh.facets_satisfying(held, boundaries_only=True)].T,
-            contact=mesh.facets[:, mesh.facets_satisfying(lambda x: x[2] < tiny, boundaries_only=True)].T,
-            youngs_modulus=youngs_modulus,
-            poissons_ratio=poissons_ratio,
-        )
+        Parameters
+        ----------
+        radius, thickness : float
+            Of the outer surface, and of the shell [m].
+        height : float, optional
+            From the rim to the top of the outer surface [m]; by default the radius: a half sphere.
+        base : "bonded"
+            The inner surface is glued to what is rigid.
+        sides : "free" or "bonded"
+            What holds the rim.
+        element : float, optional
+            Size of an element [m]; by default a third of the thickness.
+        readings_along : "surface" or "pad"
+            See the class.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> tip = pp.SolidPad.dome(8e-3, 3e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=3e-3)
+        >>> tip.elements.shape, tip.thickness.__round__(6)
+        ((96, 8), 0.003)
+        """
+        made = making.dome(radius, thickness, height=height, base=base, sides=sides, element=element)
+        return cls(**made, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio, readings_along=readings_along)
+
+    @classmethod
+    def bend(
+        cls,
+        radius: float,
+        length: float,
+        width: float,
+        thickness: float,
+        *,
+        youngs_modulus: float,
+        poissons_ratio: float,
+        base: Literal["bonded"] = "bonded",
+        sides: Literal["free", "bonded"] = "free",
+        element: float | None = None,
+        readings_along: Literal["surface", "pad"] = "surface",
+    ) -> SolidPad:
+        """A sheet bent about an axis along y, on a rigid core.
+
+        Coordinates of cells and sensors are those of `palpate.sensing.CylinderChart`: the sheet unrolled.
+
+        Parameters
+        ----------
+        radius : float
+            Of the surface that is touched [m]; positive outside of a bend (a finger), negative inside it (a crook).
+        length, width, thickness : float
+            Along the arc, along y and through [m].
+        base, sides, element, readings_along
+            See `dome`.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> crook = pp.SolidPad.bend(-15e-3, 20e-3, 10e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=2e-3)
+        >>> crook.elements.shape, crook.thickness.__round__(6)
+        ((50, 8), 0.002)
+        """
+        made = making.bend(radius, length, width, thickness, base=base, sides=sides, element=element)
+        return cls(**made, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio, readings_along=readings_along)
 
     @classmethod
     def from_mesh(
@@ -233,6 +306,7 @@ class SolidPad:
         poissons_ratio: float,
         scale: float = 1.0,
         turned: bool = False,
+        readings_along: Literal["surface", "pad"] = "surface",
     ) -> SolidPad:
         """A mesh of tetrahedra or hexahedra from a file that meshio reads (Gmsh's .msh, Abaqus' .inp, VTK and others).
 
@@ -244,11 +318,16 @@ class SolidPad:
             Metres to a unit of the file: 1e-3 for millimetres.
         turned : bool
             Turn the mesh by 180 degrees about its x axis: for files whose z points out of the pad.
+        readings_along : "surface" or "pad"
+            See the class.
+
+        The mesh is moved along z until the uppermost point of the contact surface lies at z = 0. A contact surface that is a cap of a sphere around the z axis
+        is laid out as `dome` does; any other one by x and y, as it is seen from above.
 
         Raises
         ------
         InvalidInput
-            A file that cannot be read, or has no such surface; a contact surface that is not plane.
+            A file that cannot be read, or has no such surface; a contact surface so steep that it cannot be seen from above.
 
         Examples
         --------
@@ -257,45 +336,22 @@ class SolidPad:
         ...     "gel.msh", base="glued", contact="skin", youngs_modulus=2e5, poissons_ratio=0.48, scale=1e-3
         ... )
         """
-        require_library("solid pads", "skfem")
-        require_library("mesh files", "meshio")
-        from skfem import Mesh
-
-        path = Path(path)
-        if not path.is_file():
-            raise InvalidInput(f"{path}: there is no such file.")
-        try:
-            mesh = Mesh.load(str(path))
-        except Exception as error:  # meshio's readers raise what they like
-            raise InvalidInput(f"{path} is no mesh that meshio reads ({error}). Export it as Gmsh's .msh.") from error
-        names = dict(mesh.boundaries or {})
-        for key, name in (("base", base), ("contact", contact)):
-            if name not in names:
-                known = ", ".join(sorted(names)) or "none"
-                raise InvalidInput(
-                    f"{path} has no surface named {name!r} ({key}); it has {known}. Name surfaces in the mesher (physical groups of Gmsh)."
-                )
-        points = check_length("scale", scale) * np.asarray(mesh.p, dtype=np.float64).T
-        if turned:
-            points = points * np.array([1.0, -1.0, -1.0])
-        facets = {n: np.asarray(mesh.facets)[:, np.asarray(names[n], dtype=int)].T for n in (base, contact)}
-        points[:, 2] -= float(points[np.unique(facets[contact]), 2].mean())
-        corners = np.asarray(mesh.t).T
-        return cls(
-            vertices=points,
-            elements=corners,
-            base=facets[base],
-            contact=facets[contact],
-            youngs_modulus=youngs_modulus,
-            poissons_ratio=poissons_ratio,
-        )
+        made = making.from_file(path, base=base, contact=contact, scale=scale, turned=turned)
+        return cls(**made, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio, readings_along=readings_along)
 
     # -- as every pad --------------------------------------------------------------------------------------------------
 
     @property
     def thickness(self) -> float:
-        """Depth of the deepest point of what is rigid [m]."""
-        return float(self.vertices[np.unique(self.base), 2].max())
+        """Depth of the deepest point of what is rigid below the surface that is touched [m]."""
+        return self._thickness
+
+    @cached_property
+    def _thickness(self) -> float:
+        base, top = self.vertices[np.unique(self.base)], self.vertices[np.unique(self.contact)]
+        if self.chart is None:
+            return float(base[:, 2].max())
+        return float(cKDTree(top).query(base)[0].max())
 
     @cached_property
     def endless(self) -> BondedLayers:
@@ -327,26 +383,54 @@ class SolidPad:
 
     @property
     def outline(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Lowest and highest x, and lowest and highest y, of the surface that can be touched [m]."""
+        """Lowest and highest x, and lowest and highest y, of the surface that can be touched, in its chart [m]."""
+        if self.chart is not None:
+            return self.chart.outline
         top = self.vertices[np.unique(self.contact)]
         (x0, y0), (x1, y1) = top[:, :2].min(axis=0), top[:, :2].max(axis=0)
         return (float(x0), float(x1)), (float(y0), float(y1))
 
     def patch(self, planes: Sequence[Array]) -> Grid:
-        """The whole surface that can be touched, in cells about as wide as an endless pad would have under these arrays."""
+        """The whole surface that can be touched, in cells half as wide as an endless pad would have under these arrays, or as wide where they are many."""
         self._check(planes)
         usual = default_surface(planes, thickness=self.thickness)
         counts, widths, middles = [], [], []
         for (low, high), spacing in zip(reversed(self.outline), usual.spacings):
-            count = min(max(2, round((high - low) / spacing)), CELLS)
+            count = max(2, round((high - low) / spacing))
+            count = min(2 * count if 2 * count <= HALVED else count, CELLS)
             counts.append(count)
             widths.append((high - low) / count)
             middles.append(0.5 * (low + high))
-        return AreaGrid(shape=(counts[0], counts[1]), spacing=(widths[0], widths[1]), center=(middles[1], middles[0]))
+        return self.grid(shape=(counts[0], counts[1]), spacing=(widths[0], widths[1]), center=(middles[1], middles[0]))
+
+    def grid(
+        self, *, shape: tuple[int, int], spacing: float | tuple[float, float], center: tuple[float, float] = (0.0, 0.0)
+    ) -> AreaGrid:
+        """Cells of your own on the surface that can be touched, for ``surface=`` of a skin: a `palpate.AreaGrid`, on a curved one with its chart.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> tip = pp.SolidPad.dome(8e-3, 3e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=3e-3)
+        >>> type(tip.grid(shape=(12, 12), spacing=1e-3)).__name__
+        'CurvedGrid'
+        """
+        if self.chart is None:
+            return AreaGrid(shape=shape, spacing=spacing, center=center)
+        return CurvedGrid(shape=shape, spacing=spacing, center=center, chart=self.chart)
+
+    @cached_property
+    def _surface(self) -> Chart:
+        return PlaneChart(outline=self.outline) if self.chart is None else self.chart
 
     def response(self, array: Array, surface: Grid) -> LinearMap:
         """The map of an array, from traction on the cells of a surface; what lies beside the pad reads nothing."""
         self._check([array])
+        if getattr(surface, "chart", None) != self.chart:
+            raise InvalidInput(
+                "the surface is not that of this pad, whose contact surface is curved. Leave surface out, or make one of your own cells with pad.grid(shape=, "
+                "spacing=)."
+            )
         cells, points = math.prod(surface.shape), len(array.points)
         readings = points * len(array.channels)
         top = self._top
@@ -356,10 +440,9 @@ class SolidPad:
             "Give a coarser surface, or fewer positions.",
         )
         fields = self._fields(array)
-        cell_loads = self._cell_loads(surface)
-        out = np.empty((readings, 3, cells))
-        for component in range(3):
-            out[:, component] = (cell_loads @ fields[:, component].T).T
+        out = np.zeros((readings, 3, cells))
+        for component, axis, loads in self._cell_loads(surface):
+            out[:, component] += (loads @ fields[:, axis].T).T
         found = out.reshape(points, len(array.channels), 3, *surface.shape).swapaxes(0, 1)
         return MatrixMap(np.ascontiguousarray(found), array.shape)
 
@@ -415,15 +498,28 @@ class SolidPad:
                     f"a solid pad is touched on an area, and a {type(array).__name__} is in line contact. Use AreaArray or ScatteredArray, or BondedLayers."
                 )
             (x0, x1), (y0, y1) = self.outline
-            points = array.points  # (y, x)
-            slack = 1e-6 * (x1 - x0)
-            beside = (points[:, 1] < x0 - slack) | (points[:, 1] > x1 + slack)
-            beside |= (points[:, 0] < y0 - slack) | (points[:, 0] > y1 + slack)
+            slack = 1.0 - 1e-6  # a taxel on the rim
+            y, x = ((p - m) * slack + m for p, m in zip(array.points.T, (0.5 * (y0 + y1), 0.5 * (x0 + x1))))
+            beside = ~(self._surface.frames(x, y).stretch > 0.0)
             if beside.any():
                 raise InvalidInput(
-                    f"{int(beside.sum())} of {len(points)} sensing elements lie beside the pad, which reaches from x = {x0:g} to {x1:g} m and from "
+                    f"{int(beside.sum())} of {len(x)} sensing elements lie beside the pad, whose surface reaches from x = {x0:g} to {x1:g} m and from "
                     f"y = {y0:g} to {y1:g} m. Move the array (center=), or leave them out."
                 )
+            outside = self.solid.places.find(self._at(x, y, array.depth)[0].T)[2] > OUTSIDE
+            if outside.any():
+                raise InvalidInput(
+                    f"{int(outside.sum())} of {len(x)} sensing elements lie outside the pad: it is not {array.depth:g} m deep below them. Give them in arrays "
+                    "of their own depths, or leave them out."
+                )
+
+    def _at(self, x: Floats, y: Floats, depth: Any) -> tuple[Floats, Floats]:
+        """Positions (*places, 3) below the surface along its normals, and the axes (*places, component, 3) that readings there are along."""
+        frames = self._surface.frames(x, y)
+        positions = frames.positions + np.asarray(depth)[..., None] * frames.axes[..., 2, :]
+        return positions, frames.axes if self.readings_along == "surface" else np.broadcast_to(
+            np.eye(3), frames.axes.shape
+        )
 
     @cached_property
     def _digest(self) -> str:
@@ -440,11 +536,12 @@ class SolidPad:
         >>> pad.solid.basis.N  # nodes
         1445
         """
-        from skfem import MeshHex, MeshTet
+        from skfem import MeshHex, MeshHex2, MeshTet, MeshTet2
 
         from palpate.solid.elasticity import Solid
 
-        kind = MeshHex if self.elements.shape[1] == 8 else MeshTet
+        kinds = (MeshHex2, MeshTet2) if self.curved else (MeshHex, MeshTet)
+        kind = kinds[0] if self.elements.shape[1] == 8 else kinds[1]
         mesh = kind(np.ascontiguousarray(self.vertices.T), np.ascontiguousarray(self.elements.T.astype(np.int64)))
         return Solid(mesh, self.youngs_modulus, self.poissons_ratio, self._facets(mesh, self.base))
 
@@ -466,17 +563,30 @@ class SolidPad:
         return OrderedDict()
 
     @cached_property
+    def _element(self) -> float:
+        """Width of an element, about [m]."""
+        return math.sqrt(np.ptp(self.outline[0]) * np.ptp(self.outline[1]) / len(self.contact))
+
+    @cached_property
+    def _flush(self) -> bool:
+        """Whether all that is held lies a thickness below the surface, along its normals: pressure and shear on it are those of the surface's axes."""
+        if self.chart is not None and self.readings_along == "pad":
+            return False
+        corners = self.vertices[self.base]
+        slack = 1e-3 * self.thickness
+        if self.chart is None:
+            return bool(np.abs(corners[..., 2] - self.thickness).max() < slack)
+        if isinstance(self.chart, SphereChart):
+            middle = np.array(self.chart.center) + np.array([0.0, 0.0, self.chart.radius])
+            away = np.linalg.norm(self.vertices[np.unique(self.base)] - middle, axis=1)
+            return bool(np.abs(away - (self.chart.radius - self.thickness)).max() < slack)
+        top = cKDTree(self.vertices[np.unique(self.contact)])
+        return bool(np.abs(top.query(self.vertices[np.unique(self.base)])[0] - self.thickness).max() < slack)
+
+    @cached_property
     def _beside(self) -> float:
         """How far beside a point its neighbours are looked up [m]: stress jumps where elements meet, and the mean of these is closer than each."""
         return 1e-6 * float(self.thickness) / THROUGH
-
-    def _inside(self, points: Floats) -> Floats:
-        """Points (axis, n), where they lie on the rim a little inside it: an element is to be found for each."""
-        (x0, x1), (y0, y1) = self.outline
-        tiny = 1e-9 * (x1 - x0)
-        low = np.array([x0 + tiny, y0 + tiny, tiny])[:, None]
-        high = np.array([x1 - tiny, y1 - tiny, float(self.vertices[:, 2].max()) - tiny])[:, None]
-        return np.clip(points, low, high)
 
     def _fields(self, array: Array) -> Floats:
         """(reading, axis, node of the surface): taxel by taxel, channel by channel."""
@@ -489,6 +599,7 @@ class SolidPad:
         for start in range(0, len(missing), step):
             some = missing[start : start + step]
             loads = np.zeros((3 * self.solid.basis.N, len(some)))
+            moved_base = np.zeros_like(loads) if self._flush else None
             around = [(d * self._beside, 0.5) for d in (-1.0, 1.0)]
             nodes = list(itertools.product(zip(*rules[0]), zip(*rules[1]), around, around, around))
             weights = np.array([math.prod(w for _, w in node) for node in nodes])
@@ -496,11 +607,26 @@ class SolidPad:
             for name in dict.fromkeys(str(k[3]) for k in some):
                 columns = np.array([i for i, k in enumerate(some) if k[3] == name])
                 middles = np.array([some[i][:3] for i in columns])
-                held, fields = self.solid.at(self._inside((middles[:, None] + moved).reshape(-1, 3).T))
+                flush = self._flush and name in ON_BASE and middles[0, 2] > self.thickness * (1.0 - FLAT)
+                if flush and moved_base is not None:  # pressure and shear on the base: the density of its reactions
+                    evened = [(d * self._element, w) for d, w in EVENED]
+                    spots = list(itertools.product(zip(*rules[0]), zip(*rules[1]), evened, evened))
+                    parts = np.array([math.prod(w for _, w in spot) for spot in spots])
+                    steps = np.array([[b + e, a + d] for (a, _), (b, _), (d, _), (e, _) in spots])
+                    x, y = (middles[:, None, :2] + steps).reshape(-1, 2).T
+                    positions, axes = self._at(x, y, np.full_like(x, self.thickness))
+                    shape = (3, len(columns), len(spots))
+                    along = (axes[:, ON_BASE[name]] * np.tile(parts, len(columns))[:, None]).T.reshape(shape)
+                    each = self.solid.at_held(positions.T.reshape(shape), along)
+                    moved_base.reshape(-1, 3, len(some))[np.ix_(self.solid.held, np.arange(3), columns)] = each
+                    continue
+                x, y, depth = (middles[:, None] + moved).reshape(-1, 3).T
+                positions, axes = self._at(x, y, depth)
+                held, fields = self.solid.at(positions.T, axes)
                 rows = np.asarray(find_channel(name).read(fields)) * np.tile(weights, len(columns))[:, None, None]
                 unknowns = 3 * held.T[:, :, None] + np.arange(3)
                 np.add.at(loads, (unknowns, np.repeat(columns, len(weights))[:, None, None]), rows)
-            found = self.solid.solve(loads).reshape(-1, 3, len(some))[self._top]
+            found = self.solid.solve(loads, moved_base).reshape(-1, 3, len(some))[self._top]
             for column, key in enumerate(some):
                 self._kept[key] = np.ascontiguousarray(found[:, :, column].T)
         out = np.stack([self._kept[k] for k in keys])
@@ -508,11 +634,11 @@ class SolidPad:
             self._kept.popitem(last=False)
         return out
 
-    def _cell_loads(self, surface: Grid) -> Any:
-        """Sparse (cell, node of the surface): force on each node of unit traction in a cell [m^2]."""
+    def _cell_loads(self, surface: Grid) -> Iterator[tuple[int, int, Any]]:
+        """Component of traction, axis of the pad, and sparse (cell, node of the surface): force on each node of unit traction in a cell [m^2]."""
         import scipy.sparse
 
-        element = math.sqrt(np.ptp(self.outline[0]) * np.ptp(self.outline[1]) / len(self.contact))
+        element = self._element
         axes, parts = [], []
         for x, dx in zip(surface.axes, surface.spacings):
             pieces = math.ceil(dx / element - 1e-9)
@@ -527,16 +653,29 @@ class SolidPad:
         per = [len(a) // n for a, n in zip(axes, surface.shape)]
         row, column = (np.repeat(np.arange(n), p) for n, p in zip(surface.shape, per))
         cell = (row[:, None] * surface.shape[1] + column).ravel()
-        (x0, x1), (y0, y1) = self.outline
-        on = (x > x0) & (x < x1) & (y > y0) & (y < y1)
-        shape = (math.prod(surface.shape), len(self._top))
-        if not on.any():
-            return scipy.sparse.csr_array(shape)
+        frames = self._surface.frames(x, y)
+        weight = weight * frames.stretch
+        on = np.flatnonzero(weight > 0.0)
+        if not len(on):
+            return
+        weight, cell, turn = weight[on], cell[on], frames.axes[on]
+        count = math.prod(surface.shape)
+        if self.chart is not None:  # on the rim, what net forces are summed with
+            held_there = np.bincount(cell, weight, count)
+            weight = weight * (surface.areas.ravel() / np.where(held_there > 0.0, held_there, 1.0))[cell]
         place = np.full(self.solid.basis.N, -1, dtype=np.intp)
         place[self._top] = np.arange(len(self._top))
-        held, fields = self.solid.at(self._inside(np.stack([x[on], y[on], np.zeros(int(on.sum()))])))
-        values = fields.displacement("x")[..., 0] * weight[on][:, None]  # (point, local)
-        nodes = place[held.T]
-        rows = np.broadcast_to(cell[on][:, None], nodes.shape)
-        there = nodes >= 0
-        return scipy.sparse.coo_array((values[there], (rows[there], nodes[there])), shape).tocsr()
+        held, fields = self.solid.at(frames.positions[on].T)
+        nodes, values = place[held.T], fields.displacement("x")[..., 0]  # (point, local)
+        rows, there = np.broadcast_to(cell[:, None], nodes.shape), nodes >= 0
+        made: dict[bytes, Any] = {}
+        for component, axis in itertools.product(range(3), range(3)):
+            part = weight * turn[:, component, axis]
+            if not part.any():
+                continue
+            key = part.tobytes()
+            if key not in made:
+                load = values * part[:, None]
+                entries = (load[there], (rows[there], nodes[there]))
+                made[key] = scipy.sparse.coo_array(entries, (count, len(self._top))).tocsr()
+            yield component, axis, made[key]

@@ -295,7 +295,7 @@ def _by_discrepancy(touch: Numbers, of: str, value: Floats) -> Floats:
     axes = tuple(range(-d, 0))
     total = size.sum(axis=axes)[..., None]
     if of == "force":
-        return np.asarray(share * total * touch.surface.cell)
+        return np.asarray(share * touch.surface.integral(size)[..., None])
     spreads = []
     for i, along in enumerate(reversed(touch.surface.axes)):  # x, then y
         place = along.reshape(-1, *(1,) * i)

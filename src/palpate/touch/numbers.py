@@ -32,8 +32,7 @@ class Numbers(Fields):
         return self.values[(..., self.surface.components.index(name), *(slice(None),) * d)]
 
     def _integral(self, x: Any) -> Any:
-        xp = namespace(x)
-        return xp.sum(x, axis=tuple(range(-self.surface.dimensions, 0))) * self.surface.cell
+        return self.surface.integral(x)
 
     def _coordinate(self, name: str) -> Any:
         """x or y [m], shaped to multiply a component."""
@@ -43,7 +42,10 @@ class Numbers(Fields):
 
     @property
     def force(self) -> Any:
-        """Net force (*batch, component) [N], or [N/m] on a line; NaN where `unobservable_force` says it cannot be known.
+        """Net force (*batch, axis) [N], or [N/m] on a line; NaN where `unobservable_force` says it cannot be known.
+
+        It is the vector in the pad's axes: the sum over cells of their area times p n + q_x t_x + q_y t_y, with the normal and tangents of each; of a flat pad
+        these are its axes.
 
         Examples
         --------
@@ -56,7 +58,7 @@ class Numbers(Fields):
         [0.0, 0.0, 0.1]
         """
         xp = namespace(self.values)
-        total = self._integral(self.values)
+        total = self.surface.total_force(self.values)
         if self.unobservable_force:
             lost = np.array([math.nan if c in self.unobservable_force else 0.0 for c in self.surface.components])
             total = total + from_numpy(lost, self.values)
@@ -68,7 +70,7 @@ class Numbers(Fields):
     def moment(self) -> Any:
         """Moment about the origin of the surface coordinates.
 
-        On an area (*batch, 3) [N m]: (int y p, -int x p, int (x q_y - y q_x)). On a line (*batch, 1) [N]: about y, -int x p.
+        On an area (*batch, 3) [N m]: int r x f, on a flat pad (int y p, -int x p, int (x q_y - y q_x)). On a line (*batch, 1) [N]: about y, -int x p.
         NaN where it involves a component of `unobservable_force`.
 
         Examples
@@ -81,16 +83,8 @@ class Numbers(Fields):
         >>> (pp.Touch(values, grid, ("x", "y", "z"), "tikhonov").moment * 1e3).round(3)[0].item()  # about x [N mm]
         0.5
         """
-        xp = namespace(self.values)
-        x, p = self._coordinate("x"), self._component("z")
-        about_y = -self._integral(x * p)
-        if self.surface.dimensions == 1:
-            parts, needs = [about_y], ["z"]
-        else:
-            y = self._coordinate("y")
-            spin = self._integral(x * self._component("y") - y * self._component("x"))
-            parts, needs = [self._integral(y * p), about_y, spin], ["z", "z", "xy"]
-        out = xp.stack(parts, axis=-1)
+        out = self.surface.total_moment(self.values)
+        needs = ["z"] if self.surface.dimensions == 1 else ["z", "z", "xy"]
         lost = np.array([math.nan if any(c in self.unobservable_force for c in n) else 0.0 for n in needs])
         return out + from_numpy(lost, self.values)
 

@@ -314,7 +314,7 @@ def _uncertainty(touch: Numbers) -> npt.NDArray[np.float64]:
     surface = touch.surface
     low, high = (to_numpy(side) for side in interval(touch, 0.95, "force", None))
     size = np.sqrt((to_numpy(touch.values).astype(np.float64) ** 2).sum(axis=-1 - surface.dimensions))
-    load = size.sum(axis=tuple(range(-surface.dimensions, 0))) * surface.cell
+    load = surface.integral(size)
     force = to_numpy(touch.force)
     with np.errstate(invalid="ignore"):
         side = np.maximum(high - force, force - low)

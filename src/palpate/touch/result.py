@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from palpate.sensing.arrays import Array
+
 __all__ = ["Touch"]
 
 
@@ -276,6 +278,7 @@ class Touch(Numbers):
             coords["time"] = float(self.time)
         for name, axis in zip(("x",) if d == 1 else ("y", "x"), self.surface.axes):
             coords[name] = axis
+        coords |= self.surface.labels
         out = xarray.DataArray(
             data,
             dims=[*dims, "component", *(("x",) if d == 1 else ("y", "x"))],
@@ -500,6 +503,7 @@ class Touch(Numbers):
         ax: Axes | None = None,
         seen_from: str = "inside",
         picture: Any = None,
+        taxels: Sequence[Array] = (),
     ) -> Figure:
         """A figure of pressure, shear and their uncertainty (of one ``frame`` of a batch), for a journal's page.
 
@@ -517,9 +521,14 @@ class Touch(Numbers):
             who looks at the surface sees it.
         picture : image or (image, View), optional
             The picture that it was found in, and where that lies (`palpate.camera`; default: `view`): everything is drawn over it, in its pixels.
+        taxels : sequence of arrays
+            ``skin.planes``: a dot is drawn where each taxel lies.
 
         Notes
         -----
+        On a pad with a curved surface the maps are unrolled, with the coordinates of its chart (`palpate.SolidPad`), and a last panel shows the pressure in
+        three dimensions with the net force, in the pad's axes.
+
         Arrows lie on the strongest cells first, so that none that is small is missed, and a key says their scale. Pressure of both signs has a colour map that is
         centred at zero.
 
@@ -535,7 +544,9 @@ class Touch(Numbers):
         """
         from palpate._plot import plot_touch
 
-        return plot_touch(self, frame=frame, truth=truth, title=title, ax=ax, seen_from=seen_from, picture=picture)
+        return plot_touch(
+            self, frame=frame, truth=truth, title=title, ax=ax, seen_from=seen_from, picture=picture, taxels=taxels
+        )
 
     def plot_forces(self, *, ax: Axes | None = None, events: Sequence[Any] = (), title: str | None = None) -> Figure:
         """A figure of the forces over time with their 95 % bands, and of peak pressure and (with `friction`) slip margin.

@@ -88,6 +88,7 @@ def widened(stated: Stated | None, traction: Floats, grid: Grid, share: float) -
     centre, of itself in what else is read off the ``traction`` (component, *surface).
     """
     size = np.sqrt((traction**2).sum(axis=0))
+    size = size * (grid.areas / grid.cell)
     load, axes = float(size.sum()), list(enumerate(grid.axes))
     others = [tuple(i for i, _ in axes if i != j) for j, _ in axes]
     place = [float(x @ size.sum(axis=o)) / load for (_, x), o in zip(axes, others)]

@@ -70,18 +70,19 @@ def unconverged(estimator: ConstrainedEstimator, solution: Iteration, errors: Er
     if region is None or change is None:
         return errors
     rows, center, _ = _rows(estimator, solution)
+    grid = estimator.operator.surface
     moved = COUNTS * np.abs(rows.reshape(len(rows), -1) @ change.ravel())
-    c = len(change)
     traction = errors.traction.reshape(len(errors.traction), -1).copy()
     place = np.asarray(estimator.columns)[:, None], region.cells[None, :]
     traction[place] = np.hypot(traction[place], COUNTS * np.abs(change))
     force = errors.force.copy()
-    force[list(estimator.columns)] = np.hypot(force[list(estimator.columns)], moved[:c])
+    axes = list(grid.force_axes(estimator.columns))
+    force[axes] = np.hypot(force[axes], moved[: len(axes)])
     return replace(
         errors,
         traction=traction.reshape(errors.traction.shape),
         force=force,
-        moment=np.hypot(errors.moment, moved[c : len(rows) - center]),
+        moment=np.hypot(errors.moment, moved[len(axes) : len(rows) - center]),
         center=np.hypot(errors.center, moved[len(rows) - center :]),
         peak=np.asarray(np.hypot(errors.peak, COUNTS * float(np.abs(change[-1]).max(initial=0.0)))),
     )
@@ -94,18 +95,12 @@ def _rows(estimator: ConstrainedEstimator, solution: Iteration) -> tuple[Floats,
         raise RuntimeError("there is no contact")
     c, n = traction.shape
     kept = estimator.inside.ravel()[region.cells].astype(np.float64)
-    cell = grid.cell * kept
     places = np.unravel_index(region.cells, grid.shape)
     axes = [axis[p] for axis, p in zip(grid.axes, places)][::-1]  # x, then y
-    force = np.zeros((c, c, n))
-    force[np.arange(c), np.arange(c)] = cell
-    moment = np.zeros((1 if len(axes) == 1 else 3, c, n))
-    if len(axes) == 1:
-        moment[0, -1] = -axes[0] * cell
-    else:
-        moment[0, -1], moment[1, -1] = axes[1] * cell, -axes[0] * cell
-        if c == 3:
-            moment[2, 0], moment[2, 1] = -axes[1] * cell, axes[0] * cell
+    force, moment = (
+        rows.reshape(*rows.shape[:2], -1)[..., region.cells] * kept
+        for rows in (grid.force_rows(estimator.columns), grid.moment_rows(estimator.columns))
+    )
     p = traction[-1] * kept
     total = float(p.sum()) or 1.0
     center = np.zeros((len(axes), c, n))

@@ -94,7 +94,7 @@ class Answer:
             low,
             high,
             status.known and status is not Status.UNEXPLAINED,
-            float(size.sum()) * touch.surface.cell,
+            float(touch.surface.integral(size)),
             0.0 if share is None else float(np.nan_to_num(share)),
         )
 

@@ -25,7 +25,7 @@ class SlowPress:
         traction = np.zeros((len(estimator.columns), inside.size))
         traction[-1] = inside
         self._readings = estimator.explained_by(traction) / estimator.readings.std  # of 1 Pa
-        self._area = float(inside.sum()) * estimator.operator.surface.cell
+        self._area = float(inside @ estimator.operator.surface.areas.ravel())
         self._unit = "N/m" if estimator.operator.surface.dimensions == 1 else "N"
 
     def room(self, errors: Errors, drift: Floats, noise: float) -> tuple[Errors, list[str]]:

@@ -647,16 +647,16 @@ class Tracker:
             values[:] = math.nan
         elif self._touching and contact.cells is not None:
             values[np.asarray(estimator.columns)[:, None], contact.cells[None, :]] = contact.traction
-            errors, stated = contact.errors, contact.stated
-            share = learning.discrepancy.posterior
+            errors, stated, share = contact.errors, contact.stated, learning.discrepancy.posterior
             if status is Status.OVERLOAD and errors is not None:
                 errors = open_above(errors)
             self._own = values
             values = self._anchor.carried(values) if contact.pushing else values
-            self._carried = (values - self._own).sum(axis=1) * grid.cell
-            apart = self._comparison.reaching(self._carried, float(np.sqrt((values**2).sum(axis=0)).sum()) * grid.cell)
+            whole = values.reshape(-1, *grid.shape)
+            self._carried = grid.total_force(whole - self._own.reshape(whole.shape))
+            apart = self._comparison.reaching(self._carried, float(grid.integral(np.sqrt((whole**2).sum(axis=0)))))
             if apart and values.any():
-                stated = widened(stated, values.reshape(-1, *grid.shape), grid, apart)
+                stated = widened(stated, whole, grid, apart)
         else:
             errors = contact.undetected(noise)
             if errors is not None and status is Status.NO_CONTACT:

@@ -161,7 +161,10 @@ def discs(
         gram = np.empty((len(columns), c, c))
         for i, j in itertools.combinations_with_replacement(range(c), 2):
             gram[:, i, j] = gram[:, j, i] = np.einsum("pm,pm->p", columns[:, i], columns[:, j])
-        gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(c)
+        least = (
+            1e-9 * np.trace(gram, axis1=1, axis2=2) + np.finfo(np.float64).tiny
+        )  # cells beside a pad that ends read nothing
+        gram += least[:, None, None] * np.eye(c)
         found = np.linalg.solve(gram, right[..., None])[..., 0]
         found = estimator.cone.nearest(found.T).T
         rest = total - 2.0 * (found * right).sum(axis=1) + (found * (gram @ found[..., None])[..., 0]).sum(axis=1)

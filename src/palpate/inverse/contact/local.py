@@ -231,8 +231,7 @@ class LocalEstimator:
         grid, c = self.grid, len(self.columns)
         pressure = whole[-1]
         presses = self.columns[-1] == len(grid.components) - 1
-        force = np.zeros((c, c, *grid.shape))
-        force[np.arange(c), np.arange(c)] = grid.cell
+        force, axes = grid.force_rows(self.columns), list(grid.force_axes(self.columns))
         moment = moment_rows(grid)[:, list(self.columns)]
         center = np.zeros((grid.dimensions, c, *grid.shape))
         top = np.zeros((1, c, *grid.shape))
@@ -257,12 +256,11 @@ class LocalEstimator:
             if w == weights.max():
                 told[:, m.cells] = np.clip(1.0 - m.variance.reshape(c, -1) / m.prior, 0.0, 1.0)
         std = np.sqrt(variance)
-        split = np.split(std, np.cumsum([c, len(moment), grid.dimensions]))
+        split = np.split(std, np.cumsum([len(force), len(moment), grid.dimensions]))
         total = np.zeros(len(grid.components))
-        total[list(self.columns)] = np.hypot(split[0], MODEL_FORCE * np.abs(mean[:c]))
+        total[axes] = np.hypot(split[0], MODEL_FORCE * np.abs(mean[: len(force)]))
         nothing = not presses or not pressure.max() > 0
         places = np.meshgrid(*grid.axes, indexing="ij")[::-1]
-        far = grid.cell * whole * self.outside
         return Errors(
             traction=self._everywhere(np.sqrt(cells).reshape(c, *grid.shape)),
             force=total,
@@ -271,7 +269,7 @@ class LocalEstimator:
             peak=np.asarray(math.nan if not presses else split[3][0]),
             variance_reduction=self._everywhere(told.reshape(c, *grid.shape), math.nan),
             outside_traction=np.abs(whole) * self.outside,
-            outside_force=np.abs(far.reshape(len(far), -1).sum(axis=1)),
+            outside_force=np.abs(grid.total_force(whole * self.outside)),
             outside_moment=np.abs(np.tensordot(moment_rows(grid), whole * self.outside, grid.dimensions + 1)),
             outside_center=np.abs(
                 np.zeros(len(places))

@@ -89,30 +89,26 @@ class Posterior:
         if not here.any() or float(size[at].max()) < policy.extent.at_edge * float(size.max()):
             return np.zeros(len(traction)), np.zeros(len(grid.shape))
         inwards = float((loaded & ~self.outside).sum()) / float(here.sum())
-        force = grid.cell * inwards * traction[:, here].sum(axis=1)
+        force = inwards * grid.total_force(traction * here)
         places = np.meshgrid(*grid.axes, indexing="ij")[::-1]
         return force, np.array([float(np.average(x[here], weights=size[here])) for x in places])
 
     def outside_parts(self, traction: Floats) -> dict[str, Floats]:
         """The part of traction (component, *grid), and of each number, that comes from cells beyond the outermost taxels."""
         grid = self.operator.surface
-        cell = grid.cell * self.inside
+        cell = grid.areas * self.inside
         places = np.meshgrid(*grid.axes, indexing="ij")[::-1]  # x, then y
         outside = np.abs(traction) * self.outside
         p = cell * traction[-1]
         total = float(p.sum()) or 1.0
         far = cell * traction * self.outside
-        if len(places) == 1:
-            moment = [-(places[0] * far[-1]).sum()]
-        else:
-            x, y = places
-            moment = [(y * far[-1]).sum(), -(x * far[-1]).sum(), (x * far[1] - y * far[0]).sum()]
+        there = traction * (self.inside & self.outside)
         center = [((x - (x * p).sum() / total) * far[-1]).sum() / total for x in places]
         top = np.unravel_index(int(np.argmax(p)), p.shape)
         return {
             "outside_traction": outside,
-            "outside_force": np.abs(far.reshape(len(far), -1).sum(axis=1)),
-            "outside_moment": np.abs(moment),
+            "outside_force": np.abs(grid.total_force(there)),
+            "outside_moment": np.abs(grid.total_moment(there)),
             "outside_center": np.abs(center),
             "outside_peak": np.asarray(outside[-1][top]),
             "beyond_force": np.abs(self.going_on(traction)[0]),
@@ -155,13 +151,13 @@ class Posterior:
 
                 near = np.abs(scipy.ndimage.correlate(slope, _cropped(patch)[None], mode="constant"))
                 amplitude = amplitude * (1.0 + 0.5 * amplitude * near[(slice(None), *places)].max(axis=1))
-            area = float(patch.sum()) * operator.surface.cell
+            area = float(operator.surface.areas[patch].sum())
             for i, c in enumerate(self.columns):
                 std[c], force[c] = np.maximum(std[c], amplitude[i]), max(force[c], amplitude[i] * area)
         reach = max(float(np.abs(x).max()) for x in grid.axes)
         return Errors(
             std,
-            force,
+            grid.turned_errors(force, np.zeros(shape)),
             np.full(1 if grid.dimensions == 1 else 3, force.max() * reach),
             np.full(grid.dimensions, math.nan),
             np.asarray(std[-1].max()),

@@ -87,13 +87,14 @@ class Quantities:
     The numbers are those of the cells ``inside``; with ``owed`` the variances are those that are owed to a pad that is not known exactly.
     """
 
-    def __init__(self, model: ContactModel, grid: Grid, inside: Flags, *, owed: bool = False) -> None:
-        self.model, self.grid, self.inside = model, grid, inside
+    def __init__(
+        self, model: ContactModel, grid: Grid, inside: Flags, columns: Sequence[int], *, owed: bool = False
+    ) -> None:
+        self.model, self.grid, self.inside, self.columns = model, grid, inside, columns
         self._of, self._of_sums = (owed_of, owed_of_sums) if owed else (variance_of, variance_of_sums)
         level = model.level
         places = np.unravel_index(model.cells, level.grid.shape)
         self.kept = inside[tuple(p // level.ratio for p in places)].astype(np.float64)
-        self.area = level.grid.cell * self.kept
         self.axes = [axis[p] for axis, p in zip(level.grid.axes, places)][::-1]  # x, then y
 
     @cached_property
@@ -119,11 +120,20 @@ class Quantities:
 
     @property
     def totals(self) -> Floats:
-        """What sums traction up to the net force (component, component * cell)."""
-        c, n = self.model.solution.traction.shape
-        rows = np.zeros((c, c, n))
-        rows[np.arange(c), np.arange(c)] = self.area
-        return rows.reshape(c, -1)
+        """What sums traction up to the net force (axis, component * cell)."""
+        rows = self._here(self.model.level.grid.force_rows(self.columns))
+        return rows.reshape(len(rows), -1)
+
+    @property
+    def pressing(self) -> Floats:
+        """What sums the pressure up over the surface (1, component * cell)."""
+        rows = np.zeros((1, *self.model.solution.traction.shape))
+        rows[0, -1] = self.model.level.grid.areas.ravel()[self.model.cells] * self.kept
+        return rows.reshape(1, -1)
+
+    def _here(self, rows: Floats) -> Floats:
+        """Sums over the whole surface (sum, component, *surface), over the model's cells."""
+        return np.asarray(rows.reshape(*rows.shape[:2], -1)[..., self.model.cells] * self.kept)
 
     @cached_property
     def force(self) -> Quantity:
@@ -131,25 +141,18 @@ class Quantities:
 
     @cached_property
     def moment(self) -> Quantity:
-        c, n = self.model.solution.traction.shape
-        if len(self.axes) == 1:
-            rows = np.zeros((1, c, n))
-            rows[0, -1] = -self.axes[0] * self.area
-        else:
-            rows = np.zeros((3, c, n))
-            rows[0, -1], rows[1, -1] = self.axes[1] * self.area, -self.axes[0] * self.area
-            if c == 3:
-                rows[2, 0], rows[2, 1] = -self.axes[1] * self.area, self.axes[0] * self.area
-        return self._sums(rows)
+        return self._sums(self._here(self.model.level.grid.moment_rows(self.columns)))
 
     @cached_property
     def center(self) -> Quantity:
-        p = self.model.solution.traction[-1] * self.kept
+        weights = self.pressing.reshape(self.model.solution.traction.shape)[-1]
+        weights = weights / self.model.level.grid.cell
+        p = self.model.solution.traction[-1] * weights
         total = float(p.sum()) or 1.0
         center = np.array([float((x * p).sum()) / total for x in self.axes])
         rows = np.zeros((len(self.axes), *self.model.solution.traction.shape))
         for i, x in enumerate(self.axes):
-            rows[i, -1] = self.kept * (x - center[i]) / total
+            rows[i, -1] = weights * (x - center[i]) / total
         return center, self._sums(rows)[1]
 
     @cached_property
@@ -170,9 +173,9 @@ class Summary:
     def __init__(self, members: Sequence[ContactModel], posterior: Posterior) -> None:
         self.members, self.posterior, self.policy = members, posterior, posterior.policy
         self.grid = posterior.operator.surface
-        self._parts = [Quantities(m, self.grid, posterior.inside) for m in members]
+        self._parts = [Quantities(m, self.grid, posterior.inside, posterior.columns) for m in members]
         self._sure = [
-            p if m.contact is None else Quantities(m.contact, self.grid, posterior.inside)
+            p if m.contact is None else Quantities(m.contact, self.grid, posterior.inside, posterior.columns)
             for p, m in zip(self._parts, members)
         ]
         self._weights = np.array([m.weight for m in members])
@@ -197,7 +200,7 @@ class Summary:
         gains = self._by_gains()
         if gains is None and all(m.stated is None for m in models):
             return None
-        parts = [Quantities(m, self.grid, self.posterior.inside, owed=True) for m in models]
+        parts = [Quantities(m, self.grid, self.posterior.inside, self.posterior.columns, owed=True) for m in models]
 
         def owed(name: str) -> Floats:
             return np.asarray(np.tensordot(self._weights, np.stack([getattr(p, name)[1] for p in parts]), 1))
@@ -205,7 +208,7 @@ class Summary:
         traction = np.sqrt(widened(owed("traction"), self.posterior.reach))
         numbers = [np.sqrt(owed(name)) for name in ("moment", "center", "peak")]
         force = owed("force") + (0.0 if gains is None else gains)
-        return Stated(self._everywhere(traction), self._everywhere(np.sqrt(force)), *numbers)
+        return Stated(self._everywhere(traction), self._along(np.sqrt(force)), *numbers)
 
     def _by_gains(self) -> Floats | None:
         """Variance of the net force (component sought,) by gains of which nothing is said."""
@@ -217,7 +220,7 @@ class Summary:
     def largest_part(self) -> float:
         """The part of the normal force that one reading alone tells, by the leading model."""
         first = self._sure[0]
-        total = first.totals[-1:]
+        total = first.pressing
         force = float((total @ first.model.solution.traction.ravel())[0])
         if not force > 0.0:
             return 0.0
@@ -249,16 +252,28 @@ class Summary:
     def force(self) -> Floats:
         policy = self.policy
         total, variance = self._mixed("force")
-        hidden = np.full(len(total), self.posterior.ambiguity[0])
+        hidden = np.full(len(self.posterior.columns), self.posterior.ambiguity[0])
         hidden[-1] = math.hypot(self.posterior.ambiguity[1], self.doubted)
+        hidden = self.grid.turned_errors(hidden, self.mean)
         large = any(m.data.at_size for m in self.members)
         known = policy.errors.force_at_size if large else policy.errors.force
-        least = np.maximum(known * np.abs(total), hidden * abs(total[-1]))
+        least = np.maximum(known * np.abs(total), hidden * self._normal_force())
         if self.alike:
             variance = variance + np.minimum(
                 (policy.errors.alike**2 - 1.0) * variance, (policy.errors.most_alike * np.linalg.norm(total)) ** 2
             )
-        return self._everywhere(np.sqrt(variance + least**2))
+        return self._along(np.sqrt(variance + least**2))
+
+    def _normal_force(self) -> float:
+        """Size of the sum of the pressure over the surface [N]."""
+        each = [float((p.pressing @ p.model.solution.traction.ravel())[0]) for p in self._parts]
+        return abs(float(self._weights @ each))
+
+    def _along(self, force: Floats) -> Floats:
+        """Of every axis, what is known of the axes of `Grid.force_axes`."""
+        out = np.zeros(len(self.grid.components))
+        out[list(self.grid.force_axes(self.posterior.columns))] = force
+        return out
 
     def moment(self) -> Floats:
         force, place = self._beyond

@@ -83,26 +83,19 @@ def finest(spectrum: Spectrum, power: Floats) -> Floats:
 
 def moment_rows(grid: Grid) -> Floats:
     """The moments as sums over cells (moment, component, *surface)."""
-    d, cell = grid.dimensions, grid.cell
-    places = np.meshgrid(*grid.axes, indexing="ij")[::-1]  # x, then y
-    out = np.zeros((1 if d == 1 else 3, d + 1, *grid.shape))
-    if d == 1:
-        out[0, 1] = -places[0] * cell
-    else:
-        x, y = places
-        out[0, 2], out[1, 2] = y * cell, -x * cell
-        out[2, 0], out[2, 1] = -y * cell, x * cell
-    return out
+    return grid.moment_rows(range(len(grid.components)))
 
 
 def center_rows(grid: Grid, pressure: Floats) -> Floats:
     """Changes of the centre of pressure with the ``pressure`` of a frame (axis, *surface); 0 where nothing presses."""
     places = np.stack(np.meshgrid(*grid.axes, indexing="ij")[::-1])
     inside = np.where((pressure > CONTACT * pressure.max()) & (pressure.max() > 0), pressure, 0.0)
+    areas = grid.areas / grid.cell
+    inside = inside * areas
     total = inside.sum()
     if not total > 0:
         return np.zeros_like(places)
-    return np.stack([(inside > 0) * (x - (x * inside).sum() / total) / total for x in places])
+    return np.stack([(inside > 0) * areas * (x - (x * inside).sum() / total) / total for x in places])
 
 
 class Variances:
@@ -132,10 +125,7 @@ class Variances:
     @cached_property
     def force(self) -> tuple[Floats, Floats]:
         """See `Spectrum.sums`: the net force of each component sought."""
-        n = len(self.columns)
-        rows = np.zeros((n, n, *self.grid.shape))
-        rows[np.arange(n), np.arange(n)] = self.grid.cell
-        return self.spectrum.sums(rows)
+        return self.spectrum.sums(self.grid.force_rows(self.columns))
 
     @cached_property
     def moment_rows(self) -> Floats:
@@ -299,12 +289,11 @@ class Source:
 
     def force(self) -> Floats:
         grid, columns = self.variances.grid, list(self.variances.columns)
-        rows = np.zeros((len(columns), len(columns), *grid.shape))
-        rows[np.arange(len(columns)), np.arange(len(columns))] = grid.cell
-        variance = self._summed("force", rows)
-        total = self._all[:, columns].reshape(len(variance), len(columns), -1).sum(axis=-1) * grid.cell
+        variance = self._summed("force", grid.force_rows(columns))
+        axes = list(grid.force_axes(columns))
+        total = grid.total_force(self._all)[:, axes]
         out = np.zeros((len(variance), len(grid.components)))
-        out[:, columns] = np.sqrt(variance + (MODEL_FORCE * total) ** 2)
+        out[:, axes] = np.sqrt(variance + (MODEL_FORCE * total) ** 2)
         out[:, [c for c, seen in zip(columns, self.variances.mean_seen) if not seen]] = math.nan
         return self._batched(out)
 
@@ -395,16 +384,10 @@ class Source:
         return self._batched(np.abs(self._all) * self.variances.outside)
 
     def outside_force(self) -> Floats:
-        return self._batched(np.abs(self._far.reshape(*self._far.shape[:2], -1).sum(axis=-1)))
+        return self._batched(np.abs(self.variances.grid.total_force(self._far)))
 
     def outside_moment(self) -> Floats:
-        far, places = self._far, self._places
-        if len(places) == 1:
-            parts = [-(places[0] * far[:, -1])]
-        else:
-            x, y = places
-            parts = [y * far[:, 2], -x * far[:, 2], x * far[:, 1] - y * far[:, 0]]
-        return self._batched(np.abs(np.stack([p.reshape(len(p), -1).sum(axis=1) for p in parts], axis=1)))
+        return self._batched(np.abs(self.variances.grid.total_moment(self._far)))
 
     def outside_center(self) -> Floats:
         out = np.zeros((self._count, len(self._places)))
@@ -474,8 +457,8 @@ class Source:
 
     @property
     def _far(self) -> Any:
-        """Force (frame, component, *surface) of the cells outside the outermost taxels."""
-        return self.variances.grid.cell * self._all * self.variances.outside
+        """Traction (frame, component, *surface) of the cells outside the outermost taxels."""
+        return self._all * self.variances.outside
 
     @property
     def _places(self) -> Any:

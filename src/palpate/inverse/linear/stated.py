@@ -101,13 +101,12 @@ def deviations(directions: Floats, traction: Floats, grid: Grid) -> Stated:
         return np.asarray(np.sqrt((values**2).sum(axis=0)))
 
     d = grid.dimensions
-    every = tuple(range(-d, 0))
     pressure = traction[-1]
     moments = np.tensordot(directions, moment_rows(grid), (range(1, d + 2), range(1, d + 2)))
     centers = np.tensordot(directions[:, -1], center_rows(grid, pressure), (range(1, d + 1), range(1, d + 1)))
     return Stated(
         traction=size(directions),
-        force=size(grid.cell * directions.sum(axis=every)),
+        force=size(grid.total_force(directions)),
         moment=size(moments),
         center=size(centers),
         peak=size(directions[:, -1].reshape(len(directions), -1)[:, int(np.argmax(pressure))]),

@@ -1,0 +1,133 @@
+"""Places in a mesh: which element holds a point, and where in it.
+
+scikit-fem's own finders take a mesh of flat facets, and refuse a point that lies a little outside. On a curved solid points of the surface do: they are
+taken into the nearest element.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from palpate._threads import cached_property
+from palpate.elastic.pad import Floats
+
+__all__ = ["Places", "monomials", "polynomials"]
+
+Index = npt.NDArray[np.intp]
+
+#: Elements that are tried for a point: those whose middles are nearest; all around a vertex, where some are four times as long as wide.
+TRIED = 24
+#: And where none of these holds it.
+TRIED_MORE = 200
+#: Newton's steps to the place in an element: it converges quadratically, an element being close to a parallelepiped.
+STEPS = 12
+#: A point this far outside of an element, in parts of it, is held by it.
+HELD = 1e-6
+#: Further out than this, more elements are tried: quadratic elements of a sphere's quarter in two leave 3e-3.
+FAR = 0.02
+#: Points whose elements are sought at a time.
+TOGETHER = 20_000
+
+
+class Places:
+    """Finds points in a mesh of scikit-fem."""
+
+    def __init__(self, mesh: Any, hexahedra: bool) -> None:
+        self.mesh, self.hexahedra = mesh, hexahedra
+        nodes = np.asarray(mesh.doflocs)[:, np.asarray(mesh.dofs.element_dofs)]  # (axis, local, element)
+        self._polynomials = np.einsum("ml,ale->eam", polynomials(mesh.elem(), nodes.shape[1]), nodes)
+
+    @cached_property
+    def _tree(self) -> Any:
+        corners = np.asarray(self.mesh.doflocs)[:, np.asarray(self.mesh.t)]
+        return cKDTree(corners.mean(axis=1).T)
+
+    def find(self, points: Floats) -> tuple[Index, Floats, Floats]:
+        """Of points (axis, n): their elements, the places in these (axis, n), and how far outside each point lies, in parts of its element (n,)."""
+        cells = np.empty(points.shape[1], dtype=np.intp)
+        local, outside = np.empty(points.shape), np.empty(points.shape[1])
+        for start in range(0, points.shape[1], TOGETHER):
+            here = slice(start, start + TOGETHER)
+            cells[here], local[:, here], outside[here] = self._nearest(points[:, here], TRIED)
+        lost = np.flatnonzero(outside > FAR)
+        count = len(np.asarray(self.mesh.t).T)
+        if len(lost) and count > TRIED:
+            step = max(1, TOGETHER * TRIED // TRIED_MORE)
+            for start in range(0, len(lost), step):
+                some = lost[start : start + step]
+                cells[some], local[:, some], outside[some] = self._nearest(points[:, some], TRIED_MORE)
+        return cells, self._clamped(local), outside
+
+    def _nearest(self, points: Floats, tried: int) -> tuple[Index, Floats, Floats]:
+        tried = min(tried, np.asarray(self.mesh.t).shape[1])
+        near = self._tree.query(points.T, k=tried)[1].reshape(points.shape[1], tried)
+        best = np.full(points.shape[1], np.inf)
+        cells, local = near[:, 0].copy(), np.zeros(points.shape)
+        for rank in range(tried):
+            todo = np.flatnonzero(best > HELD)
+            if not len(todo):
+                break
+            place = self._inverted(points[:, todo], near[todo, rank])
+            off = self._outside(place)
+            better = off < best[todo]
+            chosen = todo[better]
+            best[chosen], cells[chosen], local[:, chosen] = off[better], near[chosen, rank], place[:, better]
+        return cells, local, best
+
+    def _inverted(self, points: Floats, cells: Index) -> Floats:
+        """Places (axis, n) in elements, by Newton's method; infinite where it finds none."""
+        out = np.full(points.shape, 0.5 if self.hexahedra else 0.25)
+        todo = np.arange(points.shape[1])
+        for _ in range(STEPS):
+            place, slope = self.mapped(out[:, todo], cells[todo])
+            step = np.linalg.solve(slope, (points[:, todo] - place).T[..., None])[..., 0].T
+            out[:, todo] = np.clip(out[:, todo] + step, -1.0, 2.0)  # what lies further is not held
+            todo = todo[np.abs(step).max(axis=0) > 1e-12]
+            if not len(todo):
+                break
+        out[:, todo] = np.inf
+        return out
+
+    def mapped(self, local: Floats, cells: Index) -> tuple[Floats, Floats]:
+        """Points (axis, n) of places (axis, n) in elements, and the Jacobians (n, axis, local axis)."""
+        values, gradients = monomials(local)
+        here = self._polynomials[cells]
+        return np.einsum("nam,nm->an", here, values), here @ gradients
+
+    def _outside(self, local: Floats) -> Floats:
+        """How far outside of the reference element (n,)."""
+        off = np.maximum(0.0, -local.min(axis=0))
+        if self.hexahedra:
+            return np.asarray(np.maximum(off, local.max(axis=0) - 1.0))
+        return np.asarray(np.maximum(off, local.sum(axis=0) - 1.0))
+
+    def _clamped(self, local: Floats) -> Floats:
+        """The nearest place in the reference element, about."""
+        if self.hexahedra:
+            return np.clip(local, 0.0, 1.0)
+        all_four = np.clip(np.concatenate([local, 1.0 - local.sum(axis=0, keepdims=True)]), 0.0, None)
+        return np.asarray(all_four[:3] / all_four.sum(axis=0))
+
+
+def monomials(local: Floats) -> tuple[Floats, Floats]:
+    """x^a y^b z^c with a, b, c = 0, 1, 2 at places (axis, n): values (n, 27), and gradients (n, 27, axis)."""
+    one, zero = np.ones_like(local), np.zeros_like(local)
+    powers = np.stack([one, local, local**2], axis=-1)  # (axis, n, power)
+    slopes = np.stack([zero, one, 2.0 * local], axis=-1)
+
+    def product(x: Floats, y: Floats, z: Floats) -> Floats:
+        return (x[:, :, None, None] * y[:, None, :, None] * z[:, None, None, :]).reshape(len(x), 27)
+
+    gradients = [product(*(slopes[i] if i == axis else powers[i] for i in range(3))) for axis in range(3)]
+    return product(*powers), np.stack(gradients, axis=-1)
+
+
+def polynomials(element: Any, count: int) -> Floats:
+    """The ``count`` shape functions of an element of scikit-fem in `monomials` (monomial, function): all of its Lagrange elements up to second degree are."""
+    sites = np.random.default_rng(0).uniform(0.0, 1.0, (3, 64))
+    values = np.stack([np.broadcast_to(element.lbasis(sites, i)[0], 64) for i in range(count)], axis=1)
+    return np.asarray(np.linalg.lstsq(monomials(sites)[0], values, rcond=None)[0])
