@@ -91,7 +91,7 @@ class ConstrainedEstimator(Prepared):
             keep_face=True,
         )
         pressure = model.solution.traction[-1]
-        sure = np.flatnonzero(pressure > policy.extent.faint * pressure.max())
+        sure = np.flatnonzero(pressure >= policy.extent.faint * pressure.max())  # all of them where nothing presses
         model.contact = self.model(
             model.data.part(sure),
             self.precisions(level, 1, parameter / scale**2),
