@@ -58,6 +58,7 @@ NEEDS = {
     "test_recordings.py": FILES,
     "test_robots.py": (*COMMANDS, *BAGS),
     "test_sinks.py": (*COMMANDS, *BAGS, "websockets", "zarr"),
+    "test_curved.py": (*COMMANDS, "skfem"),
     "test_solid.py": (*COMMANDS, "meshio", "skfem"),
     "test_stopped.py": COMMANDS,
     "test_streaming_recordings.py": (*COMMANDS, "mcap", "zarr"),

@@ -380,12 +380,29 @@ def test_a_force_sensor_without_a_reading_is_no_label(skin: pp.Skin) -> None:
     said = force.copy()
     said[[3, 9, 14, 20]] = -1.0
     found = calibrate(skin, readings, reference=said)
-    assert any("fz is exactly -1 N in 4 frames" in s for s in found.said)
+    assert any("fz is exactly -1 N in 4 samples" in s for s in found.said)
     value, _ = found.force(test.reshape(20, -1))
     kept = np.delete(np.arange(30), [3, 9, 14, 20])
     same, _ = calibrate(skin, readings[kept], reference=force[kept]).force(test.reshape(20, -1))
     np.testing.assert_allclose(value, same)
     assert np.abs(value[:, 2] - known).mean() < 0.5
+
+
+def test_a_force_sensor_without_a_reading_on_a_clock_of_its_own(skin: pp.Skin) -> None:
+    """Every second sample is -1, as of a load cell that answers half as often as it is asked; nothing of it is mixed into the forces between."""
+    time = np.arange(0.0, 30.0, 0.05)
+    load = 2.0 + 1.9 * np.sin(0.7 * time) + 0.05 * np.sin(13.0 * time)
+    readings = load[:, None, None, None] * ball(1.0, 1e-3)[None]
+    clock = np.arange(0.2, 29.0, 0.03)
+    forces = np.interp(clock, time, load)
+    forces[::2] = -1.0
+    bench = pp.Recording(readings=readings, channels=["stress_zz"], time=time)
+    found = calibrate(skin, bench, reference=forces, reference_time=clock, baseline=0)
+    assert any("fz is exactly -1 N in 481 samples" in s for s in found.said)
+    labels = found.maps["fz"].process.values
+    assert labels.min() > 0.0
+    value, _ = found.force(readings[200:300].reshape(100, -1))
+    np.testing.assert_allclose(value[:, 2], load[200:300], rtol=0.05)
 
 
 def test_a_force_at_the_end_of_its_sensor_is_no_label(skin: pp.Skin) -> None:
@@ -431,3 +448,20 @@ def test_a_second_run_tells_how_gains_differ(skin: pp.Skin) -> None:
     assert not any("all labels are of one recording" in s for s in alike.said)
     shares = [c.maps["fz"].run_share for c in (alike, one, apart)]
     assert shares[0] < shares[1] < shares[2]
+
+
+def test_a_stream_of_a_calibrated_skin_needs_no_zero_where_its_readings_have_one(skin: pp.Skin) -> None:
+    """Readings without their zero, and no frame of rest named: a press that stays is not drift of the zero."""
+    rng = np.random.default_rng(4)
+    readings, force, _ = bench(14, 12, unit=41.0)
+    rest = 1e-3 * np.abs(readings).max() * rng.standard_normal((8, 1, 4, 4))
+    found = skin.calibrate(np.concatenate([rest, readings]), reference=np.r_[np.zeros(8), force])
+    press = ball(4.0, 1e-3, depth=3.4e-3) / 41.0
+    tracker = found.track()
+    for _ in range(5):
+        tracker.step(rest[0])
+    assert (
+        Status.coded(int(tracker.step(rest[1]).status)) is Status.NO_CONTACT
+    )  # its noise is that of the calibration's rest
+    forces = [float(tracker.step(min(1.0, 0.1 * i) * press + rest[i % 8]).force[2]) for i in range(60)]
+    assert forces[-1] == pytest.approx(4.0, rel=0.2)

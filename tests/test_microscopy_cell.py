@@ -340,7 +340,7 @@ def test_a_skin_file_describes_the_gel_as_options_do(tmp_path: Path, monkeypatch
 
 def test_remedies_that_are_said_in_other_words_are_those_of_the_notes() -> None:
     """A note that is worded anew elsewhere must not pass with the remedy of another call."""
-    from palpate.microscopy.cell import WORDS
+    from palpate.microscopy.doubts import WORDS
 
     inverse = Path(pp.__file__).parent / "inverse"
     source = "".join(path.read_text(encoding="utf-8") for path in inverse.rglob("*.py"))

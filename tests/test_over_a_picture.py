@@ -71,7 +71,7 @@ def test_what_cannot_be_drawn_is_said() -> None:
         assert len(overlay(narrow, touch(), VIEW).axes) == 2
     with pytest.raises(pp.InvalidInput, match=r"picture must be \(image, view\)"):
         touch().plot(picture=PICTURE)
-    with pytest.raises(pp.InvalidInput, match="neither truth, ax nor seen_from"):
+    with pytest.raises(pp.InvalidInput, match="neither truth, ax, seen_from nor taxels"):
         touch().plot(picture=(PICTURE, VIEW), seen_from="outside")
 
 

@@ -65,7 +65,7 @@ WRONG: dict[str, tuple[str, str]] = {
     "no pad": ('[pad]\nkind = "nothing"\n', "pad must"),
     "no such kind": (
         '[pad]\nkind = "foam"\n',
-        'kind must be "half_space" or "bonded_layers" or "solid_box" or "solid_mesh" or "fibres" or "nothing"',
+        'kind must be "half_space" or "bonded_layers" or "solid_box" or "solid_dome" or "solid_bend" or "solid_mesh" or "measured" or "fibres" or "nothing"',
     ),
     "no kind": ("[pad]\n", "kind must be"),
     "a kind of many": ("[pad]\nkind = [1]\n", "kind must be"),

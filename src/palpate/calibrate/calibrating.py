@@ -250,28 +250,43 @@ def _known(run: Run, reference: Any, reference_time: Any, said: list[str]) -> di
                 raise InvalidInput(
                     f"reference_time must rise and hold one time for each of {length} samples; got shape {clock.shape}. Sort the samples by time, without times that occur twice."
                 )
+            then = np.stack([np.interp(clock, run.time, column) for column in np.nan_to_num(run.flat).T], axis=1)
+            out = _without_stuck(out, then, said)
             main = out.get("fz", next(iter(out.values())))
             good = np.isfinite(main)
             delay = find_delay(run.time, np.nan_to_num(run.flat), clock[good], main[good])
             said.append(
                 f"the clock of the forces is {plain_number(abs(delay), 3)} s {'behind' if delay >= 0 else 'ahead of'} that of the frames: taken out"
             )
-            out = {k: np.interp(run.time, clock + delay, v, left=np.nan, right=np.nan) for k, v in out.items()}
+            seen = {k: np.isfinite(v) for k, v in out.items()}
+            out = {
+                k: np.interp(run.time, clock[seen[k]] + delay, v[seen[k]], left=np.nan, right=np.nan)
+                for k, v in out.items()
+                if seen[k].any()
+            }
         elif length != count:
             raise InvalidInput(
                 f"reference holds {length} values for {count} frames: give one for each frame, NaN where nothing is known, or its own clock with reference_time=."
             )
-    for name in [n for n in FORCES if n in out and len(out[n]) == count]:
-        stuck, value = stuck_labels(out[name], run.flat)
-        if stuck.any():
-            out[name] = np.where(stuck, math.nan, out[name])
-            said.append(
-                f"{name} is exactly {plain_number(value, 4)} N in {int(stuck.sum())} frames whose readings differ: taken for a force sensor without a reading or at the end of its range, and left out"
-            )
+        else:
+            out = _without_stuck(out, run.flat, said)
     if not out or not any(np.isfinite(v).any() for k, v in out.items() if k in FORCES):
         raise InvalidInput(
             'no force is known of any frame: give reference= (a force sensor), or weights=["200 g, 12 s to 20 s"]. Shapes and places alone tell no newtons.'
         )
+    return out
+
+
+def _without_stuck(known: dict[str, Floats], flat: Floats, said: list[str]) -> dict[str, Floats]:
+    """What is known of each frame, NaN where a force sensor had no reading."""
+    out = dict(known)
+    for name in (n for n in FORCES if n in known):
+        stuck, value = stuck_labels(known[name], flat)
+        if stuck.any():
+            out[name] = np.where(stuck, math.nan, known[name])
+            said.append(
+                f"{name} is exactly {plain_number(value, 4)} N in {int(stuck.sum())} samples while the readings differ: taken for a force sensor without a reading or at the end of its range, and left out"
+            )
     return out
 
 

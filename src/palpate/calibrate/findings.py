@@ -148,7 +148,7 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
         ]
     if units == {"Pa"}:
         words.append(
-            f"1 of a reading is {plain_number(unit, 3)} Pa +- {100 * std:.0f} %. Forces and stress do not tell the modulus: press with a ball of known radius and a known depth to learn it"
+            f"readings become pascals by a factor of {plain_number(unit, 3)} +- {100 * std:.0f} % on the unit that they were read in. Forces and stress do not tell the modulus: press with a ball of known radius and a known depth to learn it"
         )
     else:
         words.append(

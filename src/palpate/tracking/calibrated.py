@@ -28,6 +28,8 @@ class CalibrationLike(Protocol):
     def readings(self) -> int: ...
     @property
     def elastic(self) -> bool: ...
+    @property
+    def rest(self) -> Floats | None: ...
     def attach(self, touch: Touch, flat: Floats) -> Touch: ...
     def alone(self, flat: Floats, surface: Grid, like: Any, *, time: Any = None) -> Touch: ...
 
@@ -35,7 +37,8 @@ class CalibrationLike(Protocol):
 class CalibratedTracker(Tracker):
     """`Tracker` whose touches hold the net force of a calibration, with its intervals.
 
-    Where the elastic model holds, it is asked in the unit that the calibration found. Where it was rejected, it serves the zero alone, and traction is NaN.
+    Where the elastic model holds, it is asked in the unit that the calibration found. Where it was rejected, it serves the zero alone, and traction is NaN. The
+    noise is that of the calibration's frames at rest: without it a stream that begins without a zero would take presses for drift of it.
 
     Examples
     --------
@@ -58,6 +61,11 @@ class CalibratedTracker(Tracker):
             raise InvalidInput(
                 f"this calibration is for {calibration.readings} readings a frame; the skin has {len(self._std)}. Calibrate the skin with the taxels that it has now."
             )
+
+        rest = () if calibration.rest is None else calibration.rest
+        flat = np.array([self._flat(frame)[0] for frame in rest])
+        scatter = float(np.median(flat.std(axis=0) / self._std)) if len(flat) > 1 else 0.0
+        self._noise_at_rest = scatter if scatter > 0.0 else None
 
     @property
     def _unit(self) -> float:
@@ -88,7 +96,7 @@ class CalibratedTracker(Tracker):
     def _step(self, flat: Floats, elapsed: float, started: float, known: float | None) -> tuple[Status, bool]:
         before = self._zero.baseline
         self._actual = None if before is None else flat - before * self._std
-        return super()._step(flat, elapsed, started, known)
+        return super()._step(flat, elapsed, started, self._noise_at_rest if known is None else known)
 
     def reset(self) -> None:
         """Forget contact, drift and zero, as `Tracker.reset`.

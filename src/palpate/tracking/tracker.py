@@ -189,8 +189,7 @@ class Tracker:
         self._own: Floats = np.zeros((0, 0))
         self._carried: Floats = np.zeros(len(estimator.surface.components))
         self._frame: Frame | None = None
-        self._steady = Steady()
-        self._restarted = 0
+        self._steady, self._restarted = Steady(), 0
         self._said: list[str] = []
         self._held = np.zeros(n)  # the last good value of each reading, for the memory of creep
         self._filters = self._make_creep() if self._make_creep is not None else None
@@ -338,8 +337,7 @@ class Tracker:
         seconds = None if time is None else as_second(time)
         known = None if std is None else self._typical(std)
         frame = self._times.next(seconds)
-        self._said = []
-        note = self._note(frame)
+        self._said, note = [], self._note(frame)
         try:
             with few_threads(self.unknowns):
                 status, converged = self._step(flat, frame.elapsed, started, known)
@@ -463,10 +461,10 @@ class Tracker:
         actual = scaled - zero.baseline - offsets.value()
         y = check.zeroed(actual, flat, offsets.index, learning.noise or 0.0)
         unused = check.unused
-        noise = learning.noise
+        noise, rounding = learning.noise, ROUNDING * float(np.abs(scaled[~unused]).max(initial=0.0))
         if noise is None:  # rounding is no contact: a frame that is the zero but for it
             self._rest = Rest()  # what rest showed was in units of another noise
-            noise = max(rough_noise(y[~unused]), ROUNDING * float(np.abs(scaled[~unused]).max(initial=0.0)))
+            noise = max(rough_noise(y[~unused]), rounding)
         if follows:
             offsets.pass_time(elapsed, offsets.scale(learning.noise, y), observed=self._contact.observes)
         slope, level = self._equations.adjoint(y, unused), self._rest.level(max(noise, 1e-30))
@@ -499,7 +497,9 @@ class Tracker:
                 self._said.append(STANDS)
             check.forgive(np.abs(y) < UNEXPLAINED * noise, 1)
             learning.doubt(y[~unused])
-            if health.frames % EVERY == 0 or math.isnan(self._fit):
+            if float(np.abs(y[~unused]).max(initial=0.0)) <= rounding:
+                self._fit = 1.0
+            elif health.frames % EVERY == 0 or math.isnan(self._fit):
                 self._fit = self._misfit.probability(
                     y,
                     ~unused,
@@ -663,8 +663,8 @@ class Tracker:
                 errors, slow = self._slow.room(errors, self._zero.wandered, noise or 0.0)
                 self._said += slow
         proven = learning.noise_known or len(self._std) > estimator.policy.detection.few_readings
-        if status is Status.NO_CONTACT and not (proven and (not self._fit < POOR_FIT or not learning.noise_known)):
-            status, values = Status.UNDECIDED, values if proven else math.nan * values
+        if status is Status.NO_CONTACT and (not proven or self._fit < POOR_FIT):
+            status, values = Status.UNDECIDED, values if errors is not None else math.nan * values
         pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
         drag = contact.drag if status.known and self._touching else None
         if status is Status.NOT_CONVERGED:

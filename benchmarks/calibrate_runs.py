@@ -1,0 +1,114 @@
+"""Calibrated on one or two runs of a published sensor, asked about another run: error, coverage and width of the 95 % intervals.
+
+    python benchmarks/calibrate_runs.py --data FOLDER            # holds tactileforce/ and eflesh/
+    python benchmarks/calibrate_runs.py --data FOLDER --write    # docs/_generated/calibrate_runs.md
+
+A hundred labels, half spread over time and half over force; four hundred frames of the other run. "Pressed": frames above a twentieth of its largest force.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import scipy.special
+
+import palpate as pp
+from palpate.calibrate import ForceMap, likely_maps
+from palpate.calibrate.forcemap import usual_scale
+from palpate.calibrate.labels import press_numbers, spread_over
+from palpate.calibrate.process import Process
+
+sys.path.insert(0, str(Path(__file__).parent))
+from calibrate import Array, eflesh
+from real import bonded
+
+GENERATED = Path(__file__).parents[1] / "docs" / "_generated" / "calibrate_runs.md"
+LABELS, ASKED = 100, 400
+Run = tuple[Array, Array, Array | None]  # readings (frame, reading) without their zero, force (frame,), time (frame,)
+
+
+def streams(folder: Path) -> list[Run]:
+    out: list[Run] = []
+    for i in range(3):
+        table = np.loadtxt(folder / f"stream-{i}.csv", delimiter=",", skiprows=1)
+        zero = table[:30].mean(axis=0)
+        out.append((table[:, 1:5][:, [0, 3, 1, 2]] - zero[1:5][[0, 3, 1, 2]], table[:, 0] - zero[0], table[:, 5]))
+    return out
+
+
+def cases(data: Path) -> Iterator[tuple[str, pp.Skin, int, list[Run], Run]]:
+    """Name, skin, component of the force, runs that are labelled, the run that is asked."""
+    skin = pp.Skin(bonded(8e-3, 1e5), pp.AreaArray(shape=(2, 2), pitch=12e-3, depth=8e-3, channels=["stress_zz"]))
+    runs = streams(data / "tactileforce")
+    for i, j in itertools.permutations(range(3), 2):
+        yield f"tactileforce, stream {i} to {j}", skin, 2, [runs[i]], runs[j]
+    for i in range(3):
+        a, b = (j for j in range(3) if j != i)
+        yield f"tactileforce, streams {a} and {b} to {i}", skin, 2, [runs[a], runs[b]], runs[i]
+    for split in eflesh(data / "eflesh", np.random.default_rng(0)):
+        run = split.readings, split.force, split.time
+        yield split.name, split.skin, split.component, [run], (split.held_readings, split.held_force, None)
+
+
+def fitted(skin: pp.Skin, component: int, runs: list[Run]) -> ForceMap:
+    """The map that `palpate.calibrate` makes of these runs."""
+    chosen = [(run, spread_over(run[1], LABELS // len(runs))) for run in runs]
+    readings, force = (np.concatenate([run[i][at] for run, at in chosen]) for i in (0, 1))  # type: ignore[index]
+    number = np.concatenate([np.full(len(at), i) for i, (_, at) in enumerate(chosen)])
+    timed = all(run[2] is not None for run in runs)
+    time = np.concatenate([run[2][at] + 1e6 * i for i, (run, at) in enumerate(chosen)]) if timed else None  # type: ignore[index]
+    likely = likely_maps(skin.pad, skin.planes, skin.surface, np.random.default_rng(41))
+    press = press_numbers(time, force, number)
+    return ForceMap.fit(
+        Process(
+            readings,
+            force,
+            np.zeros(len(force)),
+            usual_scale(readings),
+            None if likely is None else likely[component],
+            press,
+            time,
+            number,
+        )
+    )
+
+
+def rows(data: Path) -> list[str]:
+    lines = [
+        "Made by `python benchmarks/calibrate_runs.py --data FOLDER`.",
+        "",
+        "| calibrated on, asked about | mean error [N] | held by the 95 % interval | pressed frames held | width over force, median |",
+        "|---|---|---|---|---|",
+    ]
+    for name, skin, component, runs, (readings, force, _) in cases(data):
+        found = fitted(skin, component, runs)
+        at = np.linspace(0, len(force) - 1, ASKED).astype(int)
+        value, std = found.predict(readings[at])
+        half = float(scipy.special.stdtrit(found.freedom, 0.975)) * std
+        held, pressed = np.abs(value - force[at]) <= half, np.abs(force[at]) > 0.05 * np.abs(force).max()
+        width = float(np.median(2.0 * half[pressed] / np.abs(force[at][pressed])))
+        lines.append(
+            f"| {name} | {np.abs(value - force[at]).mean():.3f} | {held.mean():.2f} | {held[pressed].mean():.2f} | {width:.2f} |"
+        )
+        print(lines[-1], file=sys.stderr, flush=True)
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True, help="folder with tactileforce/ and eflesh/")
+    parser.add_argument("--write", action="store_true", help=f"write {GENERATED.name}")
+    args = parser.parse_args()
+    text = "\n".join(rows(args.data)) + "\n"
+    print(text)
+    if args.write:
+        GENERATED.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
